@@ -6,7 +6,7 @@
 
 namespace {
 
-// One number a point, the last axis of which is (x, y, z).
+// One number per point; points are (x, y, z) along the last axis.
 template <class Function>
 py::array_t<double> at_points(const Reals& points, Function&& function) {
   if (points.ndim() < 1 || points.shape(points.ndim() - 1) != 3)
@@ -78,23 +78,12 @@ void bind_anatomy(py::module_& m) {
         const VoxelBone::Reading reading(bone);
         return to_array(bone.tissue_levels());
       },
-      "bone"_a, "Levels that are left of each tissue, (tissues,) int64; empty without tissues.");
+      "bone"_a, "Levels left of each tissue, (tissues,) int64; empty without tissues.");
 
   py::class_<StructureSearch, std::shared_ptr<StructureSearch>>(
       m, "StructureSearch",
-      R"(Exact distances to a structure as segmented: to the nearest of its voxels, each a box.
-
-Parameters
-----------
-bone : VoxelBone
-tissue : int
-    Number of the structure among the bone's tissues.
-
-Raises
-------
-ValueError
-    If the bone has no tissues, the tissue is none of them, or no voxel carries it.
-)")
+      "Exact distances to a structure: to the nearest of its voxels, each a box. ValueError if the bone has "
+      "no tissues, or no voxel with this number.")
       .def(py::init<const VoxelBone&, std::size_t>(), "bone"_a, "tissue"_a)
       .def(
           "distance",
@@ -105,28 +94,14 @@ ValueError
           "points"_a, "Distances [mm] of points (..., 3) [mm]; 0 inside. ValueError unless finite.")
       .def_property_readonly("low", &StructureSearch::low,
                              "Corner of the box around it, (x, y, z) [mm]; a copy")
-      .def_property_readonly("high", &StructureSearch::high, "The opposite one [mm]; a copy");
+      .def_property_readonly("high", &StructureSearch::high, "The opposite corner [mm]; a copy");
 
   py::class_<StructureDistance, std::shared_ptr<StructureDistance>>(
-      m, "StructureDistance", R"(Distances to a structure: of a field far from it, exact near it.
-
-Parameters
-----------
-search : StructureSearch
-estimate : ndarray, shape (z, y, x)
-    Distances at the nodes of the field [mm]; those below 8 mm are made exact.
-spacing : float
-    Of the nodes, at most 0.4 [mm].
-origin : (x, y, z)
-    Place of the first node [mm].
-error : float
-    Of an estimate at most [mm].
-
-Raises
-------
-ValueError
-    If a value is out of range.
-)")
+      m, "StructureDistance",
+      "Distances to a structure: exact near it, from a field far from it. `estimate` (z, y, x): distances "
+      "[mm] at the field's nodes, wrong by at most `error` [mm]; those below 8 mm are made exact. `spacing` "
+      "of the nodes is at most 0.4 [mm]; `origin` (x, y, z) is the place of the first [mm]. ValueError if a "
+      "value is out of range.")
       .def(py::init(&make_distance), "search"_a, "estimate"_a, "spacing"_a, "origin"_a, "error"_a)
       .def(
           "of_sphere",
@@ -138,47 +113,38 @@ ValueError
                              [&](const Vec3& center) { return d.of_sphere(center, radius, nearest); });
           },
           "centers"_a, "radius"_a = 0.0,
-          "Distances [mm] of the surfaces of spheres with these centres (..., 3) [mm]: at least -radius, "
-          "exact below 1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
+          "Distances [mm] of the surfaces of spheres at centers (..., 3) [mm]: at least -radius, exact below "
+          "1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
       .def(
           "field",
           [](const StructureDistance& d, const Reals& points) {
             return at_points(points, [&](const Vec3& point) { return d.field().at(point); });
           },
-          "points"_a, "What the field alone says at points (..., 3) [mm]; infinite beyond it.")
+          "points"_a, "Distances [mm] at points (..., 3) [mm] by the field alone; infinite outside it.")
       .def_property_readonly(
           "values",
           [](const StructureDistance& d) {
             const Index3& n = d.field().shape();
             return to_array(d.field().values().data(), {n[0], n[1], n[2]});
           },
-          "At the nodes of the field, (z, y, x) float32 [mm]; a copy")
+          "Distances at the field's nodes, (z, y, x) float32 [mm]; a copy")
       .def_property_readonly(
-          "nodes", [](const StructureDistance& d) { return d.field().values().size(); }, "Of the field");
+          "nodes", [](const StructureDistance& d) { return d.field().values().size(); },
+          "Number of the field's nodes");
 
   py::class_<AnatomyWatch, std::shared_ptr<AnatomyWatch>>(
       m, "AnatomyWatch",
-      R"(What the burrs of a session do near structures; run by a TickExecutor, a Follower or a Replica.
-
-Parameters
-----------
-structures : list of (StructureDistance, approach, touch, injury, hysteresis)
-    With limits of the surface's distance [mm] and of what is removed [mm^3].
-radii : list of float
-    Of the burrs, at most 6 [mm].
-
-Raises
-------
-ValueError
-    If there is no structure, they are of several bones, or a value is out of range.
-)")
+      "The watch over structures near a session's burrs; a TickExecutor, a Follower or a Replica runs it. "
+      "`structures`: (StructureDistance, approach [mm], touch [mm], injury [mm^3], hysteresis [mm]) each. "
+      "`radii` of the burrs are at most 6 [mm]. ValueError if there is no structure, they are of several "
+      "bones, or a value is out of range.")
       .def(py::init(&make_watch), "structures"_a, "radii"_a)
       .def("pass_over", &AnatomyWatch::pass_over, "bone"_a, "tick"_a,
-           "The bone is as before `tick` without its ticks having been executed here; for tests.")
+           "Says that the bone is in the state before `tick`, whose ticks were not executed here; for tests.")
       .def(
           "seen", [](const AnatomyWatch& watch, std::size_t known) { return to_dict(watch, known); },
           "known"_a = 0,
-          "events (n,) watch_event_dtype but for the first `known`, doses (burrs, structures) "
-          "watch_dose_dtype, removed (structures) [levels], events_lost, gaps, ticks_passed_over. Not while "
+          "A dict: events (n,) watch_event_dtype, without the first `known`; doses (burrs, structures) "
+          "watch_dose_dtype; removed (structures,) [levels]; events_lost, gaps, ticks_passed_over. Not while "
           "another thread executes.");
 }

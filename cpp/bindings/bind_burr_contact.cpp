@@ -5,7 +5,7 @@
 
 namespace {
 
-/// Contacts of a whole path; columns are copied out as arrays.
+/// The contacts along a path; columns are copied as arrays.
 struct ContactSeries {
   std::vector<Contact> contacts;
 };
@@ -33,15 +33,14 @@ auto array_of(std::vector<Value> HeldDescent::* field) {
 }
 
 void bind_contact(py::module_& m) {
-  py::class_<Contact>(m, "Contact",
-                      "One tick as felt: the force is that of the state before the tick's erosion.")
+  py::class_<Contact>(m, "Contact", "The contact of one tick; its force is that before the tick's erosion.")
       .def_property_readonly("force", copy_of(&Contact::force), "(3,) [N], out of the bone; a copy")
       .def_property_readonly("normal", copy_of(&Contact::normal),
                              "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
       .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
       .def_readonly("c_e", &Contact::c_e,
-                    "Elastic constant of Eq. 3: in a bone with tissues the mean over the mass inside the "
-                    "sphere; without any of it the material's [N/mm^2]")
+                    "Elastic constant of Eq. 3 [N/mm^2]: in a bone with tissues, the mean over the mass "
+                    "inside the sphere; else, or without mass, the material's")
       .def_readonly("m0", &Contact::m0, "[mm^3]")
       .def_property_readonly("m1", copy_of(&Contact::m1), "(3,) [mm^4]; a copy")
       .def_readonly("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]")
@@ -50,7 +49,7 @@ void bind_contact(py::module_& m) {
       .def_readonly("ambiguous", &Contact::ambiguous, "|m_1| < 0.1 m_0 R: no direction, the force fades")
       .def_readonly("coarse", &Contact::coarse, "The radius is below 7.5 voxels")
       .def_readonly("faint", &Contact::faint,
-                    "Over 5 % of the contact lies in voxels with pristine level below 32, where `layer` errs")
+                    "Over 5 % of the mass is in voxels with pristine level below 32, where `layer` errs")
       .def("__repr__", [](const Contact& c) {
         return format(
             "Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} "
@@ -87,13 +86,13 @@ void bind_contact(py::module_& m) {
                              "(n,) along the axis from the start, before each tick's erosion [mm]")
       .def_property_readonly("force", array_of(&HeldDescent::force), "(n,) axial, as solved [N]")
       .def_property_readonly("removed", array_of(&HeldDescent::removed), "(n,) [mm^3]")
-      .def_readonly("ambiguous", &HeldDescent::ambiguous, "Number of ticks whose contact had no direction")
+      .def_readonly("ambiguous", &HeldDescent::ambiguous, "Number of ticks whose contact has no direction")
       .def_readonly("faint", &HeldDescent::faint,
-                    "Number of ticks with over 5 % of the contact in voxels with pristine level below 32")
-      .def_readonly("reached", &HeldDescent::reached, "Came to the end of its travel.");
+                    "Number of ticks with over 5 % of the mass in voxels with pristine level below 32")
+      .def_readonly("reached", &HeldDescent::reached, "The burr came to the end of its travel");
 }
 
-// Ctrl-C during long work: the GIL is taken for a moment, every `period` ticks.
+// Lets Ctrl-C end long work; takes the GIL briefly.
 void check_interrupt() {
   const py::gil_scoped_acquire gil;
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
@@ -115,7 +114,7 @@ ContactSeries run(BurrContact& contact, const Reals& path, double dt, bool burr_
   const py::gil_scoped_release release;
   series.contacts.reserve(centers.size());
   for (std::size_t i = 0; i < centers.size();) {
-    if (i > 0) check_interrupt();  // whom it calls may use the bone
+    if (i > 0) check_interrupt();  // Python code that it calls may use the bone
     const VoxelBone::Changing changing(*contact.bone());
     for (const std::size_t end = std::min(i + period, centers.size()); i < end; ++i)
       series.contacts.push_back(contact.step(centers[i], burr_on ? &contact.steps_of(dt) : nullptr));
@@ -135,25 +134,26 @@ bone : VoxelBone
     Shared, and eroded in place.
 burr : Burr
 material : Material
-    In a bone with tissues that of their table: its f holds for all of them.
+    In a bone with tissues, that of their table.
 seed : int
-    0 to 2^64 - 1. The random numbers of a tick are a pure function of (seed, tick, index, voxel).
+    0 to 2^64 - 1. A tick's random numbers are a pure function of (seed, tick, index, voxel).
 index : int
-    Numbers the burrs on one bone; they act in the order of their steps.
+    Number of the burr on the bone. Burrs act in the order of their steps.
 scheme : {"layer", "cell"}
-    ``cell`` is the paper's: a voxel is uniform. ``layer`` resolves the layer in which a burr cuts inside the voxel,
-    so that results do not depend on voxel size.
+    ``cell`` is the paper's: a voxel is uniform. ``layer`` resolves the layer in which a burr cuts, so that
+    results do not depend on voxel size.
 
 Raises
 ------
 ValueError
-    If the radius is below 4 voxels, the scheme unknown, the material not that of the bone's tissues, or the burr
-    too large for their c_e (200 voxels of radius at 1000 N/mm^2). Of every method: if another thread uses the bone;
-    any number may `probe` it (docs/session.md).
+    If the radius is below 4 voxels, the scheme unknown, the material not that of the bone's tissues, or the
+    burr too large for their c_e (200 voxels of radius at 1000 N/mm^2). From every method, if another thread
+    uses the bone; any number may `probe` it (docs/session.md).
 
 Notes
 -----
-In a bone with tissues c_e is the mean over the mass inside the sphere, and every voxel erodes at its tissue's alpha.
+In a bone with tissues c_e is the mean over the mass inside the sphere, and voxels erode at their
+tissue's alpha.
 
 References
 ----------
@@ -180,7 +180,8 @@ Examples
             return contact.probe(center);
           },
           "center"_a, no_gil,
-          "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
+          "The contact at `center` (x, y, z) [mm], without erosion or a tick. ValueError if it is not "
+          "finite.")
       .def("step", py::overload_cast<const Vec3&, double, bool>(&BurrContact::step), "center"_a, "dt"_a,
            "burr_on"_a = true, no_gil,
            R"(One tick: the force at `center`, then erosion.
@@ -192,7 +193,7 @@ center : (x, y, z)
 dt : float
     [ms]
 burr_on : bool
-    Without it nothing erodes; the tick counts all the same.
+    If False, nothing erodes; the tick still counts.
 
 Returns
 -------
@@ -203,16 +204,13 @@ Raises
 ValueError
     If the centre is not finite or dt not positive.
 )")
-      .def(
-          "erode", &BurrContact::erode, "center"_a, "dt"_a, no_gil,
-          R"(The erosion of a tick without its force; after `probe`, which gives the force sooner, the same as `step`.
+      .def("erode", &BurrContact::erode, "center"_a, "dt"_a, no_gil,
+           R"(The erosion of a tick without its force; after `probe`, the same as `step`.
 
 Parameters
 ----------
-center : (x, y, z)
-    [mm]
-dt : float
-    [ms]
+center, dt
+    As for `step`.
 
 Returns
 -------
@@ -222,18 +220,17 @@ float
 Raises
 ------
 ValueError
-    If the centre is not finite or dt not positive.
+    As from `step`.
 )")
       .def("run", &run, "path"_a, "dt"_a, "burr_on"_a = true,
-           R"(One tick at every point of a path, in one call; the same as `step` point by point.
+           R"(One tick at every point of a path; the same as `step` point by point.
 
 Parameters
 ----------
 path : array_like, shape (n, 3)
     Centres (x, y, z) [mm].
-dt : float
-    [ms]
-burr_on : bool
+dt, burr_on
+    As for `step`.
 
 Returns
 -------
@@ -242,9 +239,9 @@ ContactSeries
 Raises
 ------
 ValueError
-    If the path has another shape or a value that is not finite, or dt is not positive; nothing is eroded then.
+    If the path has another shape or a value that is not finite, or dt is not positive; nothing erodes then.
 KeyboardInterrupt
-    On Ctrl-C; the ticks done so far stay done, `tick` tells how many.
+    On Ctrl-C; `tick` tells how many ticks were done.
 )")
       .def(
           "hold",
@@ -254,7 +251,7 @@ KeyboardInterrupt
             return contact.hold(force, start, axis, from, travel, dt, ticks, check_interrupt);
           },
           "force"_a, "start"_a, "axis"_a, py::kw_only(), "from_"_a, "travel"_a, "dt"_a, "ticks"_a,
-          R"(Sinks at an exactly constant axial force: every tick acts where the force is as asked.
+          R"(Sinks at an exactly constant axial force: each tick acts where the force is the one given.
 
 Parameters
 ----------
@@ -269,7 +266,7 @@ from_, travel : float
 dt : float
     [ms]
 ticks : int
-    At most so many.
+    Most ticks.
 
 Returns
 -------

@@ -56,11 +56,11 @@ void bind_hand(py::module_& m) {
       m, "HandDevice",
       R"(A simulated hand that holds a simulated device.
 
-A point mass with damping and friction, drawn by a spring (the grip) to where the hand wants it. Along `into` the
-hand's target moves, no faster than `approach`, to where the spring pushes with `push`: out of contact that is a
-gentle approach, at rest on bone it is that force exactly; a burr that sinks at v is pushed with
-grip v follow and damping v less. Strokes move the target along `along` by amplitude sin(2 pi strokes t). The loop's
-force is held from one reading to the next. Deterministic.
+A point mass with damping and friction. A spring, the grip, draws it to the hand's target. Along `into` the
+target moves, at most at `approach`, to where the spring pushes with `push`. Out of contact this is a gentle
+approach; at rest on bone the force is exactly `push`; a burr that sinks at v is pushed with grip v follow and
+damping v less. Strokes move the target along `along` by amplitude sin(2 pi strokes t). The loop's force is
+held between readings. Deterministic.
 
 Parameters
 ----------
@@ -73,17 +73,17 @@ along : (x, y, z)
 push : float
     Static force into the bone [N].
 presses : float
-    A second, of `push` at their height, from the first contact on; 0 for a steady push.
+    Presses per second, of height `push`, from the first contact on; 0 for a steady push.
 amplitude : float
     Of a stroke [mm].
 strokes : float
-    Full turns, out, back and home, a second; 0 for a still push.
+    Full turns per second, out, back and home; 0 for a still push.
 strokes_after : float
-    They grow to their amplitude over a second from here [s].
+    Start of the strokes; they grow to their amplitude over a second [s].
 approach : float
     Speed of the hand towards the bone [mm/s].
 follow : float
-    Time constant with which the hand gives way to the push [ms].
+    Time constant of the hand's giving way to the push [ms].
 mass : float
     Of hand and device [kg].
 damping : float
@@ -95,22 +95,23 @@ friction : float
 encoder_step : float
     Positions are read to the nearest multiple on each axis [mm]; 0: exactly.
 on : bool
-    The burr turns.
+    The burr turns,
 on_after : float
-    But not before this time [s].
+    but not before this time [s].
 
 Raises
 ------
 ValueError
-    If a value is not finite or out of its range, a vector is not of length 1, or the two are not perpendicular.
+    If a value is not finite or out of range, a vector is not of length 1, or the two are not perpendicular.
 
 Notes
 -----
-A press is a quarter of its time the rise of the push, three tenths its height, a quarter its fall and a fifth nothing;
-rise and fall are x^2 (3 - 2x). The target takes the push's change at once, so that `follow` does not flatten it.
+The push rises for a quarter of a press, is held for three tenths, falls for a quarter and is zero
+for a fifth; rise and fall are x^2 (3 - 2x). The target follows the change of the push at once, so `follow`
+does not flatten a press.
 
-The defaults are ours. The velocity that the device reports is the difference of two readings over the time between
-them, unfiltered, as from an encoder. Integrated in steps of at most 20 us.
+The defaults are ours. The reported velocity is the difference of two readings over the time between them,
+unfiltered, as from an encoder. Integrated in steps of at most 20 us.
 
 Examples
 --------
@@ -133,14 +134,14 @@ array([0. , 0. , 3.2])
            "approach"_a = defaults.approach, "follow"_a = defaults.follow, "mass"_a = defaults.mass,
            "damping"_a = defaults.damping, "grip"_a = defaults.grip, "friction"_a = defaults.friction,
            "encoder_step"_a = defaults.encoder_step, "on"_a = defaults.on, "on_after"_a = defaults.on_after)
-      .def("set_on", &HandDevice::set_on, "on"_a, "The burr's switch, at any time.")
-      .def_property_readonly("force", &HandDevice::force, "(3,) that the loop sent last [N]; a copy")
+      .def("set_on", &HandDevice::set_on, "on"_a, "Sets the burr's switch, at any time.")
+      .def_property_readonly("force", &HandDevice::force, "(3,) last sent by the loop [N]; a copy")
       .def_property_readonly(
           "position", [](const HandDevice& hand) -> Vec3 { return hand.position(); },
           "(3,) true position [mm]; while no loop runs")
       .def_property_readonly(
           "target", [](const HandDevice& hand) -> Vec3 { return hand.target(); },
-          "(3,) where the hand draws to [mm]; while no loop runs")
+          "(3,) place the hand draws to [mm]; while no loop runs")
       .def_property_readonly(
           "damping", [](const HandDevice& hand) { return hand.settings().damping; }, "[N s/m]")
       .def_property_readonly(
@@ -156,7 +157,7 @@ void bind_device(py::module_& m) {
   py::class_<ScriptedDevice, Device, std::shared_ptr<ScriptedDevice>>(
       m, "ScriptedDevice", R"(A device that moves along straight lines between the rows of a table.
 
-Before the first row it stands at it; after the last the session ends.
+It stays at the first row until its time. After the last row the session ends.
 
 Parameters
 ----------
@@ -165,7 +166,7 @@ time : array_like, shape (n,)
 position : array_like, shape (n, 3)
     Centre of the burr [mm].
 on : array_like of bool, shape (n,), optional
-    Whether the burr turns from this row to the next; default: it does.
+    Whether the burr turns from this row to the next; default True.
 
 Raises
 ------
@@ -175,9 +176,9 @@ ValueError
       .def(py::init(&scripted), "time"_a, "position"_a, "on"_a = py::none())
       .def("__len__", [](const ScriptedDevice& d) { return d.rows().size(); })
       .def_property_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
-      .def_property_readonly("force", &ScriptedDevice::force, "(3,) that the loop sent last [N]; a copy");
+      .def_property_readonly("force", &ScriptedDevice::force, "(3,) last sent by the loop [N]; a copy");
   py::class_<ReplayDevice, Device, std::shared_ptr<ReplayDevice>>(
-      m, "ReplayDevice", R"(The device's side of recorded ticks, given tick for tick; then the session ends.
+      m, "ReplayDevice", R"(A device that repeats the positions of recorded ticks, then ends the session.
 
 Parameters
 ----------
@@ -186,9 +187,9 @@ position : array_like, shape (n, 3)
 velocity : array_like, shape (n, 3), optional
     [mm/s]; default 0.
 on : array_like of bool, shape (n,), optional
-    Whether the burr turned; default: it did.
+    Whether the burr turned; default True.
 k : array_like of int, shape (n,), optional
-    Periods that each tick stood for, 1 to 8; kept, for the loop takes its own.
+    Periods that each tick stood for, 1 to 8; kept only: the loop counts its own.
 
 Raises
 ------
@@ -207,5 +208,5 @@ ValueError
             return to_array(k);
           },
           "(n,) periods of each tick; a copy")
-      .def_property_readonly("force", &ReplayDevice::force, "(3,) that the loop sent last [N]; a copy");
+      .def_property_readonly("force", &ReplayDevice::force, "(3,) last sent by the loop [N]; a copy");
 }

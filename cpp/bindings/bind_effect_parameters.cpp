@@ -56,17 +56,17 @@ void bind_effect_parameters(py::module_& m) {
   auto parameters = py::class_<EffectParameters>(m, "EffectParameters",
                                                  R"(Rates, sizes and friction of the secondary effects.
 
-All but gravity are assumed: the paper gives no numbers. docs/effects.md says what each means.
+All but gravity are assumed: the paper gives no numbers. docs/effects.md gives their meaning.
 
 Parameters
 ----------
 **values : float
-    By name; the others keep their defaults. `table()` lists names, units and ranges.
+    By name; others keep their defaults. `table()` lists names, units and ranges.
 
 Raises
 ------
 ValueError
-    If a value is not in its range.
+    If a value is out of range.
 TypeError
     If there is no parameter of that name.
 
@@ -84,7 +84,7 @@ Examples
         row.name, [at](const EffectParameters& p) { return py::object(values_of(p)[at->name]); },
         doc.c_str());
   }
-  parameters.def("to_dict", &values_of, "All of them, for JSON.")
+  parameters.def("to_dict", &values_of, "All values, for JSON.")
       .def_static(
           "table",
           [] {
@@ -118,7 +118,7 @@ Examples
 Parameters
 ----------
 position : (x, y, z)
-    From the centre of the burr that it moves with, or, with `burr=None`, in the bone frame [mm].
+    From the centre of its burr, or, with `burr=None`, in the bone frame [mm].
 direction : (x, y, z)
     Of the jet; its length does not matter.
 rate : float
@@ -126,13 +126,13 @@ rate : float
 speed : float
     Of the jet [mm/s].
 burr : int or None
-    Number of the burr that it moves with.
+    Number of the burr it moves with.
 
 Raises
 ------
 ValueError
-    If a value is not finite, the direction is zero, rate, speed or burr are negative, or rate [mm^3/s] or speed
-    [mm/s] above 1e6.
+    If a value is not finite, the direction is zero, rate, speed or burr are negative, or rate or speed is
+    above 1e6.
 )")
       .def(py::init(&make_nozzle), "position"_a = nozzle.position, "direction"_a = nozzle.direction,
            py::kw_only(), "rate"_a = nozzle.rate, "speed"_a = nozzle.speed, "burr"_a = 0)
@@ -144,26 +144,26 @@ ValueError
                              [](const Nozzle& n) { return n.burr < 0 ? std::optional<int>() : n.burr; });
 
   const Sucker sucker;
-  py::class_<Sucker>(m, "Sucker", R"(Takes up what comes near its tip, and draws the air around it.
+  py::class_<Sucker>(m, "Sucker", R"(A sucker: takes up parcels near its tip, and draws the air around it.
 
 Parameters
 ----------
 position : (x, y, z)
     Of the tip, in the bone frame [mm].
 radius : float
-    Within which it takes parcels up [mm].
+    Distance within which it takes up parcels [mm].
 reach : float
-    Within which it draws [mm].
+    Distance within which it draws air [mm].
 rate : float
-    That it takes up at most [mm^3/s]; a parcel is never split, what is too much is owed by the next frame.
+    Most that it takes up [mm^3/s]. A parcel is never split; excess is owed by the next frame.
 pull : float
-    Speed of the air at `radius` [mm/s]; falls with the square of the distance.
+    Air speed at `radius` [mm/s]; falls with the square of the distance.
 
 Raises
 ------
 ValueError
-    If a value is not finite, the radius is not positive, the reach is less than the radius, or rate or pull are
-    negative.
+    If a value is not finite, the radius is not positive, the reach is less than the radius, or rate or pull
+    is negative.
 )")
       .def(py::init(&make_sucker), "position"_a, py::kw_only(), "radius"_a = sucker.radius,
            "reach"_a = sucker.reach, "rate"_a = sucker.rate, "pull"_a = sucker.pull)

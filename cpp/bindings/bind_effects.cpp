@@ -77,7 +77,7 @@ int this_process() {
 #endif
 }
 
-/// A fork has a companion without its thread, whom nobody can wait for: it is left alone.
+/// A forked process has a companion without its thread, which must not be waited for: it is not deleted.
 struct EndWhereMade {
   int process = this_process();
   void operator()(EffectsCompanion* companion) const {
@@ -128,7 +128,7 @@ void bind_companion(py::module_& m) {
               out.emplace_back(f.seconds, f.tick, to_tuple(f.decision));
             return out;
           },
-          "[(seconds, tick, decision)], one a frame")
+          "[(seconds, tick, decision)], one per frame")
       .def(
           "newest",
           [](const EffectsCompanion& companion) {
@@ -139,7 +139,7 @@ void bind_companion(py::module_& m) {
                             "hidden"_a = frame.hidden,
                             "report"_a = to_dict(frame.counts, companion.wall_time(), companion.cpu_time()));
           },
-          "What the newest frame left: frame, tick, parcels, balance, removed, bleeding, hidden, report.");
+          "The newest frame: frame, tick, parcels, balance, removed, bleeding, hidden, report.");
 }
 
 }  // namespace
@@ -159,18 +159,18 @@ void bind_effects(py::module_& m) {
       .def_property("nozzle", &Effects::nozzle, &Effects::set_nozzle)
       .def_property("sucker", &Effects::sucker, &Effects::set_sucker)
       .def("step", &step, "dt_s"_a, "bricks"_a, "density"_a, "centers"_a, "radii"_a, "decision"_a,
-           "Returns the decision (merge_to, sub_steps, done).")
+           "One frame; returns the decision (merge_to, sub_steps, done).")
       .def(
           "parcels", [](const Effects& effects) { return to_array(effects.view()); }, "A copy.")
       .def(
           "balance", [](const Effects& effects) { return to_dict(effects.balance()); },
-          "By substance (made, present, sucked, drained) [quanta].")
+          "(made, present, sucked, drained) [quanta] by substance.")
       .def_property_readonly("quantum", &Effects::quantum, "[mm^3]")
       .def_property_readonly("embedded", &Effects::embedded, "Parcels in solid voxels.")
       .def_property_readonly("refilled", &Effects::refilled, "Levels that rose.")
       .def_property_readonly(
           "removed", [](const Effects& effects) { return effects.sources().removed(); },
-          "Levels by tissue's number; empty before any.")
+          "Levels by tissue number; empty before any.")
       .def_property_readonly(
           "bleeding", [](const Effects& effects) { return effects.sources().bleeding(); }, "[mm^3/s]")
       .def_property_readonly(
@@ -180,7 +180,7 @@ void bind_effects(py::module_& m) {
             for (const FrameDecision& decision : effects.decisions()) out.push_back(to_tuple(decision));
             return out;
           },
-          "[(merge_to, sub_steps, done)], one a frame")
+          "[(merge_to, sub_steps, done)], one per frame")
       .def(
           "hidden",
           [](const Effects& effects, const Camera& camera, const Vec3& center, double radius) {

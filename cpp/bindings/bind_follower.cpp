@@ -29,23 +29,14 @@ py::list digests(const Follower& follower, std::size_t known) {
 }  // namespace
 
 void bind_follower(py::module_& m) {
-  py::class_<BoneView, std::shared_ptr<BoneView>>(m, "BoneView", "What one consumer has not seen yet.");
+  py::class_<BoneView, std::shared_ptr<BoneView>>(m, "BoneView",
+                                                  "The changes one consumer has not seen yet.");
   const FollowerSettings defaults;
   py::class_<Follower, std::shared_ptr<Follower>>(
       m, "Follower",
-      R"(Executes a loop's ticks again on a bone of its own, and serves all that looks at the bone.
-
-Parameters
-----------
-loop : HapticLoop
-    Not yet started.
-digest_every : int
-    Ticks between digests.
-stiffness_every : float
-    Between measurements of the contact stiffness [ms].
-rebuild_after : float
-    Further behind than this it takes the loop's bone over, between two ticks [s].
-)")
+      "Executes a loop's ticks again on its own bone, for all that need to see the bone. The loop must not "
+      "be started yet. `digest_every` [ticks]; `stiffness_every` [ms]; further behind than `rebuild_after` "
+      "[s], it copies the loop's bone between two ticks.")
       .def(py::init([](std::shared_ptr<HapticLoop> loop, std::uint64_t digest_every, double stiffness_every,
                        double rebuild_after) {
              if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
@@ -64,8 +55,8 @@ rebuild_after : float
                             "rebuilds"_a = s.rebuilds, "differing"_a = s.differing,
                             "first_difference"_a = s.first_difference);
           },
-          "tick, behind [ticks], most_behind_s, rebuilds, differing (ticks that gave something else than the "
-          "loop's), first_difference")
+          "A dict: tick, behind [ticks], most_behind_s, rebuilds, differing (ticks whose results differ from "
+          "the loop's), first_difference")
       .def_property_readonly(
           "digests", [](const Follower& f) { return digests(f, 0); }, "[(ticks executed, digest)]")
       .def(
@@ -74,7 +65,7 @@ rebuild_after : float
             const StiffnessAt s = f.stiffness(burr);
             return py::make_tuple(s.tick, s.stiffness, s.force);
           },
-          "burr"_a = 0, "(tick, k = dF/dH along the normal [N/mm], force [N]) measured last.")
+          "burr"_a = 0, "(tick, k = dF/dH along the normal [N/mm], force [N]), last measured.")
       .def(
           "stability",
           [](const Follower& f, std::size_t burr) {
@@ -84,15 +75,13 @@ rebuild_after : float
                             "warning"_a = r.warning);
           },
           "burr"_a = 0,
-          "The stiffness measured last against the passivity limit of the burr's device: force_N, "
-          "stiffness_N_per_mm, limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (below it "
-          "the limit is exceeded in this hole), warning (ratio above 0.8); nan where the device does not say "
-          "its damping.")
+          "The last stiffness against the passivity limit of the burr's device: force_N, stiffness_N_per_mm, "
+          "limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (the limit is exceeded below "
+          "it in this hole), warning (ratio above 0.8); nan if the device does not tell its damping.")
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
-      .def("digest", &Follower::digest, no_gil, "Of the bone now.")
-      .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks it has seen)")
-      .def("view", &Follower::view, py::keep_alive<0, 1>(),
-           "A consumer's own view: what changed since it last asked.")
+      .def("digest", &Follower::digest, no_gil, "Of the present bone.")
+      .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks executed on it)")
+      .def("view", &Follower::view, py::keep_alive<0, 1>(), "A view for a new consumer, for `take`.")
       .def(
           "take",
           [](Follower& f, BoneView& view) {
@@ -100,8 +89,8 @@ rebuild_after : float
             return to_dict(without_gil([&] { return view.take(); }), f.bone());
           },
           "view"_a,
-          "tick (executed), newest (its record, or None), bricks (n, 3) (z, y, x) of 8^3 voxels that "
-          "changed, density (n, 8, 8, 8).")
+          "Changes since the view was last taken: tick (executed), newest (its record, or None), bricks (n, "
+          "3) (z, y, x) of 8^3 voxels, density (n, 8, 8, 8).")
       .def(
           "set_watch",
           [](Follower& f, std::shared_ptr<AnatomyWatch> watch) {
@@ -109,9 +98,9 @@ rebuild_after : float
             f.visit([&](FollowedBone& followed) { followed.executor().set_watch(std::move(watch)); });
           },
           "watch"_a,
-          "Watches the follower's bone from now on. ValueError unless it is of this bone and these burrs.")
+          "Watches the follower's bone from now on. ValueError if the watch has another bone or other burrs.")
       .def("watched", &watched_by<Follower>, "known"_a = 0,
-           "What the watch has seen, as `AnatomyWatch.seen`. ValueError if there is none.")
+           "As `AnatomyWatch.seen`. ValueError without a watch.")
       .def(
           "tissue_levels",
           [](Follower& f) {
@@ -120,6 +109,7 @@ rebuild_after : float
             f.visit([&](FollowedBone& followed) { levels = followed.bone().tissue_levels(); });
             return levels;
           },
-          "Levels that are left of each tissue now, a list; empty without tissues.")
-      .def("ask_rebuild", &Follower::ask_rebuild, "Rebuilds at its next turn, as if too far behind.");
+          "Levels left of each tissue, a list; empty without tissues.")
+      .def("ask_rebuild", &Follower::ask_rebuild,
+           "Rebuilds at the next turn, as if too far behind; for tests.");
 }

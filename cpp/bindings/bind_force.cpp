@@ -24,7 +24,7 @@ burr : Burr
 center : (x, y, z)
     [mm]
 scheme : {"layer", "cell"}
-    How a partly eroded voxel at the boundary is shared; the same on untouched bone.
+    How a partly eroded voxel at the boundary is shared; no difference on untouched bone.
 
 Returns
 -------
@@ -40,8 +40,8 @@ ValueError
 
 Notes
 -----
-A boundary voxel (spacing s, at distance r) counts by the fraction clamp((R - r)/s + 1/2, 0, 1), our decision:
-a centre test makes the force jump as the burr moves.
+A boundary voxel (spacing s, at distance r) counts by the fraction clamp((R - r)/s + 1/2, 0, 1),
+our decision: with a test of centres the force jumps as the burr moves.
 )");
   m.def("penetration", &penetration, "m0"_a, "radius"_a,
         R"(Effective penetration depth h, Eq. 2.
@@ -77,7 +77,7 @@ Examples
         return elastic_force({m0, m1}, radius, c_e).force;
       },
       "m0"_a, "m1"_a, py::kw_only(), "radius"_a, "c_e"_a,
-      R"(Elastic force F = c_e R^2 (h/R)^{3/2} n, Eq. 3.
+      R"(Elastic force F = c_e R^2 (h/R)^(3/2) n, Eq. 3.
 
 Parameters
 ----------
@@ -102,7 +102,7 @@ ValueError
 
 Notes
 -----
-n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined the force fades instead of flipping.
+n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: the force fades where its direction is undefined.
 )");
   m.def(
       "erode",
@@ -119,8 +119,8 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined t
       "scheme"_a = "layer",
       R"(Erodes the bone inside the burr for one tick, Eq. 4.
 
-A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha f dt)) on average: floor(lambda) levels, and
-one more with probability frac(lambda).
+A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha f dt)) on average: floor(lambda) levels,
+and one more with probability frac(lambda).
 
 Parameters
 ----------
@@ -130,11 +130,12 @@ burr : Burr
 center : (x, y, z)
     [mm]
 material : Material
-    In a bone with tissues that of their table; each erodes at its own alpha.
+    In a bone with tissues, that of their table; each tissue erodes at its own alpha.
 dt : float
     [ms]
 seed, tick, index : int
-    The random numbers are a pure function of these and the voxel; `index` numbers the burrs on one bone.
+    The random numbers are a pure function of these and the voxel. `index` is the number of the burr on the
+    bone.
 scheme : {"layer", "cell"}
 
 Returns

@@ -5,9 +5,9 @@ void bind_force_controller(py::module_& m) {
   py::class_<ForceController>(m, "ForceController",
                               R"(PID controller on the force error that commands the velocity of a rig.
 
-velocity = kp e + integral of ki e dt - kd dF/dt, e = set-point - measured force, kept within the output limits.
-The integral stands still while the output is at the limit it pushes against; the derivative acts on the
-measurement, through a first-order filter. The same object drives a virtual and a real rig.
+velocity = kp e + integral of ki e dt - kd dF/dt, within the output limits; e is set-point minus measured
+force. The derivative is that of the measured force, through a first-order filter. The integral stands still
+while it would push the output beyond a limit. A virtual and a real rig use the same object.
 
 Parameters
 ----------
@@ -42,12 +42,12 @@ Examples
            "kp"_a, "ki"_a = 0.0, "kd"_a = 0.0, py::kw_only(), "output_limits"_a = std::make_pair(-10.0, 10.0),
            "derivative_filter"_a = 5.0)
       .def("update", &ForceController::update, "setpoint"_a, "force"_a, "dt"_a,
-           "Velocity command [mm/s] from set-point and measured force [N]; dt [ms] since the last update. "
+           "Velocity command [mm/s] from set-point and measured force [N], dt [ms] after the last update. "
            "ValueError on a value that is not finite or dt <= 0.")
       .def("set_gains", &ForceController::set_gains, "kp"_a, "ki"_a, "kd"_a = 0.0,
-           "Changes the gains without a jump of the integral term.")
+           "Sets the gains, without a jump of the integral term.")
       .def("reset", &ForceController::reset, "integral"_a = 0.0,
-           "Forgets the past; the integral term starts at `integral` [mm/s].")
+           "Resets the controller; the integral term starts at `integral` [mm/s].")
       .def_property_readonly("kp", &ForceController::kp, "[mm/s/N]")
       .def_property_readonly("ki", &ForceController::ki, "[mm/s/(N s)]")
       .def_property_readonly("kd", &ForceController::kd, "[mm/s/(N/s)]")

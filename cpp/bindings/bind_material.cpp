@@ -9,8 +9,8 @@ namespace {
 void bind_shape(py::module_& m) {
   py::class_<Shape>(m, "Shape", R"doc(Erosion shape function f(x), x = r/R, of Eq. 4.
 
-The paper asks only for a maximum at r = 0 and zero beyond R; the family is our choice, and an alpha is a
-number for one f.
+The paper asks only for a maximum at r = 0 and zero beyond R. The family is our choice; an alpha belongs to
+one f.
 
 Parameters
 ----------
@@ -31,7 +31,7 @@ Examples
 ('power(1.5)', 1.5, 0.6495)
 )doc")
       .def(py::init(&Shape::parse), "name"_a)
-      .def_property_readonly("name", &Shape::name, "Name that makes the same shape again.")
+      .def_property_readonly("name", &Shape::name, "Name that gives the same shape.")
       .def_property_readonly("order", &Shape::order,
                              "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")
       .def(
@@ -53,7 +53,7 @@ Examples
 
   m.attr("shape_names") = py::tuple(py::cast(Shape::names()));  // apart from power(k)
   m.def("shape_kappa", &Shape::kappa, "shape"_a,
-        "Of the leading term at the burr's surface: f = kappa (1 - x)^order + ...");
+        "Factor of the leading term at the burr's surface: f = kappa (1 - x)^order + ...");
   m.def(
       "depth_table",
       [](double order) {
@@ -61,8 +61,8 @@ Examples
         return to_array(table->nodes().data(), {DepthTable::rows, DepthTable::columns});
       },
       "order"_a,
-      "G(e, tau) of the scheme `layer` at e = 0, 1/8 .. 3 (rows) and tau = 0, 1/40 .. 1 (columns); a copy, "
-      "(25, 41) float32.");
+      "G(e, tau) of the scheme `layer` at e = 0, 1/8 .. 3 (rows) and tau = 0, 1/40 .. 1 (columns), (25, 41) "
+      "float32; a copy.");
 }
 
 }  // namespace
@@ -97,7 +97,7 @@ Burr(radius=3.0)
       .def(py::pickle(copy_of(&Burr::radius), [](double radius) { return Burr(radius); }));
 
   py::class_<Material>(
-      m, "Material", R"(What a burr meets: elastic constant, erosion rate, and the f that the rate belongs to.
+      m, "Material", R"(A material: elastic constant, erosion rate, and the shape f that the rate belongs to.
 
 Parameters
 ----------
@@ -105,11 +105,11 @@ name : str
 c_e : float
     Elastic constant of Eq. 3 [N/mm^2].
 alpha : float
-    Erosion rate of Eq. 4 [1/ms]. It is a number for one `shape`, and for one drill, burr type and speed.
+    Erosion rate of Eq. 4 [1/ms], for one `shape`, drill, burr type and speed.
 shape : Shape or str
     Erosion shape function f.
 source : str
-    Where the numbers come from.
+    Source of the numbers.
 
 Raises
 ------
@@ -118,8 +118,8 @@ ValueError
 
 Notes
 -----
-The unit of c_e follows from F = c_e R^2 (h/R)^{3/2}; per millisecond is the only reading of the paper's alpha
-that gives millimetres in seconds. Both are our decisions: the paper prints no units.
+The unit of c_e follows from F = c_e R^2 (h/R)^(3/2). Only an alpha per millisecond gives the paper's
+millimetres in seconds. Both units are our decisions: the paper prints none.
 
 Examples
 --------
@@ -135,7 +135,7 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
       .def_readonly("c_e", &Material::c_e, "Elastic constant [N/mm^2]")
       .def_readonly("alpha", &Material::alpha, "Erosion rate [1/ms]")
       .def_readonly("shape", &Material::shape, "Erosion shape function")
-      .def_readonly("source", &Material::source, "Where the numbers come from")
+      .def_readonly("source", &Material::source, "Source of the numbers")
       .def(
           "__eq__", [](const Material& a, const Material& b) { return a == b; }, py::is_operator())
       .def("__hash__",

@@ -4,7 +4,7 @@
 
 namespace {
 
-/// A publisher with the follower that it listens to.
+/// A publisher with its follower.
 struct BoundPublisher {
   std::shared_ptr<Follower> follower;
   std::shared_ptr<Publisher> publisher;
@@ -49,38 +49,14 @@ py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
 
 void bind_publisher(py::module_& m) {
   const PublisherSettings defaults;
-  py::class_<BoundPublisher>(m, "Publisher",
-                             R"(Sends a follower's ticks to standard OpenIGTLink peers and to replicas.
-
-Nobody waits for a peer: neither the loop nor the follower. There is no authentication: whoever reaches the
-port may read.
-
-Parameters
-----------
-follower : Follower
-    Not yet started.
-host : str
-    Address to listen on; only this machine reaches the loopback address.
-port : int
-    0 is any free one.
-hello : str
-    What replicas are told of the session: JSON.
-header_version : {1, 2}
-    Of OpenIGTLink.
-log : float
-    Ticks kept for replicas that come back [s].
-most_peers : int
-    Connections at once, 1 to 256.
-most_behind : int
-    A replica that far behind is cut off [bytes].
-thin_after : int
-    A standard peer that far behind gets the newest tick [ticks].
-
-Raises
-------
-ValueError
-    If nobody can listen there, or a setting is out of range.
-)")
+  py::class_<BoundPublisher>(
+      m, "Publisher",
+      "Sends a follower's ticks to standard OpenIGTLink peers and to replicas. Nobody waits for a peer. "
+      "There is no authentication: whoever reaches the port may read. The follower must not be started yet. "
+      "`port` 0 is any free one; `hello` is JSON about the session; `log` is the time of ticks kept for "
+      "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
+      "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
+      "ValueError if the address or a setting cannot be used.")
       .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host, int port,
                        const std::string& hello, int header_version, double log, std::size_t most_peers,
                        std::size_t most_behind, std::uint64_t thin_after) {
@@ -96,56 +72,44 @@ ValueError
            "most_peers"_a = defaults.most_peers, "most_behind"_a = defaults.most_behind,
            "thin_after"_a = defaults.thin_after)
       .def_property_readonly(
-          "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens on this one.")
+          "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens here.")
       .def_property_readonly("host", [](const BoundPublisher& p) { return p.publisher->settings().host; })
       .def_property_readonly(
           "session", [](const BoundPublisher& p) { return p.publisher->session(); },
-          "A random number that names the session")
+          "Random number that names the session")
       .def_property_readonly(
           "status", [](const BoundPublisher& p) { return to_dict(p.publisher->status()); },
-          "tick; standard_peers and replicas connected now; counts since the start: accepted, refused "
-          "(connections beyond the most), skipped (ticks that slow standard peers did not get), cut_off "
-          "(slow replicas), stalled (peers that took nothing for 5 s), hellos (asked for the hello only), "
-          "by_ticks and by_bricks (replicas that went on), bad_words, ignored (messages of no use), "
-          "framing_lost, too_many_faults (connections closed), out_of_range (positions not sent), "
-          "bytes_sent, messages, dropped {reason: messages}")
+          "A dict: tick; standard_peers and replicas connected; counts since the start: accepted, refused "
+          "(connections beyond `most_peers`), skipped (ticks that slow standard peers missed), cut_off (slow "
+          "replicas), stalled (peers that took nothing for 5 s), hellos (asked only for the hello), by_ticks "
+          "and by_bricks (replicas that continued), bad_words, ignored (messages without use), framing_lost, "
+          "too_many_faults (connections closed), out_of_range (positions not sent), bytes_sent, messages, "
+          "dropped {reason: messages}")
       .def(
           "finish",
           [](const BoundPublisher& p, const std::string& reason, bool failed, double linger) {
             p.publisher->finish(*p.follower, reason, failed, linger);
           },
           "reason"_a, py::kw_only(), "failed"_a = false, "linger"_a = 2.0, no_gil,
-          "After the follower was stopped: tells the replicas why the session ended, its last tick and "
-          "digest, waits up to `linger` [s] until they have it, and stops. ValueError if `linger` is "
+          "To be called after the follower was stopped. Tells the replicas the reason, the last tick and its "
+          "digest, waits at most `linger` [s] until they have it, and stops. ValueError if `linger` is "
           "negative.")
       .def(
           "stop", [](const BoundPublisher& p) { p.publisher->stop(); }, no_gil,
-          "Closes all connections, without a word.");
+          "Closes all connections without telling the peers.");
 }
 
 void bind_replica(py::module_& m) {
-  py::class_<Replica, std::shared_ptr<Replica>>(m, "Replica",
-                                                R"(A bone that follows a leader over the network.
-
-`fetch_hello` first, then `start` with the bone that the hello tells of.
-
-Parameters
-----------
-host : str
-port : int
-    Of the leader.
-
-Raises
-------
-ValueError
-    If `host` has no address or `port` is not 1 to 65535.
-)")
+  py::class_<Replica, std::shared_ptr<Replica>>(
+      m, "Replica",
+      "A bone that follows a leader over the network: `fetch_hello`, then `start` with the bone that the "
+      "hello describes. ValueError if `host` has no address or `port` is not 1 to 65535.")
       .def(py::init<const std::string&, int>(), "host"_a, "port"_a)
       .def("fetch_hello", &Replica::fetch_hello, "timeout"_a = 1.0, no_gil,
-           "Asks for the leader's hello for `timeout` [s]; whether it came.")
+           "Asks for the leader's hello for `timeout` [s]; returns whether it came.")
       .def_property_readonly(
           "hello", [](const Replica& r) { return to_text(r.hello().text); },
-          "What the leader says of its session")
+          "JSON about the leader's session")
       .def_property_readonly(
           "initial_digest", [](const Replica& r) { return r.hello().digest; },
           "Of the leader's initial volume")
@@ -164,47 +128,35 @@ ValueError
           },
           "bone"_a, "tools"_a, "seed"_a, py::kw_only(), "period"_a = 1.0, "scheme"_a = "layer",
           "watch"_a = nullptr,
-          R"(Follows from now on, in a thread of its own.
-
-Parameters
-----------
-bone : VoxelBone
-    Changed in place.
-tools, seed, period, scheme
-    As for `TickExecutor`.
-watch : AnatomyWatch, optional
-    Of this bone.
-
-Raises
-------
-ValueError
-    If it was started before, the hello was not fetched, or the bone is not the leader's initial volume.
-)")
+          "Starts to follow, in its own thread; changes the bone in place. `tools`, `seed`, `period` and "
+          "`scheme` are as for `TickExecutor`. ValueError if it was started before, the hello was not "
+          "fetched, or the bone is not the leader's initial volume.")
       .def(
           "stop", [](Replica& r) { r.stop(); }, no_gil)
-      .def("wait", &Replica::wait, "seconds"_a, no_gil, "Until the session ends; whether it has.")
+      .def("wait", &Replica::wait, "seconds"_a, no_gil,
+           "Waits for the session's end; returns whether it came.")
       .def_property_readonly(
           "status",
           [](const Replica& replica) {
             return to_dict(without_gil([&] { return replica.status(); }), replica);
           },
-          "tick (executed), connected, connections, by_ticks and by_bricks (how it went on), digests_equal, "
-          "digests_different, differing_ticks, faults (connections given up), last_faults [(tick, tick seen, "
-          "reason)], most_missed (ticks until a loss was noticed), divergences [{tick, what, compared_at, "
-          "exact, bricks (z, y, x)}], ended, failed, reason, messages, dropped {reason: messages}")
-      .def("digest", &Replica::digest, no_gil, "Of the bone now.")
-      .def("snapshot", &snapshot_of<Replica>, "(copy of the bone, ticks it has seen)")
+          "A dict: tick (executed), connected, connections, by_ticks and by_bricks (how it continued), "
+          "digests_equal, digests_different, differing_ticks, faults (connections given up), last_faults "
+          "[(tick, tick seen, reason)], most_missed (ticks until a loss was noticed), divergences [{tick, "
+          "what, compared_at, exact, bricks (z, y, x)}], ended, failed, reason, messages, dropped {reason: "
+          "messages}")
+      .def("digest", &Replica::digest, no_gil, "Of the present bone.")
+      .def("snapshot", &snapshot_of<Replica>, "(copy of the bone, ticks executed on it)")
       .def(
           "take",
           [](Replica& replica) {
             return ::to_dict(without_gil([&] { return replica.take_changed(); }), replica.bone());
           },
-          "What changed since the last call: tick (executed), newest (its record, or None), bricks (n, 3) "
-          "(z, y, x) of 8^3 voxels, density (n, 8, 8, 8).")
+          "Changes since the last call, as `Follower.take`.")
       .def("watched", &watched_by<Replica>, "known"_a = 0,
-           "What the watch has seen, as `AnatomyWatch.seen`. ValueError if there is none.")
+           "As `AnatomyWatch.seen`. ValueError without a watch.")
       .def("flip", &Replica::flip, "voxel"_a, no_gil,
-           "Changes one voxel (z, y, x), so that tests see it found and repaired.");
+           "Changes one voxel (z, y, x); for tests of the repair.");
 }
 
 }  // namespace

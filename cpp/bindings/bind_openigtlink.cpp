@@ -20,7 +20,7 @@ ByteView view_of(const py::bytes& bytes) {
 
 py::bytes to_bytes(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
 
-/// What the encoders share: the options of a message, as C++ holds them.
+/// The options that all encoders share, in the form of C++.
 struct Options {
   Options(const std::string& device_name, double timestamp, int version, std::uint32_t message_id,
           const Metadata& metadata)
@@ -39,7 +39,7 @@ struct Options {
   Envelope envelope;
 };
 
-/// A message with its content decoded, apart from the framer's buffer.
+/// A message with its decoded content, independent of the framer's buffer.
 struct Received {
   Header header;
   std::uint32_t message_id;
@@ -62,7 +62,7 @@ Drop decode(const Message& message, Received& received) {
   return reason;
 }
 
-/// A framer that decodes: what a decoder refuses counts as dropped.
+/// A framer that decodes; messages that a decoder refuses count as dropped.
 struct Framer {
   explicit Framer(std::size_t largest_body) : framer(largest_body) {}
 
@@ -86,7 +86,7 @@ struct Framer {
   std::array<std::uint64_t, drop_reasons> refused{};
 };
 
-/// Counters as a dictionary: messages, and what was dropped, by reason.
+/// Counters as a dictionary: messages, and drops by reason.
 std::map<std::string, std::uint64_t> counts_of(const Counters& counters) {
   std::map<std::string, std::uint64_t> out{{"messages", counters.messages}};
   for (std::size_t i = 1; i < drop_reasons; ++i) out[drop_name(Drop(i))] = counters.dropped[i];
@@ -112,7 +112,7 @@ py::object to_python(const Received& received) {
   return to_bytes(std::get<Bytes>(received.value));
 }
 
-/// Binds what encodes a message of a device, with the options that all of them share behind its own.
+/// Binds an encoder of a device's message: its own arguments, then the options that all share.
 template <class... Given, class... Extra>
 void def_encoder(py::module_& m, const char* name, void (*encode)(Bytes&, const Envelope&, Given...),
                  const Extra&... extra) {
@@ -162,17 +162,17 @@ void bind_encoders(py::module_& m) {
       "CRC-64 of ECMA-182 as OpenIGTLink uses it.");
   def_encoder(m, "encode_transform", &put_transform, "position"_a, py::kw_only(),
               "rotation"_a = Matrix3{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
-              "A TRANSFORM message: position (x, y, z) [mm] and rotation (3, 3), RAS, float32. timestamp [s] "
-              "since 1970. ValueError where the message cannot hold it.");
+              "A TRANSFORM message: position (x, y, z) [mm] and rotation (3, 3), RAS, float32; timestamp [s] "
+              "since 1970. ValueError if the message cannot hold them.");
   def_encoder(m, "encode_sensor", &put_sensor, "values"_a, py::kw_only(), "unit"_a = newton,
-              "A SENSOR message of up to 255 float64; `unit` is OpenIGTLink's 64-bit field, newton unless "
-              "said. ValueError where the message cannot hold it.");
+              "A SENSOR message of up to 255 float64; `unit` is OpenIGTLink's 64-bit field, newton by "
+              "default. ValueError if the message cannot hold them.");
   def_encoder(
       m, "encode_ndarray_float64", &put_float64, "values"_a, py::kw_only(),
-      "An NDARRAY message of float64, at least one dimension. ValueError where the message cannot hold it.");
+      "An NDARRAY message of float64, at least one dimension. ValueError if the message cannot hold them.");
   def_encoder(m, "encode_ndarray_uint8", &put_uint8, "data"_a, py::kw_only(),
-              "An NDARRAY message of uint8 that holds `data`: its length in 8 bytes (ours), the bytes, zeros "
-              "up to a whole number of rows. ValueError where the message cannot hold it.");
+              "An NDARRAY message of uint8: the length of `data` in 8 bytes (ours), the bytes, and zeros up "
+              "to a whole number of rows. ValueError if the message cannot hold them.");
 }
 
 void bind_framer(py::module_& m) {
@@ -205,18 +205,9 @@ void bind_framer(py::module_& m) {
           },
           "The 64-bit unit of a SENSOR; 0 otherwise");
 
-  py::class_<Framer>(m, "MessageFramer", R"doc(Bytes, as they come from a socket, into OpenIGTLink messages.
-
-Parameters
-----------
-largest_body : int
-    Longer messages are passed over [bytes].
-
-Raises
-------
-ValueError
-    If `largest_body` is below 48 or not below 4 GiB.
-)doc")
+  py::class_<Framer>(m, "MessageFramer",
+                     "Cuts bytes from a socket into OpenIGTLink messages. Messages longer than "
+                     "`largest_body` [bytes] are skipped. ValueError if it is below 48 or not below 4 GiB.")
       .def(py::init<std::size_t>(), "largest_body"_a = std::size_t(1) << 20)
       .def(
           "feed",
@@ -230,10 +221,10 @@ ValueError
           "broken", [](const Framer& f) { return f.framer.broken(); },
           "The place in the stream is lost: nothing more is read until `restart`.")
       .def(
-          "restart", [](Framer& f) { f.framer.restart(); }, "A new connection begins.")
+          "restart", [](Framer& f) { f.framer.restart(); }, "For a new connection.")
       .def_property_readonly(
           "counters", [](const Framer& f) { return counts_of(f.counters()); },
-          "Messages, and what was dropped, by reason; a copy.");
+          "Messages, and drops by reason; a copy.");
 }
 
 std::map<std::string, std::uint64_t> counts_of(const ReaderCounters& counters) {
@@ -249,8 +240,9 @@ void bind_igtl_device(py::module_& m) {
   py::class_<IgtlDevice, MailboxDevice, std::shared_ptr<IgtlDevice>>(
       m, "IgtlDevice", R"doc(A device that a standard OpenIGTLink server's TRANSFORM stream drives.
 
-The position is rounded once, on arrival; the burr is on unless the device name that comes ends in ``_off`` (our
-choice). The velocity, which TRANSFORM does not carry, is the difference of two poses over that of their time stamps.
+The position is rounded once, on arrival. The burr is on unless the sender's device name ends in ``_off`` (our
+choice). The velocity, which TRANSFORM does not carry, is the difference of two poses over that of their
+time stamps.
 
 Parameters
 ----------
@@ -258,9 +250,9 @@ host : str
     Name or address.
 port : int
 device_name : str
-    Read this device only; empty for any.
+    Only this device is read; empty for any.
 lost_after : float
-    A position that old is lost, and the session stops [ms].
+    Age at which a position is lost, and the session stops [ms].
 
 Raises
 ------
@@ -275,7 +267,7 @@ ValueError
       .def_property_readonly("connected", &IgtlDevice::connected)
       .def_property_readonly(
           "counters", [](const IgtlDevice& d) { return counts_of(d.counters()); },
-          "Messages, what was dropped, by reason, connections; a copy.")
+          "Messages, drops by reason, connections; a copy.")
       .def("stop", &IgtlDevice::stop, no_gil, "Ends the connection.");
 }
 

@@ -32,7 +32,7 @@ std::shared_ptr<TickExecutor> make_executor(const std::shared_ptr<VoxelBone>& bo
   return std::make_shared<TickExecutor>(bone, to_setup(tools, seed, period, scheme), tick);
 }
 
-// Ticks in their order, checked before any is executed.
+// Executes ticks in order; all are checked first.
 py::array execute(TickExecutor& executor, const py::array& array) {
   std::vector<TickRecord> records = to_records(array);
   const VoxelBone::Changing changing(*executor.bone());
@@ -56,57 +56,27 @@ void bind_executor(py::module_& m) {
   m.attr("most_periods") = most_periods;
 
   py::class_<TickExecutor, std::shared_ptr<TickExecutor>>(
-      m, "TickExecutor", R"(Tick records turned into force and erosion, the same wherever they are executed.
-
-Parameters
-----------
-bone : VoxelBone
-    Changed in place.
-tools : list of (Burr, Material)
-    One or two, in index order.
-seed : int
-period : float
-    Of the loop [ms]; a tick stands for k = 1..8 of them.
-scheme : {"layer", "cell"}
-tick : int
-    Number of ticks executed on this bone before.
-
-Raises
-------
-ValueError
-    If there are not one or two tools, the period is not positive, alpha times 8 periods is above 1000, or a burr
-    does not fit the bone.
-)")
+      m, "TickExecutor",
+      "Executes tick records: force and erosion, the same for all that execute them. The bone is changed in "
+      "place. `tools` are one or two, in index order; `period` of the loop [ms], of which a tick stands for "
+      "k = 1..8; `tick`: ticks executed on the bone before. ValueError if there are not one or two tools, "
+      "the period is not positive, alpha times 8 periods is above 1000, or a burr does not fit the bone.")
       .def(py::init(&make_executor), "bone"_a, "tools"_a, "seed"_a, py::kw_only(), "period"_a = 1.0,
            "scheme"_a = "layer", "tick"_a = 0)
       .def("execute", &execute, "records"_a,
-           R"(Executes ticks in their order.
-
-Parameters
-----------
-records : ndarray, shape (n,), record_dtype
-    Index, k, centres and switches are used.
-
-Returns
--------
-ndarray, shape (n,), record_dtype
-    A copy with what the model gives: force, penetration, removed, touching, ambiguous.
-
-Raises
-------
-ValueError
-    If a record is not of this session or not the next one; nothing is executed then.
-)")
+           "Executes ticks in order, records (n,) record_dtype; uses index, k, centres and switches. Returns "
+           "a copy with the results: force, penetration, removed, touching, ambiguous. ValueError if a "
+           "record is not of this session or not the next one; nothing is executed then.")
       .def("set_watch", &TickExecutor::set_watch, "watch"_a,
-           "Called after each burr's step from now on; it begins with the bone as it is. ValueError unless "
-           "it is of this bone and these burrs.")
+           "Sets the watch, called after each burr's step; it begins with the bone as it is. ValueError if "
+           "the watch has another bone or other burrs.")
       .def(
           "probe",
           [](const TickExecutor& executor, std::size_t burr, const Vec3& center) {
             const VoxelBone::Reading reading(*executor.bone());
             return executor.probe(burr, center);
           },
-          "burr"_a, "center"_a, "The contact of a burr at a centre [mm] now, without erosion.")
+          "burr"_a, "center"_a, "The contact of a burr at a centre [mm], without erosion.")
       .def_property_readonly("tick", &TickExecutor::tick, "Index of the next tick")
       .def_property_readonly("bone", &TickExecutor::bone)
       .def_property_readonly("burrs", &TickExecutor::burrs)
@@ -114,7 +84,7 @@ ValueError
           "period", [](const TickExecutor& e) { return e.setup().period; }, "[ms]")
       .def_property_readonly("seed", [](const TickExecutor& e) { return e.setup().seed; });
 
-  py::class_<Device, std::shared_ptr<Device>>(m, "Device", "What moves a burr and feels the force.")
+  py::class_<Device, std::shared_ptr<Device>>(m, "Device", "A device that moves a burr and feels its force.")
       .def_property_readonly("name", &Device::name);
   py::class_<MailboxDevice, Device, std::shared_ptr<MailboxDevice>>(
       m, "MailboxDevice", R"(A device driven from Python, or any other thread, through a mailbox.
@@ -122,7 +92,7 @@ ValueError
 Parameters
 ----------
 lost_after : float
-    A position that old is lost, and the session stops [ms].
+    Age at which a position is lost, and the session stops [ms].
 name : str
     For the session's report.
 
@@ -136,12 +106,11 @@ ValueError
            }),
            py::kw_only(), "lost_after"_a = 100.0, "name"_a = "mailbox")
       .def("put", &MailboxDevice::put, "position"_a, "velocity"_a = Vec3::Zero().eval(), "on"_a = true,
-           "Newest position (x, y, z) [mm], velocity [mm/s], and whether the burr turns. ValueError if not "
-           "finite.")
-      .def_property_readonly("force", &MailboxDevice::force, "(3,) that the loop sent last [N]; a copy");
+           "Sets the newest position (x, y, z) [mm], velocity [mm/s] and switch. ValueError if not finite.")
+      .def_property_readonly("force", &MailboxDevice::force, "(3,) last sent by the loop [N]; a copy");
 }
 
-/// A reader with the ring of its loop.
+/// A reader with its loop.
 struct LoopReader {
   std::shared_ptr<HapticLoop> loop;  // kept alive
   std::shared_ptr<RecordReader> reader;
@@ -170,8 +139,8 @@ void bind_counts(py::module_& m) {
   py::class_<LoopCounts>(m, "LoopCounts", "Counts since the start of a loop.")
       .def_readonly("ticks", &LoopCounts::ticks, "Executed")
       .def_readonly("late", &LoopCounts::late, "Ticks that stood for more than one period")
-      .def_readonly("missed", &LoopCounts::missed, "Deadlines that had no tick of their own")
-      .def_readonly("dropped", &LoopCounts::dropped, "Periods beyond 8 since a tick, that none stood for")
+      .def_readonly("missed", &LoopCounts::missed, "Deadlines without a tick")
+      .def_readonly("dropped", &LoopCounts::dropped, "Periods beyond 8 since a tick, for which none stood")
       .def("__repr__", [](const LoopCounts& c) {
         return format("LoopCounts(ticks={}, late={}, missed={}, dropped={})", c.ticks, c.late, c.missed,
                       c.dropped);
@@ -183,7 +152,7 @@ void bind_counts(py::module_& m) {
       .def("quantile", &Histogram::quantile, "p"_a,
            "Value [us] below which a part p lies, at most 3 % too high; nan without values.")
       .def_property_readonly(
-          "counts", [](const Histogram& h) { return to_array(h.counts()); }, "(n,) a bin; a copy")
+          "counts", [](const Histogram& h) { return to_array(h.counts()); }, "(n,) by bin; a copy")
       .def_property_readonly_static(
           "edges", [](const py::object&) { return to_array(Histogram::edges()); },
           "(n + 1,) of the bins [us]");
@@ -199,48 +168,24 @@ void bind_haptic_loop(py::module_& m) {
            }),
            "loop"_a)
       .def("take", &take, "most"_a = 100000,
-           "(records, lost): up to `most` records that came since the last call, (n,) of type record_dtype; "
-           "lost is True where the ring has gone past the next one.")
+           "(records, lost): at most `most` records since the last call, (n,) record_dtype; lost is True if "
+           "the ring has overwritten the next one.")
       .def_property_readonly(
           "behind", [](const LoopReader& r) { return r.reader->behind(); }, "Records not yet taken");
 
   const LoopSettings defaults;
   py::class_<HapticLoop, std::shared_ptr<HapticLoop>>(
       m, "HapticLoop",
-      R"(The haptic loop: a thread that reads the devices, executes a tick and sends the force.
-
-Parameters
-----------
-executor : TickExecutor
-    Its bone is refused to others from `start` to the loop's end.
-devices : list of Device
-    One a burr, in index order.
-wall_clock : bool
-    Keep absolute deadlines; else one period follows the other as fast as it goes, and results are the same on
-    every machine.
-realtime : bool
-    Ask for real-time priority and locked memory; `realtime_notes` says what was granted.
-cpu : int
-    To stay on; -1 for any.
-stall_limit : float
-    Without a tick for so long the session stops, the force zero [ms].
-ring : float
-    Records kept for readers [s].
-ticks : int
-    End after so many; 0: when stopped.
-force_limit : float
-    Of the force sent, a burr [N].
-slew_limit : float
-    Of its change [N/ms].
-coupling : float, optional
-    Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
-
-Raises
-------
-ValueError
-    If there is not one device a burr, the rate is above 10 kHz or, on the wall clock, below 2 a `stall_limit`, or a
-    limit or the coupling is not positive.
-)")
+      "The haptic loop: a thread that reads the devices, executes a tick and sends the force. It holds the "
+      "executor's bone from `start` to its end; `devices` are one per burr, in index order. `wall_clock` "
+      "keeps absolute deadlines; without it one period follows another as fast as possible, with the same "
+      "results on every machine. `realtime` asks for priority and locked memory; `cpu` is the CPU to run on, "
+      "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
+      "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
+      "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
+      "device and burr [N/mm]; without it the burr is at the device. ValueError if there is not one device "
+      "per burr, the rate is above 10 kHz or, on the wall clock, below 2 per `stall_limit`, or a limit or "
+      "the coupling is not positive.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,
@@ -258,17 +203,18 @@ ValueError
            "force_limit"_a = defaults.force_limit, "slew_limit"_a = defaults.slew_limit,
            "coupling"_a = py::none())
       .def("start", &HapticLoop::start, no_gil,
-           "Starts the thread; once. ValueError the second time, or if the bone or a device is in use.")
+           "Starts the thread. ValueError the second time, or if the bone or a device is in use.")
       .def("stop", &HapticLoop::stop, "reason"_a = "stopped", no_gil,
            "Ends the session and waits for the thread.")
-      .def("wait", &HapticLoop::wait, "seconds"_a, no_gil, "Until the session ends; whether it has.")
+      .def("wait", &HapticLoop::wait, "seconds"_a, no_gil,
+           "Waits for the session's end; returns whether it came.")
       .def_property_readonly("running", &HapticLoop::running)
       .def_property_readonly("started", &HapticLoop::started)
       .def_property_readonly("reason", &HapticLoop::reason, "Why the session ended; empty while it runs")
       .def_property_readonly("failed", &HapticLoop::failed,
                              "It ended on a lost device, a stall or a value that is not finite")
       .def_property_readonly("realtime_notes", &HapticLoop::realtime_notes,
-                             "What was asked of the system, and whether it was granted: a sentence each")
+                             "What was asked of the system and granted, one sentence each")
       .def_property_readonly("counts", &HapticLoop::counts)
       .def(
           "energy",
@@ -277,16 +223,16 @@ ValueError
             return py::make_tuple(e.now, e.most);
           },
           "burr"_a = 0,
-          "(given to the hand minus taken from it, the largest so far) [mJ]: above zero the sampled force "
-          "made it.")
+          "(energy given to the hand minus taken from it, its largest value so far) [mJ]; above zero, "
+          "sampling made it.")
       .def_property_readonly("jitter", &HapticLoop::jitter, py::return_value_policy::reference_internal,
                              "|time since the last tick - whole periods|")
       .def_property_readonly("lateness", &HapticLoop::lateness, py::return_value_policy::reference_internal,
                              "Start of a tick after its deadline")
       .def_property_readonly("tick_time", &HapticLoop::tick_time, py::return_value_policy::reference_internal,
-                             "Of a tick on the thread's CPU clock")
+                             "CPU time of a tick")
       .def_property_readonly("wall_time", &HapticLoop::wall_time, py::return_value_policy::reference_internal,
-                             "Of a tick on the wall clock")
+                             "Wall time of a tick")
       .def_property_readonly("executor", &HapticLoop::executor)
       .def_property_readonly("first_tick", &HapticLoop::first_tick, "Index of the first tick");
 }

@@ -25,8 +25,8 @@ void bind_stability(py::module_& m) {
         "Wetted area on flat bone, projected on the normal: pi (2 R h - h^2) [mm^2]. ValueError unless h is "
         "0 to 2 R.");
   m.def("hole_contact_area", &hole_contact_area, "radius"_a, "depth"_a,
-        "Wetted area in a hole of the burr's own, of depth H: pi (2 R H - H^2) [mm^2]. ValueError unless H "
-        "is 0 to 2 R.");
+        "Wetted area in the burr's own hole of depth H: pi (2 R H - H^2) [mm^2]. ValueError unless H is 0 to "
+        "2 R.");
   m.def("contact_stiffness", &contact_stiffness, "force"_a, "area"_a, py::kw_only(), "radius"_a, "c_e"_a,
         "k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2]. "
         "ValueError on a negative force or area.");
@@ -53,31 +53,14 @@ void bind_stability(py::module_& m) {
   m.def("force_at_limit", &force_at_limit, "limit"_a, "area"_a, py::kw_only(), "radius"_a, "c_e"_a,
         "Force [N] below which a contact of this wetted area [mm^2] is stiffer than `limit` [N/mm].");
   m.def("passivity_energy", &passivity_energy, "position"_a, "force"_a,
-        R"(Energy that a loop gave to the hand, tick by tick.
+        "Energy given to the hand minus taken from it, up to each tick [mJ], (n,), from the device's "
+        "positions [mm] and the forces sent [N], each held to the next tick, (n, 3). ValueError if the "
+        "shapes differ or are not (n, 3).");
 
-Parameters
-----------
-position : array_like, shape (n, 3)
-    Of the device at each tick [mm].
-force : array_like, shape (n, 3)
-    Sent in that tick, and held to the next [N].
-
-Returns
--------
-ndarray, shape (n,)
-    Given minus taken, up to each tick [mJ].
-
-Raises
-------
-ValueError
-    If the shapes differ or are not (n, 3).
-)");
-
-  py::class_<StabilityReport>(m, "StabilityReport",
-                              "What a session says of its stability; nan where unknown.")
-      .def_readonly("force", &StabilityReport::force, "Now [N]")
+  py::class_<StabilityReport>(m, "StabilityReport", "The stability that a session reports; nan if unknown.")
+      .def_readonly("force", &StabilityReport::force, "[N]")
       .def_readonly("k", &StabilityReport::k, "Contact stiffness, in series with a coupling [N/mm]")
-      .def_readonly("area", &StabilityReport::area, "Wetted area that k tells [mm^2]")
+      .def_readonly("area", &StabilityReport::area, "Wetted area that gives k [mm^2]")
       .def_readonly("limit", &StabilityReport::limit, "The lower of the next two [N/mm]")
       .def_readonly("sampling_limit", &StabilityReport::sampling_limit, "(b - |B|)/(T/2 + t_d) [N/mm]")
       .def_readonly("quantisation_limit", &StabilityReport::quantisation_limit, "2 f_c/Delta [N/mm]")
@@ -103,38 +86,9 @@ ValueError
       "force"_a, "stiffness"_a, "burr"_a, "material"_a, py::kw_only(), "period"_a, "damping"_a = nan,
       "encoder_step"_a = nan, "friction"_a = nan, "age"_a = 0.0, "virtual_damping"_a = 0.0,
       "coupling"_a = std::numeric_limits<double>::infinity(),
-      R"(Contact stiffness against its limits.
-
-Parameters
-----------
-force : float
-    Of the contact [N].
-stiffness : float
-    Of the contact along its normal [N/mm].
-burr : Burr
-material : Material
-period : float
-    Of the loop [ms].
-damping : float
-    Of device and hand [N s/m]; nan where unknown.
-encoder_step : float
-    [mm]; nan where unknown.
-friction : float
-    Coulomb friction of the device [N]; nan where unknown.
-age : float
-    Of the position [ms].
-virtual_damping : float
-    [N s/m]
-coupling : float
-    Stiffness of the virtual coupling [N/mm].
-
-Returns
--------
-StabilityReport
-
-Raises
-------
-ValueError
-    If force, stiffness, damping, step or friction are negative, or period or coupling not positive.
-)");
+      "Contact stiffness along the normal [N/mm] against its limits. `force` of the contact [N], `period` of "
+      "the loop and `age` of the position [ms]; `damping` of device and hand and `virtual_damping` [N s/m]; "
+      "`encoder_step` [mm]; `friction` of the device [N]; nan if unknown. `coupling`: stiffness of the "
+      "virtual coupling [N/mm]. ValueError if force, stiffness, damping, step or friction are negative, or "
+      "period or coupling not positive.");
 }

@@ -32,7 +32,7 @@ LevelArray read_bricks(const VoxelBone& bone, const Numbers& bricks) {
   return out;
 }
 
-// All is checked before anything is written.
+// Checks all before writing anything.
 void restore_bricks(VoxelBone& bone, const Numbers& bricks, const LevelArray& density) {
   check_numbers(bone, bricks);
   if (density.ndim() != 2 || density.shape(0) != bricks.size() || density.shape(1) != brick_voxels)
@@ -60,7 +60,7 @@ std::vector<Index3> to_places(const char* name, const Places& places) {
   return out;
 }
 
-// The array owns what the vector held.
+// An array that owns the vector's memory.
 template <class T>
 py::array_t<T> to_owner(std::vector<T>&& values, py::ssize_t columns) {
   auto* kept = new std::vector<T>(std::move(values));
@@ -100,14 +100,14 @@ void bind_surface(py::module_& m) {
         "Numbers of the bricks that changed since the last call, in order, (n,) uint32. For a bone with one "
         "consumer.");
   m.def("read_bricks", &read_bricks, "bone"_a, "bricks"_a,
-        "Levels now of bricks by number, copied, (n, 512) uint8, zeros beyond the volume. ValueError if a "
-        "number is none.");
+        "Present levels of bricks by number, (n, 512) uint8, zeros beyond the volume; a copy. ValueError if "
+        "there is no such brick.");
   m.def("restore_bricks", &restore_bricks, "bone"_a, "bricks"_a, "density"_a,
-        "Sets the levels now of bricks, (n, 512) uint8, and keeps the pristine ones. ValueError if a number "
-        "is none or a level above the pristine one; nothing is written then.");
+        "Sets the present levels of bricks, (n, 512) uint8. ValueError if there is no such brick or a level "
+        "is above the pristine one; nothing is written then.");
   m.def("extract_surface", &extract, "bone"_a, "blocks"_a, "level"_a = 128,
         "For each block of 32^3 voxels, blocks (n, 3) (z, y, x): points (v, 3) float32 [mm], normals (v, 3) "
         "float32, triangles (t, 3) int32, tissues (v,) uint8, lost (v,) uint8.");
   m.def("tissue_box", &tissue_box, "bone"_a, "start"_a, "shape"_a,
-        "Numbers of the tissues in a box, (z, y, x) uint8, copied; None without tissues.");
+        "Tissue numbers in a box, (z, y, x) uint8; a copy. None without tissues.");
 }

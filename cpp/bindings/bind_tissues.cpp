@@ -34,13 +34,13 @@ Tissue make(const py::str& name, int label, double c_e, double alpha, const std:
 }  // namespace
 
 void bind_tissues(py::module_& m) {
-  py::class_<Tissue>(m, "Tissue", R"(What a label of a segmentation stands for.
+  py::class_<Tissue>(m, "Tissue", R"(A tissue: what a label of a segmentation stands for.
 
 Parameters
 ----------
 name : str
 label : int
-    Its value in the label volume that it was loaded from.
+    Value in the label volume it was loaded from.
 c_e : float
     Elastic constant of Eq. 3 [N/mm^2].
 alpha : float
@@ -48,9 +48,9 @@ alpha : float
 colour : (red, green, blue)
     0 to 255.
 critical : bool
-    Distances to it and injuries of it are watched.
+    The watch reports distances to it and injuries of it.
 bleeds : bool
-    Blood comes where it is opened.
+    It bleeds where it is opened.
 assumed : bool
     c_e and alpha were not measured on this tissue. No tissue but bone has a published pair.
 
@@ -68,9 +68,9 @@ ValueError
       .def_readonly("alpha", &Tissue::alpha, "Erosion rate [1/ms]")
       .def_property_readonly(
           "colour", [](const Tissue& t) { return three(t.colour); }, "(red, green, blue), 0 to 255")
-      .def_readonly("critical", &Tissue::critical, "Distances to it and injuries of it are watched")
-      .def_readonly("bleeds", &Tissue::bleeds, "Blood comes where it is opened")
-      .def_readonly("assumed", &Tissue::assumed, "c_e and alpha were not measured on it")
+      .def_readonly("critical", &Tissue::critical, "The watch reports distances to it and injuries of it")
+      .def_readonly("bleeds", &Tissue::bleeds, "It bleeds where it is opened")
+      .def_readonly("assumed", &Tissue::assumed, "c_e and alpha were not measured on this tissue")
       .def(
           "__eq__", [](const Tissue& a, const Tissue& b) { return fields(a).equal(fields(b)); },
           py::is_operator())
@@ -87,10 +87,9 @@ ValueError
 Parameters
 ----------
 tissues : list of Tissue
-    1 to 64, with names and labels that differ; c_e from 1/4096 to 1000 N/mm^2, alpha zero or positive.
+    1 to 64, with different names and labels; c_e from 1/4096 to 1000 N/mm^2, alpha zero or positive.
 material : Material
-    The bone whose values tissues without their own have, and whose f holds for all: one f a volume. It is the
-    material of every burr in such a volume.
+    Gives c_e and alpha to tissues without their own, and f to all; every burr in the bone has this material.
 
 Raises
 ------
@@ -99,7 +98,7 @@ ValueError
 
 Notes
 -----
-In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels stay exact; `c_e` of a Tissue is not rounded.
+In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels are exact; `c_e` of a Tissue is not rounded.
 )")
       .def(py::init<std::vector<Tissue>, const Material&>(), "tissues"_a, "material"_a)
       .def("__len__", &Tissues::size)
@@ -124,8 +123,8 @@ In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels stay exact; `c
             for (std::size_t i = 0; i < t.size(); ++i) names += (i ? ", " : "") + t[i].name;
             throw std::invalid_argument("tissue must be one of " + names + ", got '" + name + "'");
           },
-          "name"_a, "Number of the tissue of that name. ValueError if there is none.")
-      .def_property_readonly("material", &Tissues::material, "The burr's material in such a volume.")
+          "name"_a, "Number of the tissue of this name. ValueError if there is none.")
+      .def_property_readonly("material", &Tissues::material, "Material of every burr in the bone")
       .def(
           "__eq__",
           [](const Tissues& a, const Tissues& b) {

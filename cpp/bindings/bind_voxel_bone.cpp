@@ -7,17 +7,15 @@
 #include "bindings.hpp"
 #include "burrlab/check.hpp"
 
-// Arrays of densities as levels.
-
 namespace {
 
 using VoxelBoneClass = py::class_<VoxelBone, std::shared_ptr<VoxelBone>>;
 using Levels = VoxelBone::Levels;
-using Range = std::optional<std::pair<double, double>>;  // the values of empty and of solid bone
+using Range = std::optional<std::pair<double, double>>;  // values of empty and of solid bone
 
 std::string dtype_name(const py::array& values) { return std::string(py::str(values.dtype())); }
 
-// Values lo..hi of any real type to levels 0..255, to nearest.
+// Values lo..hi of any real type as levels 0..255, rounded to nearest.
 template <class T>
 Levels scale(const py::array& values, double lo, double hi) {
   const auto dense = py::array_t<T, py::array::c_style>::ensure(values);
@@ -25,7 +23,7 @@ Levels scale(const py::array& values, double lo, double hi) {
   if constexpr (std::is_same_v<T, std::uint8_t>) {
     if (lo == 0.0 && hi == 255.0) return Levels(in, in + dense.size());
   }
-  constexpr bool single = std::is_same_v<T, float>;  // its values were rounded; so are its limits
+  constexpr bool single = std::is_same_v<T, float>;  // float values were rounded, so round the limits too
   const double low = single ? static_cast<float>(lo) : lo, high = single ? static_cast<float>(hi) : hi;
   Levels out(static_cast<std::size_t>(dense.size()));
   for (std::size_t i = 0; i < out.size(); ++i) {
@@ -142,7 +140,7 @@ void bind_voxel_bone_tissues(VoxelBoneClass& bone) {
           [](VoxelBone& bone, const Tissues& tissues, const py::array& numbers) {
             bone.set_tissues(to_map(bone, tissues, numbers));
           },
-          "tissues"_a, "numbers"_a, R"(Says of every voxel which tissue its pristine content is.
+          "tissues"_a, "numbers"_a, R"(Gives each voxel's pristine content a tissue.
 
 Parameters
 ----------
@@ -160,14 +158,14 @@ ValueError
           [](const VoxelBone& bone) -> std::shared_ptr<Tissues> {
             return bone.tissues() ? std::make_shared<Tissues>(bone.tissues()->table()) : nullptr;
           },
-          "Table of its tissues; None where it is of a single material.")
+          "Table of its tissues; None if it is of a single material")
       .def_property_readonly(
           "tissue_numbers", &numbers_of,
-          "Number of every voxel's tissue, (z, y, x) uint8: a read-only copy; None without tissues.")
+          "Tissue number of every voxel, (z, y, x) uint8: a read-only copy; None without tissues")
       .def("mass_of", &of_tissue<&VoxelBone::mass_of>, "tissue"_a,
-           "What is left of a tissue, by name or number [mm^3]. ValueError if there is none of it.")
+           "Present mass of a tissue, by name or number [mm^3]. ValueError if there is no such tissue.")
       .def("removed_of", &of_tissue<&VoxelBone::removed_of>, "tissue"_a,
-           "What was removed of a tissue, by name or number [mm^3]. ValueError if there is none of it.");
+           "Mass removed from a tissue, by name or number [mm^3]. ValueError if there is no such tissue.");
 }
 
 using Spacing = std::variant<double, Vec3>;
@@ -177,7 +175,7 @@ Vec3 to_vector(const Spacing& spacing) {
   return std::get<Vec3>(spacing);
 }
 
-// ValueError of the package, which knows what the machine has, for a bone that is too large.
+// Raises the package's ValueError, which knows the machine's memory, for a bone that is too large.
 void check_memory(const Index3& shape, double each) {
   const double voxels = double(shape[0]) * double(shape[1]) * double(shape[2]);
   if (voxels > 1e8) py::module_::import("burrlab.common.check").attr("check_bone")(voxels, each);
@@ -212,7 +210,7 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
     shape[2 - axis] = static_cast<std::int64_t>(count);
   }
   if (level < 0 || level > 255) refuse("level", "0 to 255", level);
-  check_memory(shape, level > 0 ? 1.04 : 0.04);  // empty bricks take none but for their sums
+  check_memory(shape, level > 0 ? 1.04 : 0.04);  // empty bricks take only their sums
   return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
 }
 
@@ -221,9 +219,9 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
 void bind_voxel_bone(py::module_& m) {
   VoxelBoneClass bone(m, "VoxelBone", R"(Bone as occupancy levels on a regular grid: 0 empty, 255 solid.
 
-Two levels a voxel are kept: `density`, now, and `pristine`, as loaded or written. Outside the volume there is
-nothing. Inside, levels lie in bricks of 8^3 voxels with exact sums of their mass and first moment; pristine levels
-take memory only where erosion changed a brick that was not of one level.
+A voxel has two levels: `density`, the present one, and `pristine`, as loaded or written. The space outside
+the volume is empty. Levels lie in bricks of 8^3 voxels, with exact sums of mass and first moment. Pristine
+levels take memory only where erosion changed a brick that was not uniform.
 
 Parameters
 ----------
@@ -235,14 +233,14 @@ origin : (x, y, z)
     Centre of voxel (0, 0, 0) [mm].
 range : (empty, solid), optional
     Values that become 0 and 255, linear between, rounded to nearest. Default (0, 255) for uint8, (0, 1) for
-    bool; other types must state it.
+    bool; required for other types.
 
 Raises
 ------
 ValueError
-    If the rank is not 3, a side is 0, a value is not finite or out of range, the range is missing, a spacing is
-    not positive, or the machine has too little memory. Of every method that reads or changes levels: if another
-    thread changes the bone, or, to change it, reads it (docs/session.md).
+    If the rank is not 3, a side is 0, a value is not finite or out of range, the range is missing, a spacing
+    is not positive, or the machine has too little memory. From methods that read levels, if another thread
+    changes the bone; from methods that change levels, if another thread uses it (docs/session.md).
 
 Examples
 --------
@@ -287,12 +285,12 @@ ValueError
           "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
       .def_property_readonly(
           "density", [](const VoxelBone& bone) { return read_only(bone, false); },
-          "Levels now, (z, y, x) uint8: a read-only copy, made at each call; `read` copies a part.")
+          "Present levels, (z, y, x) uint8: a read-only copy, made at each call; `read` copies a part")
       .def_property_readonly(
           "pristine", [](const VoxelBone& bone) { return read_only(bone, true); },
-          "Levels as loaded or written, (z, y, x) uint8: a read-only copy.")
+          "Levels as loaded or written, (z, y, x) uint8: a read-only copy")
       .def("read", &levels_of, "start"_a, "shape"_a, py::kw_only(), "pristine"_a = false,
-           R"(Levels of a box, copied.
+           R"(Copies the levels of a box.
 
 Parameters
 ----------
@@ -301,7 +299,7 @@ start : (z, y, x)
 shape : (z, y, x)
     Voxels along each side.
 pristine : bool
-    As loaded or written; else now.
+    If True, levels as loaded or written; else present ones.
 
 Returns
 -------
@@ -312,9 +310,9 @@ Raises
 ValueError
     If the box leaves the volume.
 )")
-      .def_property_readonly("mass", &VoxelBone::mass, "Volume of solid bone that is left [mm^3].")
+      .def_property_readonly("mass", &VoxelBone::mass, "Volume of solid bone left [mm^3]")
       .def_property_readonly("removed", &VoxelBone::removed,
-                             "Volume of solid bone removed since it was loaded, written or reset [mm^3].")
+                             "Volume of solid bone removed since it was loaded, written or reset [mm^3]")
       .def(
           "write",
           [](VoxelBone& bone, const py::array& values, const Index3& start, const Range& range) {
@@ -357,7 +355,7 @@ Raises
 ValueError
     If its shape is another than the bone's, or a level is above the pristine one.
 )")
-      .def("reset", &VoxelBone::reset, "Puts back all that was eroded.")
+      .def("reset", &VoxelBone::reset, "Restores all that was eroded.")
       .def("digest", &VoxelBone::digest, no_gil,
            "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 "
            "bricks of a hash of brick index and content.")

@@ -1,4 +1,4 @@
-// What the bindings share. One bind_<concept> function a file; module.cpp calls them in order of dependence.
+// Shared by the bindings. Each file has a bind_<concept>; module.cpp calls them in order of dependence.
 #pragma once
 
 #include <pybind11/eigen.h>
@@ -28,10 +28,10 @@ using LevelArray = py::array_t<std::uint8_t, py::array::c_style>;
 using Places = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 using Tools = std::vector<std::pair<Burr, Material>>;
 
-/// The GIL is free during a call.
+/// Releases the GIL during a call.
 inline const py::call_guard<py::gil_scoped_release> no_gil;
 
-/// What `work` returns, done without the GIL.
+/// Runs `work` without the GIL; returns its result.
 template <class Work>
 auto without_gil(Work&& work) {
   const py::gil_scoped_release release;
@@ -50,7 +50,7 @@ py::array_t<Value> to_array(const std::vector<Value>& values) {
   return to_array(values.data(), {py::ssize_t(values.size())});
 }
 
-/// A getter of a copy: def_readonly gives Eigen's vectors as views.
+/// A getter that copies; def_readonly would give views of Eigen's vectors.
 template <class Class, class Value>
 auto copy_of(Value Class::* field) {
   return [field](const Class& object) { return object.*field; };
@@ -72,29 +72,29 @@ inline Index3 shape_of(const py::array& values) {
   return {values.shape(0), values.shape(1), values.shape(2)};
 }
 
-/// Text of a peer, which may be no UTF-8.
+/// Text from a peer, which may not be UTF-8.
 inline py::str to_text(std::string_view bytes) {
   PyObject* text = PyUnicode_DecodeUTF8(bytes.data(), py::ssize_t(bytes.size()), "replace");
   if (!text) throw py::error_already_set();
   return py::reinterpret_steal<py::str>(text);
 }
 
-/// A shape or its name, so that a wrong name ends in its own sentence.
+/// A shape or its name; a wrong name gets its own error.
 using ShapeArgument = std::variant<std::string, Shape>;
 inline Shape to_shape(const ShapeArgument& shape) {
   if (const auto* name = std::get_if<std::string>(&shape)) return Shape::parse(*name);
   return std::get<Shape>(shape);
 }
 
-/// A copy, (n,) of type record_dtype, of ticks; and the bricks of an update of this bone.
+/// An update of this bone: tick, newest record or None, bricks (n, 3), density (n, 8, 8, 8).
 py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone);
 
-/// What a watch has seen; events but for the first `known`.
+/// The events of a watch, without the first `known`, its doses and counts.
 py::dict to_dict(const AnatomyWatch& watch, std::size_t known);
 
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme);
 
-/// (copy of the bone, ticks it has seen) of whatever follows a session.
+/// (copy of the bone, ticks executed on it), of a Follower or a Replica.
 template <class Following>
 py::tuple snapshot_of(const Following& following) {
   std::uint64_t tick = 0;
@@ -102,7 +102,7 @@ py::tuple snapshot_of(const Following& following) {
   return py::make_tuple(bone, tick);
 }
 
-/// What the watch of whatever follows a session has seen; events but for the first `known`.
+/// As `to_dict` of the watch of a Follower or a Replica.
 template <class Following>
 py::dict watched_by(Following& following, std::size_t known) {
   std::shared_ptr<AnatomyWatch> copy;

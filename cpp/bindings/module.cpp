@@ -6,13 +6,12 @@
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The C++ core of burrlab; private: import from burrlab.";
   m.attr("__version__") = BURRLAB_VERSION;
-  cpu_path();  // a wrong BURRLAB_CPU_PATH ends the import
+  cpu_path();  // throws if BURRLAB_CPU_PATH is wrong
   m.def("cpu_paths", &cpu_paths, "The tick's code paths that this CPU runs, plainest first.");
   m.def("cpu_path", &cpu_path,
-        "The path in use: the fastest, or what the environment variable BURRLAB_CPU_PATH names. All give "
-        "equal bits.");
+        "The path of new contacts: the fastest, or that of the environment variable BURRLAB_CPU_PATH.");
   m.def("use_cpu_path", &use_cpu_path, "name"_a,
-        "Path of the contacts made from now on. ValueError unless one of `cpu_paths()`.");
+        "Sets the path of new contacts; all give equal bits. ValueError unless one of `cpu_paths()`.");
   m.def(
       "draws",
       [](const Index3& shape, std::uint64_t seed, std::uint64_t tick, std::uint32_t index,
@@ -24,7 +23,7 @@ PYBIND11_MODULE(_core, m) {
         return py::array_t<std::uint16_t>({shape[0], shape[1], shape[2]}, field.data());
       },
       "shape"_a, "seed"_a, "tick"_a, "index"_a = 0, "draw"_a = 0,
-      "The 16-bit random numbers of a tick, one a voxel, (nz, ny, nx) uint16; draw 0 is U, 1 is V "
+      "The 16-bit random numbers of a tick by voxel, (nz, ny, nx) uint16; draw 0 is U, 1 is V "
       "(docs/tick.md).");
   bind_material(m);
   bind_tissues(m);

@@ -1,4 +1,4 @@
-// What counts as a real number: pybind11 lets NumPy drop imaginary parts, and takes True for 1.
+// Casters that take real numbers only: pybind11 lets NumPy drop imaginary parts, and takes True for 1.
 #pragma once
 
 #include <pybind11/eigen.h>
@@ -6,7 +6,7 @@
 
 namespace pybind11::detail {
 
-/// Numbers of whose values nothing is lost; of NumPy's, 'c' is the kind of complex ones, 'b' of flags.
+/// Whether a number is real; NumPy's kind 'c' is complex, 'b' bool.
 inline bool is_real(handle number) {
   PyObject* it = number.ptr();
   if (!it || PyBool_Check(it) || PyComplex_Check(it)) return false;

@@ -14,7 +14,7 @@ Index3 parents(const Index3& children) {
 
 std::size_t product(const Index3& n) { return static_cast<std::size_t>(n[0] * n[1] * n[2]); }
 
-// Sets or clears a bit; true where its word is not empty afterwards.
+// Sets or clears a bit; returns whether its word is not empty afterwards.
 bool change(std::uint64_t& word, int bit, bool on) {
   const std::uint64_t mask = std::uint64_t{1} << bit;
   word = on ? word | mask : word & ~mask;

@@ -1,4 +1,4 @@
-// The walk of a tick: the bricks that hold bone and that the sphere may touch, by the occupancy words.
+// The walk of a tick over the bricks with bone that the sphere may touch, by the occupancy words.
 #pragma once
 
 #include <algorithm>
@@ -21,8 +21,7 @@ struct SphereInBricks {
   double whole;       // every voxel whose centre is nearer is covered whole [mm]
 };
 
-// Least and largest squared distance along one axis, from the centre to the voxels of four neighbouring
-// bricks.
+// Least and largest squared distance along an axis, from the centre to the voxels of four bricks in a row.
 struct Reach {
   double least[4], most[4];
 
@@ -47,7 +46,7 @@ inline int lowest_bit(std::uint64_t word) {
 #endif
 }
 
-// The bits of a word whose children lie within a box of child numbers, clipped to the word's 4^3.
+// The bits of a word whose children are in a box of child numbers, clipped to the word's 4^3.
 inline std::uint64_t within(const std::int64_t first[3], const std::int64_t last[3], std::int64_t z,
                             std::int64_t y, std::int64_t x) {
   const auto span = [](std::int64_t low, std::int64_t high, std::int64_t parent) {
@@ -67,7 +66,7 @@ inline std::uint64_t within(const std::int64_t first[3], const std::int64_t last
          span(first[0], last[0], x) * 0x1111111111111111u;
 }
 
-/// Calls visit(z, y, x, whole) for every such brick; `whole`: the sphere covers it entirely.
+/// Calls visit(z, y, x, whole) for every such brick; `whole`: wholly inside the sphere.
 template <class Visit>
 void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit visit) {
   const auto &first = sphere.first, &last = sphere.last;

@@ -27,7 +27,7 @@ BurrContact::BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, cons
   check_tissues();
 }
 
-// A sum of K M must fit in 63 bits, and one material serves all tissues of a bone.
+// A sum of K M must fit in 63 bits, and a bone's tissues have one material.
 void BurrContact::check_tissues() const {
   check_material(*bone_, material_);
   if (!bone_->tissues()) return;
@@ -38,7 +38,7 @@ void BurrContact::check_tissues() const {
            tick_.resolution());
 }
 
-// Made anew where dt is another than last time, or the bone was given other tissues since.
+// Makes new constants if dt differs from the last one, or the bone has other tissues.
 const ErosionSteps& BurrContact::steps_of(double dt) {
   if (dt == dt_ && tissues_ == bone_->tissues()) return steps_;
   check_tissues();
@@ -109,7 +109,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
   require_finite("travel", travel);
   if (!(std::abs(axis.norm() - 1.0) < 1e-9)) refuse("length of axis", "1", axis.norm());
   const double tolerance = 1e-5 * force;                     // far below the noise of erosion
-  const double finest = 1e-6 * bone_->spacing().minCoeff();  // positions are rounded to 2^-20 voxel
+  const double finest = 1e-6 * bone_->spacing().minCoeff();  // positions are multiples of 2^-20 voxel
   const double coarsest_step = 0.25 * bone_->spacing().minCoeff();
   const auto axial = [&](double s) { return -probe(start + s * axis).force.dot(axis); };
 
@@ -135,7 +135,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
         }
         step = std::min(2.0 * step, coarsest_step);
       }
-      // False position with halving (Illinois): never leaves the bracket, superlinear on a smooth force.
+      // False position with halving (Illinois): stays in the bracket, superlinear on a smooth force.
       double weight_low = low_force - force, weight_high = high_force - force;
       int side = 0;
       for (int iteration = 0; iteration < 60; ++iteration) {

@@ -21,7 +21,7 @@ struct Integrals {
   double slope;   // -d mass / da = int x^(k+1) exp(-a x^(k+1)) dx
 };
 
-// Over x = e..e+1. Panels shrink towards e, where the integrand may fall within exp(-a x^(k+1)) of a huge a.
+// Over x = e..e+1. Panels shrink towards e, where the integrand falls steeply if a is large.
 Integrals integrate(double a, double e, double k) {
   Integrals sum{0.0, 0.0, 0.0};
   double high = 1.0;

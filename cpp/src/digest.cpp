@@ -1,4 +1,4 @@
-// The fingerprint of a bone: 128 bits over its geometry, its present and its pristine levels.
+// The digest of a bone: 128 bits over geometry, present and pristine levels.
 #include "burrlab/digest.hpp"
 
 #include <algorithm>
@@ -69,7 +69,7 @@ Hash128 of_brick(const VoxelBone& bone, std::size_t number) {
   for (std::int64_t z = 0; z < n[0]; ++z) {
     for (std::int64_t y = 0; y < n[1]; ++y) {
       const std::int64_t row = (z * brick_side + y) * brick_side;
-      std::uint64_t now, before;  // beyond the volume they hold zeros
+      std::uint64_t now, before;  // zeros beyond the volume
       std::memcpy(&now, density + row, sizeof now);
       std::memcpy(&before, pristine + row, sizeof before);
       mix(hash, now);

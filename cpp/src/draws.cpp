@@ -1,4 +1,4 @@
-// The random numbers of a tick before they meet a voxel, and as a field over a volume.
+// A tick's random numbers before they meet a voxel, and as a field over a volume.
 #include <algorithm>
 
 #include "burrlab/philox.hpp"

@@ -8,8 +8,8 @@
 namespace burrlab {
 namespace {
 
-// u from m in [0, 4/3], without libm. Four Newton steps reach double precision for m <= 2/3; above,
-// the cap is the complement of another (equal to 9e-14).
+// u from m in [0, 4/3], without libm. Four Newton steps reach double precision for m <= 2/3. Above, the cap
+// is the complement of another (equal to 9e-14).
 double relative_penetration(double m) {
   if (m > 2.0 / 3.0) return 2.0 - relative_penetration(4.0 / 3.0 - m);
   const double root = std::sqrt(m), a = root / 3.0;

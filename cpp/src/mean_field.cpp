@@ -1,9 +1,8 @@
-// Method. Bone that the burr's front meets at the same immersion s, at whatever lateral radius, is a slice: a
-// copy of the front's surface at depth s. In it p = cosine of the front's slope names the place, 1 on the
-// axis and 1 - s at the rim, and later, at height y = H - s above the front, 1 - x^2 = y (2 p - y). With the
-// slowness dt/dH held constant in each step, -log(density) is a sum of slowness * (int f dH), and each step's
-// slowness is the one that leaves the mass of Eq. 2 in the burr. Slices are sampled at their middle: second
-// order.
+// Method. A slice is the bone that the burr's front meets at one immersion s, a copy of the front's surface
+// at depth s. A place in it is named by p, the cosine of the front's slope: 1 on the axis, 1 - s at the rim.
+// At height y = H - s above the front, 1 - x^2 = y (2 p - y). The slowness dt/dH is constant in each step, so
+// -log(density) is a sum of slowness * (int f dH); the slowness of each step leaves the mass of Eq. 2 in the
+// burr. Slices are sampled at their middle: second order.
 #include "burrlab/mean_field.hpp"
 
 #include <algorithm>
@@ -24,7 +23,7 @@ constexpr Nodes weight{0.17392742256872693, 0.32607257743127307, 0.3260725774312
 constexpr double gone = 28.0;         // densities below exp(-28) = 7e-13 are dropped
 constexpr double step_limit = 200e3;  // seconds of work
 
-/// Volume/pi of a unit sphere's cap of height u: m of Eq. 2, and m(H) of all that the front has passed.
+/// Volume/pi of a unit sphere's cap of height u: m of Eq. 2, and m(H) of all the front has passed.
 double cap(double u) { return u * u * (1.0 - u / 3.0); }
 
 struct Slice {
@@ -42,8 +41,8 @@ struct Slice {
     }
   }
 
-  /// For a height above the front that goes from y0 to y1. The factor y^k of f is integrated exactly, the
-  /// rest, which is smooth, by the midpoint rule.
+  /// For a height above the front from y0 to y1. The factor y^k of f is integrated exactly, the smooth rest
+  /// by the midpoint rule.
   void set_dose(const Shape& shape, double y0, double y1) {
     const double k = shape.order(), y = 0.5 * (y0 + y1);
     double length = y1 - y0;
@@ -62,7 +61,7 @@ class Layer {
     for (int i = 0; i < slices; ++i) slices_.emplace_back(contact * i / slices, contact * (i + 1) / slices);
   }
 
-  /// Moves the front and returns the slowness [1/(alpha R)] that keeps the mass; `guess` starts the search.
+  /// Moves the front. Returns the slowness [1/(alpha R)] that keeps the mass; `guess` starts the search.
   double advance(double from, double to, double guess) {
     slices_.emplace_back(from, to);
     for (std::size_t i = first_; i < slices_.size(); ++i) {
@@ -81,8 +80,8 @@ class Layer {
     return *std::min_element(slice.exponent.begin(), slice.exponent.end()) > gone;
   }
 
-  // Newton's method. The mass is a convex, falling function of the slowness: only the first step can pass the
-  // root, and then to the side from which no step does.
+  // Newton's method. The mass is a convex, falling function of the slowness. Only the first step can pass the
+  // root, to the side from which no further step does.
   double solve(double slowness) const {
     for (int iteration = 0; iteration < 100; ++iteration) {
       double mass = 0.0, loss = 0.0;
@@ -103,11 +102,11 @@ class Layer {
   Shape shape_;
   double mass_;
   std::vector<Slice> slices_;
-  std::size_t first_ = 0;  // older slices are gone
+  std::size_t first_ = 0;  // older slices are dropped
 };
 
-// The step at the stop is a fraction of the layer there, mean thickness m/area. Steps are equal in H^2: the
-// layer thins as 1/H.
+// The step at the stop is a fraction of the layer's mean thickness m/area there. Steps are equal in H^2, as
+// the layer thins as 1/H.
 double count_steps(const Shape& shape, double contact, double stop, double resolution) {
   const double k = shape.order(), v = thin_layer_velocity(shape, contact * std::sqrt(contact), stop);
   const double thickness =
@@ -117,7 +116,7 @@ double count_steps(const Shape& shape, double contact, double stop, double resol
                    std::max(64.0 + 8.0 * k, (stop - contact) * (stop + contact) / (2.0 * stop * step)));
 }
 
-// The time at which a rising immersion reaches `level`, within its range.
+// The time at which a rising immersion reaches `level`, which must be in its range.
 double time_at(const std::vector<double>& time, const std::vector<double>& immersion, double level) {
   const auto above = std::upper_bound(immersion.begin() + 1, immersion.end() - 1, level);
   const std::size_t i = static_cast<std::size_t>(above - immersion.begin());
@@ -153,8 +152,8 @@ MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
 }
 
 // A column where the front's slope has cosine p holds rho = exp(-kappa p^k y^(k+1)/((k+1) v)), hence the mass
-// Gamma(q) ((k+1) v/(kappa p^k))^(1/(k+1)) per area, q = (k+2)/(k+1); over the immersed cap, area 2 pi p dp,
-// this is to be the mass of Eq. 2.
+// Gamma(q) ((k+1) v/(kappa p^k))^(1/(k+1)) per area, q = (k+2)/(k+1). Over the immersed cap, area 2 pi p dp,
+// this must be the mass of Eq. 2.
 double thin_layer_velocity(const Shape& shape, double phi, double immersion) {
   require_positive("phi", phi);
   if (!(immersion > 0.0 && immersion <= 1.0)) refuse("immersion", "in (0, 1]", immersion);

@@ -51,7 +51,7 @@ Shape Shape::parse(const std::string& name) {
 std::string Shape::name() const {
   for (const Named& row : named)
     if (kind_ == row.kind && order_ == row.order) return row.name;
-  for (int digits = 1;; ++digits) {  // the shortest text that reads back as the same number
+  for (int digits = 1;; ++digits) {  // the shortest text that gives the same number
     std::ostringstream text;
     text.imbue(std::locale::classic());
     text.precision(digits);

@@ -1,7 +1,7 @@
-// Surface nets: one vertex in each cell (a cube of eight voxel centres) that the surface passes, the mean of
-// its crossings of the cell's edges; one quad about each edge between two voxel centres that it crosses
-// (Gibson, Constrained elastic surface nets, MICCAI 1998, without the relaxation). A vertex and its normal
-// follow from the levels of 4^3 voxels alone, in a fixed order: so blocks agree on them to the bit.
+// Surface nets (Gibson, Constrained elastic surface nets, MICCAI 1998, without the relaxation). Each cell, a
+// cube of eight voxel centres, that the surface passes has one vertex: the mean of its crossings of the
+// cell's edges. Each edge between two voxel centres that it crosses has one quad about it. Vertex and normal
+// depend only on the levels of 4^3 voxels, in a fixed order, so blocks agree to the bit.
 #include "burrlab/surface.hpp"
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace burrlab {
 namespace {
 
-constexpr int margin = 2;  // voxels around a block that its vertices and normals depend on
+constexpr int margin = 2;  // voxels around a block that affect its vertices and normals
 constexpr int side = surface_side + 2 * margin;
 constexpr int last = surface_side + margin - 1;  // the block's own last voxel
 constexpr std::array<int, 3> step = {1, side, side * side};
@@ -37,7 +37,7 @@ class Extraction {
   }
 
  private:
-  // Copies the levels; whether they can lie on both sides.
+  // Copies the levels; returns whether they can lie on both sides.
   bool load() {
     const Index3& bricks = bone_.bricks();
     const auto first_of = [&](int axis) { return low_[axis] < 0 ? -1 : low_[axis] / brick_side; };
@@ -78,7 +78,7 @@ class Extraction {
                     std::size_t(end[2] - begin[2]));
   }
 
-  // One bit a voxel, one word a row: inside or not. Whether both occur.
+  // One bit per voxel, one word per row: inside or not. Returns whether both occur.
   bool classify() {
     std::uint64_t any = 0, all = ~std::uint64_t{0};
     for (int row = 0; row < side * side; ++row) {
@@ -92,8 +92,7 @@ class Extraction {
     return any != 0 && all != (std::uint64_t{1} << side) - 1;
   }
 
-  // The quads about the block's own edges along an axis. The first block owns those that begin beyond the
-  // volume too.
+  // The quads about the block's own edges along an axis. The first block also owns those from outside.
   void cross_edges(int axis) {
     const auto first = [&](int a) { return low_[a] < 0 ? margin - 1 : margin; };
     const std::uint64_t own = ((std::uint64_t{2} << last) - 1) & ~((std::uint64_t{1} << first(2)) - 1);
@@ -138,7 +137,7 @@ class Extraction {
     return sum;
   }
 
-  // Number of a cell's vertex; makes it if it is new. A cell is named by its first voxel.
+  // Number of a cell's vertex, made if new. A cell is named by its first voxel.
   std::int32_t vertex(int cell) {
     std::int32_t& number = vertex_[std::size_t(cell)];
     if (number >= 0) return number;
@@ -160,7 +159,7 @@ class Extraction {
     return (corner & 1) + (corner >> 1 & 1) * step[1] + (corner >> 2) * step[2];
   }
 
-  // Within the cell, 0..1 along each axis.
+  // Place in the cell, 0..1 along each axis.
   Vec3 crossing_mean(int cell) const {
     const double surface = level_ - 0.5;
     Vec3 sum = Vec3::Zero();
@@ -178,9 +177,9 @@ class Extraction {
     return sum / count;
   }
 
-  // Against the gradient of the levels: at each of the cell's corners central differences along one axis and
-  // weights 1 2 1 along the others, between the corners trilinearly. All that as sums over the 4^3 voxels
-  // around, one axis after the other.
+  // Against the gradient of the levels. At each corner of the cell: central differences along one axis,
+  // weights 1 2 1 along the others. Between the corners: trilinear. All computed as sums over the 4^3 voxels
+  // around, one axis after another.
   Vec3 normal(int cell, const Vec3& at) const {
     double slope[3][4], smooth[3][4];
     for (int axis = 0; axis < 3; ++axis) {
@@ -216,7 +215,7 @@ class Extraction {
       const Vec3 out = -gradient->cwiseQuotient(bone_.spacing());
       if (out.squaredNorm() > 1e-6) return out.normalized();
     }
-    return Vec3::UnitZ();  // the same on all sides, as in a plate of one voxel
+    return Vec3::UnitZ();  // equal on all sides, as in a plate of one voxel
   }
 
   std::uint8_t tissue(int cell, const std::array<std::int64_t, 3>& first, const Vec3& at) const {
@@ -275,7 +274,7 @@ class Extraction {
   bool eroded_ = false;
   std::vector<std::uint8_t> levels_;
   std::array<std::uint64_t, side * side> inside_;
-  std::vector<std::int32_t> vertex_;  // by cell; -1: none yet
+  std::vector<std::int32_t> vertex_;  // by cell; -1: not made
   SurfaceBlock out_;
 };
 

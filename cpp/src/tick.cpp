@@ -1,8 +1,7 @@
 // The hot path: the bricks that the sphere touches. No allocation, lock, virtual call, or libm beyond what is
-// exact. A brick that is covered whole gives its stored sums, an empty one is never seen, the rest is visited
-// row by row by the code of the CPU's instruction set (kernel/brick_visit.hpp). Budget: 1 ms with the largest
-// burr on the finest volume; measured by tests/bench (`make bench`). Design: docs/hierarchy.md; every line
-// that decides a bit follows docs/tick.md: change both or neither.
+// exact. A brick inside the sphere gives its stored sums, an empty one is skipped, the rest is visited row by
+// row (kernel/brick_visit.hpp). Budget: 1 ms with the largest burr on the finest volume, measured by `make
+// bench`. Design: docs/hierarchy.md. Lines that decide a bit follow docs/tick.md: change both or neither.
 
 #include "burrlab/tick.hpp"
 
@@ -64,7 +63,7 @@ Tick::Placement Tick::place(const VoxelBone& bone, const Vec3& center) const {
     require_finite("center", center[axis]);
     const double s = spacing_[axis];
     const auto n = static_cast<double>(bone.shape()[2 - axis]);
-    // Far outside, any position without contact does as well.
+    // Far outside, any position without contact is as good.
     const double c = std::clamp((center[axis] - bone.origin()[axis]) / s, -1e9, 1e9);
     const double base = std::rint(c);
     at.base[axis] = static_cast<std::int64_t>(base);
@@ -164,7 +163,7 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     brick.columns_in_slab = columns_in_slab;
     brick.faint = bone.has_faint(number);
     kernel::Sums found{};
-    if (summing && whole && !brick.faint) {  // no part of it outside
+    if (summing && whole && !brick.faint) {  // wholly inside
       const BrickSums& stored = bone.sums(number);
       found.mass = std::int64_t{256} * stored.mass;
       found.x = std::int64_t{256} * stored.x;

@@ -30,7 +30,7 @@ Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
   return shape;
 }
 
-// Calls visit(offset in the tile, offset in the box, length) for every row of a box of levels within a brick.
+// Calls visit(offset in the tile, offset in the box, length) for every row of a box within a brick.
 template <class Visit>
 void each_row(const Index3& at, const Index3& start, const Index3& shape, Visit visit) {
   Index3 low, high;
@@ -133,7 +133,7 @@ void VoxelBone::check_box(const Index3& start, const Index3& shape) const {
   }
 }
 
-// The pristine tile, zeros beyond the volume.
+// Copies the pristine tile, zeros beyond the volume.
 void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const {
   if (const std::uint8_t* known = pristine_tile(brick)) {
     if (known != tile) std::memcpy(tile, known, brick_voxels);
@@ -148,7 +148,7 @@ void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t*
       std::memset(tile + (z * brick_side + y) * brick_side, level_[brick], std::size_t(n[2]));
 }
 
-// Everything that follows from the present and the pristine levels of a brick.
+// Updates all that follows from a brick's present and pristine levels.
 void VoxelBone::settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine) {
   pristine_sum_ -= pristine_mass(at, brick);
   const Index3 n = extent(at);
@@ -287,7 +287,7 @@ std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSu
   return lost;
 }
 
-// Bricks by number: what copies that follow a bone read, write and take over.
+// Bricks by number, for copies that follow a bone.
 
 void VoxelBone::touch() {
   constexpr std::size_t page = 4096;
@@ -337,7 +337,7 @@ void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, cons
     if (density[i] > pristine[i]) refuse("density of a brick", "at most its pristine level", density[i]);
     if (!inside && pristine[i]) refuse("levels of a brick beyond the volume", "0", pristine[i]);
   }
-  std::uint8_t before[brick_voxels];  // the tile may be where the pristine levels lie
+  std::uint8_t before[brick_voxels];  // the tile may hold the pristine levels
   std::memcpy(before, pristine, brick_voxels);
   count_tissues(brick, -1);
   std::memcpy(density_.tile(brick), density, brick_voxels);
@@ -345,7 +345,7 @@ void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, cons
   count_tissues(brick, 1);
 }
 
-// Only the tile is read: all else follows from it and from what is known here.
+// Reads only the other bone's tile; all else follows from the tile and this bone.
 void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
   alignas(64) std::uint8_t levels[brick_voxels];
   load_shared_tile(levels, from.tile(brick));
@@ -385,7 +385,7 @@ double VoxelBone::removed_of(std::size_t tissue) const {
   return double(tissue_sums_.pristine[tissue] - tissue_levels(tissue)) * (voxel_volume() / 255.0);
 }
 
-// Adds the brick's levels to the sums of its tissues, or takes them out.
+// Adds the brick's levels to the sums of its tissues, or subtracts them.
 void VoxelBone::count_tissues(std::size_t brick, int sign) {
   if (!tissues_) return;
   if (!tissues_->tile(brick)) {

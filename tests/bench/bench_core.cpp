@@ -1,4 +1,4 @@
-// The benchmark's library for ctypes: bones and burrs of the core on a CPU path of choice.
+// The benchmark's library for ctypes: bones and burrs of the core on a chosen CPU path.
 
 #include <algorithm>
 #include <cstring>
@@ -17,7 +17,7 @@ using namespace burrlab::bench;
 
 namespace {
 
-// A bone with one burr, and a watch where structures of it are critical.
+// A bone with one burr, and a watch if some of its structures are critical.
 struct Core {
   std::shared_ptr<VoxelBone> bone;
   std::unique_ptr<BurrContact> contact;
@@ -32,7 +32,7 @@ struct Core {
   }
 };
 
-// How a tick is made: in one pass, moments and erosion in two, or one of these alone.
+// Ways to make a tick: in one pass, in two (moments, erosion), or one of these alone.
 enum Pass { fused, split, probe, erode };
 
 Contact one_tick(BurrContact& contact, const Vec3& center, double dt, int pass) {
@@ -43,7 +43,7 @@ Contact one_tick(BurrContact& contact, const Vec3& center, double dt, int pass) 
   return felt;
 }
 
-// The record as a session would have it, for the watch.
+// Makes a session's record for the watch.
 void look(Core& core, const Vec3& center, const Contact& felt) {
   TickRecord record;
   record.index = felt.tick;
@@ -55,7 +55,7 @@ void look(Core& core, const Vec3& center, const Contact& felt) {
   core.watch->after_step(*core.bone, record, 0);
 }
 
-// Every node of the field, 0.4 mm apart in the volume's box, is exact.
+// A structure whose field, with nodes 0.4 mm apart in the volume's box, is exact at every node.
 WatchedStructure watched(const VoxelBone& bone, std::size_t tissue) {
   constexpr double spacing = 0.4;
   Index3 nodes;
@@ -73,7 +73,7 @@ WatchedStructure watched(const VoxelBone& bone, std::size_t tissue) {
 
 extern "C" {
 
-// `density` may be null: as pristine.
+// `density` may be null: equal to pristine.
 Core* core_new(const std::int64_t* shape, const std::uint8_t* pristine, const std::uint8_t* density,
                double spacing, const double* origin, double radius, double c_e, double alpha, int layer,
                std::uint64_t seed, const char* path, std::uint64_t tick) {
@@ -97,8 +97,8 @@ Core* core_clone(const Core* core, const char* path) {
 
 void core_free(Core* core) { delete core; }
 
-// Gives the bone `count` tissues with the values of its material, so that it is carved as before; the first
-// `critical` are watched from here on.
+// Gives the bone `count` tissues with the values of its material, so that it is carved as without. The first
+// `critical` are watched.
 int core_set_tissues(Core* core, const std::uint8_t* numbers, int count, int critical) {
   return guarded([&] {
     const Material& material = core->contact->material();
@@ -121,7 +121,7 @@ int core_reset(Core* core) {
   return guarded([&] { return core->bone->reset(), 0; });
 }
 
-// n ticks at `centers` (n, 3), timed by `batch` at a time: seconds a tick (n / batch), interrupted (n /
+// n ticks at `centers` (n, 3), timed in batches of `batch`: seconds per tick (n / batch), interrupted (n /
 // batch). moments (n, 4), m0 and m1 of each tick, or null.
 int core_run(Core* core, const double* centers, std::int64_t n, double dt, int pass, std::int64_t batch,
              double* seconds, std::uint8_t* interrupted, double* moments) {
@@ -141,7 +141,7 @@ int core_run(Core* core, const double* centers, std::int64_t n, double dt, int p
   });
 }
 
-// The force held exactly; returns the number of ticks, with positions (ticks) and the seconds of all.
+// Holds the force exactly. Returns the number of ticks, with positions (ticks) and the seconds in all.
 std::int64_t core_hold(Core* core, double force, const double* start, const double* axis, double from,
                        double travel, double dt, std::int64_t ticks, double* positions, double* seconds) {
   return guarded([&] {

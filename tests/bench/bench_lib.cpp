@@ -1,5 +1,5 @@
-// The benchmark's library for ctypes: the plain tick and the machine. Every tick is timed in C++, so that
-// nothing of Python lies within. Functions return null or -1 on error; bench_error() says why.
+// The benchmark's library for ctypes: the plain tick and the machine. Ticks are timed in C++, without Python.
+// Functions return null or -1 on error; bench_error() gives the reason.
 
 #include "bench_lib.hpp"
 
@@ -59,7 +59,7 @@ int plain_run(const std::int64_t* shape, std::uint8_t* density, const std::uint8
   });
 }
 
-// Bytes a second of the best of `repeats` passes: read, or copied (bytes read and written both count).
+// Bytes per second of the best of `repeats` passes: read, or copied (bytes read and written both count).
 double bench_bandwidth(std::int64_t bytes, int repeats, int copy) {
   std::vector<std::uint64_t> from(static_cast<std::size_t>(bytes / 8), 1), to(copy ? from.size() : 0);
   double best = 0.0, seconds = 0.0;
@@ -80,7 +80,7 @@ double bench_bandwidth(std::int64_t bytes, int repeats, int copy) {
   return best;
 }
 
-// Shortest time between two looks at the clock [s].
+// Shortest time between two readings of the clock [s].
 double bench_clock(int looks) {
   double best = 1.0, seconds = 0.0;
   std::uint8_t interrupted = 0;

@@ -1,4 +1,4 @@
-// What the parts of the benchmark's library share: errors for ctypes, a stopwatch.
+// Shared by the benchmark's library: errors for ctypes, a stopwatch.
 #pragma once
 
 #ifdef __linux__
@@ -17,7 +17,7 @@ namespace burrlab::bench {
 
 extern std::string last_error;
 
-/// What `work` returns; null or -1 where it throws, and `last_error` says why.
+/// Returns the result of `work`; null or -1 if it throws, with the reason in `last_error`.
 template <class Work>
 auto guarded(Work work) -> decltype(work()) {
   try {
@@ -32,7 +32,7 @@ auto guarded(Work work) -> decltype(work()) {
   }
 }
 
-/// How often another process took this thread's core so far; 0 where the system does not tell.
+/// How often another process took this thread's core; 0 if the system does not tell.
 inline std::int64_t interruptions() {
 #ifdef __linux__
   rusage usage{};
@@ -46,7 +46,7 @@ inline std::int64_t interruptions() {
 /// Wall-clock time, and whether it was interrupted.
 class Stopwatch {
  public:
-  /// Since construction, in seconds, over `parts`.
+  /// Seconds since construction over `parts`.
   void stop(double parts, double* seconds, std::uint8_t* interrupted) const {
     *seconds = std::chrono::duration<double>(Clock::now() - start_).count() / parts;
     *interrupted = interruptions() != before_;

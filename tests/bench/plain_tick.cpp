@@ -15,7 +15,7 @@ struct PlainTick::Place {
   double position[3];
 };
 
-// One Philox block a column of eight rows along y, drawn when a voxel of it first asks.
+// One Philox block per column of eight rows along y, drawn when first needed.
 class PlainTick::Draws {
  public:
   Draws(const PlainTick& burr, std::uint64_t tick, std::size_t columns)
@@ -108,7 +108,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
         const int q = density[voxel];
         if (q == 0) continue;
 
-        // Mass inside the sphere [1/256 level], and the erosion shape f where it lies.
+        // Mass inside the sphere [1/256 level], and the erosion shape f at its place.
         const float dx = (static_cast<float>(x - at.base[0]) - at.frac[0]) * s;
         const float r2 = row2 + dx * dx;
         int mass = 256 * q;

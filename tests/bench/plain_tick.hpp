@@ -1,5 +1,4 @@
-// The tick as a plain loop over the sphere in dense arrays: the benchmark's baseline, docs/tick.md to the
-// bit.
+// The tick as a plain loop over the sphere in dense arrays: the benchmark's baseline, as in docs/tick.md.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +10,7 @@
 
 namespace burrlab::bench {
 
-/// What one pass over the sphere adds up.
+/// The sums of one pass over the sphere.
 struct PlainSums {
   std::int64_t mass = 0;              ///< sum of M [1/256 level]
   std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from the burr's, (x, y, z)

@@ -1,5 +1,4 @@
-// The smallest thing that serves as a C++ test framework: checks that count, print where they fail, and go
-// on.
+// A minimal test framework: checks count, print where they fail, and go on.
 #pragma once
 
 #include <cmath>

@@ -1,6 +1,5 @@
-// Counts every allocation of the program that includes this (once): operator new, and under glibc malloc,
-// calloc, realloc and the aligned ones too, by whomever they are called. A sanitizer has its own; there, only
-// operator new is counted.
+// Counts every allocation of the program that includes this once: operator new and, under glibc, malloc,
+// calloc, realloc and the aligned ones. A sanitizer has its own; there, only operator new is counted.
 #pragma once
 
 #include <atomic>
@@ -56,7 +55,7 @@ void free(void* memory) { __libc_free(memory); }
 constexpr bool counts_malloc = false;
 #endif
 
-#ifdef __GNUC__  // inlined, GCC takes the pair for a new without its delete
+#ifdef __GNUC__  // if inlined, GCC takes the pair for a new without its delete
 #define NOT_INLINED __attribute__((noinline))
 #else
 #define NOT_INLINED

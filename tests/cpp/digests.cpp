@@ -1,5 +1,5 @@
-// Digests of descents and of a session, a line each: the same on every CPU. tests/python/test_aarch64.py
-// makes them on another one, and says the same scenes in Python.
+// Prints digests of descents and of a session, one per line, the same on every CPU.
+// tests/python/test_aarch64.py runs it for another CPU, and has the same scenes in Python.
 #include <cinttypes>
 #include <cstdio>
 #include <cstring>

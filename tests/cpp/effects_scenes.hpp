@@ -1,4 +1,4 @@
-// Bones and frames that the tests of the effects share.
+// Bones and frames shared by the tests of the effects.
 #pragma once
 
 #include <memory>
@@ -20,7 +20,7 @@ inline VoxelBone half_full() {
   return VoxelBone({64, 64, 64}, levels, Vec3::Constant(0.25), Vec3::Constant(0.125));
 }
 
-/// Two tissues, the second bleeds: x >= 8 mm.
+/// Two tissues; the second, x >= 8 mm, bleeds.
 inline void add_tissues(VoxelBone& bone) {
   Tissue hard, soft;
   hard.name = "bone";
@@ -35,7 +35,7 @@ inline void add_tissues(VoxelBone& bone) {
   bone.set_tissues(std::make_shared<TissueMap>(n, numbers.data(), Tissues({hard, soft}, effects_material)));
 }
 
-/// Takes a sphere out of the bone; what a frame of the effects is told of it.
+/// Takes a sphere out of the bone; holds the changes for a frame of the effects.
 struct Cut {
   std::vector<std::uint32_t> bricks;
   std::vector<std::uint8_t> density;

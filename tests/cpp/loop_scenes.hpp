@@ -1,4 +1,4 @@
-// Loops and devices that the tests of the loop and of its follower share.
+// Loops and devices shared by the tests of the loop and its follower.
 #pragma once
 
 #include <chrono>
@@ -11,7 +11,7 @@ namespace scenes {
 
 using namespace burrlab;
 
-/// A device that does what a function says; `n` counts its readings.
+/// A device driven by a function; `n` counts its readings.
 struct TestDevice : Device {
   std::function<void(int n, DeviceReading&)> what = [](int, DeviceReading&) {};
   int n = 0;

@@ -1,6 +1,6 @@
 # cmake -DNM=... -DOBJECTS=a;b -P no_weak_symbols.cmake
-# A function that an object file defines weakly (an inline function, a template) may be the copy that the linker
-# takes for the whole program. From a file compiled for AVX2 or AVX-512 it would end a plainer CPU's run.
+# The linker may take a weakly defined function (inline, template) from any object file for the whole program.
+# From a file compiled for AVX2 or AVX-512 it would crash on a plainer CPU.
 if(NOT NM)
   message("skipped: no nm here to list symbols with")
   return()

@@ -1,4 +1,4 @@
-// Bones and tools that the session's tests share.
+// Bones and tools shared by the tests of sessions.
 #pragma once
 
 #include <cmath>
@@ -20,8 +20,8 @@ inline std::shared_ptr<VoxelBone> block() {
                                      Vec3(-5.95, -5.95, -3.95));
 }
 
-/// The same with a spherical hole as deep as `depth` that a burr of this radius has cut: voxels hold the
-/// share of their volume outside the sphere.
+/// The same with a spherical hole of depth `depth`, as cut by a burr of this radius: voxels hold the share of
+/// their volume outside the sphere.
 inline std::shared_ptr<VoxelBone> block_with_hole(double radius, double depth) {
   const auto bone = block();
   VoxelBone::Levels levels = bone->density();
@@ -46,7 +46,7 @@ inline TickExecutor executor(std::shared_ptr<VoxelBone> bone, const Material& ma
   return TickExecutor(std::move(bone), setup);
 }
 
-/// Depth along -z at which the contact's force is `force`, from a centre above the bone: by bisection.
+/// Depth along -z at which the contact's force is `force`, from a centre above the bone; by bisection.
 inline double depth_of(const TickExecutor& executor, double force, double top) {
   double low = 0.0, high = 3.0;
   for (int i = 0; i < 60; ++i) {

@@ -1,5 +1,5 @@
-// A watch beside the tick: no allocation, even where its events are full; the nearest voxel of the tick
-// before changes nothing; what an executor and a watch called by hand see is the same.
+// A watch beside the tick: no allocation, even when its events are full; the last nearest voxel changes
+// nothing; an executor's watch sees the same as one called by hand.
 #include <cstring>
 #include <memory>
 #include <random>
@@ -44,7 +44,7 @@ std::vector<WatchedStructure> structures(const VoxelBone& bone, const WatchLimit
     const StructureSearch search(bone, tissue);
     const Index3 shape{100, 100, along_x};
     const Vec3 origin = search.low() - Vec3::Constant(15.0);
-    // Estimates of nothing, wrong by as much as can be: every node is searched. But those of a box are known.
+    // The worst estimates, so every node is searched. Those of a box are known.
     std::vector<float> estimates(std::size_t(10000 * along_x), 0.0f);
     if (tissue == 2)
       for (std::size_t node = 0; node < estimates.size(); ++node) {
@@ -84,7 +84,7 @@ void executor_and_watch(const WatchLimits& limits, bool full) {
   std::vector<TickRecord> records;
   for (int i = 0; i < ticks; ++i) {
     TickRecord record = record_at(std::uint64_t(i));
-    if (full) record.burr[0].center[2] = i % 2 ? 3.9 : 12.0;  // touching and away in every other tick
+    if (full) record.burr[0].center[2] = i % 2 ? 3.9 : 12.0;  // touching and away in alternate ticks
     records.push_back(record);
   }
   const long before = allocations;
@@ -118,7 +118,7 @@ void executor_and_watch(const WatchLimits& limits, bool full) {
   CHECK(watch->removed(0) > 0);
 }
 
-/// A hand that trembles near the structures: what is counted is what the distance of every tick says.
+/// A trembling hand near the structures: the doses are those of every tick's distance.
 void every_tick_counts(VoxelBone& bone, const std::vector<WatchedStructure>& all, double step) {
   const WatchLimits limits = all[0].limits;
   const double radius = 1.0;
@@ -146,7 +146,7 @@ void every_tick_counts(VoxelBone& bone, const std::vector<WatchedStructure>& all
     record.burr[0].on = tick / 100 % 2;
     const double y = record.burr[0].force[1], z = record.burr[0].force[2], force = std::sqrt(y * y + z * z);
     const std::int64_t before = bone.tissue_levels(1);
-    if (tick % 50 == 25) {  // of the first structure, as by another burr
+    if (tick % 50 == 25) {  // from the first structure, as by another burr
       bone.write({29 - row / 60, row % 60, 0}, {1, 1, 60}, nothing.data());
       ++row;
     }
@@ -214,7 +214,7 @@ void every_tick_counts(VoxelBone& bone, const std::vector<WatchedStructure>& all
   CHECK(told[0].size() > 10);
 }
 
-/// What a distance is said to become is what it becomes.
+/// A distance changes by no more than `around` says.
 void what_a_distance_can_become(const std::vector<WatchedStructure>& all) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> anywhere(-16.0, 22.0), share(0.0, 1.0);

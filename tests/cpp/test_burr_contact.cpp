@@ -26,7 +26,7 @@ void check_step() {
   BurrContact contact = on(bone);
   const Vec3 center(0.0, 0.0, 1.8);
 
-  // The force is that of the state before the erosion.
+  // The force is that before the erosion.
   const Contact before = contact.probe(center);
   const Contact first = contact.step(center, 1.0, true);
   CHECK(first.force == before.force && first.m0 == before.m0 && first.m1 == before.m1);
@@ -57,7 +57,7 @@ void check_step() {
   CHECK_THROWS(on(nullptr), "bone must be a VoxelBone, got None");
 }
 
-/// A tick in two halves, the force first: the same contacts, the same bone.
+/// A tick in two halves, the force first, gives the same contacts and the same bone.
 void check_erode() {
   for (const Scheme scheme : {Scheme::layer, Scheme::cell}) {
     const auto stepped_bone = block(), halved_bone = block();
@@ -98,7 +98,7 @@ void check_hold() {
     CHECK(std::is_sorted(descent.position.begin(), descent.position.end()));
     CHECK(descent.position.back() > descent.position.front());
 
-    // The same ticks by step, at the positions that hold found.
+    // `step` at the positions that `hold` found gives the same ticks.
     bool same = true;
     for (std::size_t i = 0; i < descent.position.size(); ++i) {
       const Contact contact = stepped.step(start + descent.position[i] * axis, 1.0, true);
@@ -107,7 +107,7 @@ void check_hold() {
     CHECK(same);
     CHECK(stepped_bone->digest() == held_bone->digest());
 
-    // It goes on from where it was, and ends at the end of its travel.
+    // `hold` continues from its place, and ends at the end of its travel.
     const double from = descent.position.back();
     const HeldDescent rest = held.hold(force, start, axis, from, from + 0.05, 1.0, 100000);
     CHECK(rest.reached && !rest.position.empty());
@@ -115,7 +115,7 @@ void check_hold() {
   }
 
   BurrContact contact = on(block());
-  const HeldDescent above = contact.hold(1.0, start, axis, -5.0, -1.0, 1.0, 10);  // never comes to the bone
+  const HeldDescent above = contact.hold(1.0, start, axis, -5.0, -1.0, 1.0, 10);  // never reaches the bone
   CHECK(above.reached && above.position.empty() && contact.tick == 0);
   CHECK_THROWS(contact.hold(0.0, start, axis, 0.0, 1.0, 1.0, 1), "force must be positive and finite, got 0");
   CHECK_THROWS(contact.hold(1.0, start, axis, 0.0, 1.0, 0.0, 1), "dt must be positive and finite, got 0");

@@ -1,4 +1,4 @@
-// Threads: each with a bone of its own, or all reading one.
+// Threads: each with its own bone, or all reading one.
 #include <thread>
 #include <vector>
 

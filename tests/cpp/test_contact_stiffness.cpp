@@ -26,7 +26,7 @@ void check_stiffness(const Material& material, double force, double hole, double
 void check_against_voxels() {
   for (const double force : {0.3, 1.0, 2.0}) {
     check_stiffness(scenes::bone_material, force, 0.0, 0.01);
-    // At 0.3 N the burr lies 0.02 mm deep in its hole, a fifth of a voxel.
+    // At 0.3 N the burr is 0.02 mm deep in its hole, a fifth of a voxel.
     check_stiffness(scenes::bone_material, force, 1.0, force < 0.5 ? 0.12 : 0.02);
   }
   check_stiffness(scenes::pvc, 0.1, 0.0, 0.01);
@@ -35,8 +35,7 @@ void check_against_voxels() {
   CHECK(measured_stiffness(executor, 0, Vec3(0.0, 0.0, 3.2)) == 0.0);
 }
 
-/// On flat bone and in a shallow hole the normal is the stiffest direction; in a tunnel as wide as the burr,
-/// sideways is.
+/// On flat bone and in a shallow hole the normal is the stiffest direction; in a narrow tunnel, sideways is.
 void check_stiffest() {
   for (const double hole : {0.0, 1.0, 2.8}) {
     const auto executor = scenes::executor(scenes::block_with_hole(3.0, hole), scenes::bone_material);
@@ -57,7 +56,7 @@ void check_stiffest() {
   CHECK(stiffest_contact(executor, 0, Vec3(0.0, 0.0, 3.2)).stiffness == 0.0);
 }
 
-/// k of the flat closed form is dF/dh of Eq. 3 there; in a hole k is far above dF/dh.
+/// On flat bone the closed form is dF/dh of Eq. 3; in a hole k is far above dF/dh.
 void check_closed_form() {
   const double c_e = 2.145, radius = 3.0, force = 1.0;
   const double u = std::pow(force / (c_e * radius * radius), 2.0 / 3.0);
@@ -82,7 +81,7 @@ void check_force_at_limit() {
       const double k = contact_stiffness(force, area, radius, c_e);
       CHECK_NEAR(force_at_limit(k, area, radius, c_e), force, 1e-9);
     }
-  CHECK(std::isinf(force_at_limit(1.0, pi * 5.0, radius, c_e)));  // stiffer than that at any force
+  CHECK(std::isinf(force_at_limit(1.0, pi * 5.0, radius, c_e)));  // stiffer at any force
   CHECK(force_at_limit(3.0, 0.0, radius, c_e) == 0.0);
 }
 
@@ -108,7 +107,7 @@ void check_report() {
   CHECK_NEAR(report.limit, 8.0 / 3.0, 1e-12);
   CHECK(report.warning && report.force_at_limit > 1.0);
 
-  // A coupling of 2 N/mm: no contact is stiffer than that; one of 4 leaves 8 N/mm to the contact.
+  // With a coupling of 2 N/mm no contact is stiffer; one of 4 leaves 8 N/mm to the contact.
   CHECK(stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 0.0, 2.0).force_at_limit == 0.0);
   report = stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 0.0, 4.0);
   CHECK_NEAR(report.k, 28.0 / 11.0, 1e-12);

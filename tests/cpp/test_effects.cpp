@@ -1,4 +1,4 @@
-// Effects frame by frame: the balance of each substance, the limit, sameness, replay of decisions.
+// Effects frame by frame: balance of each substance, limit of parcels, equal runs, replay of decisions.
 #include "burrlab/effects/effects.hpp"
 
 #include <cstring>
@@ -24,7 +24,7 @@ struct Run {
     add_tissues(bone);
     effects = std::make_unique<Effects>(bone, setup);
   }
-  /// Frames of 50 ms of a burr that goes down and along x, with water, and a sucker in every second ten.
+  /// Frames of 50 ms: a burr that moves down and along x, with water, and a sucker half of the time.
   void frames(int count, const std::vector<FrameDecision>* decisions = nullptr) {
     for (int i = 0; i < count; ++i) {
       const Vec3 center(6.0 + 0.05 * i, 8.0, 9.5 - 0.02 * i);
@@ -49,7 +49,7 @@ void balance() {
   CHECK(account[dust].present > 0 && account[dust].sucked > 0 && account[dust].drained > 0);
   CHECK(account[blood].made > 0);
   CHECK(account[water].sucked > 0 && account[water].drained > 0);
-  // 3 s of 150 mm^3/s, but for less than a quantum that has not come out yet.
+  // 3 s of 150 mm^3/s, less the part of a quantum that has not come out yet.
   CHECK_NEAR(double(account[water].made) * run.effects->quantum(), 450.0, 1.001 * run.effects->quantum());
   const auto& removed = run.effects->sources().removed();
   CHECK(removed.size() == 2 && removed[0] + removed[1] == run.lost && removed[1] > 0);
@@ -85,7 +85,7 @@ void sameness() {
   CHECK(!same(a.effects->view(), other.effects->view()));
 }
 
-/// A budget that is never met: what the clock decided, given again, makes the same parcels.
+/// A budget that is never met. Replaying the clock's decisions gives the same parcels.
 void decisions() {
   EffectsSetup setup;
   setup.budget = 2e-5;
@@ -104,7 +104,7 @@ void decisions() {
   CHECK(same(hurried.effects->view(), again.effects->view()));
 }
 
-/// Blood of one opening is its rate times its decay time in all.
+/// All blood of one opening is its rate times its decay time.
 void blood_of_a_wound() {
   EffectsSetup setup;
   setup.parameters.blood_decay = 0.5;
@@ -119,7 +119,7 @@ void blood_of_a_wound() {
   CHECK(exact(*run.effects));
 }
 
-/// A bone that comes back, as when a replay goes back, buries no parcel.
+/// Bone that comes back, as when a replay goes back, buries no parcel.
 void refilled() {
   Run run;
   const VoxelBone whole = run.bone;

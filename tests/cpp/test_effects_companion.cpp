@@ -1,4 +1,4 @@
-// Effects in a thread beside a loop and its follower: rebuilds, instruments that change, ends, being stopped.
+// Effects in a thread beside a loop and its follower: rebuilds, changing instruments, ends, stops.
 #include "burrlab/effects/companion.hpp"
 
 #include <cmath>
@@ -47,7 +47,7 @@ bool exact(const EffectsFrame& frame) {
   return all;
 }
 
-/// All that was removed is dust, though the follower was rebuilt, and others changed and read all the while.
+/// All removed bone is dust, although the follower was rebuilt while other threads changed and read.
 void to_the_end() {
   Beside beside(2000);
   EffectsCompanion& companion = *beside.companion;
@@ -92,7 +92,7 @@ void stopped_in_the_middle() {
   beside.follower->stop();
 }
 
-/// A companion that nobody stops goes with its owner, started or not, whatever the session does.
+/// A companion that nobody stops ends with its owner, started or not, whatever the session does.
 void goes_with_its_owner() {
   Beside never(100);
   {

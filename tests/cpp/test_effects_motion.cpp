@@ -1,4 +1,4 @@
-// How parcels move: free fall and drag against their formulas, bone that stops them, thin walls, slopes.
+// Motion of parcels: free fall and drag against their formulas, bone that stops them, thin walls, slopes.
 #include <cmath>
 
 #include "burrlab/philox.hpp"
@@ -53,7 +53,7 @@ void free_fall() {
   }
 }
 
-/// A wall of one voxel stops whatever comes, at any speed, and also where its voxels only share edges.
+/// A wall of one voxel stops every parcel at any speed, also where its voxels share only edges.
 void no_tunnelling() {
   const int n = 40;
   VoxelBone::Levels levels(std::size_t(n * n * n), 0);
@@ -82,7 +82,7 @@ void no_tunnelling() {
   CHECK(through == 0);
 }
 
-/// Dropped on a level surface all rest on it, and stay until the voxel below is gone.
+/// Parcels dropped on a level surface rest on it until the voxel below is gone.
 void rest() {
   World world(half_full());
   for (int i = 0; i < 20; ++i)
@@ -100,7 +100,7 @@ void rest() {
   CHECK(world.parcels.position[0][2] < 6.5);
 }
 
-/// On a slope of 45 degrees what has little friction runs down and what has much stays.
+/// On a slope of 45 degrees a parcel with little friction slides and one with much friction stays.
 void slope() {
   const int n = 64;
   VoxelBone::Levels levels(std::size_t(n * n * n), 0);
@@ -119,7 +119,7 @@ void slope() {
   CHECK(!world.field.solid(world.parcels.position[1]));
 }
 
-/// What the first hit is must be what a fine walk along the segment finds.
+/// The first hit is that of a fine walk along the segment.
 void first_hits() {
   const int n = 29;
   VoxelBone::Levels levels(std::size_t(n * n * n));
@@ -143,7 +143,7 @@ void first_hits() {
     double part = 2.0;
     for (int k = 0; k <= 20000 && part > 1.0; ++k)
       if (field.solid(Vec3(from + (k / 20000.0) * move))) part = k / 20000.0;
-    // The walk in small steps may miss a corner that the hit finds, never the other way.
+    // The walk in small steps may miss a corner that the hit finds, but not the reverse.
     if (met ? hit.part > part + 1e-9 : part <= 1.0) ++wrong;
     if (met && !field.solid(hit.voxel)) ++wrong;
     if (met && (field.center(hit.voxel) - from - hit.part * move)
@@ -172,7 +172,7 @@ void held_by_friction() {
   }
 }
 
-/// The sucker draws what is near its tip, and not what lies beyond its reach.
+/// The sucker draws parcels near its tip, and none beyond its reach.
 void suction() {
   VoxelBone bone = empty();
   Effects effects(bone, {});
@@ -186,7 +186,7 @@ void suction() {
   Nozzle nozzle{Vec3(4.0, 4.0, 4.0), Vec3(0.0, 0.0, -1.0), 1000.0, 0.0, -1};
   effects.set_nozzle(nozzle);
   for (int i = 0; i < 20; ++i) effects.step(0.05, {}, {});
-  // 1 s of 10 mm^3/s; the last parcel of a frame may go over, and is owed by the next.
+  // 1 s of 10 mm^3/s. The last parcel of a frame may exceed it, and the next frame owes the excess.
   const double taken = double(effects.balance()[water].sucked) * effects.quantum();
   CHECK(taken <= 10.0 + 1.0 && taken > 9.0);
   CHECK(exact(effects));

@@ -1,4 +1,4 @@
-// The follower carves the loop's bone again, also after it was rebuilt.
+// The follower carves the loop's bone again, also after a rebuild.
 #include "burrlab/session/follower.hpp"
 
 #include <cmath>
@@ -11,7 +11,7 @@ using namespace scenes;
 
 namespace {
 
-/// The follower carves the same bone, also after it was rebuilt from the running loop's.
+/// The follower carves the same bone, also after a rebuild from the running loop's.
 void follower() {
   auto device = std::make_shared<TestDevice>();
   device->what = [](int n, DeviceReading& r) {
@@ -42,7 +42,7 @@ void follower() {
   CHECK(view->take().bricks.empty());
 }
 
-/// Levels and tissues that differ from voxel to voxel: what a tick stores of a brick, and a copy meets.
+/// Levels and tissues that differ between voxels, for copies made while a tick stores.
 std::shared_ptr<VoxelBone> varied_bone(const Material& material) {
   const Index3 shape{16, 64, 64};
   VoxelBone::Levels levels(16 * 64 * 64), numbers(levels.size());
@@ -59,8 +59,8 @@ std::shared_ptr<VoxelBone> varied_bone(const Material& material) {
   return bone;
 }
 
-/// Rebuilt over and over while ticks store into the bricks that it copies, on every path of the tick. Under a
-/// thread sanitizer this is the test that none of it is a data race.
+/// Rebuilds again and again while ticks store into the bricks being copied, on every path of the tick. Under
+/// a thread sanitizer this tests that there is no data race.
 void rebuilt_all_the_while() {
   const std::string path = cpu_path();
   std::uint64_t rebuilds = 0;
@@ -89,7 +89,7 @@ void rebuilt_all_the_while() {
     }
     follower.stop();
     CHECK(follower.status().differing == 0);
-    rebuilds += follower.status().rebuilds;  // fewer where ticks follow upon each other
+    rebuilds += follower.status().rebuilds;  // fewer if ticks follow each other closely
     CHECK(follower.status().tick == loop->executor()->tick());
     CHECK(follower.digest() == bone->digest());
     CHECK(bone->removed() > 0.1 && follower.bone().removed() == bone->removed());
@@ -116,8 +116,8 @@ void newest_after_rebuild() {
   CHECK_THROWS(follower.add(nullptr), "listener must be added before the follower is started");
 }
 
-/// In a bone with tissues stability is told with the c_e that the burr meets, not with the material's: the
-/// wetted area comes out as in a plain bone of that c_e.
+/// In a bone with tissues the stability report uses the c_e that the burr meets, not the material's: the
+/// wetted area is that in a plain bone of this c_e.
 void stability_with_tissues() {
   const auto area_of = [](double c_e, bool tissue) {
     const Material material("bone", tissue ? 2.145 : c_e, 0.087, Shape::parabolic(), "");

@@ -23,7 +23,7 @@ void check_penetration() {
       last = u;
     }
     const double sphere = 4.0 / 3.0 * pi * radius * radius * radius;
-    CHECK_NEAR(penetration(sphere, radius), 2.0 * radius, 1e-6);  // the root is double there
+    CHECK_NEAR(penetration(sphere, radius), 2.0 * radius, 1e-6);  // a double root
     CHECK_NEAR(penetration(1.1 * sphere, radius), 2.0 * radius, 0.0);
     CHECK(penetration(0.0, radius) == 0.0);
   }
@@ -51,7 +51,7 @@ void check_force() {
   CHECK_NEAR(other.force.norm(), elastic.force.norm(), 1e-12);
 }
 
-// From bone on one side to bone on the other, the force goes through zero in proportion to m_1.
+// From bone on one side to bone on the other, the force passes zero in proportion to m_1.
 void check_fading() {
   const double radius = 2.0, c_e = 1.5, m0 = 0.5, floor = 0.1 * m0 * radius;
   const double full = elastic_force({m0, Vec3(0.0, 0.0, -2.0 * floor)}, radius, c_e).force[2];

@@ -20,13 +20,13 @@ void check_limits_and_windup() {
   ForceController pid(1.0, 100.0, 0.0, -2.0, 3.0, 0.0);
   for (int i = 0; i < 1000; ++i) CHECK(pid.update(1.0, -9.0, 10.0) <= 3.0);
   CHECK(pid.output() == 3.0);
-  CHECK(pid.integral_term() <= 3.0);  // stood still at the limit
-  // Back within a tick or two of the error's change of sign, not after unwinding a thousand ticks.
+  CHECK(pid.integral_term() <= 3.0);  // it stood still at the limit
+  // Back within a tick or two of the error's change of sign, without unwinding a thousand ticks.
   pid.update(1.0, 6.0, 10.0);
   CHECK(pid.output() < 0.0);
   for (int i = 0; i < 1000; ++i) CHECK(pid.update(1.0, 9.0, 10.0) >= -2.0);
   CHECK(pid.output() == -2.0);
-  // At a limit the integral still moves away from it.
+  // At a limit the integral can still move away from it.
   const double stuck = pid.integral_term();
   pid.update(1.0, 0.9, 10.0);
   CHECK(pid.integral_term() > stuck);
@@ -35,7 +35,7 @@ void check_limits_and_windup() {
 void check_derivative() {
   ForceController raw(0.0, 0.0, 0.5, -100.0, 100.0, 0.0);
   CHECK(raw.update(1.0, 2.0, 1.0) == 0.0);               // no past, no slope
-  CHECK(raw.update(50.0, 2.0, 1.0) == 0.0);              // a step of the set-point is no kick
+  CHECK(raw.update(50.0, 2.0, 1.0) == 0.0);              // a step of the set-point gives no kick
   CHECK_NEAR(raw.update(50.0, 2.1, 1.0), -50.0, 1e-10);  // -kd 0.1 N/ms
   CHECK_NEAR(raw.update(50.0, 2.1, 1.0), 0.0, 1e-15);
 
@@ -88,7 +88,7 @@ void check_refusals() {
   CHECK_THROWS(pid.update(1.0, 0.0, 0.0), "dt must be positive and finite, got 0");
   CHECK_THROWS((pid.set_gains(1.0, -1.0, 0.0), 0), "ki must be zero or positive");
   CHECK_THROWS((pid.reset(nan), 0), "integral must be finite");
-  CHECK(pid.integral_term() == integral && pid.output() == output);  // refused input leaves no trace
+  CHECK(pid.integral_term() == integral && pid.output() == output);  // refused input changes nothing
 }
 
 }  // namespace

@@ -54,8 +54,8 @@ void check_whatever_comes() {
   CHECK_THROWS(ForceGuard(1.0, std::nan("")), "slew limit must be positive and finite");
 }
 
-// A spring k felt in samples while it is pressed in at v and let out again: the force lags by the half
-// period, so each full stroke gives k v T over its length, 2 x (k v T x depth)/2.
+// A sampled spring k, pressed in at v and let out again. The force lags by half a period, so a full stroke
+// gives k v T over its length, 2 x (k v T x depth)/2.
 void check_energy_of_sampling() {
   const double k = 4.0, speed = 20.0, period = 1e-3, depth = 0.5;
   PassivityObserver observer;
@@ -72,7 +72,7 @@ void check_energy_of_sampling() {
   observer.reset();
   CHECK(observer.energy() == 0.0 && observer.most() == 0.0);
   observer.update(Vec3(5.0, 0.0, 0.0), Vec3(1.0, 0.0, 0.0));
-  CHECK(observer.energy() == 0.0);  // no work before there is a displacement
+  CHECK(observer.energy() == 0.0);  // no work without a displacement
   observer.update(Vec3(4.0, 3.0, 0.0), Vec3::Zero());
   CHECK(observer.energy() == -1.0);
 }

@@ -18,7 +18,7 @@ HandSettings still() {
   return s;
 }
 
-/// A wall: a spring k below z = 3, felt in samples.
+/// A wall: a sampled spring k below z = 3.
 struct Run {
   double lowest = INFINITY, last = 0.0, fastest = 0.0;
 };
@@ -45,20 +45,20 @@ void check_static_push() {
     HandDevice hand(s);
     const Run run = against_wall(hand, 4.0, 1e-3, 5.0);
     CHECK_NEAR(4.0 * (3.0 - run.last), push, 1e-6);
-    CHECK(run.fastest < 10.0);                            // twice the hand: the mass swings into the motion
-    CHECK(4.0 * (3.0 - run.lowest) < push + 0.01 + 0.2);  // and its impact small
+    CHECK(run.fastest < 10.0);                            // twice the hand's speed: the mass swings
+    CHECK(4.0 * (3.0 - run.lowest) < push + 0.01 + 0.2);  // a small impact
   }
 }
 
-/// The sampled spring's edge of stability: a mass, damping b, k held over T. The mean of the discrete
-/// system's eigenvalues tells the sign of the growth; a step around it must flip what the simulation does.
+/// The stability limit of a sampled spring: a mass, damping b, k held over T. The mean of the discrete
+/// system's eigenvalues gives the sign of the growth; a step across the limit must reverse it.
 void check_edge_of_stability() {
   HandSettings s = still();
   s.damping = 2.0;
   s.push = 0.0;
   s.grip = 1e-9;
   s.start[2] = 2.999;
-  // x' of mass and damper over T with the force held, in mm and s: eigenvalues on the unit circle where the
+  // Mass and damper over T with the force held, in mm and s: the eigenvalues are on the unit circle where the
   // determinant of the step matrix is 1.
   const double m = 1e-4, b = 2e-3, period = 1e-3, a = std::exp(-b / m * period);
   const double reach = (1.0 - a) * m / b, drift = (period - reach) / b;
@@ -79,7 +79,7 @@ void check_edge_of_stability() {
   }
 }
 
-/// Free motion: damping is exact, whatever the number of steps.
+/// Free motion: damping is exact for any number of steps.
 void check_free_motion() {
   HandSettings s = still();
   s.grip = 1e-9;
@@ -94,7 +94,7 @@ void check_free_motion() {
   CHECK_NEAR(hand.velocity()[0], terminal * (1.0 - std::exp(-t / tau)), 1e-6);
   CHECK_NEAR(hand.position()[0], terminal * (t - tau * (1.0 - std::exp(-t / tau))), 1e-6);
   hand.halt();
-  hand.read(0.0, 400);  // no force any more: it comes to rest
+  hand.read(0.0, 400);  // without a force it comes to rest
   CHECK(std::abs(hand.velocity()[0]) < 1e-6);
   hand.write(Vec3(9.0, 0.0, 0.0));
   CHECK(hand.force().isZero(0.0));
@@ -111,7 +111,7 @@ void check_periods() {
   CHECK((a.position - many.position()).norm() < 1e-12 && (one.velocity() - many.velocity()).norm() < 1e-9);
 }
 
-/// Friction: below it nothing moves; above it a mass slides as with a smaller force; it stops, and stays.
+/// Below the friction nothing moves; above it a mass slides as under a smaller force; it stops, and stays.
 void check_friction() {
   HandSettings s = still();
   s.grip = 1e-9;
@@ -183,8 +183,7 @@ void check_strokes() {
   CHECK(fastest > 60.0 && fastest < 90.0);
 }
 
-/// Presses on a stiff and on a soft wall: from the first contact on, each as high as the push, nothing
-/// between them.
+/// Presses on a stiff and on a soft wall: from the first contact on, each as high as the push, with gaps.
 void check_presses() {
   for (const double k : {4.0, 1.5}) {
     HandSettings s = still();

@@ -1,4 +1,4 @@
-// The loop's deadlines, and that it allocates nothing while it runs.
+// The loop's deadlines, and that it does not allocate while it runs.
 #include "burrlab/session/haptic_loop.hpp"
 
 #include <cmath>
@@ -25,11 +25,11 @@ void no_allocation() {
   CHECK(run.device->halted && run.device->last == Vec3::Zero());
 }
 
-/// A reading that takes 3.5 and 20 periods: the next tick stands for them, up to 8.
+/// Readings that take 3.5 and 20 periods: the next tick stands for them, up to 8.
 void late_ticks() {
   LoopSettings settings;
   settings.ticks = 200;
-  settings.stall_limit = 5000.0;  // other work on the machine is no stall
+  settings.stall_limit = 5000.0;  // other work on the machine is not a stall
   Run run(settings, 2.0);
   run.device->what = [](int n, DeviceReading&) {
     if (n == 50) sleep(7);

@@ -1,4 +1,4 @@
-// How a loop ends: well, on a fault, before it began, stopped by many.
+// The ends of a loop: without a fault, on a fault, before it began, stopped by many.
 #include "burrlab/session/haptic_loop.hpp"
 
 #include <cmath>
@@ -42,7 +42,7 @@ void ends() {
   }
 }
 
-/// The loop hangs in a device: the force is zero before it comes back.
+/// The loop hangs in a device: the force is zero before the device returns.
 void stall() {
   Run run(LoopSettings{});
   std::atomic<bool> halted_meanwhile{false};
@@ -61,7 +61,7 @@ struct Unwilling : TestDevice {
   void start(double) override { throw std::invalid_argument("no power"); }
 };
 
-/// What a device throws is passed on; those before it are halted and free again, and nothing hangs.
+/// An exception from a device is passed on; earlier devices are halted and free again, and nothing hangs.
 void device_that_does_not_start() {
   const auto well = std::make_shared<TestDevice>();
   HapticLoop loop(executor(1.0, 2), {well, std::make_shared<Unwilling>()}, virtual_clock(10));
@@ -78,7 +78,7 @@ void device_that_does_not_start() {
   CHECK_THROWS(loop.start(), "loop must be started once");
 }
 
-/// All devices are at zero before the first is stopped.
+/// All devices get zero force before the first is stopped.
 void zero_before_stop() {
   struct Slow : TestDevice {
     std::shared_ptr<TestDevice> other;
@@ -108,7 +108,7 @@ void stopped_by_many() {
   }
 }
 
-/// A first reading that ends the session, well or not.
+/// A first reading that ends the session, with or without a fault.
 void first_reading() {
   using Status = DeviceReading::Status;
   for (const Status status : {Status::finished, Status::lost}) {
@@ -121,7 +121,7 @@ void first_reading() {
   }
 }
 
-/// A long limit of a stall does not keep `stop` waiting.
+/// A long stall limit does not make `stop` wait.
 void long_stall_limit() {
   LoopSettings settings;
   settings.stall_limit = 1e6;

@@ -1,4 +1,4 @@
-// How much of the burr parcels hide, against cases whose answer is known.
+// The part of the burr that parcels hide, in cases with a known answer.
 #include "burrlab/effects/hidden_fraction.hpp"
 
 #include <cmath>
@@ -48,8 +48,7 @@ void known() {
   CHECK(hidden(behind) == 0.0);
   put(inside, Vec3(0.0, 0.0, 1.0), 1.0);
   CHECK(hidden(inside) == 0.0);
-  // Half the radius of the disc at half the distance, a quarter of its area; the disc is seen under
-  // asin(R/D).
+  // Half the disc's radius at half the distance, a quarter of its area; the disc is seen under asin(R/D).
   put(small, Vec3(0.0, 0.0, 50.0), 0.5);
   CHECK_NEAR(hidden(small), 0.25, 0.01);
 }
@@ -63,7 +62,7 @@ void half_plane() {
   CHECK_NEAR(hidden(parcels, camera), 0.5, 0.01);
 }
 
-/// Light passes as the product of what each layer lets through; opacity mixes by volume.
+/// The light of each layer multiplies; opacity mixes by volume.
 void layers() {
   EffectParameters parameters = opaque();
   parameters.dust_opacity = 0.5;
@@ -77,7 +76,7 @@ void layers() {
   CHECK_NEAR(hidden(mixed, above(), parameters), 0.3, 1e-12);
 }
 
-/// The fraction does not depend on where in the picture the burr is, nor on how the camera is turned.
+/// The fraction depends neither on the burr's place in the picture nor on the camera's turn.
 void views() {
   Parcels parcels;
   put(parcels, Vec3(0.0, 0.0, 50.0), 0.5);

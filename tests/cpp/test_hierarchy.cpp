@@ -1,5 +1,4 @@
-// What is kept of each brick: sums, occupancy bits and pristine levels agree with the voxels, whatever was
-// done.
+// Sums, occupancy bits and pristine levels of bricks agree with the voxels after any operation.
 #include <algorithm>
 #include <random>
 
@@ -72,7 +71,7 @@ void check_bricks(const VoxelBone& bone) {
   CHECK_NEAR(bone.mass(), static_cast<double>(mass) * (bone.voxel_volume() / 255.0), 0.0);
 }
 
-/// A brick's bit is set where it holds bone, a block's where one of its bits is; no bit beyond the bricks.
+/// A brick's bit is set if it holds bone, a block's if one of its bits is; no bit beyond the bricks.
 void check_occupancy(const VoxelBone& bone) {
   const Occupancy& occupancy = bone.occupancy();
   const Index3 &bricks = bone.bricks(), &blocks = occupancy.blocks(), &above = occupancy.blocks_of_blocks();
@@ -111,7 +110,7 @@ bool nothing_set(const VoxelBone& bone) {
   return none;
 }
 
-/// Random writes, ticks, resets, copies and snapshots; some boxes are of one level, some empty.
+/// Random writes, ticks, resets, copies and snapshots; some boxes are uniform, some empty.
 void check_random_sequences(const Index3& shape, unsigned seed) {
   std::mt19937 random(seed);
   const auto below = [&](std::int64_t n) { return std::int64_t(random() % std::uint64_t(n)); };
@@ -149,7 +148,7 @@ void check_random_sequences(const Index3& shape, unsigned seed) {
   }
 }
 
-/// A cut through a long volume, until nothing is left: bricks, blocks and blocks of blocks go out one by one.
+/// A cut through a long volume, until nothing is left: bricks, blocks and blocks of blocks empty one by one.
 void check_eroding_everything_away() {
   for (const std::string& path : cpu_paths()) {
     use_cpu_path(path);
@@ -173,9 +172,9 @@ void check_eroding_everything_away() {
   }
 }
 
-/// Of a brick of one level no pristine copy is kept; of another, none until it is to be eroded.
+/// A uniform brick has no pristine copy; another brick has none until it is to be eroded.
 void check_pristine_copies() {
-  const Index3 shape{16, 16, 20};  // the last bricks along x reach beyond the volume
+  const Index3 shape{16, 16, 20};  // the last bricks along x extend beyond the volume
   const Vec3 center(1.9, 1.9, 2.0);
   for (const int level : {255, 100, 7}) {
     VoxelBone bone(shape, static_cast<std::uint8_t>(level), spacing, Vec3::Zero());
@@ -197,7 +196,7 @@ void check_pristine_copies() {
   }
 
   Levels levels(count(shape), 255);
-  levels[0] = 254;  // brick 0 is not of one level, the others are
+  levels[0] = 254;  // brick 0 is not uniform, the others are
   VoxelBone bone(shape, levels, spacing, Vec3::Zero());
   CHECK(bone.pristine_tile(0) == bone.tile(0) && bone.pristine_tile(1) == nullptr);
   VoxelBone copy = bone;
@@ -211,7 +210,7 @@ void check_pristine_copies() {
   CHECK(bone.density() == levels && bone.pristine() == levels);
   check_all(bone);
   const std::uint8_t solid = 255;
-  bone.write({0, 0, 0}, {1, 1, 1}, &solid);  // now of one level
+  bone.write({0, 0, 0}, {1, 1, 1}, &solid);  // brick 0 is uniform
   CHECK(bone.pristine_tile(0) == nullptr && bone.pristine_level(0) == 255);
   check_all(bone);
 }

@@ -1,4 +1,4 @@
-// The framer: whole messages from any pieces, what it drops and why, and that a stream allocates once.
+// The framer: whole messages from any pieces, dropped messages by reason, and one allocation per stream.
 #include "burrlab/network/message_framer.hpp"
 
 #include <algorithm>
@@ -26,12 +26,12 @@ void set_body_size(Bytes& bytes, std::uint64_t size) {
   for (int i = 0; i < 8; ++i) bytes[42 + i] = std::uint8_t(size >> (56 - 8 * i));
 }
 
-void sign(Bytes& bytes) {  // the checksum anew after the body was changed
+void sign(Bytes& bytes) {  // sets the checksum of a changed body
   const std::uint64_t crc = crc64({bytes.data() + header_size, bytes.size() - header_size});
   for (int i = 0; i < 8; ++i) bytes[50 + i] = std::uint8_t(crc >> (56 - 8 * i));
 }
 
-/// Feeds `stream` in pieces; the x of the TRANSFORMs that came out.
+/// Feeds `stream` in pieces; returns the x of the TRANSFORMs.
 std::vector<float> positions(MessageFramer& framer, const Bytes& stream, std::size_t piece) {
   std::vector<float> found;
   for (std::size_t at = 0; at < stream.size(); at += piece) {
@@ -51,7 +51,7 @@ Bytes operator+(Bytes a, const Bytes& b) {
 void test_framer() {
   Bytes wrong = transform_message(2);
   wrong[70] ^= 1;
-  Bytes image = transform_message(2, 1, "IMAGE");  // passed over whatever its size
+  Bytes image = transform_message(2, 1, "IMAGE");  // skipped at any size
   image.resize(header_size + 3000000);
   set_body_size(image, 3000000);
   Bytes longer = transform_message(2, 1, "NDARRAY");
@@ -88,7 +88,7 @@ void test_lost_framing() {
     framer.restart();
     CHECK(positions(framer, transform_message(3), 33) == std::vector<float>({3}));
   }
-  MessageFramer framer;  // bytes missing within a body: that message's checksum, then no header
+  MessageFramer framer;  // bytes missing in a body: a wrong checksum, then no header
   Bytes holed = transform_message(1);
   holed.erase(holed.begin() + 80, holed.begin() + 90);
   CHECK(positions(framer, holed + transform_message(2) + transform_message(3), 1000).empty());
@@ -103,7 +103,7 @@ void test_lost_framing() {
   CHECK(positions(cut, transform_message(2), 1000) == std::vector<float>({2}));
 }
 
-/// What a framer with this one message counts.
+/// The reason a framer counts for this one message.
 Drop reason_of(Bytes bytes) {
   sign(bytes);
   MessageFramer framer;
@@ -158,7 +158,7 @@ void test_hostile_bodies() {
   CHECK(reason_of(changed(array, 59, 0)) == Drop::bad_length);
   CHECK(reason_of(changed(array, 59, 255)) == Drop::bad_length);
   CHECK(reason_of(changed(array, 58, 10)) == Drop::bad_scalar);
-  Bytes wrapped;  // 2^75 elements, which are 0 in 64 bits
+  Bytes wrapped;  // 2^75 elements, which is 0 in 64 bits
   const std::uint16_t none[] = {32768, 32768, 32768, 32768, 0};
   encode_ndarray_float64(wrapped, {"tick"}, values, 0, none, 5);
   CHECK(reason_of(wrapped) == Drop::none);
@@ -169,7 +169,7 @@ void test_hostile_bodies() {
   CHECK(reason_of(changed(text, 62, 255)) == Drop::bad_length);
 }
 
-/// A stream at 1 kHz asks for memory once.
+/// A stream at 1 kHz allocates once.
 void test_no_allocation() {
   Bytes bytes;
   MessageFramer framer;

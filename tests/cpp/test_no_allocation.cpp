@@ -1,5 +1,5 @@
 // A tick allocates nothing: step, probe and erode, every scheme and shape, every CPU path, from the first
-// tick on, on bones of one level and of many, fresh, copied, written and restored, with tissues and without.
+// tick on; bones uniform and not, fresh, copied, written and restored, with and without tissues.
 #include <cstring>
 #include <memory>
 #include <random>
@@ -39,11 +39,11 @@ void give_tissues(VoxelBone& bone, const Material& material) {
   bone.set_tissues(std::make_shared<TissueMap>(bone.shape(), numbers.data(), Tissues(rows, material)));
 }
 
-/// Bones in each state that a brick can be in.
+/// Bones with bricks in every state.
 std::vector<VoxelBone> bones() {
   std::vector<VoxelBone> all;
   all.push_back(VoxelBone({side, side, side}, 255, Vec3::Constant(spacing), Vec3::Zero()));
-  all.push_back(bone_of(levels(0, 255)));  // copied below: saved levels come with the first erosion
+  all.push_back(bone_of(levels(0, 255)));  // copied below: the first erosion saves the pristine levels
   all.push_back(bone_of(levels(0, 31)));   // faint
   VoxelBone mixed = all[0];
   const VoxelBone::Levels box = levels(0, 255);
@@ -86,7 +86,7 @@ void check_contact(const VoxelBone& fresh, Scheme scheme, const Shape& shape, bo
   CHECK(probed > 0.0 && force > 0.0 && stepped > 0.0 && eroded > 0.0);
 }
 
-/// The counter sees every way to allocate; where `counts_malloc` is false, operator new.
+/// The counter sees every allocation; if `counts_malloc` is false, only operator new.
 void check_counter() {
   long seen = allocations;
   const auto counted = [&seen] {
@@ -94,7 +94,7 @@ void check_counter() {
     seen = allocations;
     return more;
   };
-  static int* volatile object;  // not to be optimised away
+  static int* volatile object;  // not optimised away
   object = new int(3);
   CHECK(counted());
   delete object;

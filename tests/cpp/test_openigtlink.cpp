@@ -1,4 +1,4 @@
-// OpenIGTLink messages: the checksum, bytes written out by hand, round trips, and what is refused.
+// OpenIGTLink messages: checksum, bytes written by hand, round trips, refusals.
 #include "burrlab/network/openigtlink.hpp"
 
 #include <cstring>
@@ -22,7 +22,7 @@ Message message_of(const Bytes& bytes) {
 }
 
 void test_checksum() {
-  const char* digits = "123456789";  // the check value that catalogues of checksums give for ECMA-182
+  const char* digits = "123456789";  // with the check value of ECMA-182 in catalogues of checksums
   CHECK(crc64({reinterpret_cast<const std::uint8_t*>(digits), 9}) == 0x6C40DF5F0B497347u);
   CHECK(crc64({}) == 0);
 }

@@ -1,5 +1,5 @@
-// Records pass from one writer to many readers whole, in order, and without either waiting; and the other
-// cells and counts that threads share.
+// Records pass whole and in order from one writer to many readers, and neither waits; also the other cells
+// and counts that threads share.
 #include "burrlab/session/record_ring.hpp"
 
 #include <cmath>
@@ -13,7 +13,7 @@ using namespace burrlab;
 
 namespace {
 
-/// A record whose every part tells its number.
+/// A record whose every part holds its number.
 TickRecord numbered(std::uint64_t n) {
   TickRecord record;
   record.index = n;
@@ -44,13 +44,13 @@ void in_order() {
   CHECK(reader.next(record) == RecordReader::Result::none);
   for (std::uint64_t n = 8; n < 17; ++n) ring->push(numbered(n));
   CHECK(reader.behind() == 9);
-  CHECK(reader.next(record) == RecordReader::Result::lost);  // 8 was written over by 16
+  CHECK(reader.next(record) == RecordReader::Result::lost);  // 16 overwrote 8
   reader.skip_to(9);
   CHECK(reader.next(record) == RecordReader::Result::record && record.index == 9);
   CHECK_THROWS(RecordRing(1), "capacity must be at least 2, got 1");
 }
 
-/// Two readers beside a writer that laps them: every record they get is whole, and numbers only rise.
+/// Two readers beside a writer that laps them: every record is whole, and numbers only rise.
 void beside_a_writer() {
   auto ring = std::make_shared<RecordRing>(64);
   constexpr std::uint64_t total = 400000;
@@ -115,8 +115,7 @@ void histogram() {
   CHECK(h.count() == 1003 && h.counts().back() == 1 && h.counts().front() == 2);
   const auto edges = Histogram::edges();
   for (std::size_t i = 1; i < edges.size(); ++i) CHECK(edges[i] > edges[i - 1]);
-  for (const double value :
-       {0.07, 1.0, 3.3, 40.0, 999.0, 1e5}) {  // each lands in the bin that its edges name
+  for (const double value : {0.07, 1.0, 3.3, 40.0, 999.0, 1e5}) {  // each is in the bin of its edges
     Histogram one;
     one.add(value);
     const auto counts = one.counts();

@@ -1,4 +1,4 @@
-// The replica protocol's messages, the log that they are sent from, and a replica beside its leader.
+// The replica protocol's messages, the log they are sent from, and a replica beside its leader.
 #include "burrlab/network/replica.hpp"
 
 #include <chrono>
@@ -128,7 +128,7 @@ void test_bricks_that_cannot_be() {
   CHECK(!accepted(2, 0, content.size() - 1));
 }
 
-/// Whatever the bytes, a decoder says no or gives something; sanitizers watch.
+/// A decoder refuses or accepts any bytes; sanitizers watch.
 void test_random_bytes() {
   std::mt19937 random(1);
   std::vector<Bytes> seeds(7);

@@ -1,4 +1,4 @@
-// Scripts and recordings, given as they are.
+// Scripts and recordings, reproduced exactly.
 #include "burrlab/session/scripted_device.hpp"
 
 #include <cmath>

@@ -1,4 +1,4 @@
-// Erosion shape functions: values, names and what the parser refuses.
+// Erosion shape functions: values, names and refusals of the parser.
 #include "burrlab/shape.hpp"
 
 #include "check.hpp"

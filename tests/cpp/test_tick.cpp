@@ -10,7 +10,7 @@ namespace {
 
 constexpr Scheme schemes[] = {Scheme::layer, Scheme::cell};
 
-/// A solid cube of n voxels a side about the origin, spacing s [mm].
+/// A solid cube of n voxels per side about the origin, spacing s [mm].
 VoxelBone cube(int n, double s) {
   const Vec3 origin = Vec3::Constant(-0.5 * (n - 1) * s);
   return VoxelBone({n, n, n}, std::vector<std::uint8_t>(std::size_t(n) * n * n, 255), Vec3::Constant(s),
@@ -67,7 +67,7 @@ void check_refusals() {
   CHECK_THROWS(parse_scheme("Layer"), "scheme must be layer or cell, got 'Layer'");
 }
 
-/// The part of the mass in voxels of pristine level 1 to 31, in bricks of one level and of several.
+/// The part of the mass in voxels of pristine level 1 to 31, in bricks uniform and not.
 void check_faint() {
   const Vec3 center = Vec3::Constant(2.01), spacing = Vec3::Constant(0.1);
   const auto sums_of = [&](VoxelBone bone) {
@@ -130,7 +130,7 @@ void check_erosion() {
     CHECK(digest != eroded(1 + (std::uint64_t{1} << 32), 7, 0));
   }
 
-  // Moments are those before the erosion; with a = 0 nothing goes.
+  // Moments are those before the erosion; with a = 0 nothing erodes.
   VoxelBone bone = fresh;
   const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
   const Moments before = tick.moments(bone, center);

@@ -1,4 +1,4 @@
-// The reader of TRANSFORM streams and the network device, against a server of this process.
+// The reader of TRANSFORM streams and the network device, with a server in this process.
 #include "burrlab/network/transform_reader.hpp"
 
 #include "check.hpp"
@@ -58,7 +58,7 @@ Bytes transform(float x, float y, float z, const char* name = "burr", std::uint6
   return bytes;
 }
 
-/// Waits, 10 s at most, until `condition` holds.
+/// Waits at most 10 s for `condition`.
 template <class Condition>
 bool soon(Condition&& condition) {
   for (int i = 0; i < 10000 && !condition(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -123,7 +123,7 @@ void test_drops_and_reconnects() {
 
 void test_stop() {
   Server server;
-  for (const bool connected : {false, true}) {  // while it pauses, and while it waits for bytes
+  for (const bool connected : {false, true}) {  // during its pause, and while it waits for bytes
     TransformReader reader("127.0.0.1", connected ? server.port() : 1);
     if (connected) server.accept();
     std::this_thread::sleep_for(std::chrono::milliseconds(20));

@@ -1,4 +1,4 @@
-// The virtual coupling: balance, its error, continuity, the stiffness that the hand meets, free space.
+// The virtual coupling: balance, its error, continuity, the stiffness at the hand, free space.
 #include "burrlab/session/virtual_coupling.hpp"
 
 #include <algorithm>
@@ -35,7 +35,7 @@ Worst press(const TickExecutor& executor, VirtualCoupling& coupling, double top,
     const Vec3 felt = executor.probe(0, now.center).force;
     CHECK_NEAR((felt - now.force).norm(), now.residual, 1e-12);
     if (executor.probe(0, device).force.isZero(0.0) && felt.isZero(0.0)) CHECK(now.center == device);
-    // The same place until nothing moves: the balance itself.
+    // Repeats at the same place until nothing moves: the balance itself.
     VirtualCoupling patient = coupling;
     Coupled settled = now;
     for (int turn = 0; turn < 20 && settled.residual > 2e-4; ++turn)
@@ -44,8 +44,7 @@ Worst press(const TickExecutor& executor, VirtualCoupling& coupling, double top,
     worst.residual = std::max(worst.residual, now.residual);
     worst.probes = std::max(worst.probes, now.probes);
     worst.force = std::max(worst.force, now.force.norm());
-    // Exact balances differ by no more than k_c times the device's way; each is missed by its residual at
-    // most.
+    // Exact balances differ by at most k_c times the device's way; each is missed by at most its residual.
     if (i > 0) {
       const double due = coupling.stiffness() * (device - last_device).norm();
       worst.jump = std::max(worst.jump, (now.force - last.force).norm() - due - now.residual - last.residual);
@@ -72,7 +71,7 @@ void check_press(double hole, double stiffness, double depth, double side) {
   CHECK(worst.jump < 1e-3);
 }
 
-/// Steps of the device, as of a peer that sends rarely: whatever the step, the next ticks find the balance.
+/// Steps of the device, as from a peer that sends rarely: after any step, the next ticks find the balance.
 void check_steps() {
   const auto executor = scenes::executor(scenes::block_with_hole(3.0, 1.0), scenes::bone_material);
   VirtualCoupling coupling(2.0);
@@ -92,7 +91,7 @@ void check_steps() {
   CHECK_THROWS(VirtualCoupling(0.0), "stiffness of the coupling must be positive and finite, got 0");
 }
 
-/// The hand meets contact and spring in series, k k_c/(k + k_c), and never more than the spring.
+/// The hand meets contact and spring in series, k k_c/(k + k_c), never more than the spring.
 void check_series() {
   const auto executor = scenes::executor(scenes::block_with_hole(3.0, 1.0), scenes::bone_material);
   VirtualCoupling coupling(2.0);

@@ -81,7 +81,7 @@ void check_write_and_reset() {
   bone.reset();
   CHECK(bone.removed() == 0.0);
   CHECK(bone.density()[5] == 185 && bone.density() == bone.pristine());
-  CHECK(copy.density()[5] == 85);  // of the erosion, the copy keeps what it had
+  CHECK(copy.density()[5] == 85);  // the copy is not eroded further
 
   const double mass = bone.mass();
   bone.write({0, 0, 0}, {0, 2, 2}, box.data());  // an empty box
@@ -99,7 +99,7 @@ void check_read_and_restore() {
   erode(bone, 5, 100);
   CHECK(fresh.density() == some_levels() && fresh.pristine() == some_levels());
 
-  // A box that touches eight bricks, now and as loaded.
+  // A box in eight bricks, present and pristine.
   const Index3 start{0, 7, 3}, size{9, 3, 7};
   const std::vector<std::uint8_t> now = bone.read(start, size, false), before = bone.read(start, size, true);
   CHECK(now.size() == 9 * 3 * 7 && before.size() == now.size());
@@ -116,7 +116,7 @@ void check_read_and_restore() {
                "must lie inside the volume: along axis 2 (z, y, x) 7 voxels from 5 of 11");
   CHECK_THROWS(bone.read({0, -1, 0}, {1, 1, 1}, true), "along axis 1 (z, y, x) 1 voxels from -1 of 10");
 
-  // A snapshot: levels now are replaced, those as loaded stay, and none may exceed them.
+  // A snapshot replaces the present levels and keeps the pristine ones, which it may not exceed.
   VoxelBone other = fresh;
   other.restore(bone.density().data());
   CHECK(other.digest() == bone.digest() && other.removed() == bone.removed() && other.mass() == bone.mass());
@@ -158,7 +158,7 @@ void check_digest() {
   eroded.reset();
   CHECK(eroded.digest() == digest);
 
-  // The same level in another voxel of its brick, in another brick, and at the volume's far corner.
+  // The same level in another voxel of the brick, in another brick, and at the volume's far corner.
   std::string last = "none";
   for (const std::size_t at : {std::size_t{0}, std::size_t{1}, std::size_t{11}, std::size_t{8}, count - 1}) {
     std::vector<std::uint8_t> levels(count);

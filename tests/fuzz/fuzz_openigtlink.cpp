@@ -1,6 +1,5 @@
-// Mutated OpenIGTLink streams, without libFuzzer: valid messages, broken in the ways that wires and enemies
-// break them. fuzz_openigtlink [INPUTS [SECONDS [SEED]]]: ends after either, 10^5 inputs and 600 s unless
-// said.
+// Mutated OpenIGTLink streams, without libFuzzer: valid messages, broken as by bad wires and by attackers.
+// fuzz_openigtlink [INPUTS [SECONDS [SEED]]] ends after either; defaults 10^5 inputs and 600 s.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
@@ -21,7 +20,7 @@ class Mutator {
 
   std::uint64_t word() { return random_(); }
 
-  /// One to six messages; about half of them changed, and the stream as a whole at times.
+  /// One to six messages; about half of them, and at times the whole stream, are changed.
   Bytes stream() {
     Bytes bytes;
     for (std::uint64_t left = 1 + below(6); left > 0; --left) {
@@ -74,7 +73,7 @@ class Mutator {
     return bytes;
   }
 
-  /// What leaders and replicas say to one another.
+  /// Messages between leaders and replicas.
   void encode_protocol(Bytes& bytes, int version) {
     using namespace burrlab::replica_protocol;
     const std::string digest(digest_digits, "0123456789abcdef"[below(16)]);
@@ -132,7 +131,7 @@ class Mutator {
         break;
       case 1:
         flip(message, header_size, 1 + below(4));
-        break;  // the checksum tells
+        break;  // the checksum shows it
       case 2:
         cut(message);
         break;
@@ -142,7 +141,7 @@ class Mutator {
       case 4:
         flip(message, 0, 1);
         break;
-      default:  // the checksum is right and what it signs is not
+      default:  // a right checksum over wrong content
         if (below(4) == 0) grow(message);
         for (std::uint64_t left = 1 + below(3); left > 0; --left) lie(message);
         sign(message);
@@ -154,7 +153,7 @@ class Mutator {
     for (; times > 0; --times) bytes[from + below(bytes.size() - from)] ^= std::uint8_t(1u << below(8));
   }
 
-  /// Bytes taken out or put in, or the end lost.
+  /// Removes or inserts bytes, or loses the end.
   void cut(Bytes& bytes) {
     if (bytes.empty()) return;
     const std::size_t at = below(bytes.size());
@@ -172,7 +171,7 @@ class Mutator {
     for (std::uint8_t& byte : bytes) byte = std::uint8_t(random_());
   }
 
-  /// A number from the edges, or any, over 1, 2, 4 or 8 bytes: most often at the front, where lengths stand.
+  /// Writes an edge case or any number over 1, 2, 4 or 8 bytes, mostly at the front, where lengths are.
   void lie(Bytes& message) {
     static constexpr std::uint64_t edges[] = {0,   1,   2,   11,   12,    13,       48,
                                               127, 255, 256, 4096, 65535, 1u << 31, ~0ull};

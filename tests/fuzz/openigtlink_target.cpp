@@ -21,7 +21,7 @@ bool within(ByteView part, ByteView whole) {
   return part.size == 0 || (part.data >= whole.data && part.data + part.size <= whole.data + whole.size);
 }
 
-/// What a decoder accepted, encoded again, decodes to the same bytes.
+/// An accepted message, encoded again, decodes to the same bytes.
 Message again(const Bytes& bytes) {
   Header header;
   Message message;
@@ -72,7 +72,7 @@ void check_arrays(const Message& message, const Envelope& envelope) {
   }
 }
 
-/// What a leader or a replica accepted can be, and said again is the same.
+/// An accepted message of a leader or a replica is valid, and the same when encoded again.
 template <class Content>
 void check_protocol(const Message& message, Content content) {
   using namespace burrlab::replica_protocol;
@@ -163,7 +163,7 @@ Counters run(const Bytes& stream, std::uint64_t splits) {
   }
   check_counters(framer, delivered, stream.size());
 
-  // The same bytes at once: the splits make no difference.
+  // The same bytes at once: splits make no difference.
   MessageFramer whole(largest_body);
   whole.feed({stream.data(), stream.size()}, [](const Message&) {});
   REQUIRE(whole.counters().dropped == framer.counters().dropped && whole.counters().messages == delivered);

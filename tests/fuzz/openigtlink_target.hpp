@@ -1,4 +1,4 @@
-// What one fuzz input is put through.
+// What is done with one fuzz input.
 #pragma once
 
 #include "burrlab/network/message_framer.hpp"
@@ -8,9 +8,9 @@ namespace fuzz {
 /// Limit of the framers under test [bytes].
 constexpr std::size_t largest_body = 4096;
 
-/// Feeds `stream` to a framer, split where `splits` says, and every message to every decoder; ends the
-/// program where an invariant does not hold. Afterwards, on a new connection, a valid message must come
-/// through. Returns the framer's counters, less that message.
+/// Feeds `stream` to a framer, split as `splits` says, and every message to every decoder; ends the program
+/// if an invariant fails. A valid message must then pass on a new connection. Returns the framer's counters,
+/// without that message.
 burrlab::openigtlink::Counters run(const burrlab::openigtlink::Bytes& stream, std::uint64_t splits);
 
 }  // namespace fuzz

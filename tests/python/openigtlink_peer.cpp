@@ -1,5 +1,5 @@
-// A standard peer made with Debian's libopenigtlink: openigtlink_peer HOST PORT
-// Prints a line for each TRANSFORM and SENSOR whose checksum is right, until the server closes.
+// A standard peer made with Debian's libopenigtlink: openigtlink_peer HOST PORT. Prints a line for each
+// TRANSFORM and SENSOR with a right checksum, until the server closes.
 #include <igtlClientSocket.h>
 #include <igtlMessageHeader.h>
 #include <igtlSensorMessage.h>

@@ -1,4 +1,4 @@
-// Bricks: the tiles of 8^3 voxels that a bone is stored in, and what is known of each without visiting it.
+// Bricks: the tiles of 8^3 voxels that hold a bone, with sums that spare a visit.
 #pragma once
 
 #include <cstdint>
@@ -11,17 +11,17 @@
 namespace burrlab {
 
 constexpr int brick_side = 8;      ///< voxels along an edge
-constexpr int brick_voxels = 512;  ///< voxels, and bytes of a tile; a z-slab of a tile is one cache line
+constexpr int brick_voxels = 512;  ///< voxels, and bytes, of a tile; a z-slab is one cache line
 
-/// Exact sums over a brick: of q, and of q times the voxel's index 0..7 within it.
+/// Exact sums over a brick, of q and of q times the voxel's index 0..7 in the brick.
 struct BrickSums {
   std::uint32_t mass = 0, x = 0, y = 0, z = 0;
 };
 
-/// The sums of a tile, (z, y, x) levels, aligned to a cache line.
+/// The sums of a tile: levels (z, y, x), aligned to a cache line.
 BrickSums sum_brick(const std::uint8_t* tile);
 
-/// Tiles of zeros, aligned to cache lines; memory that is never written to is never used.
+/// Tiles of zeros, aligned to cache lines. A page takes memory only when it is written to.
 class Tiles {
  public:
   Tiles() = default;
@@ -38,8 +38,8 @@ class Tiles {
   std::uint8_t* first_ = nullptr;
 };
 
-/// Which bricks hold bone: one bit a brick in 64-bit words over 4^3 bricks (a block), and one bit a block in
-/// words over 4^3 blocks, so that empty space is passed by in steps of 32 and of 128 voxels.
+/// Which bricks hold bone: one bit per brick in 64-bit words of 4^3 bricks (a block), and one bit per block
+/// in words of 4^3 blocks. A walk skips empty space in steps of 32 and of 128 voxels.
 class Occupancy {
  public:
   static constexpr int fan = 4;  ///< children along an edge

@@ -10,31 +10,31 @@
 
 namespace burrlab {
 
-/// One tick as felt: the force is that of the state before the tick's erosion.
+/// The contact of one tick. The force is that before the tick's erosion.
 struct Contact {
   Vec3 force = Vec3::Zero();   ///< [N]
   Vec3 normal = Vec3::Zero();  ///< out of the bone
   double penetration = 0.0;    ///< h [mm]
-  double c_e = 0.0;            ///< of Eq. 3: mean over the mass met; the material's without any [N/mm^2]
+  double c_e = 0.0;            ///< of Eq. 3; with tissues, the mean over the mass met [N/mm^2]
   double m0 = 0.0;             ///< [mm^3]
   Vec3 m1 = Vec3::Zero();      ///< [mm^4]
-  double removed = 0.0;        ///< solid bone removed in this tick [mm^3]
-  std::int64_t lost = 0;       ///< the same [levels]
+  double removed = 0.0;        ///< solid bone removed in the tick [mm^3]
+  std::int64_t lost = 0;       ///< bone removed [levels]
   std::uint64_t tick = 0;
-  bool touching = false;   ///< bone inside the sphere
+  bool touching = false;   ///< there is bone inside the sphere
   bool ambiguous = false;  ///< |m_1| < 0.1 m_0 R: the force fades
   bool coarse = false;     ///< R/s < 7.5
-  bool faint = false;      ///< over 5 % of the contact in voxels with p < 32, where `layer` errs
+  bool faint = false;      ///< over 5 % of the mass is in voxels with p < 32, where `layer` errs
 };
 
 /// A descent under an exactly constant force, tick by tick.
 struct HeldDescent {
-  std::vector<double> position;  ///< along the axis from the start, at each tick before its erosion [mm]
-  std::vector<double> force;     ///< axial, as solved [N]
-  std::vector<double> removed;   ///< in the tick [mm^3]
-  std::int64_t ambiguous = 0;    ///< ticks whose contact had no direction
-  std::int64_t faint = 0;        ///< ticks with over 5 % of the contact in voxels with p < 32
-  bool reached = false;          ///< came to the end of its travel
+  std::vector<double> position;  ///< along the axis from the start, before each tick's erosion [mm]
+  std::vector<double> force;     ///< axial, at that position [N]
+  std::vector<double> removed;   ///< in each tick [mm^3]
+  std::int64_t ambiguous = 0;    ///< ticks whose contact has no direction
+  std::int64_t faint = 0;        ///< ticks with over 5 % of the mass in voxels with p < 32
+  bool reached = false;          ///< the burr came to the end of its travel
 };
 
 class BurrContact {
@@ -42,23 +42,23 @@ class BurrContact {
   BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
               std::uint32_t index, Scheme scheme);
 
-  /// The contact at `center` [mm] now: no erosion, no tick.
+  /// The contact at `center` [mm], without erosion or a tick.
   Contact probe(const Vec3& center) const;
-  /// One tick of dt [ms] at `center` [mm]. It, `erode` and `hold` throw where another thread uses the bone.
+  /// One tick of dt [ms] at `center` [mm]. `step`, `erode` and `hold` throw if another thread uses the bone.
   Contact step(const Vec3& center, double dt, bool burr_on);
-  /// The same with constants made before, of this bone and material; none of them: the burr is off. The
-  /// caller holds a VoxelBone::Changing.
+  /// One tick with the constants `steps` of this bone and material, or with the burr off if null. The caller
+  /// holds a VoxelBone::Changing.
   Contact step(const Vec3& center, const ErosionSteps* steps);
-  /// The second half of a tick whose force `probe` gave: its erosion. Returns the solid bone removed [mm^3].
+  /// The erosion of a tick whose force `probe` gave. Returns the solid bone removed [mm^3].
   double erode(const Vec3& center, double dt);
 
-  /// Up to `ticks` ticks of dt [ms], each at the position start + s axis, s >= from, where the axial force is
-  /// `force` [N], until s reaches `travel` [mm]. `axis` is a unit vector into the bone. `now_and_then` is
-  /// called every 256 ticks and may throw.
+  /// At most `ticks` ticks of dt [ms]. Each is at the position start + s axis, s >= from, where the axial
+  /// force is `force` [N]. Ends when s reaches `travel` [mm]. `axis` is a unit vector into the bone.
+  /// `now_and_then` is called every 256 ticks and may throw.
   HeldDescent hold(double force, const Vec3& start, const Vec3& axis, double from, double travel, double dt,
                    std::int64_t ticks, const std::function<void()>& now_and_then = {});
 
-  const ErosionSteps& steps_of(double dt);  ///< constants for dt [ms], kept until the next call
+  const ErosionSteps& steps_of(double dt);  ///< constants for dt [ms], valid until the next call
 
   const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
   const Burr& burr() const { return burr_; }
@@ -80,7 +80,7 @@ class BurrContact {
   std::uint32_t index_;
   Scheme scheme_;
   Tick tick_;
-  // The constants of the last dt [ms], and the tissues that they are of.
+  // The constants of the last dt [ms], and the tissues they belong to.
   double dt_ = 0.0;
   std::shared_ptr<const TissueMap> tissues_;
   ErosionSteps steps_;

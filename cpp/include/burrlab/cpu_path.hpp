@@ -1,4 +1,4 @@
-// Which code the tick runs: one for each instruction set, equal to the bit.
+// The tick's code for each instruction set. All give the same bits.
 #pragma once
 
 #include <string>
@@ -6,11 +6,11 @@
 
 namespace burrlab {
 
-/// Those that this CPU runs, from the plainest to the fastest: on x86-64 "scalar", "portable" (SSE2), "avx2",
-/// "avx512"; elsewhere "portable".
+/// The paths that this CPU runs, from the plainest to the fastest: on x86-64 "scalar", "portable" (SSE2),
+/// "avx2", "avx512"; on AArch64 "portable", "neon"; elsewhere "portable".
 std::vector<std::string> cpu_paths();
-/// The one that contacts made from now on use: the fastest, or what the environment variable
-/// BURRLAB_CPU_PATH names. Throws std::invalid_argument if that is none of `cpu_paths()`.
+/// The path that new contacts use: the fastest, or the one that the environment variable BURRLAB_CPU_PATH
+/// names. Throws std::invalid_argument if the variable names none of `cpu_paths()`.
 std::string cpu_path();
 void use_cpu_path(const std::string& name);  ///< throws std::invalid_argument
 

@@ -1,4 +1,4 @@
-// The digest of a bone that changes brick by brick, without visiting the others.
+// The digest of a bone, updated from the bricks that changed.
 #pragma once
 
 #include <cstdint>
@@ -9,7 +9,7 @@
 
 namespace burrlab {
 
-/// 128 bits that add up over bricks.
+/// 128 bits that are summed over bricks.
 struct Hash128 {
   std::uint64_t a = 0, b = 0;
 
@@ -20,7 +20,7 @@ struct Hash128 {
   bool operator!=(const Hash128& o) const { return !(*this == o); }
 };
 
-/// `VoxelBone::digest()`, kept up with the bricks that changed.
+/// `VoxelBone::digest()`, updated with the bricks that changed.
 class RunningDigest {
  public:
   explicit RunningDigest(const VoxelBone& bone);

@@ -1,9 +1,9 @@
-// The part of a mass that erodes in one tick, the integral of Eq. 4.
+// The part of a mass that erodes in one tick: the integral of Eq. 4.
 #pragma once
 
 namespace burrlab {
 
-/// 1 - exp(-a f) as a short polynomial of a f 2^-k, doubled k times; a = alpha dt.
+/// 1 - exp(-a f), a = alpha dt, as a short polynomial of a f 2^-k, doubled k times.
 struct ErodedFraction {
   /// The best coefficients for a f 2^-k in 0..1/8: relative error 2e-8.
   static constexpr float c1 = 0.49999714f, c2 = 0.16652727f, c3 = 0.03972289f;

@@ -1,4 +1,4 @@
-// What a tick's erosion needs of alpha dt, by tissue; made before the tick, so that it allocates nothing.
+// The constants of a tick's erosion by tissue, made before the tick so that the tick allocates nothing.
 #pragma once
 
 #include <cstdint>
@@ -10,10 +10,10 @@
 
 namespace burrlab {
 
-/// Throws unless a burr of this material may act in the bone: one with tissues has a material of its own.
+/// Throws unless the material may act in the bone: a bone with tissues takes only its tissues' material.
 void check_material(const VoxelBone& bone, const Material& material);
 
-/// `ErodedFraction` of every tissue, side by side for vector loads.
+/// `ErodedFraction` of every tissue, in arrays for vector loads.
 struct ErosionSteps {
   static constexpr double largest = 1000.0;  ///< alpha dt above which a tick is refused
 
@@ -21,10 +21,10 @@ struct ErosionSteps {
   std::int32_t doublings[Tissues::most];  ///< k by tissue
   std::int32_t most_doublings = 0;
 
-  /// The same a = alpha dt for all; throws if it is above `largest`.
+  /// The same a = alpha dt for every tissue; throws if `a` is above `largest`.
   explicit ErosionSteps(double a);
-  /// dt [ms] at the rates of the bone's tissues, or at the material's in a bone without; throws if an alpha
-  /// dt is above `largest`, or the material is not that of the tissues.
+  /// The constants for dt [ms], from the bone's tissues, or from the material in a bone without tissues.
+  /// Throws if an alpha dt is above `largest`, or if the tissues have another material.
   ErosionSteps(const VoxelBone& bone, const Material& material, double dt);
 
  private:

@@ -1,4 +1,4 @@
-// Penetration and elastic force from the moments of the bone inside the burr: Eqs. 2 and 3.
+// Penetration and elastic force from the moments of the bone inside the burr (Eqs. 2 and 3).
 #pragma once
 
 #include "burrlab/types.hpp"
@@ -11,11 +11,11 @@ struct Moments {
   Vec3 m1 = Vec3::Zero();
 };
 
-/// Effective penetration depth h [mm], 0..2R: u = h/R is the smallest positive root of
-/// u^2 (1 - u/3) = m_0/(pi R^3) (Eq. 2).
+/// Effective penetration depth h [mm], 0..2R: u = h/R is the smallest positive root of u^2 (1 - u/3) =
+/// m_0/(pi R^3) (Eq. 2).
 double penetration(double m0, double radius);
 
-/// Below this |m_1|/(m_0 R) the direction of the contact is undefined and the force fades (our decision).
+/// |m_1|/(m_0 R) below which the direction of the contact is undefined and the force fades (our decision).
 constexpr double fading_asymmetry = 0.1;
 
 struct ElasticForce {

@@ -1,4 +1,4 @@
-// The PID controller of the descent experiment: force error in, velocity command out.
+// The PID controller of the descent experiment, from force error to velocity command.
 #pragma once
 
 #include <limits>
@@ -7,10 +7,9 @@
 
 namespace burrlab {
 
-/// velocity = kp e + integral of ki e dt - kd dF/dt, e = set-point - measured force, within limits.
-/// The derivative acts on the measurement, through a first-order filter; the integral term is kept in units
-/// of the output, so that gains may change between updates without a jump, and stands still while the output
-/// is at the limit that it pushes against.
+/// velocity = kp e + integral of ki e dt - kd dF/dt, within limits; e is set-point minus measured force. The
+/// derivative is that of the measured force, through a first-order filter. The integral term has the output's
+/// unit, so gains may change without a jump. It stands still while it would push the output beyond a limit.
 class ForceController {
  public:
   ForceController(double kp, double ki, double kd, double lower, double upper, double derivative_filter)
@@ -49,7 +48,7 @@ class ForceController {
     return output_ = clamp(proportional_ + integral_ + derivative_);
   }
 
-  /// Forgets the past; the integral term starts at `integral` [mm/s].
+  /// Resets the controller; the integral term starts at `integral` [mm/s].
   void reset(double integral) {
     require_finite("integral", integral);
     integral_ = clamp(integral);

@@ -1,5 +1,4 @@
-// A spherical burr, and what it meets: elastic constant, erosion rate and the shape function that the rate
-// belongs to.
+// A spherical burr, and a material: its elastic constant, erosion rate and erosion shape.
 #pragma once
 
 #include <string>
@@ -20,9 +19,9 @@ struct Burr {
 struct Material {
   std::string name;
   double c_e;          ///< elastic constant [N/mm^2], Eq. 3
-  double alpha;        ///< erosion rate [1/ms], Eq. 4; holds for one f, drill, burr type and speed
+  double alpha;        ///< erosion rate [1/ms], Eq. 4; for one f, drill, burr type and speed
   Shape shape;         ///< erosion shape function f of Eq. 4
-  std::string source;  ///< where the numbers come from
+  std::string source;  ///< source of the numbers
 
   Material(std::string name_, double c_e_, double alpha_, Shape shape_, std::string source_)
       : name(std::move(name_)), c_e(c_e_), alpha(alpha_), shape(shape_), source(std::move(source_)) {

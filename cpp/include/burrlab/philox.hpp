@@ -11,7 +11,7 @@ using PhiloxBlock = std::array<std::uint32_t, 4>;
 
 constexpr std::uint32_t philox_multiplier[2] = {0xD2511F53u, 0xCD9E8D57u};
 constexpr std::uint32_t philox_weyl[2] = {0x9E3779B9u, 0xBB67AE85u};
-/// Rounds that the tick draws with: the fewest that pass the tests of its authors, and ours.
+/// Rounds of the tick's draws: the fewest that pass the authors' tests and ours.
 constexpr int philox_rounds = 7;
 
 template <int rounds>

@@ -1,5 +1,5 @@
-// exp, log and pow from + - * / alone, for tables that decide bits of the erosion: the C library's
-// versions differ in the last bit between CPUs and releases. frexp, ldexp and rint are exact.
+// exp, log and pow from + - * / alone, for tables that decide bits of the erosion. The C library's versions
+// differ in the last bit between CPUs and releases. frexp, ldexp and rint are exact.
 #pragma once
 
 #include <cmath>

@@ -1,5 +1,5 @@
 // The erosion shape function f(x), x = r/R, of Eq. 4. The paper asks only for a maximum at r = 0 and zero
-// beyond R; the family is our choice, and an alpha is a number for one f.
+// beyond R. The family is our choice; an alpha belongs to one f.
 #pragma once
 
 #include <cmath>
@@ -15,7 +15,8 @@ class Shape {
   /// f = y^order, where y is 1, the depth delta = 1 - x, or 1 - x^2.
   enum class Kind { constant, linear, power };
 
-  /// From one of `names()` or "power(k)", (1 - x^2)^k with 0 < k <= 8; throws std::invalid_argument.
+  /// The shape of one of `names()`, or of "power(k)", (1 - x^2)^k with 0 < k <= 8; throws
+  /// std::invalid_argument.
   static Shape parse(const std::string& name);
   static Shape parabolic() { return Shape(Kind::power, 1.0); }
   static std::vector<std::string> names();
@@ -23,12 +24,12 @@ class Shape {
   Kind kind() const { return kind_; }
   /// Order of the zero of f at x = 1; 0 for constant.
   double order() const { return order_; }
-  /// Of the leading term at the surface: f = kappa delta^order + ...
+  /// Factor of the leading term at the surface: f = kappa delta^order + ...
   double kappa() const { return kind_ == Kind::power ? std::pow(2.0, order_) : 1.0; }
-  int whole() const { return whole_; }  ///< the order where it is a whole number, else 0
+  int whole() const { return whole_; }  ///< the order if it is a whole number, else 0
   std::string name() const;
 
-  /// f at depth d below the sphere's surface, delta = d/R = 1 - x in [0, 1]. In the tick Real is float.
+  /// f at the depth delta = d/R = 1 - x in [0, 1] below the sphere's surface. In the tick Real is float.
   template <class Real>
   Real at_depth(Real delta) const {
     if (kind_ == Kind::constant) return Real(1);

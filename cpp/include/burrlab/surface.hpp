@@ -1,4 +1,4 @@
-// The bone's surface, in blocks of 32^3 voxels that can be replaced one by one: what is drawn of it.
+// The bone's surface for drawing, in blocks of 32^3 voxels that can be replaced one by one.
 #pragma once
 
 #include <cstdint>
@@ -8,13 +8,13 @@
 
 namespace burrlab {
 
-/// Triangles of a block. Neighbours repeat the vertices on their common border, to the bit.
+/// Triangles of a block. Neighbours repeat the vertices on their common border to the bit.
 struct SurfaceBlock {
   std::vector<float> points;            ///< (x, y, z) each [mm], bone frame
   std::vector<float> normals;           ///< (x, y, z) each, out of the bone, length 1
   std::vector<std::int32_t> triangles;  ///< three vertices each, counter-clockwise seen from outside
-  std::vector<std::uint8_t> tissues;    ///< number of the nearest solid voxel's tissue; 0 without tissues
-  std::vector<std::uint8_t> lost;       ///< most levels that one of the eight voxels around has lost
+  std::vector<std::uint8_t> tissues;    ///< tissue number of the nearest solid voxel; 0 without tissues
+  std::vector<std::uint8_t> lost;       ///< most levels lost by one of the eight voxels around
 };
 
 constexpr int surface_side = 32;  ///< voxels along an edge of a block
@@ -22,7 +22,7 @@ constexpr int surface_side = 32;  ///< voxels along an edge of a block
 /// Number of blocks (z, y, x).
 Index3 surface_blocks(const VoxelBone& bone);
 
-/// The surface where the level passes from below `level` (1..255) to at least `level`; what lies beyond the
+/// The surface where the level rises from below `level` (1..255) to at least `level`. The space outside the
 /// volume is empty. Throws if there is no such block.
 SurfaceBlock extract_surface(const VoxelBone& bone, const Index3& block, int level);
 

@@ -1,5 +1,4 @@
-// The tick: moments of the bone inside the sphere (Eq. 1) and its erosion (Eq. 4), exact to the bit as
-// docs/tick.md defines them.
+// The tick: moments of the bone inside the sphere (Eq. 1) and its erosion (Eq. 4), as in docs/tick.md.
 #pragma once
 
 #include <cstdint>
@@ -20,22 +19,21 @@ struct Sphere;
 struct TissueTables;
 }  // namespace kernel
 
-/// How bone in a voxel meets the sphere. `cell` is the paper's: a voxel is uniform. `layer` resolves the
-/// layer in which a burr cuts inside the voxel, so that results do not depend on voxel size.
+/// What is assumed inside a voxel. `cell` is the paper's: a voxel is uniform. `layer` resolves the layer in
+/// which a burr cuts, so that results do not depend on voxel size.
 enum class Scheme { layer, cell };
 Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
 
-/// What one pass over the sphere adds up; exact whatever the order.
+/// Exact sums of one pass over the sphere; their order does not matter.
 struct TickSums {
-  std::int64_t mass = 0;  ///< sum of M [1/256 level]
-  std::int64_t first[3] = {0, 0,
-                           0};  ///< sum of M times voxel index from the nearest to the centre, (x, y, z)
-  std::int64_t faint = 0;       ///< the part of `mass` in voxels with p < 32, where `layer` errs
-  std::int64_t lost = 0;        ///< levels removed
-  std::int64_t stiffness = 0;   ///< sum of K M in a bone with tissues [1/4096 N/mm^2 times 1/256 level]
+  std::int64_t mass = 0;              ///< sum of M [1/256 level]
+  std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from the centre's voxel, (x, y, z)
+  std::int64_t faint = 0;             ///< part of `mass` in voxels with p < 32, where `layer` errs
+  std::int64_t lost = 0;              ///< levels removed
+  std::int64_t stiffness = 0;  ///< sum of K M, of a bone with tissues [1/4096 N/mm^2 times 1/256 level]
 };
 
-/// The sphere in one bone's grid.
+/// The sphere in the grid of one bone.
 class Tick {
  public:
   static constexpr double coarsest = 4.0;  ///< R/s below which a burr is refused
@@ -46,10 +44,10 @@ class Tick {
 
   /// Moments at `center` [mm], without erosion.
   Moments moments(const VoxelBone& bone, const Vec3& center, TickSums* sums = nullptr) const;
-  /// Erosion by one step with the draws of `tick`, without moments.
+  /// Erosion by one step, with the draws of `tick`, without moments.
   void erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick,
              TickSums* sums) const;
-  /// Both in one pass; the moments are those before the erosion.
+  /// Moments and erosion in one pass; the moments are those before the erosion.
   Moments moments_and_erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
                             std::uint64_t tick, TickSums* sums) const;
 
@@ -78,8 +76,7 @@ class Tick {
   std::shared_ptr<const DepthTable> depth_;  // null where f needs no depth
 };
 
-/// U (draw 0) or V (draw 1) of every voxel of a volume of `shape`, (z, y, x), as a tick draws them; for
-/// tests.
+/// U (draw 0) or V (draw 1) of a tick for every voxel of a volume of `shape`, (z, y, x). For tests.
 std::vector<std::uint16_t> random_field(const Index3& shape, std::uint64_t seed, std::uint64_t tick,
                                         std::uint32_t index, std::uint32_t draw);
 

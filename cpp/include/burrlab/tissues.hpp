@@ -1,4 +1,4 @@
-// Tissues: what a label of a segmentation stands for, and the table of them that belongs to a bone.
+// Tissues: what the labels of a segmentation stand for, and the table of tissues of a bone.
 #pragma once
 
 #include <array>
@@ -14,25 +14,25 @@ namespace burrlab {
 
 struct Tissue {
   std::string name;
-  std::int32_t label = 0;                ///< in the volume that it was loaded from
+  std::int32_t label = 0;                ///< in the volume it was loaded from
   double c_e = 0.0;                      ///< elastic constant [N/mm^2], Eq. 3
   double alpha = 0.0;                    ///< erosion rate [1/ms], Eq. 4
   std::array<std::uint8_t, 3> colour{};  ///< red, green, blue
   bool critical = false;                 ///< distances to it and injuries of it are watched
-  bool bleeds = false;                   ///< blood comes where it is opened
-  bool assumed = false;                  ///< c_e and alpha were not measured on it
+  bool bleeds = false;                   ///< it bleeds where it is opened
+  bool assumed = false;                  ///< c_e and alpha were not measured on this tissue
 };
 
-/// A table of tissues; a tissue's number is its place in it. One f for all: that of `material`, the one whose
-/// values tissues without their own have.
+/// A table of tissues. A tissue's number is its place in the table. All share the f of `material`, which also
+/// gives c_e and alpha to tissues without their own.
 class Tissues {
  public:
   static constexpr std::size_t most = 64;
-  static constexpr double quanta = 4096.0;  ///< c_e counts in 1/4096 N/mm^2, so that sums stay exact
+  static constexpr double quanta = 4096.0;  ///< c_e counts in 1/4096 N/mm^2, so that sums are exact
   static constexpr double largest_c_e = 1000.0;
 
-  /// Throws unless there are 1 to 64 tissues with names and labels that differ, c_e from 1/4096 to 1000
-  /// N/mm^2 and alpha zero or positive.
+  /// Throws unless there are 1 to 64 tissues, names and labels differ, c_e is 1/4096 to 1000 N/mm^2 and alpha
+  /// zero or positive.
   Tissues(std::vector<Tissue> tissues, const Material& material);
 
   std::size_t size() const { return tissues_.size(); }
@@ -40,7 +40,7 @@ class Tissues {
   const Material& material() const { return material_; }
   /// c_e of a tissue, rounded to nearest [1/4096 N/mm^2].
   std::int32_t stiffness(std::size_t number) const { return stiffness_[number]; }
-  /// By number, `most` of them; zeros beyond `size()`.
+  /// `stiffness` by number, `most` of them; zeros from `size()` on.
   const std::int32_t* stiffnesses() const { return stiffness_.data(); }
   std::int32_t largest_stiffness() const;
 
@@ -50,25 +50,25 @@ class Tissues {
   std::array<std::int32_t, most> stiffness_{};
 };
 
-/// One number a voxel, or one a brick where it is the same throughout. Never changes once it is made, so that
-/// copies of a bone share it.
+/// Tissue numbers of a bone: one per voxel, or one per brick that is uniform. Never changes, so copies of a
+/// bone share it.
 class TissueMap {
  public:
   using Sums = std::array<std::int64_t, Tissues::most>;  ///< by tissue
 
-  /// Numbers (z, y, x) into the table; throws where one is not in it.
+  /// Numbers (z, y, x) into the table; throws if one is not in the table.
   TissueMap(const Index3& shape, const std::uint8_t* numbers, const Tissues& table);
 
   const Tissues& table() const { return table_; }
   const Index3& shape() const { return shape_; }
-  /// Dense copy of a box, (z, y, x); it must lie inside.
+  /// Dense copy of a box, (z, y, x), that lies inside.
   void read(const Index3& start, const Index3& shape, std::uint8_t* out) const;
 
   // Bricks by number, as in VoxelBone.
-  /// 512 numbers (z, y, x), aligned to a cache line; null where they are all `number(brick)`.
+  /// 512 numbers (z, y, x), aligned to a cache line; null if all are `number(brick)`.
   const std::uint8_t* tile(std::size_t brick) const { return mixed(brick) ? tiles_.tile(brick) : nullptr; }
-  std::uint8_t number(std::size_t brick) const { return number_[brick]; }  ///< of its first voxel
-  /// Bit i: tissue i is in it.
+  std::uint8_t number(std::size_t brick) const { return number_[brick]; }  ///< of the first voxel
+  /// Bit i: the brick holds tissue i.
   std::uint64_t present(std::size_t brick) const { return present_[brick]; }
   /// Adds sign times the levels of a mixed brick, aligned to a cache line, to the sums of its tissues.
   void add(std::size_t brick, const std::uint8_t* levels, int sign, Sums& sums) const;
@@ -82,7 +82,7 @@ class TissueMap {
   Tissues table_;
   std::vector<std::uint8_t> number_;
   std::vector<std::uint64_t> present_;
-  Tiles tiles_;  // only where a brick is mixed; beyond the volume the number of the brick's first voxel
+  Tiles tiles_;  // mixed bricks only; beyond the volume, the number of the brick's first voxel
 };
 
 }  // namespace burrlab

@@ -12,15 +12,16 @@
 
 namespace burrlab {
 
-/// uint8 occupancy (z, y, x): 0 empty, 255 solid bone. Holds two levels a voxel, `density` q now and
-/// `pristine` p as loaded or written; q <= p. Outside the volume there is nothing.
+/// uint8 occupancy (z, y, x): 0 is empty, 255 solid bone. A voxel has two levels: `density` q, the present
+/// one, and `pristine` p, as loaded or written; q <= p. The space outside the volume is empty.
 class VoxelBone {
  public:
   using Levels = std::vector<std::uint8_t>;
 
-  /// Held by a thread that uses a bone which others could use too: one changes it, or any number read it.
-  /// Throws where others are in the way; nobody waits. A BurrContact's ticks, HapticLoop, Replica, `restore`,
-  /// `reset`, `set_tissues` and `digest` hold it themselves; whoever calls another member sees to it.
+  /// Held by a thread while it uses a shared bone: one thread changes it, or any number read it. The
+  /// constructor throws if another use is in the way, and does not wait. BurrContact's ticks, HapticLoop,
+  /// Replica, `restore`, `reset`, `set_tissues` and `digest` hold one themselves; callers of other members
+  /// must hold one.
   template <bool changes>
   class Use {
    public:
@@ -41,7 +42,7 @@ class VoxelBone {
 
   /// shape (z, y, x); spacing (x, y, z) [mm]; origin: centre of voxel (0, 0, 0), (x, y, z) [mm].
   VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin);
-  /// One level throughout.
+  /// The same level in every voxel.
   VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin);
   VoxelBone(const VoxelBone& other);
   VoxelBone(VoxelBone&&) = default;
@@ -58,55 +59,53 @@ class VoxelBone {
 
   Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
   Levels pristine() const { return read({0, 0, 0}, shape_, true); }  ///< dense copy, (z, y, x)
-  /// Copy of the box that begins at `start` (z, y, x); throws if it leaves the volume.
+  /// Copy of the box that begins at `start` (z, y, x); throws if the box leaves the volume.
   Levels read(const Index3& start, const Index3& shape, bool pristine) const;
   void read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const;
 
   /// Throws unless the box lies inside the volume.
   void check_box(const Index3& start, const Index3& shape) const;
-  /// Sets q and p of the box that begins at `start` (z, y, x); throws if it leaves the volume.
+  /// Sets q and p of the box that begins at `start` (z, y, x); throws if the box leaves the volume.
   void write(const Index3& start, const Index3& shape, const std::uint8_t* levels);
-  /// Sets q of the whole volume, as from a snapshot; throws if it is above p anywhere.
+  /// Sets q of the whole volume, as from a snapshot; throws if a q is above its p.
   void restore(const std::uint8_t* density);
   void reset();  ///< q = p everywhere
 
-  /// Says of every voxel's pristine content which tissue it is; null: one material. Bones share the map.
+  /// Gives each voxel's pristine content a tissue; null: one material. Copies of a bone share the map.
   void set_tissues(std::shared_ptr<const TissueMap> map);
   const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }
-  double mass_of(std::size_t tissue) const;     ///< that is left of a tissue, by number [mm^3]
+  double mass_of(std::size_t tissue) const;     ///< present mass of a tissue [mm^3]
   double removed_of(std::size_t tissue) const;  ///< pristine minus present [mm^3]
   std::int64_t tissue_levels(std::size_t tissue) const { return tissue_sums_.present[tissue]; }
-  std::vector<std::int64_t> tissue_levels() const;  ///< of each; none without tissues
+  std::vector<std::int64_t> tissue_levels() const;  ///< of each tissue; empty without tissues
 
-  /// 128 bits as 32 hexadecimal digits: geometry plus the sum over 8^3 bricks of a hash of brick index,
-  /// q and p, and, where there are tissues, their numbers and table. A sum, so that a brick that changed can
-  /// be exchanged in it.
+  /// 128 bits as 32 hexadecimal digits: geometry, plus the sum over 8^3 bricks of a hash of brick index, q, p
+  /// and, with tissues, their numbers and table. In a sum, the part of a brick that changed can be replaced.
   std::string digest() const;
 
-  /// Writes to every page, so that no tick is the first to.
+  /// Writes to every page, so that no tick is the first to do so.
   void touch();
 
-  // Bricks by number, for copies that follow a bone.
+  // Bricks by number, for copies of a bone that follow it.
   std::size_t brick_count() const { return sums_.size(); }
   Index3 place(std::size_t brick) const;  ///< (z, y, x) among bricks
-  Index3 extent(std::size_t brick) const {
-    return extent(place(brick));
-  }  ///< voxels (z, y, x) within the volume
+  /// Voxels (z, y, x) within the volume.
+  Index3 extent(std::size_t brick) const { return extent(place(brick)); }
   /// Numbers of the bricks that the box between two points [mm] meets, in order.
   std::vector<std::uint32_t> bricks_between(const Vec3& low, const Vec3& high) const;
   /// Numbers of the bricks that lost bone or were written since the last call, in order.
   std::vector<std::uint32_t> take_changed();
   /// Whether present and pristine levels may differ.
   bool is_eroded(std::size_t brick) const { return state_[brick] & eroded; }
-  /// q (512 levels) and p (512 levels) of a brick, zeros beyond the volume.
+  /// Reads q and p of a brick, 512 levels each, zeros beyond the volume.
   void read_brick(std::size_t brick, std::uint8_t* density, std::uint8_t* pristine) const;
-  /// Sets both; throws if a level of q is above that of p, or p is not zero beyond the volume.
+  /// Sets q and p of a brick; throws if a q is above its p, or a p beyond the volume is not zero.
   void write_brick(std::size_t brick, const std::uint8_t* density, const std::uint8_t* pristine);
-  /// Takes over the present levels of a brick of a bone whose pristine levels are the same, also while a tick
-  /// in another thread takes from them; whether it did, TickExecutor::version says.
+  /// Copies the present levels of a brick from a bone with the same pristine levels. A tick in another thread
+  /// may change them meanwhile; TickExecutor::version shows whether one did.
   void copy_brick(std::size_t brick, const VoxelBone& from);
 
-  /// Bytes of all that is kept beside the levels: sums, states and occupancy.
+  /// Bytes of the sums, states and occupancy beside the levels.
   std::size_t hierarchy_bytes() const;
 
   // For the tick: bricks by number, (z, y, x) in C order.
@@ -117,36 +116,36 @@ class VoxelBone {
   }
   const BrickSums& sums(std::size_t brick) const { return sums_[brick]; }
   const std::uint8_t* tile(std::size_t brick) const { return density_.tile(brick); }
-  /// Pristine levels of a brick; null where they are one level, `pristine_level`.
+  /// Pristine levels of a brick; null if all are `pristine_level`.
   const std::uint8_t* pristine_tile(std::size_t brick) const {
     if (state_[brick] & uniform) return nullptr;
     return state_[brick] & saved ? pristine_.tile(brick) : density_.tile(brick);
   }
   std::uint8_t pristine_level(std::size_t brick) const { return level_[brick]; }
-  /// Whether it holds pristine levels 1..31, where the scheme `layer` errs.
+  /// Whether a brick holds pristine levels 1..31, where the scheme `layer` errs.
   bool has_faint(std::size_t brick) const { return state_[brick] & faint; }
-  /// The levels of a brick, to be eroded in place; saves the pristine ones if that is still to be done.
+  /// The levels of a brick, to be eroded in place. Saves the pristine ones first if needed.
   std::uint8_t* open(std::size_t brick);
-  /// After erosion: its sums now, and, where it holds several tissues, its levels before (aligned to a cache
-  /// line; they become what was lost). Returns the levels lost.
+  /// To be called after the erosion of a brick, with its sums `now`. A brick of several tissues also needs
+  /// its levels `before`, aligned to a cache line; they become each voxel's loss. Returns the levels lost.
   std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, std::uint8_t* before);
 
  private:
   enum State : std::uint8_t {
     uniform = 1,  // the pristine level is `level_` throughout
-    saved = 2,    // the pristine levels lie in `pristine_`; without both flags they equal the present ones
+    saved = 2,    // the pristine levels are in `pristine_`; without both flags they equal the present ones
     eroded = 4,   // the present levels may differ from the pristine ones
     faint = 8,    // some pristine levels lie in 1..31
     changed = 16  // since `take_changed`
   };
 
   struct Users {
-    std::atomic<int> count{0};  // -1: one changes the bone; else so many read it
+    std::atomic<int> count{0};  // -1: one thread changes the bone; else the number of readers
     Users() = default;
-    Users(const Users&) {}  // a copy has none
+    Users(const Users&) {}  // a copy has no users
     Users& operator=(const Users&) { return *this; }
   };
-  struct Sum : std::atomic<std::int64_t> {  // one thread changes it at a time, any may read it
+  struct Sum : std::atomic<std::int64_t> {  // one thread changes it at a time, any may read
     Sum(std::int64_t value = 0) : atomic(value) {}
     Sum(const Sum& other) : atomic(std::int64_t(other)) {}
     Sum& operator=(const Sum& other) { return store(other, std::memory_order_relaxed), *this; }
@@ -166,7 +165,7 @@ class VoxelBone {
 
   Index3 shape_, bricks_;
   Vec3 spacing_, origin_;
-  Tiles density_, pristine_;  // the second only where a brick is not uniform
+  Tiles density_, pristine_;  // `pristine_` only where a brick is not uniform
   std::vector<BrickSums> sums_;
   Levels level_;  // pristine level of uniform bricks
   Levels state_;

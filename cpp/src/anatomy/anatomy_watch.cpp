@@ -74,7 +74,7 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
     const std::int64_t lost = levels_[s] - levels;
     levels_[s] = levels;
     dose.removed += lost;
-    const bool injures = lost > 0 && !beside.injured && is_injury(bone, s);  // told with its distance
+    const bool injures = lost > 0 && !beside.injured && is_injury(bone, s);  // reported with its distance
     beside.center = center;
     if (injures || !((center - beside.measured).squaredNorm() < beside.still * beside.still))
       measure(burr, s, record);
@@ -114,8 +114,8 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
   }
 }
 
-/// Near a structure a search costs more than all the rest, and a burr moves by micrometres in a tick: until
-/// the distance could have crossed what counts, or come closer than ever, it need not be searched anew.
+/// Measures the distance, and how far the burr may move until it could cross a limit or an edge of the bins,
+/// or be the closest so far. A search in every tick would be slow.
 void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept {
   const auto& [to, limits] = structures_[structure];
   Beside& beside = of(burr, structure);
@@ -139,10 +139,10 @@ void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRe
     cross(limit);
     cross(limit + limits.hysteresis);
   }
-  beside.still = std::max(0.0, change - 1e-9) / distance.rate;  // 1e-9: more than sums are rounded by
+  beside.still = std::max(0.0, change - 1e-9) / distance.rate;  // more than the rounding of sums
 }
 
-/// With the distance where the burr is.
+/// The dose, with the distance of the burr's present place.
 WatchDose AnatomyWatch::dose(std::size_t burr, std::size_t structure) const {
   const Beside& beside = of(burr, structure);
   WatchDose dose = beside.dose;

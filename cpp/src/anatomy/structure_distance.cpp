@@ -32,7 +32,7 @@ struct StructureSearch::Best {
   double squared;
   NearestVoxel& nearest;
   Index3 first{}, last{};  // voxels that may be nearer
-  bool any = false;        // below the bound
+  bool any = false;        // one is below the bound
   void take(double value, const Index3& at) {
     squared = value;
     nearest.at = at;
@@ -75,8 +75,8 @@ StructureSearch::StructureSearch(const VoxelBone& bone, std::size_t tissue)
   }
 }
 
-// Of a point to the voxels first..last along an axis. A range that holds another is never farther, to the
-// last bit, because the same edges are rounded in the same way.
+// Distance from a point to the voxels first..last along an axis. A larger range is never farther, to the last
+// bit, because equal edges are rounded equally.
 double StructureSearch::gap(int axis, double point, std::int64_t first, std::int64_t last) const {
   return std::max({edge(axis, first) - point, point - edge(axis, last + 1), 0.0});
 }

@@ -9,7 +9,7 @@
 namespace burrlab {
 namespace {
 
-constexpr int most_frames_at_once = 4;  // periods that one frame may stand for
+constexpr int most_frames_at_once = 4;  // periods one frame may stand for
 
 std::vector<BurrAt> burrs_of(const TickRecord& record) {
   std::vector<BurrAt> burrs;
@@ -25,7 +25,7 @@ std::vector<BurrAt> burrs_of(const TickRecord& record) {
 EffectsCompanion::EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime)
     : feed_(std::move(feed)), rate_(rate), realtime_(realtime) {
   if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
-  // After the feed was made: what changes between the two is then in both, and makes dust once.
+  // After the feed is made: a change between the two is then in both, and makes dust once.
   effects_ = std::make_unique<Effects>(*feed_.snapshot(first_tick_), setup);
   newest_.tick = first_tick_;
   newest_.hidden = next_.hidden = std::numeric_limits<double>::quiet_NaN();
@@ -61,7 +61,7 @@ bool EffectsCompanion::wait(double seconds) {
 }
 
 void EffectsCompanion::run() {
-  // What has no end in sight must not keep ordinary threads from a core.
+  // Without a budget the thread could keep ordinary threads from a core.
   const auto& budget = effects_->setup().budget;
   const bool brief = budget && *budget * rate_ <= most_share;
   std::vector<std::string> notes = become_realtime({realtime_ && brief, priority, false, -1});

@@ -9,13 +9,13 @@
 
 namespace burrlab {
 
-/// Which parcels share a cell of a grid: a hash table of cells, filled and read in the order of the parcels,
-/// so that the outcome depends on nothing else.
+/// Finds parcels in the same cell of a grid: a hash table of cells, filled and read in the order of the
+/// parcels, so that the outcome depends on nothing else.
 class CellTable {
  public:
   static constexpr std::uint32_t none = 0xFFFFFFFFu;
 
-  /// For cells of this edge [mm] and at most `most` entries; forgets all.
+  /// Empties the table, for cells of this edge [mm] and at most `most` entries.
   void reset(double edge, std::size_t most) {
     per_mm_ = 1.0 / edge;
     std::size_t slots = 16;
@@ -23,7 +23,7 @@ class CellTable {
     key_.assign(slots, 0);
     value_.assign(slots, none);
   }
-  /// The entry of the cell of a place and of a kind 0..3, to be read and set; `none` where there is none yet.
+  /// The entry of a place's cell and a kind 0..3, to be read or set; `none` if not set.
   std::uint32_t& at(const Vec3& place, unsigned kind) {
     std::uint64_t key = 1 + kind;
     for (int axis = 0; axis < 3; ++axis) {
@@ -46,8 +46,8 @@ class CellTable {
 namespace {
 
 constexpr double longest_frame = 10.0;  // [s]
-constexpr double merged_share = 0.95;   // of the limit that a merge at the limit leaves
-constexpr double farthest = 1e9;  // of a burr, and of the bone in voxels: beyond, half a voxel may be nothing
+constexpr double merged_share = 0.95;   // of the limit, left by a merge at the limit
+constexpr double farthest = 1e9;  // of a burr, or of the bone in voxels: beyond, half a voxel may round away
 constexpr std::int32_t most_sub_steps = 64;
 
 EffectsSetup checked(EffectsSetup setup) {
@@ -62,7 +62,7 @@ EffectsSetup checked(EffectsSetup setup) {
   return setup;
 }
 
-// Counts of quanta are whole numbers of 64 bits, and ways out of the bone are made of half voxels.
+// Quanta are counted in 64 bits, and ways out of the bone are steps of half a voxel.
 const VoxelBone& checked(const VoxelBone& bone) {
   const double quantum = bone.voxel_volume() / 255.0;
   if (!(quantum >= 1e-9 && quantum <= 1e3))
@@ -72,7 +72,7 @@ const VoxelBone& checked(const VoxelBone& bone) {
   return bone;
 }
 
-// Where a device sends it; that far outside any place does as well.
+// A burr's place from its device; far outside any place is as good.
 BurrAt within_reach(BurrAt burr) {
   burr.center = burr.center.cwiseMax(-farthest).cwiseMin(farthest);
   return burr;
@@ -185,7 +185,7 @@ void Effects::take_levels(const BrickLevels& changes, const std::vector<BurrAt>&
   }
 }
 
-// Against gravity out of the bone: a nozzle may be in it, and bone may come back around parcels.
+// Moves a place out of the bone, against gravity: a nozzle may be in bone, and bone may come back.
 Vec3 Effects::lifted(Vec3 place) const {
   const Vec3 up = -0.5 * field_.least_spacing() * setup_.down;
   while (field_.solid(place)) place += up;
@@ -195,7 +195,7 @@ Vec3 Effects::lifted(Vec3 place) const {
 void Effects::move(double seconds, FrameDecision& decision, bool given, std::int64_t started) {
   if (sucker_) {
     const double more = sucker_->rate * seconds / quantum();
-    room_ = std::min(room_ + more, more);  // what was not used is lost, what was too much is owed
+    room_ = std::min(room_ + more, more);  // unused room is lost, excess is owed
   }
   const double part = seconds / decision.sub_steps;
   const Motion::Interval interval = motion_.interval(part);
@@ -218,7 +218,7 @@ void Effects::move_all(const Motion::Interval& interval) {
   }
 }
 
-// Takes a parcel out that met the sucker's tip on its way, or left the box.
+// Removes a parcel that met the sucker's tip on its way, or left the box.
 void Effects::settle(std::size_t i, const Vec3& before) {
   const Vec3& place = parcels_.position[i];
   Quanta* account = nullptr;
@@ -295,7 +295,7 @@ std::size_t Effects::embedded() const {
   return count;
 }
 
-// Parcels become one: dust that is wetted here, neighbours where there are too many below.
+// Merges dust into the liquid that wets it.
 void Effects::wet() {
   const double saturation = setup_.parameters.paste_saturation;
   const auto has_room = [&](std::size_t i) {
@@ -317,7 +317,7 @@ void Effects::wet() {
   }
 }
 
-// Parcels of a kind in one cell become one; cells grow until it is enough. Dry and wet stay apart, which
+// Merges parcels of a kind in one cell; cells grow until few enough are left. Dry and wet stay apart, which
 // leaves at most 16: eight cells meet at the origin.
 void Effects::merge_to(std::int64_t most) {
   for (double edge = setup_.parameters.merge_distance; std::int64_t(parcels_.size()) > most; edge *= 2.0) {

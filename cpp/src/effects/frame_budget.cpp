@@ -5,10 +5,10 @@
 namespace burrlab {
 namespace {
 
-constexpr double share = 0.5;   // of the budget that sub-steps are planned for
-constexpr double most = 0.7;    // of the budget that a single one may be expected to take; else parcels merge
-constexpr double forget = 0.2;  // weight of the newest frame
-constexpr double enough = 256.0;  // movements or parcels below which a cost says nothing
+constexpr double share = 0.5;     // of the budget, planned for sub-steps
+constexpr double most = 0.7;      // of the budget, for a single sub-step; above it parcels merge
+constexpr double forget = 0.2;    // weight of the newest frame
+constexpr double enough = 256.0;  // movements or parcels; with fewer a cost means nothing
 
 }  // namespace
 

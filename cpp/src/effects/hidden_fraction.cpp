@@ -33,7 +33,7 @@ std::array<double, 2> slopes(double across, double ahead, double radius) {
   return {std::tan(std::max(-widest, middle - half)), std::tan(std::min(widest, middle + half))};
 }
 
-// The first sample whose middle lies behind a place in the frame [samples].
+// The first sample with its middle behind a place in the frame [samples].
 int first_sample(double place) { return int(std::clamp(std::ceil(place - 0.5), 0.0, double(side))); }
 
 double opacity(const Quanta& mass, const EffectParameters& parameters) {
@@ -64,7 +64,7 @@ double hidden_fraction(const Parcels& parcels, double quantum, const EffectParam
   if (across[0] >= across[1] || along[0] >= along[1]) return nowhere;
   const double dx = (across[1] - across[0]) / side, dy = (along[1] - along[0]) / side;
 
-  // What passes at each sample, and how far forward the burr's surface lies there; zero beside it.
+  // The light that passes at each sample, and the distance forward to the burr's surface; 0 beside the burr.
   double passes[side * side], ahead[side * side];
   int seen = 0;
   const double offset = center.squaredNorm() - burr.radius * burr.radius;

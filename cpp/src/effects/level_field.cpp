@@ -12,8 +12,8 @@ namespace {
 // Amanatides, Woo, A fast voxel traversal algorithm for ray tracing, Eurographics 1987.
 using Cell3 = std::array<std::int64_t, 3>;  // (x, y, z)
 
-/// Cells of edge `size` in [low, high) that `from + t move`, t in [begin, end], meets. visit(cell, t, axis)
-/// tells the t of entry and the axis it was entered along, -1 at the beginning, and returns true to stop.
+/// Visits the cells of edge `size` in [low, high) on `from + t move`, t in [begin, end]. visit(cell, t, axis)
+/// gets the t of entry and the axis of entry, -1 at the beginning; it returns true to stop.
 template <class Visit>
 bool walk_grid(const Vec3& from, const Vec3& move, double begin, double end, double size, const Cell3& low,
                const Cell3& high, int axis, Visit visit) {
@@ -24,7 +24,7 @@ bool walk_grid(const Vec3& from, const Vec3& move, double begin, double end, dou
     return (double(cell[i] + (move[i] > 0.0)) * size - from[i]) / move[i];
   };
   for (int i = 0; i < 3; ++i) {
-    // Truncation is rounding down here: `low` is not negative.
+    // Truncation rounds down: `low` is not negative.
     cell[i] = std::clamp(std::int64_t((from[i] + begin * move[i]) / size), low[i], high[i] - 1);
     next[i] = crossing(i);
   }

@@ -7,8 +7,8 @@
 namespace burrlab {
 namespace {
 
-constexpr int most_contacts = 4;   // that one interval may have
-constexpr double short_of = 1e-6;  // a parcel stops before a voxel by this part of the least spacing
+constexpr int most_contacts = 4;   // in one interval
+constexpr double short_of = 1e-6;  // distance of a stopped parcel from the voxel, over the least spacing
 
 }  // namespace
 
@@ -37,7 +37,7 @@ bool Motion::rests(const Parcels& parcels, std::size_t i) const {
   if (distance > sucker->reach) return true;
   if (distance <= sucker->radius) return false;
   const double drag_time = parcels.dry(i) ? parameters_->dust_drag_time : parameters_->liquid_drag_time;
-  const double held = friction(parcels, i) * parameters_->gravity * drag_time;  // by friction, on the level
+  const double held = friction(parcels, i) * parameters_->gravity * drag_time;  // by friction, on level bone
   return sucker->air(parcels.position[i]).squaredNorm() < held * held;
 }
 
@@ -69,7 +69,7 @@ void Motion::advance(Parcels& parcels, std::size_t i, const Interval& interval) 
     left *= 1.0 - part;
     if (contacts == 0) {
       first = field_->number(hit.voxel);
-      // The velocity follows the surface as it is on average; the faces of voxels only end ways.
+      // The velocity follows the mean surface; faces of voxels only end ways.
       const Vec3 normal = field_->normal(hit);
       const double into = std::min(0.0, velocity.dot(normal));
       Vec3 along = velocity - into * normal;

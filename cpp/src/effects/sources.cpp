@@ -10,8 +10,8 @@
 namespace burrlab {
 namespace {
 
-constexpr std::int64_t most_of_a_brick = 64;     // parcels of dust in a frame
-constexpr std::int64_t most_of_a_nozzle = 1024;  // parcels in a frame
+constexpr std::int64_t most_of_a_brick = 64;     // parcels of dust, in a frame
+constexpr std::int64_t most_of_a_nozzle = 1024;  // parcels, in a frame
 
 const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
   const BurrAt* found = nullptr;
@@ -59,7 +59,7 @@ void Sources::split(std::int64_t quanta, double parcel, int substance, const Emi
   }
 }
 
-// Towards the burr's centre, on through the burr, and on until the volume is left: nothing is solid there.
+// A free place, towards the burr's centre and on through the burr: outside the volume nothing is solid.
 Vec3 Sources::free_place(const LevelField& field, const Vec3& place, const BurrAt* burr) const {
   Vec3 way = burr ? Vec3(burr->center - place) : Vec3(-down_);
   if (way.norm() < 1e-9) way = -down_;
@@ -90,7 +90,7 @@ void Sources::remove(const LevelField& field, std::size_t brick, const BrickLoss
   const auto wanted = std::int64_t(std::ceil(double(loss.lost) * quantum_ / parameters_->dust_parcel));
   const std::int64_t count = std::min({wanted, loss.lost, most_of_a_brick});
   for (std::int64_t n = 0; n < count; ++n) {
-    // The voxel in which a level drawn among the lost ones lay.
+    // The voxel of a level drawn from the lost ones.
     auto chosen = std::int64_t(draws.number() * double(loss.lost));
     int voxel = 0;
     while (chosen >= loss.by_voxel[std::size_t(voxel)]) chosen -= loss.by_voxel[std::size_t(voxel++)];

@@ -1,6 +1,5 @@
-// One brick of the tick, row by row in lanes: its mass inside the sphere, then its erosion. Included once by
-// the file of each instruction set, after its lanes_*.hpp; everything is local to that file. Every line that
-// decides a bit follows docs/tick.md.
+// One brick of the tick, row by row in lanes: its mass inside the sphere, then its erosion. Included once per
+// instruction set, after its lanes_*.hpp; all is local to that file. Bits follow docs/tick.md.
 #pragma once
 
 #include <string.h>
@@ -31,8 +30,8 @@ inline Integer stiffness_of(const Brick& brick, unsigned unit) {
   return pick(brick.tissues->stiffness, brick.tissue + tile_offset(unit), brick.tissues->few);
 }
 
-/// Mass inside the sphere of a unit at its boundary, and what its erosion needs of the geometry.
-/// `plain`: the brick has one pristine level, not a faint one, and f is a power; `mixed`: several tissues.
+/// Mass inside the sphere of a unit at its boundary, and the geometry for its erosion. `plain`: the brick has
+/// one pristine level, not faint, and f is a power; `mixed`: several tissues.
 template <bool layer, bool isotropic, bool summing, bool eroding, bool plain, bool mixed>
 inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constants& c, int i, unsigned unit,
                  Steps& steps, Mass& sum, Wide& weight) {
@@ -52,7 +51,7 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   const Float covered = depth * s_inverse + c.half;
   const Float w = smaller(larger(covered, c.least), c.one);
 
-  // Mass inside the sphere [1/256 level]; in `layer` what is left lies outside the sphere first.
+  // Mass inside the sphere [1/256 level]; in `layer` the bone left lies outside the sphere first.
   Integer mass;
   if (layer) {
     if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + tile_offset(unit)));
@@ -76,7 +75,7 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
     if (!isotropic) store(step.relative_spacing, relative_spacing);
     if (!isotropic || !plain) store(step.depth, depth);
   }
-  if (eroding && !layer) {  // a uniform voxel erodes whole, at f(r/R)
+  if (eroding && !layer) {  // a uniform voxel erodes at f(r/R)
     const Float x2 = r2 * c.radius2_inverse;
     Float f = c.one;
     if (at.shape == shape_linear) f = larger(c.one - r * c.radius_inverse, c.zero);
@@ -86,7 +85,7 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   }
 }
 
-/// A unit of deep voxels: whole, and as a rule without a square root.
+/// A unit of deep voxels: wholly inside, usually without a square root.
 template <bool layer, bool summing, bool eroding, bool mixed>
 inline void meet_deep(const Sphere& at, const Brick& brick, const Rows& rows, const Constants& c, int i,
                       unsigned unit, Steps& steps, Mass& sum, Wide& weight) {

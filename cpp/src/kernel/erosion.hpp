@@ -14,12 +14,12 @@ namespace {
 #define BURRLAB_RARE __attribute__((noinline, cold))
 #endif
 
-/// What the steps of the erosion hand on, unit by unit. Each step goes through all units before the next
-/// begins: one voxel's arithmetic is a long chain, and only many of them side by side keep the CPU busy.
+/// What one step of the erosion hands to the next, by unit. Each step goes through all units: one voxel's
+/// arithmetic is a long chain, and only many side by side keep the CPU busy.
 struct Steps {
   struct alignas(64) Row {
-    float mass[lanes];     // that erodes [2^-16 level]
-    float covered[lanes];  // before it is clamped to w
+    float mass[lanes];     // eroding [2^-16 level]
+    float covered[lanes];  // before the clamp to w
     float r2[lanes];
     float e_part[lanes];  // of e and tau within a cell of the table
     float tau_part[lanes];
@@ -27,7 +27,7 @@ struct Steps {
     float width[lanes];         // w s/R
     float f[lanes];             // first y of f = y^k
     std::uint32_t unit;
-    alignas(64) float depth[lanes];  // R - r; the rest as a rule not needed
+    alignas(64) float depth[lanes];  // R - r; from here on not needed as a rule
     float p_inverse[lanes];
     float relative_spacing[lanes];  // s/R
     float e[lanes];
@@ -35,8 +35,7 @@ struct Steps {
   alignas(64) std::int32_t u[units][lanes];  // by unit, not by position in the list
 };
 
-/// The fraction left tau and the depth e of the outer face of the covered part (`layer`); their cell in the
-/// table of G.
+/// The fraction left tau, the depth e of the covered part's outer face, and their cell in the table of G.
 template <bool isotropic, bool plain>
 inline void find_cells(const Constants& c, Steps& steps, int count) {
   // Below the last row and column, so that every cell has a neighbour.
@@ -58,8 +57,7 @@ inline void find_cells(const Constants& c, Steps& steps, int count) {
   }
 }
 
-/// f, or y of f = y^k, at the effective depth delta = w s/R G(e, tau) of what the voxels hold (`layer`); G
-/// bilinear.
+/// f, or y of f = y^k, at the effective depth delta = w s/R G(e, tau) of the voxels' bone; G bilinear.
 template <bool isotropic, bool power>
 inline void find_f(const float* depth_table, const Constants& c, Steps& steps, int count) {
   const Float deepest = set(3.0f);
@@ -109,8 +107,7 @@ BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned 
   return load(each);
 }
 
-/// Takes from every unit the loss that its expected loss lambda and U give. `mixed`: voxels have the
-/// constants of their tissues.
+/// Takes from every unit the loss given by its mean lambda and by U. `mixed`: constants are by tissue.
 template <bool doubling, bool mixed>
 inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
   const Float c1 = set(ErodedFraction::c1), c2 = set(ErodedFraction::c2), c3 = set(ErodedFraction::c3);

@@ -1,5 +1,5 @@
-// What the tick asks of one brick, and the choice of code that answers. Plain data only: the files that
-// include this are compiled for different CPUs, and an inline function of theirs must not reach another.
+// The tick's code for one brick, by instruction set. Plain data only: files that include this are compiled
+// for different CPUs, and must not share inline functions.
 #pragma once
 
 #include <cstdint>
@@ -8,21 +8,21 @@ namespace burrlab::kernel {
 
 enum ShapeKind : int { shape_constant, shape_linear, shape_power };
 
-/// How DepthTable::cells() is laid out [floats]; held against it in tick.cpp.
+/// The layout of DepthTable::cells() [floats]; tick.cpp checks it.
 constexpr float depth_rows_per_voxel = 8.0f, depth_columns_per_unit = 40.0f;
 constexpr int depth_cell = 4, depth_row = 160;
 
 /// The random numbers of one tick: key schedule and counter words of Philox4x32 (docs/tick.md).
 struct Draws {
-  std::uint64_t key[7][2];                 // of each round, 32 bits in words that a load spreads over lanes
+  std::uint64_t key[7][2];                 // of each round: 32 bits in words that a load spreads over lanes
   std::uint32_t tick_low, tick_high, who;  // counter words 1, 2, 3 of draw 0
-  // The first two rounds meet words that are the same for all voxels: what they leave of them.
+  // What the first two rounds leave of the words that are the same for all voxels.
   std::uint64_t after0_x2, after1_x0, after1_x2, after1_x3;
 };
 
 Draws draws(std::uint64_t seed, std::uint64_t tick, std::uint32_t who);  // who: burr index + 2^31 draw
 
-/// One sphere in one tick, as docs/tick.md names things.
+/// One sphere in one tick, with the names of docs/tick.md.
 struct Sphere {
   float fraction[3];  // of the position, (x, y, z) [voxel]
   float spacing[3];   // (x, y, z) [mm]
@@ -31,16 +31,16 @@ struct Sphere {
   float outer2;                                   // a voxel beyond this r2 has w = 0
   float deep2;                                    // a voxel within this r2 is deep
   ShapeKind shape;
-  int whole;  // the exponent of y where it is a whole number, else 0
+  int whole;  // the exponent of y if it is a whole number, else 0
   double exponent;
   double (*power)(double y, double k);  // for exponents that are not whole
-  const float* depth;                   // DepthTable::cells(); null where f needs no depth
+  const float* depth;                   // DepthTable::cells(); null if f needs no depth
   Draws draws;
 };
 
 constexpr int most_tissues = 64, few_tissues = 16;
 
-/// By tissue, `most_tissues` of each; read where a brick holds several.
+/// By tissue, `most_tissues` of each; for bricks of several tissues.
 struct TissueTables {
   const std::int32_t* stiffness;  // K_l [1/4096 N/mm^2]
   const float* fraction_scale;    // a_k
@@ -52,21 +52,20 @@ struct TissueTables {
 /// One brick: its levels and its place.
 struct Brick {
   std::uint8_t* density;         // 512 levels (z, y, x)
-  const std::uint8_t* pristine;  // likewise, or null where they are all `level`
+  const std::uint8_t* pristine;  // 512 levels, or null if all are `level`
   int level;
   bool faint;                     // some p lie in 1..31
   int x, y, z;                    // first voxel, from the voxel nearest to the centre
   std::uint32_t column;           // number of its first column
   std::uint32_t columns_in_slab;  // from one z to the next
-  const std::uint8_t* tissue;     // 512 numbers, or null where they are all one: then
+  const std::uint8_t* tissue;     // 512 numbers, or null if all are equal: then
   float fraction_scale;           // its a_k
   int doublings;                  // and k
-  const TissueTables* tissues;    // where `tissue` is not null
+  const TissueTables* tissues;    // if `tissue` is not null
 };
 
-/// Exact sums: of M, and of M times the voxel's index 0..7 within the brick, before the erosion; of the part
-/// of M where p < 32; of K M where there are several tissues; and of the levels and levels times index after
-/// it.
+/// Exact sums. Before the erosion: of M, of M times the voxel's index 0..7 in the brick, of M where p < 32,
+/// and of K M in bricks of several tissues. After the erosion: of levels, and of levels times index.
 struct Sums {
   std::int64_t mass, x, y, z, faint, stiffness;
   std::uint32_t after_mass, after_x, after_y, after_z;  // side by side, for vector stores
@@ -85,12 +84,12 @@ using Visit = void (*)(const Sphere&, const Brick&, Sums&);
 /// The code for one instruction set.
 struct Kernel {
   const char* name;
-  int slabs;                                     // of a brick that it draws at a time
+  int slabs;                                     // of a brick, drawn at a time
   Visit visit[3][2][2][2];                       // [pass][layer][isotropic][several tissues]
-  void (*sum)(const std::uint8_t* tile, Sums&);  // the four sums after
+  void (*sum)(const std::uint8_t* tile, Sums&);  // the four `after` sums
   /// Sum of K q over a brick of several tissues.
   std::int64_t (*weigh)(const std::uint8_t* tile, const std::uint8_t* tissue, const TissueTables&);
-  /// Adds sign times the levels of a tile to the sums of its tissues, those of the bits in `present`.
+  /// Adds sign times the levels of a tile to the sums of its tissues, the bits of `present`.
   void (*add_by_tissue)(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present, int sign,
                         std::int64_t* sums);
   /// U of the first `slabs` slabs of a brick, (z, y, x); for tests.

@@ -1,4 +1,4 @@
-// Eight lanes in AVX2 registers: a row of a brick.
+// Eight lanes in AVX2 registers: a row of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <immintrin.h>
@@ -59,9 +59,7 @@ inline Float to_float(Integer a) { return {_mm256_cvtepi32_ps(a.v)}; }
 inline Integer truncate(Float a) { return {_mm256_cvttps_epi32(a.v)}; }
 inline unsigned bits(Mask m) { return static_cast<unsigned>(_mm256_movemask_ps(m.v)); }
 
-/// Each lane times its place 0..7.
 inline Integer times_index(Integer a) { return {_mm256_mullo_epi32(a.v, index_in_row().v)}; }
-/// The sums over the lanes of four vectors.
 inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
   const __m256i pairs = _mm256_hadd_epi32(_mm256_hadd_epi32(a.v, b.v), _mm256_hadd_epi32(c.v, d.v));
   _mm_storeu_si128(reinterpret_cast<__m128i*>(out),
@@ -69,18 +67,15 @@ inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int
 }
 inline std::int32_t upper_sum(Integer) { return 0; }
 
-/// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
   return {_mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(row)))};
 }
-/// Takes 0..255 levels from each voxel of a row.
 inline void take_from_row(std::uint8_t* row, Integer loss) {
   const __m128i words = _mm_packs_epi32(_mm256_castsi256_si128(loss.v), _mm256_extracti128_si256(loss.v, 1));
   const __m128i levels = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(row));
   const __m128i left = _mm_sub_epi8(levels, _mm_packus_epi16(words, words));
   store_low_row(row, left);
 }
-/// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   const auto* half = reinterpret_cast<const __m256i*>(slab);
   const __m256i zero = _mm256_setzero_si256();
@@ -90,12 +85,10 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return static_cast<unsigned>((low | high << 4) ^ 0xFF);
 }
 
-/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const __m256i both = _mm256_or_si256(row.v, _mm256_slli_epi32(column.v, 16));
   return {_mm256_madd_epi16(both, _mm256_set1_epi32(depth_cell << 16 | depth_row))};
 }
-/// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   const auto pair = [&](int low, int high) {
     return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(quads + i[low])),
@@ -110,8 +103,8 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
   d.v = _mm256_shuffle_ps(t1, t3, 0xEE);
 }
 
-/// 32-bit counter words of eight columns as two vectors of 64-bit lanes, even columns and odd; the upper
-/// halves of the lanes mean nothing. So a product needs no shuffle.
+/// 32-bit counter words of eight columns as two vectors of 64-bit lanes, even and odd columns. The lanes'
+/// upper halves mean nothing, so a product needs no shuffle.
 struct Words {
   __m256i even, odd;
 };
@@ -134,7 +127,6 @@ inline Words operator^(Words a, Words b) {
 inline Words exclusive_or(Words a, Words b, Words c) { return a ^ b ^ c; }
 inline Integer in_order(Words a) { return {_mm256_blend_epi32(a.even, _mm256_slli_epi64(a.odd, 32), 0xAA)}; }
 
-/// 64-bit sums of products.
 struct Wide {
   __m256i v;
 };
@@ -148,7 +140,7 @@ inline std::int64_t total(Wide a) {
   return _mm_cvtsi128_si64(pair) + _mm_extract_epi64(pair, 1);
 }
 
-/// The entry of each lane's number in a table; without gathers, which some CPUs are slow at.
+/// The table's entry for each lane's number. Without gathers, which are slow on some CPUs.
 inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
   if (!few) {
     const auto at = [&](int i) { return table[numbers[i]]; };
@@ -163,7 +155,6 @@ inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool
   return {_mm256_castps_si256(pick(reinterpret_cast<const float*>(table), numbers, few).v)};
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   const __m256i which = _mm256_set1_epi8(static_cast<char>(number)), zero = _mm256_setzero_si256();
@@ -193,7 +184,7 @@ inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
     if (slab > 0)
       z = _mm256_add_epi64(z, _mm256_add_epi64(low, high));  // sum of z q as a sum of sums from above
   }
-  // Each sum is below 2^32: two share the 64-bit lanes of one vector.
+  // Each sum is below 2^32: two share a 64-bit lane.
   const __m256i one = _mm256_set1_epi16(1), lower = _mm256_set1_epi64x(0xFFFFFFFF);
   const __m256i x = _mm256_add_epi32(_mm256_madd_epi16(x_low, one), _mm256_madd_epi16(x_high, one));
   const __m256i y = _mm256_add_epi64(_mm256_mul_epu32(low, _mm256_setr_epi64x(0, 1, 2, 3)),

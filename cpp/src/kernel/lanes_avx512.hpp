@@ -1,4 +1,4 @@
-// Sixteen lanes in AVX-512 registers: the rows (z, y) and (z + 1, y) of a brick.
+// Sixteen lanes in AVX-512 registers: the rows (z, y) and (z + 1, y) of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <immintrin.h>
@@ -61,9 +61,7 @@ inline Float to_float(Integer a) { return {_mm512_cvtepi32_ps(a.v)}; }
 inline Integer truncate(Float a) { return {_mm512_cvttps_epi32(a.v)}; }
 inline unsigned bits(Mask m) { return m.v; }
 
-/// Each lane times its place 0..7.
 inline Integer times_index(Integer a) { return {_mm512_mullo_epi32(a.v, index_in_row().v)}; }
-/// The sums over the lanes of four vectors.
 inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
   const auto halves = [](Integer x) {
     return _mm256_add_epi32(_mm512_castsi512_si256(x.v), _mm512_extracti64x4_epi64(x.v, 1));
@@ -88,18 +86,15 @@ inline void take_from_row(std::uint8_t* row, Integer loss) {
   store_low_row(row, left);
   store_high_row(row + 64, left);
 }
-/// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   const __m512i rows = _mm512_load_si512(slab);
   return _mm512_test_epi64_mask(rows, rows);
 }
 
-/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const __m512i both = _mm512_or_si512(row.v, _mm512_slli_epi32(column.v, 16));
   return {_mm512_madd_epi16(both, _mm512_set1_epi32(depth_cell << 16 | depth_row))};
 }
-/// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   const auto four = [&](int k) {
     __m512 r = _mm512_castps128_ps512(_mm_load_ps(quads + i[k]));
@@ -116,8 +111,8 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
   d.v = _mm512_shuffle_ps(t1, t3, 0xEE);
 }
 
-/// 32-bit counter words of 2 x 8 columns as two vectors of 64-bit lanes, even columns and odd; the upper
-/// halves of the lanes mean nothing. So a product needs no shuffle.
+/// 32-bit counter words of 2 x 8 columns as two vectors of 64-bit lanes, even and odd columns. The lanes'
+/// upper halves mean nothing, so a product needs no shuffle.
 struct Words {
   __m512i even, odd;
 };
@@ -146,7 +141,6 @@ inline Integer in_order(Words a) {
   return {_mm512_mask_blend_epi32(0xAAAA, a.even, _mm512_slli_epi64(a.odd, 32))};
 }
 
-/// 64-bit sums of products.
 struct Wide {
   __m512i v;
 };
@@ -157,7 +151,6 @@ inline Wide add_product(Wide sum, Integer a, Integer b) {
 }
 inline std::int64_t total(Wide a) { return _mm512_reduce_add_epi64(a.v); }
 
-/// The entry of each lane's number in a table.
 inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool few) {
   const __m512i n = load_row(numbers).v;
   const __m512i first = _mm512_loadu_si512(table);
@@ -171,7 +164,6 @@ inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
   return {_mm512_castsi512_ps(pick(reinterpret_cast<const std::int32_t*>(table), numbers, few).v)};
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   const __m512i which = _mm512_set1_epi8(static_cast<char>(number)), zero = _mm512_setzero_si512();

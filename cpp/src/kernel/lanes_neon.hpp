@@ -1,4 +1,4 @@
-// Eight lanes in pairs of NEON registers, which every aarch64 has: a row of a brick.
+// Eight lanes in pairs of NEON registers, which every aarch64 has: a row of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <arm_neon.h>
@@ -70,12 +70,10 @@ inline unsigned bits(Mask m) {
   return vaddvq_u32(vorrq_u32(vandq_u32(m.a, vld1q_u32(bit)), vandq_u32(m.b, vld1q_u32(bit + 4))));
 }
 
-/// Each lane times its place 0..7.
 inline Integer times_index(Integer x) {
   const Integer index = index_in_row();
   return {vmulq_s32(x.a, index.a), vmulq_s32(x.b, index.b)};
 }
-/// The sums over the lanes of four vectors.
 inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
   const auto pairs = [](Integer x, Integer y) {
     return vpaddq_s32(vaddq_s32(x.a, x.b), vaddq_s32(y.a, y.b));
@@ -84,19 +82,16 @@ inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int
 }
 inline std::int32_t upper_sum(Integer) { return 0; }
 
-/// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
   const uint16x8_t words = vmovl_u8(vld1_u8(row));
   return {vreinterpretq_s32_u32(vmovl_u16(vget_low_u16(words))),
           vreinterpretq_s32_u32(vmovl_high_u16(words))};
 }
-/// Takes 0..255 levels from each voxel of a row.
 inline void take_from_row(std::uint8_t* row, Integer loss) {
   const int16x8_t words = vcombine_s16(vmovn_s32(loss.a), vmovn_s32(loss.b));
   const uint8x8_t left = vsub_u8(vld1_u8(row), vmovn_u16(vreinterpretq_u16_s16(words)));
   store_row(row, vget_lane_u64(vreinterpret_u64_u8(left), 0));
 }
-/// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   const auto held = [&](int pair) {
     const uint64x2_t rows = vreinterpretq_u64_u8(vld1q_u8(slab + 16 * pair));
@@ -105,14 +100,12 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return bits({vuzp1q_u32(held(0), held(1)), vuzp1q_u32(held(2), held(3))});
 }
 
-/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const auto offset = [](int32x4_t r, int32x4_t c) {
     return vmlaq_n_s32(vmulq_n_s32(r, depth_row), c, depth_cell);
   };
   return {offset(row.a, column.a), offset(row.b, column.b)};
 }
-/// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   const auto four = [&](const std::uint32_t* at, float32x4_t& w, float32x4_t& x, float32x4_t& y,
                         float32x4_t& z) {
@@ -160,7 +153,6 @@ inline Integer in_order(Words a) {
   return {vcombine_s32(low(0), low(1)), vcombine_s32(low(2), low(3))};
 }
 
-/// 64-bit sums of products.
 struct Wide {
   int64x2_t v;
 };
@@ -173,7 +165,6 @@ inline Wide add_product(Wide sum, Integer a, Integer b) {
 }
 inline std::int64_t total(Wide a) { return vaddvq_s64(a.v); }
 
-/// The entry of each lane's number in a table.
 template <class Value>
 inline auto pick(const Value* table, const std::uint8_t* numbers, bool) {
   Value each[8];
@@ -181,7 +172,6 @@ inline auto pick(const Value* table, const std::uint8_t* numbers, bool) {
   return load(each);
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   uint16x8_t sum = vdupq_n_u16(0);  // a lane at most 32 * 510

@@ -1,4 +1,4 @@
-// Eight lanes in arrays, for CPUs without code of their own: a row of a brick.
+// Eight lanes in arrays, for other CPUs: a row of a brick. Explains the functions of all lanes_*.hpp.
 #pragma once
 
 #include <math.h>
@@ -109,7 +109,7 @@ inline unsigned bits(const Mask& m) {
   return all;
 }
 
-/// Each lane times its place 0..7.
+/// Each lane times its index 0..7.
 inline Integer times_index(const Integer& a) {
   return each<Integer>([&](int i) { return a.v[i] * i; });
 }
@@ -133,7 +133,7 @@ inline void take_from_row(std::uint8_t* row, const Integer& loss) {
   memcpy(&levels, left, sizeof levels);
   store_row(row, levels);
 }
-/// One bit a row of a slab that holds anything.
+/// One bit for each row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   unsigned held = 0;
   for (int i = 0; i < 64; ++i) held |= static_cast<unsigned>(slab[i] != 0) << (i / 8);
@@ -144,7 +144,7 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
 inline Integer cell_offset(const Integer& row, const Integer& column) {
   return each<Integer>([&](int i) { return depth_row * row.v[i] + depth_cell * column.v[i]; });
 }
-/// Four consecutive floats a lane, from quads[i].
+/// Four consecutive floats per lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* index, Float& a, Float& b, Float& c, Float& d) {
   for (int i = 0; i < 8; ++i) {
     const float* quad = quads + index[i];
@@ -187,7 +187,7 @@ inline Wide add_product(Wide sum, const Integer& a, const Integer& b) {
 }
 inline std::int64_t total(Wide a) { return a.v; }
 
-/// The entry of each lane's number in a table.
+/// The table's entry for each lane's number.
 inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
   return each<Float>([=](int i) { return table[numbers[i]]; });
 }
@@ -195,7 +195,7 @@ inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool
   return each<Integer>([=](int i) { return table[numbers[i]]; });
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
+/// Sum of the levels of a tile with this number.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   std::uint32_t sum = 0;

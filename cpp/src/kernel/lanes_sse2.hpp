@@ -1,4 +1,4 @@
-// Eight lanes in pairs of SSE2 registers, which every x86-64 has: a row of a brick.
+// Eight lanes in pairs of SSE2 registers, which every x86-64 has: a row of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <emmintrin.h>
@@ -79,7 +79,6 @@ inline unsigned bits(Mask m) {
   return static_cast<unsigned>(_mm_movemask_ps(m.a) | _mm_movemask_ps(m.b) << 4);
 }
 
-/// Each lane times its place 0..7.
 inline Integer times_index(Integer a) {
   const auto bit = [](__m128i lanes_with, __m128i x) { return _mm_and_si128(lanes_with, x); };
   const __m128i odd = _mm_set_epi32(-1, 0, -1, 0), upper = _mm_set_epi32(-1, -1, 0, 0);
@@ -88,7 +87,6 @@ inline Integer times_index(Integer a) {
   };
   return {times(a.a), _mm_add_epi32(times(a.b), _mm_slli_epi32(a.b, 2))};
 }
-/// The sums over the lanes of four vectors.
 inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
   const auto halves = [](Integer x) { return _mm_add_epi32(x.a, x.b); };
   const auto pairs = [](__m128i x, __m128i y) {
@@ -100,20 +98,17 @@ inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int
 }
 inline std::int32_t upper_sum(Integer) { return 0; }
 
-/// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
   const __m128i zero = _mm_setzero_si128();
   const __m128i words = _mm_unpacklo_epi8(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(row)), zero);
   return {_mm_unpacklo_epi16(words, zero), _mm_unpackhi_epi16(words, zero)};
 }
-/// Takes 0..255 levels from each voxel of a row.
 inline void take_from_row(std::uint8_t* row, Integer loss) {
   const __m128i words = _mm_packs_epi32(loss.a, loss.b);
   const __m128i levels = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(row));
   const __m128i left = _mm_sub_epi8(levels, _mm_packus_epi16(words, words));
   store_low_row(row, left);
 }
-/// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   unsigned held = 0;
   for (int pair = 0; pair < 4; ++pair) {
@@ -124,7 +119,6 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return held;
 }
 
-/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const auto offset = [](__m128i r, __m128i c) {
     return _mm_madd_epi16(_mm_or_si128(r, _mm_slli_epi32(c, 16)),
@@ -132,7 +126,6 @@ inline Integer cell_offset(Integer row, Integer column) {
   };
   return {offset(row.a, column.a), offset(row.b, column.b)};
 }
-/// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   a.a = _mm_load_ps(quads + i[0]), b.a = _mm_load_ps(quads + i[1]);
   c.a = _mm_load_ps(quads + i[2]), d.a = _mm_load_ps(quads + i[3]);
@@ -142,8 +135,8 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
   _MM_TRANSPOSE4_PS(a.b, b.b, c.b, d.b);
 }
 
-/// 32-bit counter words of eight columns in 64-bit lanes, 0 2, 4 6, 1 3, 5 7; the upper halves of the lanes
-/// mean nothing. So a product needs no shuffle.
+/// 32-bit counter words of eight columns in 64-bit lanes, 0 2, 4 6, 1 3, 5 7. The lanes' upper halves mean
+/// nothing, so a product needs no shuffle.
 struct Words {
   __m128i v[4];
 };
@@ -175,7 +168,6 @@ inline Integer in_order(Words a) {
           _mm_or_si128(_mm_and_si128(a.v[1], low), _mm_slli_epi64(a.v[3], 32))};
 }
 
-/// 64-bit sums of products.
 struct Wide {
   __m128i v;
 };
@@ -190,7 +182,6 @@ inline std::int64_t total(Wide a) {
   return _mm_cvtsi128_si64(_mm_add_epi64(a.v, _mm_unpackhi_epi64(a.v, a.v)));
 }
 
-/// The entry of each lane's number in a table.
 inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool) {
   const auto four = [&](const std::uint8_t* n) {
     return _mm_setr_epi32(table[n[0]], table[n[1]], table[n[2]], table[n[3]]);
@@ -204,7 +195,6 @@ inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
   return {four(numbers), four(numbers + 4)};
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   const __m128i which = _mm_set1_epi8(static_cast<char>(number)), zero = _mm_setzero_si128();

@@ -1,4 +1,4 @@
-// Random numbers of a brick, Philox4x32-7 (docs/tick.md), eight columns a slab side by side.
+// Random numbers of a brick, Philox4x32-7 (docs/tick.md), eight columns of a slab side by side.
 #pragma once
 
 #include "burrlab/philox.hpp"
@@ -42,7 +42,7 @@ inline std::uint32_t draw_one(const Sphere& at, std::uint32_t column, int y, std
   return x[y >> 1] >> (16 * (y & 1)) & 0xFFFFu;
 }
 
-/// U of the slabs that the units lie in.
+/// U of the slabs with wanted units.
 inline void draw_slabs(const Sphere& at, const Brick& brick, Units wanted, std::int32_t (*u)[lanes]) {
   Units by_slab = wanted | wanted >> 4;
   by_slab |= by_slab >> 2;

@@ -1,5 +1,5 @@
-// The rows of a brick: where they lie about the sphere, and which of them a tick has to visit. Included once
-// by the file of each instruction set, after its lanes_*.hpp; everything is local to that file.
+// The rows of a brick: their distances from the sphere's centre, and which of them a tick visits. Included
+// once per instruction set, after its lanes_*.hpp; all is local to that file.
 #pragma once
 
 #ifdef _MSC_VER
@@ -13,7 +13,7 @@ constexpr int slabs = lanes / 8;  // rows (z, y) and, with 16 lanes, (z + 1, y) 
 
 constexpr int units = 512 / lanes;  // vectors in a brick; unit i is the row y = i % 8 at z = slabs (i / 8)
 
-using Units = std::uint64_t;  // one bit a unit
+using Units = std::uint64_t;  // one bit per unit
 
 inline unsigned lowest(Units bits) {
 #if defined(_MSC_VER)
@@ -30,14 +30,14 @@ inline unsigned tile_offset(unsigned unit) {
   return slabs == 1 ? 8 * unit : 128 * (unit >> 3) + 8 * (unit & 7);
 }
 
-/// What every voxel of the tick needs, in lanes. Local to a visit, so that no store to the bone can reach it
-/// and the compiler keeps it in registers.
+/// Constants of the tick, in lanes. Local to a visit, so that no store to the bone can alias them and the
+/// compiler keeps them in registers.
 struct Constants {
   Float zero = set(0.0f), one = set(1.0f), half = set(0.5f), two = set(2.0f), levels = set(256.0f);
-  Float least = set(0x1p-20f);  // w: never 0, so that it divides
+  Float least = set(0x1p-20f);  // least w: never 0, as it divides
   Float spacing, spacing_inverse, relative_spacing, radius, radius_inverse, radius2_inverse, deep2,
       fraction_scale;
-  Integer p;                  // pristine level of a brick of one level
+  Integer p;                  // of a brick of one pristine level
   Float p_levels, p_inverse;  // 256 p, and 1/(65536 p)
 
   Constants(const Sphere& at, const Brick& brick)
@@ -58,11 +58,11 @@ struct Constants {
   }
 };
 
-/// The brick's distances, row by row.
+/// The brick's distances by row.
 struct Rows {
   alignas(64) float r2[64];  // dz dz + dy dy
   alignas(64) float a2[64];  // likewise of spacing times offset; anisotropic voxels only
-  Float x2, ax2;             // the same along a row
+  Float x2, ax2;             // as r2 and a2, along a row
   float x2_least, x2_most;
 };
 
@@ -90,7 +90,7 @@ inline void measure(const Sphere& at, const Brick& brick, Rows& rows) {
   }
 }
 
-/// The units that hold something within reach, and of these the ones that are deep throughout.
+/// The units that hold something within reach: those at the boundary, and those wholly deep.
 struct Wanted {
   Units shallow, deep;
 };

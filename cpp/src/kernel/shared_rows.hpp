@@ -1,7 +1,7 @@
-// The levels that a tick stores while a follower may load them (VoxelBone::copy_brick): rows of 8, relaxed
-// atomics, so that a copy that meets the tick is a mixture of rows before and after it and no data race;
-// TickExecutor::version says whether it is whole. What the tick itself loads needs nothing, as no one else
-// stores. Local to each file: those of the kernels are compiled for different CPUs.
+// Stores of levels that a follower may load meanwhile (VoxelBone::copy_brick). Rows of 8 are relaxed atomics:
+// a copy during a tick is a mixture of old and new rows, but no data race; TickExecutor::version tells
+// whether it is whole. The tick's own loads need nothing, as no other thread stores. Local to each file: the
+// kernels are compiled for different CPUs.
 #pragma once
 
 #include <cstdint>
@@ -29,7 +29,7 @@ inline std::uint64_t load_shared_row(const std::uint8_t* row) {
 }
 #endif
 
-/// Loads the levels of a brick that another thread may be storing to.
+/// Loads the levels of a brick that another thread may be storing.
 inline void load_shared_tile(std::uint8_t* to, const std::uint8_t* tile) {
   for (int row = 0; row < 512; row += 8) {
     const std::uint64_t levels = load_shared_row(tile + row);

@@ -1,8 +1,8 @@
-// Rows of levels from vector registers to where another thread may load them (shared_rows.hpp). An aligned
-// store of 8 bytes is whole on x86-64, from a vector register too (Intel SDM vol. 3, "Guaranteed atomic
-// operations"), but compilers take relaxed atomics through a general register, which costs the tick 2 to 4 %.
-// So the instruction is named: it is none of the language's accesses, so no data race either, and nothing
-// that a compiler could split. A thread sanitizer sees only the compiler's own atomics.
+// Stores of rows from vector registers, which another thread may load meanwhile (shared_rows.hpp). An aligned
+// store of 8 bytes is whole on x86-64, also from a vector register (Intel SDM vol. 3, "Guaranteed atomic
+// operations"), but compilers move relaxed atomics through a general register, which costs the tick 2 to 4 %.
+// So the instruction is named: not an access of the language, hence no data race, and nothing a compiler
+// could split. A thread sanitizer sees only the compiler's own atomics.
 #pragma once
 
 #include <emmintrin.h>

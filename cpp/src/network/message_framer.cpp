@@ -18,8 +18,7 @@ MessageFramer::MessageFramer(std::size_t largest_body) : largest_body_(largest_b
   if (std::uint64_t(largest_body) >> 32) refuse("largest_body", "below 4 GiB", double(largest_body));
 }
 
-/// Takes bytes until `target` of them are held. The buffer grows with what has come, not with what a header
-/// says.
+/// Takes bytes until `target` are held. The buffer grows with the bytes received, whatever a header says.
 bool MessageFramer::fill(ByteView& bytes, std::size_t target) {
   const std::size_t taken = std::min(target - held_, bytes.size);
   const std::size_t needed = held_ + taken;

@@ -1,5 +1,4 @@
-// Messages into bytes: the room is made first, the body written in place, its checksum last. Bytes into
-// messages: every length is checked before it is used.
+// Encoders make room, write the body in place, then its checksum. Decoders check every length before its use.
 #include "burrlab/network/openigtlink.hpp"
 
 #include <algorithm>
@@ -91,7 +90,7 @@ void put_metadata(std::uint8_t* at, const std::vector<MetadataEntry>& entries) {
   }
 }
 
-/// Writes all but the content, which `write(at)` does, then the checksum.
+/// Writes all but the content, which `write(at)` writes, then the checksum.
 template <class Write>
 void append(Bytes& out, const Envelope& envelope, std::string_view type, std::size_t content_size,
             Write&& write) {
@@ -124,7 +123,7 @@ void append(Bytes& out, const Envelope& envelope, std::string_view type, std::si
   put(head + 50, crc64({body, body_size}));
 }
 
-/// Calls `entry(key, encoding, value)` for each pair; false where the lengths do not fit.
+/// Calls `entry(key, encoding, value)` for each pair; false if the lengths do not fit.
 template <class Entry>
 bool each_metadata(ByteView header, ByteView texts, Entry&& entry) {
   if (header.size == 0) return texts.size == 0;

@@ -1,5 +1,5 @@
-// The follower's side of a publisher: each tick becomes bytes, once, whatever the number of peers. The
-// network's side: one thread, which waits for all its peers at once.
+// The follower's side of a publisher makes bytes of each tick once, for all peers. The network's side is one
+// thread that waits for all peers at once.
 #include "burrlab/network/publisher.hpp"
 
 #include <algorithm>
@@ -53,7 +53,7 @@ std::uint64_t random_number() {
     if (const std::uint64_t number = (std::uint64_t(device()) << 32) | device()) return number;
 }
 
-/// What the publisher needs to know of its follower.
+/// What the publisher needs of its follower.
 struct Beginning {
   std::size_t burrs = 0;
   double period = 0.0;
@@ -71,17 +71,17 @@ struct Beginning {
 };
 
 constexpr std::size_t chunk = 65536;         // bytes taken from a log at once
-constexpr std::size_t a_turn = 4 * chunk;    // sent to one peer before it is another's turn [bytes]
+constexpr std::size_t a_turn = 4 * chunk;    // bytes sent to one peer in its turn
 constexpr std::uint64_t ticks_at_once = 64;  // taken for a standard peer
-constexpr std::uint64_t most_faults = 16;    // dropped messages until a connection is closed
+constexpr std::uint64_t most_faults = 16;    // dropped messages before a connection is closed
 constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
-constexpr std::int64_t grace = 3 * second;  // for a replica to come, after its hello, or to come back
+constexpr std::int64_t grace = 3 * second;  // for a replica to come after its hello, or to come back
 
 }  // namespace
 
-/// The bricks that were not as in the initial volume after `tick` ticks.
+/// The bricks that differ from the initial volume after `tick` ticks.
 struct Publisher::State {
   std::uint64_t tick = 0;
   std::string digest;
@@ -98,15 +98,15 @@ struct Publisher::Peer {
 
   int socket;
   openigtlink::MessageFramer framer{4096};
-  openigtlink::Bytes pending;  // bytes on their way, `sent` of them are gone
+  openigtlink::Bytes pending;  // bytes to send, the first `sent` of them sent
   std::size_t sent = 0;
-  bool closing = false;  // when they are gone
+  bool closing = false;  // once they are sent
 
   bool replica = false, caught_up = false;
   std::uint64_t tick = 0;   // a standard peer's next
   std::uint64_t place = 0;  // a replica's, in the log
   bool wants_state = false;
-  bool suspect = false;  // wants the state besides its missing ticks
+  bool suspect = false;  // wants the state as well as its missing ticks
   std::uint64_t holds = 0;
   std::shared_ptr<const State> state;  // to be sent at `state_place`
   std::uint64_t state_place = 0;
@@ -115,7 +115,7 @@ struct Publisher::Peer {
 
   std::int64_t last_progress = steady_now(), last_queued = steady_now(),
                last_allowance = steady_now();  // [ns]
-  std::size_t allowance = 65536;               // bytes that it may still send in this second
+  std::size_t allowance = 65536;               // bytes the peer may still send in this second
 
   bool idle() const { return sent == pending.size(); }
 };
@@ -208,7 +208,7 @@ void Publisher::on_bone(FollowedBone& bone) {
   if (connected_.load(std::memory_order_relaxed) > 0 && !waking_.exchange(true)) server_.wake();
 }
 
-/// Replicas that ask and ask cost the follower little, and those that take their bricks slowly little memory.
+/// Limits the follower's work for replicas that keep asking, and the memory for slow ones.
 bool Publisher::may_take_state() {
   states_.erase(std::remove_if(states_.begin(), states_.end(), [](const auto& s) { return s.expired(); }),
                 states_.end());
@@ -279,7 +279,7 @@ void Publisher::run() {
   count_peers(peers);
 }
 
-/// A replica that did not say that it leaves comes back, told the end or not: it may have missed it.
+/// A replica that left without saying so will come back, even if told the end: it may have missed it.
 void Publisher::leave(std::unique_ptr<Peer>& peer, std::int64_t now) {
   if (peer->replica && !peer->left) {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -369,7 +369,7 @@ void Publisher::serve(Peer& peer, const Word& word) {
     return;
   }
   peer.replica = true;
-  ++status_.replicas;  // before it is no longer missing: `finish` waits for either
+  ++status_.replicas;  // before it is no longer missing, as `finish` waits for either
   TcpServer::set_send_buffer(peer.socket, replica_send_buffer);
   if (!missing_.empty()) missing_.erase(missing_.begin());
   peer.holds = word.tick;
@@ -383,15 +383,15 @@ void Publisher::serve(Peer& peer, const Word& word) {
   if (!ended_) wants_state_ = true;
 }
 
-/// Whether the state that was waited for is there, and goes to this peer.
+/// Gives the awaited state to this peer, if it is there.
 bool Publisher::give_state(Peer& peer) {
   if (wants_state_ || !state_) return false;
   std::uint64_t at = 0;
   if (!log_.place_of(state_->tick, at) || (peer.suspect && state_->tick < peer.holds)) {
-    wants_state_ = !ended_;  // an old one, or the log began anew
+    wants_state_ = !ended_;  // too old, or the log was restarted
     return false;
   }
-  // A suspect bone is brought to the tick of the state first, so that they can be held against one another.
+  // A suspect bone first gets the ticks until the state, so that the two can be compared.
   if (!peer.suspect || !log_.place_of(peer.holds, peer.place)) peer.place = at;
   peer.state = state_;
   peer.state_place = at;
@@ -429,7 +429,7 @@ bool Publisher::write(Peer& peer) {
     ++status_.stalled;
     return false;
   }
-  // While bytes are on their way a peer falls behind as well.
+  // A peer also falls behind while bytes are on their way.
   if (!peer.replica || !peer.caught_up || log_.end() - peer.place <= settings_.most_behind) return true;
   ++status_.cut_off;
   return false;
@@ -489,7 +489,7 @@ bool Publisher::refill_replica(Peer& peer) {
   return true;
 }
 
-/// So that silence means a broken connection; after the end it is said again and again until all have it.
+/// Says that there is nothing, so that silence means a broken connection; after the end, repeats the end.
 void Publisher::say_idle(Peer& peer) {
   const bool first_end = ended_ && !peer.wants_state && !peer.told_end;
   if (!first_end && steady_now() - peer.last_queued < idle_every) return;
@@ -497,7 +497,7 @@ void Publisher::say_idle(Peer& peer) {
     encode(peer.pending, settings_.header_version, end_);
     peer.told_end = true;
   } else {
-    const std::uint64_t tick = peer.wants_state ? peer.holds : log_.next();  // what the replica has by then
+    const std::uint64_t tick = peer.wants_state ? peer.holds : log_.next();  // the replica's by then
     encode(peer.pending, settings_.header_version, replica_protocol::Idle{tick});
   }
 }

@@ -1,5 +1,4 @@
-// A replica's connection: made, kept, made anew; and what the messages do to the bone, under the replica's
-// mutex.
+// A replica's connection, made as often as needed, and the effect of its messages on the bone.
 #include "burrlab/network/replica.hpp"
 
 #include <algorithm>
@@ -23,7 +22,7 @@ namespace {
 constexpr double silence = 1.0, until_hello = 0.5;  // after which a connection counts as lost [s]
 constexpr std::size_t most_kept = 1000;             // faults, divergences
 
-constexpr int most_repairs = 5;  // that change nothing, until the session is given up
+constexpr int most_repairs = 5;  // in a row without success, after which the session is given up
 
 }  // namespace
 
@@ -117,7 +116,7 @@ void Replica::run() {
       status_.received = framer_.counters();
       if (status_.ended) return;
     }
-    // Where one message in a hundred is lost, a pause after each loss would never let it catch up.
+    // A replica that paused after each loss would never catch up where one message in a hundred is lost.
     if (!client_.pause(progress_ ? 0.0 : pause)) return;
     pause = progress_ ? first_pause : std::min(2.0 * pause, longest_pause);
   }
@@ -135,7 +134,7 @@ bool Replica::say_word(Holds holds) {
   return client_.send(bytes.data(), bytes.size());
 }
 
-/// Whether it is to come back.
+/// Follows on one connection; returns whether to connect again.
 bool Replica::follow() {
   stage_ = Stage::hello;
   broken_ = any_digest_ = false;
@@ -216,7 +215,7 @@ void Replica::take(const Message& message) {
       fault("a message could not be read");
   };
   const Kind kind = replica_protocol::kind_of(message);
-  if (kind == Kind::other) return;  // poses and forces, sent before the leader knew that this is a replica
+  if (kind == Kind::other) return;  // poses and forces, sent before the leader knew this is a replica
   if (kind == Kind::hello) return read(replica_protocol::Hello{}, &Replica::take_hello);
   if (stage_ == Stage::hello) return fault("the hello was lost");
   if (kind == Kind::idle) {
@@ -260,7 +259,7 @@ void Replica::take_tick(const replica_protocol::TickMessage& tick) {
   newest_ = record;
   any_ = progress_ = true;
   status_.tick = bone_->tick();
-  if (suspect_) return;  // known to differ: the bricks are on their way
+  if (suspect_) return;  // known to differ: bricks are on their way
   if (difference) {
     ++status_.differing_ticks;
     diverge(std::string(difference.field) + " of burr " + std::to_string(difference.burr));
@@ -307,7 +306,7 @@ void Replica::take_bricks(const replica_protocol::Bricks& bricks) {
   if (numbers_.size() == bricks.total) put_bricks();
 }
 
-/// Makes the bone the initial volume but for the bricks that came, and names those that were not so before.
+/// Sets the bone to the initial volume with the received bricks, and notes the bricks that differed.
 void Replica::put_bricks() {
   VoxelBone& bone = bone_->bone();
   std::uint8_t mine[2 * brick_voxels], theirs[2 * brick_voxels];
@@ -322,7 +321,7 @@ void Replica::put_bricks() {
     if (std::memcmp(mine, theirs, sizeof mine) == 0) continue;
     try {
       bone.write_brick(brick, theirs, theirs + brick_voxels);
-    } catch (const std::invalid_argument&) {  // levels that no bone has
+    } catch (const std::invalid_argument&) {  // levels no bone has
       suspect_ = true;
       return fault("a message could not be read");
     }

@@ -47,7 +47,7 @@ bool is_digest(const std::string& text) {
   return text.find_first_not_of("0123456789abcdef") == std::string::npos;
 }
 
-/// A whole number from 0 to `most`.
+/// A whole number from 0 to `most`; false if it is none.
 template <class Integer>
 bool whole(double value, double most, Integer& integer) {
   if (!(value >= 0.0 && value <= most && std::floor(value) == value)) return false;

@@ -1,4 +1,4 @@
-// What every socket of ours is set to. POSIX only.
+// Options of every socket. POSIX only.
 #pragma once
 
 #include <fcntl.h>
@@ -18,7 +18,7 @@ inline void set_flags(int descriptor) {
 }
 
 inline void set_option(int socket, int level, int option, int value) {
-  ::setsockopt(socket, level, option, &value, sizeof value);  // each is a convenience: none is needed
+  ::setsockopt(socket, level, option, &value, sizeof value);  // none is needed: failures are ignored
 }
 
 /// A peer whose cable was pulled says nothing: the kernel asks after a second, and gives up after three more.

@@ -114,13 +114,13 @@ bool TcpClient::pause(double seconds) { return wait(0, seconds) != Wait::stopped
 void TcpClient::stop() {
   if (stopped_.exchange(true, std::memory_order_acq_rel)) return;
   const char byte = 0;
-  // One byte into an empty pipe: it cannot fail.
+  // A byte into an empty pipe cannot fail.
   if (::write(wake_[1], &byte, 1) != 1) return;
 }
 
 }  // namespace burrlab
 
-#else  // no sockets of Windows yet
+#else  // no sockets for Windows yet
 
 namespace burrlab {
 

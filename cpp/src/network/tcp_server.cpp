@@ -44,7 +44,7 @@ void TcpServer::listen(const std::string& host, int port, int send_buffer) {
     if (socket_ < 0) continue;
     set_flags(socket_);
     set_option(socket_, SOL_SOCKET, SO_REUSEADDR, 1);
-    set_option(socket_, SOL_SOCKET, SO_SNDBUF, send_buffer);  // those that it accepts inherit it
+    set_option(socket_, SOL_SOCKET, SO_SNDBUF, send_buffer);  // accepted sockets inherit it
     if (::bind(socket_, at->ai_addr, at->ai_addrlen) == 0 && ::listen(socket_, 128) == 0) break;
     reason = errno;
     close(socket_);
@@ -127,7 +127,7 @@ void TcpServer::set_send_buffer(int socket, int bytes) noexcept {
 
 }  // namespace burrlab
 
-#else  // no sockets of Windows yet
+#else  // no sockets for Windows yet
 
 namespace burrlab {
 

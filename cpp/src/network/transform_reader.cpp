@@ -28,10 +28,9 @@ std::string checked_name(std::string name) {
   return name;
 }
 
-constexpr double shortest_step = 1e-4,
-                 longest_step = 1.0;  // between two poses [s]; beyond, no velocity is known
+constexpr double shortest_step = 1e-4, longest_step = 1.0;  // between poses [s]; else no velocity is known
 
-/// Time from one pose to the next [s]; 0 where it cannot be told.
+/// Time from one pose to the next [s]; 0 if unknown.
 double step_between(const NetworkPose& last, const NetworkPose& next) {
   const bool stamped = last.timestamp && next.timestamp > last.timestamp;
   const double step = stamped ? double(next.timestamp - last.timestamp) / 4294967296.0
@@ -48,7 +47,7 @@ TransformReader::TransformReader(const std::string& host, int port, std::string 
 
 void TransformReader::stop() {
   client_.stop();
-  const std::lock_guard<std::mutex> lock(stop_mutex_);  // a loop and its owner may stop it at once
+  const std::lock_guard<std::mutex> lock(stop_mutex_);  // a loop and its owner may stop it at the same time
   if (thread_.joinable()) thread_.join();
 }
 
@@ -143,7 +142,7 @@ void IgtlDevice::take(const NetworkPose& pose) {
   if (step > 0.0)
     velocity_ = (position - Vec3(last_.position[0], last_.position[1], last_.position[2])) / step;
   else if (last_.count && pose.arrival - last_.arrival > std::uint64_t(1e9 * longest_step))
-    velocity_.setZero();  // two poses that came together keep the velocity before them
+    velocity_.setZero();  // two poses at the same time keep the last velocity
   last_ = pose;
   put(position, velocity_, pose.on != 0);
 }

@@ -1,4 +1,4 @@
-// The wire format: sizes and names, numbers in network byte order, byte strings that are written and read.
+// The wire format: sizes, names, numbers in network byte order, and byte strings.
 #pragma once
 
 #include <cstddef>
@@ -32,7 +32,7 @@ inline bool holds(const std::uint16_t* shape, std::size_t dimensions, std::uint6
   return product == count;
 }
 
-/// In network byte order, whatever the machine's.
+/// A number in network byte order, on any machine.
 template <class Unsigned>
 Unsigned get(const std::uint8_t* at) {
   Unsigned value = 0;
@@ -64,7 +64,7 @@ void put_float(std::uint8_t* at, Float value) {
   put(at, word);
 }
 
-/// Numbers and texts into a byte string, big-endian; ByteReader reads them back and never goes past the end.
+/// Writes numbers and texts, big-endian, to a byte string; ByteReader reads them and never passes the end.
 class ByteWriter {
  public:
   explicit ByteWriter(Bytes& out) : out_(out) {}
@@ -87,7 +87,7 @@ class ByteWriter {
   Bytes& out_;
 };
 
-/// False from the first thing on that was not there.
+/// False from the first missing item on.
 class ByteReader {
  public:
   explicit ByteReader(ByteView bytes) : left_(bytes) {}

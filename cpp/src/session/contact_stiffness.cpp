@@ -15,7 +15,7 @@ double cap_area(const char* name, double radius, double depth) {
   return pi * (2.0 * radius * depth - depth * depth);
 }
 
-/// sqrt(u) (2 - u) at a force: k times this is 1.5 c_e A/(pi R).
+/// sqrt(u) (2 - u) at a force; k times this is 1.5 c_e A/(pi R).
 double softness(double force, double radius, double c_e) {
   require_positive("radius", radius);
   require_positive("c_e", c_e);
@@ -111,7 +111,7 @@ StabilityReport stability_report(double force, double k, const Tool& tool, const
   if (!std::isnan(device.encoder_step) && (device.encoder_step == 0.0 || !std::isnan(device.friction)))
     report.quantisation_limit =
         encoder_limit(device.encoder_step == 0.0 ? 0.0 : device.friction, device.encoder_step);
-  report.limit = std::fmin(report.sampling_limit, report.quantisation_limit);  // NaN only where both are
+  report.limit = std::fmin(report.sampling_limit, report.quantisation_limit);  // NaN only if both are
   if (std::isnan(report.limit)) return report;
   report.ratio = report.k / report.limit;
   report.warning = report.ratio > StabilityReport::warning_ratio;

@@ -9,7 +9,7 @@
 namespace burrlab {
 namespace {
 
-constexpr std::size_t batch = 256;  // ticks between looks at other things
+constexpr std::size_t batch = 256;  // ticks between other work
 
 }  // namespace
 
@@ -104,9 +104,8 @@ void Follower::execute(const TickRecord& record) {
   for (const auto& listener : listeners_) listener->on_digest(bone_.tick(), bone_.digest());
 }
 
-// Copies the loop's bone between two of its ticks, without its knowing: all bricks first, while it goes on,
-// then those that it may have touched since, again and again until no tick began meanwhile. What was read of
-// a brick while it was written is thrown away.
+// Copies the loop's bone between two of its ticks, while the loop runs. Copies all bricks, then those that
+// ticks may have touched since, until no tick began meanwhile. What was read during a write is dropped.
 void Follower::rebuild() {
   const TickExecutor& leader = *loop_->executor();
   const VoxelBone& theirs = *leader.bone();
@@ -118,7 +117,7 @@ void Follower::rebuild() {
     const std::uint64_t version = leader.version();
     if (version & 1) continue;
     const std::uint64_t tick = version / 2, until = tick - loop_->first_tick();
-    if (ring->count() < until && loop_->running()) continue;  // the last tick's record is not there yet
+    if (ring->count() < until && loop_->running()) continue;  // the last tick's record is still missing
     Vec3 low = Vec3::Constant(1e300), high = -low;
     bool lost = false;
     TickRecord record;
@@ -138,7 +137,7 @@ void Follower::rebuild() {
     for (const std::uint32_t brick : mine.bricks_between(low, high)) mine.copy_brick(brick, theirs);
     std::atomic_thread_fence(std::memory_order_acquire);
     if (leader.version() != version) {
-      from = until;  // what was copied now is whole but where later ticks were
+      from = until;  // the copy is whole except where later ticks were
       continue;
     }
     bone_.executor().set_tick(tick);
@@ -189,12 +188,12 @@ StabilityReport Follower::stability(std::size_t burr) const {
   const SessionSetup& setup = loop_->executor()->setup();
   const double spring = loop_->settings().coupling;
   Tool tool = setup.tools[burr];
-  if (at.c_e > 0.0) tool.material.c_e = at.c_e;  // with tissues, of those that it touches
+  if (at.c_e > 0.0) tool.material.c_e = at.c_e;  // with tissues: of those it touches
   const auto report_of = [&](double k) {
     return stability_report(at.force, k, tool, loop_->devices()[burr]->model(), setup.period, at.age, 0.0,
                             spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
   };
-  // Where a thin wall gives way the force falls on the way in: no spring, and no limit to it.
+  // Where a thin wall gives way the force falls on the way in: no spring, and no limit.
   StabilityReport report = report_of(std::max(at.stiffness, 0.0));
   const StabilityReport worst = report_of(std::max({at.stiffness, at.stiffest, 0.0}));
   report.ratio = worst.ratio;

@@ -8,7 +8,7 @@
 namespace burrlab {
 namespace {
 
-/// A vector no longer than `most`; free of overflow.
+/// A vector no longer than `most`, without overflow.
 Vec3 shortened(const Vec3& v, double most) noexcept {
   const double largest = std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
   if (largest == 0.0) return v;

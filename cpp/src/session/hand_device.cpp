@@ -8,7 +8,7 @@
 namespace burrlab {
 namespace {
 
-// Of a press's time: where its height begins and ends, and where it is over.
+// Parts of a press's time: end of the rise, end of the height, end of the fall.
 constexpr double press_up = 0.25, press_down = 0.55, press_over = 0.8;
 
 double ease_in(double x) { return x * x * (3.0 - 2.0 * x); }
@@ -50,7 +50,7 @@ void HandDevice::start(double period) {
   period_ = period;
   steps_ = int(std::ceil(period / (1e-3 * longest_step) - 1e-9));
   step_ = period / steps_;
-  // A velocity decays exactly over a step, whatever the damping; without any, it stays.
+  // A velocity decays exactly over a step, whatever the damping.
   const double rate = settings_.damping / settings_.mass;  // [1/s]
   decay_ = std::exp(-rate * step_);
   reach_ = rate > 0.0 ? -std::expm1(-rate * step_) / rate : step_;
@@ -65,8 +65,8 @@ void HandDevice::start(double period) {
   halted_.store(false, std::memory_order_release);
 }
 
-// The push at this time [N]; returns its change [N/s]. Before the first contact it is the whole push, and
-// moves the hand towards the bone.
+// Sets the push at this time [N]; returns its change [N/s]. Before the first contact it is the whole push,
+// which moves the hand towards the bone.
 double HandDevice::press(double time, double& push) noexcept {
   const HandSettings& s = settings_;
   push = s.push;
@@ -101,7 +101,7 @@ void HandDevice::aim(double time) noexcept {
 }
 
 // One step: the spring at the middle of its way, friction of constant size against the motion. A motion that
-// friction brings to rest within the step stays at rest while what drives it is no more than the friction.
+// friction stops within the step stays at rest while the drive is no larger than the friction.
 void HandDevice::advance(double time) noexcept {
   const HandSettings& s = settings_;
   aim(time);
@@ -120,7 +120,7 @@ void HandDevice::advance(double time) noexcept {
   const Vec3 acceleration = (drive - resistance) * (1e3 / s.mass);  // N/kg is 1000 mm/s^2
   const Vec3 next = decay_ * velocity_ + reach_ * acceleration;
   if (s.friction > 0.0 && speed > 0.0 && next.dot(velocity_) <= 0.0) {
-    // Brought to rest after this part of the step, at half the speed on average.
+    // At rest after this part of the step, at half the speed on average.
     const double part = speed / (speed - next.dot(velocity_) / speed);
     position_ += (0.5 * part * step_) * velocity_;
     velocity_.setZero();

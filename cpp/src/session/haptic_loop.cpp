@@ -1,4 +1,4 @@
-// The life of a loop: its start, its ends, its watchdog and what it says of itself.
+// The start of a loop, its ends, its watchdog and its ticks.
 #include "burrlab/session/haptic_loop.hpp"
 
 #include <algorithm>
@@ -71,7 +71,7 @@ void HapticLoop::start() {
     while (heartbeat_.load(std::memory_order_acquire) == 0)
       std::this_thread::sleep_for(std::chrono::microseconds(100));
     if (settings_.wall_clock) watchdog_ = std::thread([this] { watch(); });
-  } catch (const std::exception& error) {  // of a device, or a system that gives no thread
+  } catch (const std::exception& error) {  // from a device, or a system that gives no thread
     end(std::string("the loop could not be started: ") + error.what(), true);
     if (!thread_.joinable()) {
       stop_devices();
@@ -90,7 +90,7 @@ void HapticLoop::stop(const std::string& reason) {
   join();
 }
 
-/// The devices are free for another loop only when nobody of this one can halt them any more.
+/// Frees the devices for another loop, once no thread of this one can halt them.
 void HapticLoop::join() {
   stopping_.store(true, std::memory_order_release);
   if (thread_.joinable()) thread_.join();
@@ -119,7 +119,7 @@ bool HapticLoop::wait(double seconds) {
 
 void HapticLoop::end(const std::string& reason, bool failed) {
   const std::lock_guard<std::mutex> lock(mutex_);
-  if (!reason_.empty()) return;  // the first reason is the one
+  if (!reason_.empty()) return;  // the first reason counts
   reason_ = reason;
   failed_ = failed;
 }
@@ -138,7 +138,7 @@ void HapticLoop::halt_devices() noexcept {
   for (const auto& device : devices_) device->halt();
 }
 
-/// All are at zero before the first is stopped: that may take a while.
+/// Sets all to zero before stopping the first, which may take a while.
 void HapticLoop::stop_devices() noexcept {
   for (const auto& device : devices_) device->write(Vec3::Zero());
   halt_devices();
@@ -164,10 +164,9 @@ void HapticLoop::watch() {
   }
 }
 
-// From here on is the loop's own path: no lock, allocation or Python; devices, the tick and the ring keep to
-// that too.
+// The loop's own path: no lock, allocation or Python, here, in devices, the tick and the ring.
 
-// Deadline n lies n periods after the start. A tick stands for all deadlines since the last one.
+// Deadline n is n periods after the start. A tick stands for all deadlines since the last one.
 void HapticLoop::run() {
   if (settings_.wall_clock) {
     std::vector<std::string> notes = become_realtime(settings_.realtime);
@@ -203,7 +202,7 @@ void HapticLoop::run() {
     if (!tick(periods, 1e-9 * double(now - start))) break;
     if (settings_.wall_clock) {
       const std::int64_t done = steady_now();
-      if (ticks_.load(std::memory_order_relaxed) > executed) {  // not while a device has given no position
+      if (ticks_.load(std::memory_order_relaxed) > executed) {  // false until a device has given a position
         lateness_.add(late);
         wall_time_.add(1e-3 * double(done - now));
       }
@@ -220,7 +219,7 @@ void HapticLoop::run() {
   running_.store(false, std::memory_order_release);
 }
 
-// False where the session ends. A coupling moves the burr off the device.
+// False if the session ends. A coupling moves the burr off the device.
 bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting) {
   using Status = DeviceReading::Status;
   for (std::size_t i = 0; i < devices_.size(); ++i) {
@@ -294,10 +293,10 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
   return true;
 }
 
-// On a virtual clock nothing is lost because a reader is slow.
+// On a virtual clock nothing is lost because of a slow reader.
 void HapticLoop::make_room() {
   const auto is_behind = [this](const std::weak_ptr<const RecordReader>& weak) {
-    const auto reader = weak.lock();  // one that nobody holds any more will never read
+    const auto reader = weak.lock();  // an abandoned reader will never read
     return reader && reader->behind() + 1 >= ring_->capacity() / 2;
   };
   for (const auto& reader : readers_)

@@ -6,7 +6,7 @@
 
 namespace burrlab {
 
-// Octave o holds lowest 2^o .. lowest 2^(o+1); what is below counts in the first bin.
+// Octave o holds lowest 2^o .. lowest 2^(o+1); smaller values count in the first bin.
 int Histogram::bin_of(double microseconds) noexcept {
   if (!(microseconds > lowest)) return 0;
   int exponent;

@@ -43,7 +43,7 @@ bool MailboxDevice::has_value() const {
 }
 
 DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
-  in_.get(last_);  // else the letter before, whose age tells
+  in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
   if (last_.time == 0) {
     reading.status = DeviceReading::Status::waiting;

@@ -38,7 +38,7 @@ std::int64_t thread_cpu_now() noexcept { return read_clock(CLOCK_THREAD_CPUTIME_
 
 void sleep_until(std::int64_t time) noexcept {
   const timespec t{static_cast<time_t>(time / 1000000000), static_cast<long>(time % 1000000000)};
-  while (steady_now() < time)  // a signal ends a sleep early, and so may what stands between us and the system
+  while (steady_now() < time)  // a signal, or a layer above the system, may end a sleep early
     clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
 }
 

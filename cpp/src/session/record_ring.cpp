@@ -8,12 +8,11 @@ namespace burrlab {
 
 RecordRing::RecordRing(std::size_t capacity) : slots_(capacity) {
   if (capacity < 2) refuse("capacity", "at least 2", double(capacity));
-  for (Slot& slot : slots_)  // memory is touched here, not in the loop
+  for (Slot& slot : slots_)  // touches the memory here, not in the loop
     for (auto& word : slot.word) word.store(0, std::memory_order_relaxed);
 }
 
-// A slot says which record it holds before and after its words are read: a reader that meets the writer sees
-// it.
+// A slot tells its record's number before and after its words are read, so a reader notices the writer.
 void RecordRing::push(const TickRecord& record) noexcept {
   const std::uint64_t number = count_.load(std::memory_order_relaxed);
   Slot& slot = slots_[number % slots_.size()];

@@ -22,7 +22,7 @@ std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material& materi
 
 TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick)
     : bone_(std::move(bone)), setup_(checked(setup)), tick_(tick), version_(2 * tick) {
-  if (tick >> 53) refuse("tick", "below 2^53", double(tick));  // replicas are told it as a float64
+  if (tick >> 53) refuse("tick", "below 2^53", double(tick));  // replicas get it as a float64
   for (std::size_t i = 0; i < setup.tools.size(); ++i) {
     const Tool& tool = setup.tools[i];
     contacts_.emplace_back(bone_, tool.burr, tool.material, setup.seed, std::uint32_t(i), setup.scheme);

@@ -9,7 +9,7 @@
 namespace burrlab {
 namespace {
 
-constexpr double stiffest = 1e3;  // contact that is believed [N/mm]
+constexpr double stiffest = 1e3;  // of a contact, at most [N/mm]
 
 struct Trial {
   Vec3 offset = Vec3::Zero(), force = Vec3::Zero();
@@ -27,9 +27,9 @@ void VirtualCoupling::reset() noexcept {
   contact_ = 0.0;
 }
 
-// Newton's step with one number for the contact's stiffness, the secant along the last step. Where a burr has
-// come free under an offset, the place without one is tried next: free there too, the burr is there; else the
-// balance lies between, and false position finds it.
+// Newton's step, with the secant along the last step as the contact's stiffness. A burr that came free under
+// an offset is tried without offset: if it is free there too, it is there; else the balance is between, and
+// false position finds it.
 Coupled VirtualCoupling::couple(const TickExecutor& executor, std::size_t burr, const Vec3& device) noexcept {
   Coupled result;
   result.center = device;

@@ -1,4 +1,4 @@
-// What the burrs of a session do near critical structures: events, and doses of nearness, force and injury.
+// The watch over critical structures: events, and doses of nearness, force and injury.
 #pragma once
 
 #include <array>
@@ -13,12 +13,12 @@
 
 namespace burrlab {
 
-/// When something is told of. Distances are those of the burr's surface.
+/// Limits that cause events. Distances are those of the burr's surface.
 struct WatchLimits {
   double approach = 2.0;    ///< [mm]
   double touch = 0.0;       ///< [mm]
-  double injury = 0.0;      ///< removed from the structure, more than this [mm^3]
-  double hysteresis = 0.5;  ///< that the burr goes beyond a distance before it can be told of anew [mm]
+  double injury = 0.0;      ///< volume removed from the structure above which it is injured [mm^3]
+  double hysteresis = 0.5;  ///< distance beyond a limit after which its event can happen anew [mm]
 };
 
 struct WatchedStructure {
@@ -29,19 +29,18 @@ struct WatchedStructure {
 enum class WatchEventKind : std::uint32_t { approach, touch, injury, away };
 
 struct WatchEvent {
-  std::uint64_t tick = 0;          ///< index of the tick that it happened in
+  std::uint64_t tick = 0;          ///< index of the tick of the event
   std::uint32_t kind = 0;          ///< a WatchEventKind
-  std::uint32_t structure = 0;     ///< place among those watched
+  std::uint32_t structure = 0;     ///< index among the watched structures
   std::int32_t burr = 0;           ///< -1: in ticks that were passed over
-  std::uint32_t on = 0;            ///< the burr turned
-  double distance = 0.0;           ///< [mm]; infinite where it is not known
+  std::uint32_t on = 0;            ///< the burr was turning
+  double distance = 0.0;           ///< [mm]; infinite if unknown
   double force = 0.0;              ///< magnitude, of the model [N]
   std::int64_t removed = 0;        ///< from the structure so far, by all burrs [levels]
   std::array<double, 3> center{};  ///< of the burr [mm]
 };
 
-/// One burr beside one structure, since the beginning. Times are in periods of the loop, so that sums are
-/// exact.
+/// One burr beside one structure, since the beginning. Times are in periods of the loop, so sums are exact.
 struct WatchDose {
   static constexpr std::array<double, 7> edges = {0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0};  ///< of the bins [mm]
   static constexpr std::array<double, 2> near = {1.0, 2.0};                             ///< [mm]
@@ -50,31 +49,31 @@ struct WatchDose {
   double closest = std::numeric_limits<double>::infinity();   ///< [mm]
   std::uint64_t closest_tick = 0;
   std::array<double, 3> closest_center{};                 ///< [mm]
-  std::array<std::uint64_t, edges.size() + 1> periods{};  ///< by distance; each edge belongs to the bin below
-  std::array<std::uint64_t, edges.size() + 1> turning{};  ///< of them with the burr on
-  std::uint64_t touching = 0;                             ///< periods at most `touch` away
+  std::array<std::uint64_t, edges.size() + 1> periods{};  ///< by distance; an edge is in the bin below it
+  std::array<std::uint64_t, edges.size() + 1> turning{};  ///< periods with the burr on
+  std::uint64_t touching = 0;                             ///< periods with a distance of at most `touch`
   std::int64_t removed = 0;                               ///< from the structure by this burr [levels]
-  std::array<std::uint64_t, near.size()> near_periods{};  ///< at most `near` away
-  std::array<double, near.size()> near_force{};           ///< sum of force times periods there [N]
-  std::array<double, near.size()> near_peak{};            ///< largest force there [N]
+  std::array<std::uint64_t, near.size()> near_periods{};  ///< periods with a distance of at most `near`
+  std::array<double, near.size()> near_force{};           ///< sum of force times periods, there [N]
+  std::array<double, near.size()> near_peak{};            ///< largest force, there [N]
 };
 
 static_assert(sizeof(WatchEvent) == 72 && sizeof(WatchDose) == 240);
 
 class AnatomyWatch {
  public:
-  static constexpr std::size_t most_events = 10000;  ///< kept; further ones are counted
+  static constexpr std::size_t most_events = 10000;  ///< kept; further events are only counted
   static constexpr double largest_radius = 6.0;      ///< of a burr [mm]
-  static constexpr double reach = 15.0;              ///< of the fields about their structures [mm]
+  static constexpr double reach = 15.0;              ///< of the distance fields around structures [mm]
 
-  /// Throws unless the structures are of one bone, with limits in order, and burrs of at most 6 mm.
+  /// Throws unless the structures are of one bone, limits are in order and radii at most 6 mm.
   AnatomyWatch(std::vector<WatchedStructure> structures, std::vector<double> radii);
 
-  /// Begins with the bone as it is; throws unless it has the tissues that the structures are of.
+  /// Begins with the bone as it is; throws unless it has the structures' tissues.
   void begin(const VoxelBone& bone, std::uint64_t tick);
-  /// After a burr's step. No allocation, lock or exception.
+  /// To be called after a burr's step. No allocation, lock or exception.
   void after_step(const VoxelBone& bone, const TickRecord& record, std::size_t burr) noexcept;
-  /// The bone was put to the state before `tick` without its ticks being executed here.
+  /// The bone was set to the state before `tick` without executing the ticks until then here.
   void pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept;
 
   const std::vector<WatchedStructure>& structures() const { return structures_; }
@@ -83,19 +82,17 @@ class AnatomyWatch {
   const std::vector<WatchEvent>& events() const { return events_; }
   std::uint64_t events_lost() const { return events_lost_; }
   WatchDose dose(std::size_t burr, std::size_t structure) const;
-  std::int64_t removed(std::size_t structure) const {
-    return begun_[structure] - levels_[structure];
-  }  ///< [levels]
-  std::uint64_t gaps() const { return gaps_; }  ///< times that ticks were passed over
+  /// Removed from a structure so far, by all burrs [levels].
+  std::int64_t removed(std::size_t structure) const { return begun_[structure] - levels_[structure]; }
+  std::uint64_t gaps() const { return gaps_; }  ///< times ticks were passed over
   std::uint64_t ticks_passed_over() const { return ticks_passed_over_; }
 
  private:
   struct Beside {  // a burr beside a structure
     WatchDose dose;
     NearestVoxel nearest;
-    Vec3 measured = Vec3::Zero(),
-         center = Vec3::Zero();  // where `dose.distance` is of, and the burr now [mm]
-    double still = 0.0;  // within which of `measured` its distance counts as the same everywhere below [mm]
+    Vec3 measured = Vec3::Zero(), center = Vec3::Zero();  // burr as last measured, and at present [mm]
+    double still = 0.0;  // radius around `measured` in which no sum and no event can change [mm]
     bool approached = false, touched = false, injured = false;
   };
   Beside& of(std::size_t burr, std::size_t structure) {

@@ -1,4 +1,4 @@
-// Distance to a structure at the price of a field far from it, and exact near it.
+// Distance to a structure: exact near it, from a field far from it.
 #pragma once
 
 #include <algorithm>
@@ -15,21 +15,21 @@
 
 namespace burrlab {
 
-/// The voxel of a structure that was nearest the last time: where the next search begins.
+/// The voxel of a structure that was nearest in the last search. The next search begins with it.
 struct NearestVoxel {
   Index3 at{};  ///< (z, y, x)
   bool any = false;
 };
 
-/// The exact distance of a point to a structure as segmented: to the nearest of its voxels, each a box. Those
-/// are all voxels that carry the tissue's number, whatever bone was or is in them.
+/// The exact distance from a point to a structure: to the nearest of its voxels, each a box. The structure is
+/// all voxels with the tissue's number, whatever bone they hold.
 class StructureSearch {
  public:
-  /// Throws where the bone has no tissues, the tissue is none of them or no voxel carries it.
+  /// Throws if the bone has no tissues, the tissue is not in its table or has no voxel.
   StructureSearch(const VoxelBone& bone, std::size_t tissue);
 
-  /// Distance of a point to the structure [mm], 0 inside it; infinity if that is not below `bound` [mm]. It
-  /// does not depend on `nearest`, which only shortens the search.
+  /// Distance of a point to the structure [mm], 0 inside it; infinity unless it is below `bound` [mm]. The
+  /// result does not depend on `nearest`, which only shortens the search.
   double distance(const Vec3& point, NearestVoxel& nearest,
                   double bound = std::numeric_limits<double>::infinity()) const noexcept;
 
@@ -39,8 +39,8 @@ class StructureSearch {
     return bone.tissues() == map_ && bone.spacing() == spacing_ && bone.origin() == origin_;
   }
   const std::shared_ptr<const TissueMap>& map() const { return map_; }
-  const Vec3& low() const { return low_; }    ///< corner of the box around it [mm]
-  const Vec3& high() const { return high_; }  ///< the opposite one [mm]
+  const Vec3& low() const { return low_; }    ///< corner of the box around the structure [mm]
+  const Vec3& high() const { return high_; }  ///< the opposite corner [mm]
 
  private:
   struct Best;
@@ -54,34 +54,33 @@ class StructureSearch {
   std::size_t tissue_;
   Index3 shape_, bricks_;
   Vec3 spacing_, origin_, low_, high_;
-  Occupancy where_;  // bricks that hold some of it
+  Occupancy where_;  // bricks that hold voxels of the structure
 };
 
-/// Distances on a coarse grid around a structure, linear between the nodes: what is asked far from it.
+/// Distances on a coarse grid around a structure, linear between the nodes.
 class DistanceField {
  public:
   static constexpr double exact_to = 8.0;  ///< nodes nearer than this have the exact distance [mm]
 
-  /// `estimate` (z, y, x): distances at the nodes [mm], wrong by at most `error` [mm]; those that may be
-  /// below `exact_to` are searched and made exact. `origin`: place of node (0, 0, 0), (x, y, z) [mm].
+  /// `estimate` (z, y, x): distances at the nodes [mm], wrong by at most `error` [mm]. Nodes that may be
+  /// nearer than `exact_to` get the exact distance. `origin`: place of node (0, 0, 0), (x, y, z) [mm].
   DistanceField(const StructureSearch& search, const Index3& shape, std::vector<float> estimate,
                 double spacing, const Vec3& origin, double error);
 
-  /// Distance of a point [mm]; infinity beyond the grid.
+  /// Distance of a point [mm]; infinity outside the grid.
   double at(const Vec3& point) const noexcept;
-  /// Of a point within the grid to its nearest face [mm]; below 0 beyond it.
+  /// Distance from a point inside the grid to its nearest face [mm]; negative outside.
   double depth(const Vec3& point) const noexcept;
 
-  // Bounds between exact nodes [mm], from the distance being 1-Lipschitz, and its second derivatives at most
-  // one over it (docs/anatomy.md).
-  double too_near() const { return 0.8661 * spacing_; }  ///< it says at most that much less than is true
-  double too_far() const { return 0.5 * spacing_; }      ///< where 1 mm or less is true, that much more
+  // Bounds of the error between exact nodes [mm]: a distance d is 1-Lipschitz, with second derivatives of at
+  // most 1/d (docs/anatomy.md).
+  double too_near() const { return 0.8661 * spacing_; }  ///< most that a distance is too small
+  double too_far() const { return 0.5 * spacing_; }  ///< most too large, where the true one is 1 mm or less
 
-  /// Below this no other than exact nodes are read [mm]: the others are 8 mm or more away, and the corners of
-  /// a cell 1.74 spacings at most from one another.
+  /// Distances below this come from exact nodes only [mm]: other nodes are 8 mm or more away, and the corners
+  /// of a cell are at most 1.74 spacings apart.
   double exact_at_most() const { return exact_to - 2.0 * spacing_; }
-  /// Between exact nodes it changes by at most this times the way: by 1 along each axis, and nodes are
-  /// float32.
+  /// Between exact nodes the distance changes by at most this times the way, by 1 along each axis (float32).
   static constexpr double steepest = 1.7321;
 
   const Index3& shape() const { return shape_; }
@@ -96,12 +95,11 @@ class DistanceField {
   Vec3 origin_;
 };
 
-/// The distance of a sphere's surface, and what it can become: while the centre moves by less than `within`,
-/// it changes by at most `rate` times as much.
+/// The distance of a sphere's surface. If the centre moves by d < `within`, it changes by at most rate d.
 struct SphereDistance {
   double value;   ///< at least -radius; infinity beyond the field [mm]
   double rate;    ///< [1]
-  double within;  ///< not positive where nothing can be said [mm]
+  double within;  ///< not positive if nothing is known [mm]
 };
 
 class StructureDistance {
@@ -111,19 +109,19 @@ class StructureDistance {
   StructureDistance(StructureSearch search, DistanceField field)
       : search_(std::move(search)), field_(std::move(field)) {}
 
-  /// Of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
+  /// Distance of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
   double of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
     const double far = field_.at(center);
     return is_far(far - radius) ? far - radius : exact(center, far, nearest) - radius;
   }
 
-  /// The same, and what it can become.
+  /// `of_sphere`, with how far it can change.
   SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
     const double far = field_.at(center), depth = field_.depth(center);
     if (std::isinf(far)) return {far, 1.0, -depth};
     if (!is_far(far - radius)) {
       const double value = exact(center, far, nearest) - radius;
-      return {value, 1.0, std::min(exact_below - value, depth)};  // beyond, the field may be asked
+      return {value, 1.0, std::min(exact_below - value, depth)};  // above exact_below the field may be used
     }
     const double rate = DistanceField::steepest;
     const double near = far - radius - exact_below - field_.too_far(), beyond = field_.exact_at_most() - far;
@@ -137,7 +135,7 @@ class StructureDistance {
   double exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept {
     return search_.distance(center, nearest, far + field_.too_near());
   }
-  bool is_far(double value) const { return !(value < exact_below + field_.too_far()); }  // by the field
+  bool is_far(double value) const { return !(value < exact_below + field_.too_far()); }  // as the field says
 
   StructureSearch search_;
   DistanceField field_;

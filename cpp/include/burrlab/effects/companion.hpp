@@ -1,5 +1,5 @@
-// Effects beside a running session or a replica, in a thread of their own: the loop is not touched, what
-// follows it is asked once a frame.
+// Effects beside a running session or replica, in their own thread. They ask the follower or the replica once
+// a frame; the loop is not touched.
 #pragma once
 
 #include <condition_variable>
@@ -18,33 +18,33 @@
 
 namespace burrlab {
 
-/// What effects follow: the bone of a session, or of a replica on another machine.
+/// The bone that effects follow: that of a session, or of a replica.
 struct EffectsFeed {
-  std::function<std::shared_ptr<VoxelBone>(std::uint64_t& tick)> snapshot;  ///< a copy of the bone now
-  std::function<BoneUpdate()> take;  ///< what changed since the feed was made, or the last call
-  std::function<bool()> over;        ///< nothing comes after the next update
+  std::function<std::shared_ptr<VoxelBone>(std::uint64_t& tick)> snapshot;  ///< a copy of the bone
+  std::function<BoneUpdate()> take;  ///< changes since the last call, or since the feed was made
+  std::function<bool()> over;        ///< true if no more comes after the next update
 };
 
 EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower);
 /// Throws std::invalid_argument unless the replica was started.
 EffectsFeed feed_of(const std::shared_ptr<Replica>& replica);
 
-/// What a frame left to be looked at.
+/// What a frame shows.
 struct EffectsFrame {
-  std::uint64_t frame = 0;  ///< made so far
-  std::uint64_t tick = 0;   ///< of the bone that it saw
+  std::uint64_t frame = 0;  ///< frames made so far
+  std::uint64_t tick = 0;   ///< of the bone in the frame
   std::vector<ParcelView> parcels;
   std::array<SubstanceBalance, substances> balance{};
-  std::vector<std::int64_t> removed;  ///< levels by tissue's number
+  std::vector<std::int64_t> removed;  ///< levels, by tissue number
   double bleeding = 0.0;              ///< [mm^3/s]
-  double hidden;                      ///< part of burr 0 that is hidden; NaN without a camera
+  double hidden;                      ///< hidden part of burr 0; NaN without a camera
   FrameCounts counts;
 };
 
-/// What a frame was made of, so that the trace of its session makes it again.
+/// What a frame was made of; with the session's trace, it can be made again.
 struct FrameRecord {
   double seconds = 0.0;
-  std::uint64_t tick = 0;  ///< of the bone that it saw
+  std::uint64_t tick = 0;  ///< of the bone in the frame
   FrameDecision decision;
 };
 
@@ -52,37 +52,35 @@ class EffectsCompanion {
  public:
   static constexpr double least_rate = 1.0, most_rate = 200.0;  ///< [Hz]
 
-  static constexpr int priority = 40;        ///< of real-time threads; the loop's is 80
-  static constexpr double most_share = 0.5;  ///< of the time that frames with such a priority may take
+  static constexpr int priority = 40;        ///< of real-time threads; the haptic loop has 80
+  static constexpr double most_share = 0.5;  ///< of a period that a real-time frame's budget may take
 
-  /// Follows a bone from where it is now. `rate` [Hz]. `realtime`: asks for a priority before
-  /// ordinary threads, and below the loop's, if there is a budget and it is at most `most_share` of a period.
+  /// Follows a bone from its present state. `rate` [Hz]. `realtime` asks for a priority above ordinary
+  /// threads and below the haptic loop. It needs a budget of at most `most_share` of a period.
   EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime);
   ~EffectsCompanion();
   EffectsCompanion(const EffectsCompanion&) = delete;
   EffectsCompanion& operator=(const EffectsCompanion&) = delete;
 
   void start();  ///< once
-  /// After the frame that it is in; further calls do nothing.
+  /// Stops after the frame that is under way; further calls do nothing.
   void stop();
-  /// Until it is stopped, or a last frame after the session's end was made.
+  /// True until `stop`, or until the last frame after the session's end.
   bool running() const { return copy_under(mutex_, running_); }
-  bool wait(double seconds);                                        ///< until it ends; whether it has
-  std::string error() const { return copy_under(mutex_, error_); }  ///< that ended it; empty if none did
-  std::vector<std::string> realtime_notes() const {
-    return copy_under(mutex_, notes_);
-  }  ///< what the system granted; empty before the start
+  bool wait(double seconds);                                        ///< waits; returns whether it ended
+  std::string error() const { return copy_under(mutex_, error_); }  ///< the failure that ended it, or empty
+  /// What the system granted; empty before the start.
+  std::vector<std::string> realtime_notes() const { return copy_under(mutex_, notes_); }
 
-  // They hold from the next frame on.
+  // These take effect with the next frame.
   void set_nozzle(const std::optional<Nozzle>& nozzle) { set(nozzle_, nozzle); }
   void set_sucker(const std::optional<Sucker>& sucker) { set(sucker_, sucker); }
   void set_camera(const std::optional<Camera>& camera) { set(camera_, camera); }
 
   EffectsFrame newest() const { return copy_under(mutex_, newest_); }  ///< a copy
-  std::vector<FrameRecord> frames() const {
-    return copy_under(mutex_, frames_);
-  }  ///< of all frames, in order
-  std::uint64_t first_tick() const { return first_tick_; }  ///< of the bone that it began with
+  /// All frames, in order.
+  std::vector<FrameRecord> frames() const { return copy_under(mutex_, frames_); }
+  std::uint64_t first_tick() const { return first_tick_; }  ///< of the bone at the beginning
   const Histogram& wall_time() const { return effects_->wall_time(); }
   const Histogram& cpu_time() const { return effects_->cpu_time(); }
   double quantum() const { return effects_->quantum(); }  ///< [mm^3]
@@ -103,8 +101,8 @@ class EffectsCompanion {
   bool realtime_;
   std::unique_ptr<Effects> effects_;
   std::uint64_t first_tick_ = 0;
-  EffectsFrame next_;      // being made
-  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
+  EffectsFrame next_;      // the frame being made
+  std::mutex life_mutex_;  // of the thread, which never takes it
   std::thread thread_;
   bool started_ = false;
 

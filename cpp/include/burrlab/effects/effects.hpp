@@ -1,4 +1,4 @@
-// Dust, blood, water and a sucker, frame by frame, beside a bone that loses mass.
+// Dust, blood, water and a sucker beside a bone that loses mass, frame by frame.
 #pragma once
 
 #include <memory>
@@ -26,14 +26,14 @@ struct EffectsSetup {
   EffectParameters parameters{};
   std::uint64_t seed = 0;
   Vec3 down = Vec3(0.0, 0.0, -1.0);  ///< of gravity
-  Vec3 spin = Vec3(0.0, 0.0, 1.0);   ///< axis that burrs turn about
-  std::optional<double> budget;      ///< of a frame [s]; without it nothing depends on the clock
+  Vec3 spin = Vec3(0.0, 0.0, 1.0);   ///< axis the burrs turn about
+  std::optional<double> budget;      ///< of a frame [s]; without it the clock decides nothing
 };
 
-/// The same frames, with the same decisions of the clock, give the same parcels. One thread at a time.
+/// The same frames with the same decisions give the same parcels. For one thread at a time.
 class Effects {
  public:
-  /// Copies the bone's levels; bone that is gone then made no dust.
+  /// Copies the bone's levels. Bone removed before makes no dust.
   Effects(const VoxelBone& bone, const EffectsSetup& setup);
   ~Effects();
   Effects(const Effects&) = delete;
@@ -44,22 +44,22 @@ class Effects {
   const std::optional<Nozzle>& nozzle() const { return nozzle_; }
   const std::optional<Sucker>& sucker() const { return sucker_; }
 
-  /// One frame of `seconds`. `decision`: that of the same frame of another run. `started`: when the frame
-  /// began on the steady clock [ns], where work came before it; 0: now.
+  /// One frame of `seconds`. `decision`: that of the same frame in another run. `started`: the beginning of
+  /// the frame on the steady clock [ns], if work came before this call; 0: now.
   FrameDecision step(double seconds, const BrickLevels& changes, const std::vector<BurrAt>& burrs,
                      const FrameDecision* decision = nullptr, std::int64_t started = 0);
-  /// Notes what the last frame took in all, and how many it stood for besides itself.
+  /// Counts the last frame: the time it took, and the frames skipped before it.
   void count_frame(double wall_microseconds, double cpu_microseconds, int skipped = 0);
 
   const Parcels& parcels() const { return parcels_; }
   std::vector<ParcelView> view() const;
-  void view(std::vector<ParcelView>& out) const;  ///< the same, in memory that is there
+  void view(std::vector<ParcelView>& out) const;  ///< into existing memory
   std::array<SubstanceBalance, substances> balance() const;
   double quantum() const { return field_.quantum(); }  ///< [mm^3]
   double hidden(const Camera& camera, const BurrAt& burr) const {
     return hidden_fraction(parcels_, quantum(), setup_.parameters, camera, burr);
   }
-  std::size_t embedded() const;  ///< parcels in solid voxels: none
+  std::size_t embedded() const;  ///< parcels in solid voxels: 0
   const LevelField& field() const { return field_; }
   const Sources& sources() const { return sources_; }
   std::int64_t refilled() const { return refilled_; }  ///< levels that rose, as when a replay goes back
@@ -90,13 +90,13 @@ class Effects {
   std::uint64_t frame_ = 0;
   Quanta made_{}, sucked_{}, drained_{};
   std::int64_t refilled_ = 0;
-  double room_ = 0.0;  // that the sucker has left in this frame [quanta]
+  double room_ = 0.0;  // of the sucker in this frame [quanta]
   std::optional<FrameBudget> budget_;
-  double moves_ = 0.0, moving_time_ = 0.0;  // single movements of the last frame, and what they took [ns]
+  double moves_ = 0.0, moving_time_ = 0.0;  // single movements of the last frame, and their time [ns]
   FrameCounts counts_;
   std::vector<FrameDecision> decisions_;
   Histogram wall_time_, cpu_time_;
-  std::vector<Emission> emissions_;  // kept for its memory, as the next two
+  std::vector<Emission> emissions_;  // kept for its memory, as are the next two
   std::vector<std::uint32_t> moving_;
   std::unique_ptr<CellTable> cells_;
 };

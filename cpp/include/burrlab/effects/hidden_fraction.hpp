@@ -1,4 +1,4 @@
-// How much of a burr parcels hide from an eye.
+// The part of a burr that parcels hide from a camera.
 #pragma once
 
 #include "burrlab/effects/instruments.hpp"
@@ -7,10 +7,9 @@
 
 namespace burrlab {
 
-/// Part 0..1 of the light of the burr's projected disc, as far as it lies in the picture, that parcels before
-/// it take away: the disc is sampled on 64 x 64 points of its frame, each parcel is a disc with the opacity
-/// of its mean substance by volume. NaN where the burr is not in the picture. Bone hides nothing here. Throws
-/// if the camera is wrong or lies in the burr.
+/// Part 0..1 of the light of the burr's disc in the picture that parcels in front of it absorb. The disc's
+/// frame is sampled at 64 x 64 points. Each parcel is a disc with its substances' mean opacity by volume.
+/// Bone hides nothing. NaN if the burr is not in the picture. Throws if the camera is wrong or in the burr.
 double hidden_fraction(const Parcels& parcels, double quantum, const EffectParameters& parameters,
                        const Camera& camera, const BurrAt& burr);
 

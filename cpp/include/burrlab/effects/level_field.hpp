@@ -1,5 +1,4 @@
-// The bone as parcels meet it: an own copy of its levels, what a segment through it hits, and what was lost
-// since.
+// A copy of the bone's levels for parcels: where a segment hits bone, and what each brick lost.
 #pragma once
 
 #include <algorithm>
@@ -14,12 +13,12 @@ namespace burrlab {
 
 /// Where a segment meets solid bone.
 struct LevelHit {
-  double part = 0.0;         ///< of the segment before it, 0..1
-  Index3 voxel{};            ///< (z, y, x) that is met
-  Vec3 face = Vec3::Zero();  ///< normal of the face that is met, against the segment
+  double part = 0.0;         ///< part of the segment before the hit, 0..1
+  Index3 voxel{};            ///< voxel that is hit, (z, y, x)
+  Vec3 face = Vec3::Zero();  ///< normal of the face that is hit, against the segment
 };
 
-/// What a brick lost by an exchange of its levels.
+/// What a brick lost when its levels were exchanged.
 struct BrickLoss {
   std::int64_t lost = 0;      ///< [levels]
   std::int64_t refilled = 0;  ///< levels that rose, as when a replay goes back
@@ -28,10 +27,10 @@ struct BrickLoss {
 
 class LevelField {
  public:
-  /// Voxels from `solid_level` on are solid.
+  /// Voxels of at least `solid_level` are solid.
   LevelField(const VoxelBone& bone, int solid_level);
 
-  /// New levels of a brick, and what it lost.
+  /// Sets a brick's levels; returns what it lost.
   BrickLoss exchange(std::size_t brick, const std::uint8_t* density);
 
   std::size_t brick_count() const { return solid_.size(); }
@@ -39,10 +38,10 @@ class LevelField {
   const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }
   double quantum() const { return spacing_.prod() / 255.0; }  ///< one level of one voxel [mm^3]
   const Vec3& low() const { return low_; }                    ///< corner of the volume [mm]
-  const Vec3& high() const { return high_; }                  ///< the opposite one [mm]
+  const Vec3& high() const { return high_; }                  ///< the opposite corner [mm]
   double least_spacing() const { return spacing_.minCoeff(); }
 
-  /// Level of a voxel; 0 beyond the volume.
+  /// Level of a voxel; 0 outside the volume.
   int level(std::int64_t z, std::int64_t y, std::int64_t x) const {
     if (z < 0 || y < 0 || x < 0 || z >= shape_[0] || y >= shape_[1] || x >= shape_[2]) return 0;
     const auto brick = static_cast<std::size_t>(((z >> 3) * bricks_[1] + (y >> 3)) * bricks_[2] + (x >> 3));
@@ -53,7 +52,7 @@ class LevelField {
   Index3 voxel_of(const Vec3& place) const {
     Index3 voxel;
     for (int axis = 0; axis < 3; ++axis) {
-      // A place far away must not overflow: one voxel beyond the volume is as empty.
+      // A far place must not overflow; one voxel outside the volume is just as empty.
       const double at = (place[axis] - low_[axis]) * per_mm_[axis];
       voxel[2 - axis] = at < 0.0 ? -1 : std::int64_t(std::min(at, double(shape_[2 - axis])));
     }
@@ -61,16 +60,16 @@ class LevelField {
   }
   Vec3 center(const Index3& voxel) const;  ///< [mm]
   Vec3 center(std::size_t brick, int voxel) const;
-  /// One number a voxel of the volume, for `support`.
+  /// A voxel's number in the volume, for `support`.
   std::int64_t number(const Index3& voxel) const {
     return (voxel[0] * shape_[1] + voxel[1]) * shape_[2] + voxel[2];
   }
   bool solid_number(std::int64_t number) const;
 
-  /// The first solid voxel that the segment from a place that is free meets; every voxel on the way is looked
-  /// at, so no wall is too thin.
+  /// Finds the first solid voxel on a segment that begins in a free place. Looks at every voxel on the way,
+  /// so no wall is too thin.
   bool first_hit(const Vec3& from, const Vec3& move, LevelHit& hit) const;
-  /// Direction of the steepest fall of the levels around a hit; the face's normal where that points into it.
+  /// Direction of the steepest fall of the levels around a hit; the face's normal if that points inwards.
   Vec3 normal(const LevelHit& hit) const;
 
  private:

@@ -1,4 +1,4 @@
-// How a parcel moves: weight, drag in the air that a sucker draws, and bone that it slides on.
+// The motion of a parcel: weight, drag in the air that a sucker moves, and sliding on bone.
 #pragma once
 
 #include <optional>
@@ -15,19 +15,18 @@ class Motion {
          const std::optional<Sucker>& sucker)
       : field_(&field), parameters_(&parameters), down_(down), sucker_(&sucker) {}
 
-  /// What an interval of time does to a velocity, for dry and for wet parcels.
+  /// What drag does to a velocity in an interval, for dry and for wet parcels.
   struct Interval {
     double seconds = 0.0;
-    double kept[2] = {1.0, 1.0};  ///< part of the velocity against the air that is left
-    double way[2] = {0.0, 0.0};   ///< that a velocity against the air of 1 makes [s]
+    double kept[2] = {1.0, 1.0};  ///< part of the velocity against the air that remains
+    double way[2] = {0.0, 0.0};   ///< way per velocity against the air [s]
   };
   Interval interval(double seconds) const;
 
-  /// Moves a parcel that lies in no solid voxel, and leaves it in none. Linear drag is solved exactly, so
-  /// that in free air the size of the interval does not matter where the air is at rest.
+  /// Moves a parcel from one free place to another. Linear drag is solved exactly, so in still air without
+  /// bone the length of the interval does not matter.
   void advance(Parcels& parcels, std::size_t i, const Interval& interval) const;
-  /// Whether a parcel that rests goes on doing so: its voxel is there, and the air of the sucker pulls less
-  /// than friction holds.
+  /// Whether a parcel stays at rest: the voxel under it is solid, and friction holds it against the air.
   bool rests(const Parcels& parcels, std::size_t i) const;
 
  private:

@@ -1,5 +1,4 @@
-// Parcels: what dust, blood and water are carried in. Their mass counts in quanta, one level of one voxel, so
-// that sums are exact.
+// Parcels carry dust, blood and water. Masses are in quanta, one level of one voxel, so that sums are exact.
 #pragma once
 
 #include <array>
@@ -23,7 +22,7 @@ struct SubstanceBalance {
   bool exact() const { return made == present + sucked + drained; }
 };
 
-/// A parcel as others see it.
+/// A parcel as seen from outside.
 struct ParcelView {
   std::array<double, 3> position{}, velocity{};  ///< [mm], [mm/s]
   double radius = 0.0;                           ///< of a sphere of its visible volume [mm]
@@ -31,27 +30,27 @@ struct ParcelView {
   double age = 0.0;                              ///< of its oldest part [s]
 };
 
-/// A structure of arrays. A parcel that holds dust and liquid is paste.
+/// Parcels as a structure of arrays. A parcel with dust and liquid is paste.
 class Parcels {
  public:
   std::vector<Vec3> position, velocity;  ///< [mm], [mm/s]
   std::vector<Quanta> mass;
   std::vector<double> age;  ///< [s]
-  /// Voxel of the bone that it rests on, as LevelField numbers them; -1 while it moves.
+  /// Number of the voxel it rests on, as in LevelField; -1 while it moves.
   std::vector<std::int64_t> support;
 
   std::size_t size() const { return position.size(); }
   void add(const Vec3& place, const Vec3& speed, const Quanta& quanta);
-  /// Puts b's mass and momentum into a; it lies where the heavier one did. b is left without mass.
+  /// Moves b's mass and momentum into a, to the place of the heavier one. b keeps no mass.
   void merge(std::size_t a, std::size_t b);
-  /// Takes out those without mass; the others keep their order.
+  /// Removes parcels without mass; the others keep their order.
   void compact();
   Quanta sum() const;
 
   std::int64_t total(std::size_t i) const { return mass[i][dust] + mass[i][blood] + mass[i][water]; }
   std::int64_t liquid(std::size_t i) const { return mass[i][blood] + mass[i][water]; }
   bool dry(std::size_t i) const { return liquid(i) == 0; }
-  /// Radius of a sphere of its visible volume [mm]; one quantum is `quantum` mm^3.
+  /// Radius of a sphere of the visible volume [mm]; one quantum is `quantum` mm^3.
   double radius(std::size_t i, double quantum, const EffectParameters& parameters) const;
 };
 

@@ -1,4 +1,4 @@
-// Where parcels come from: bone that was removed, bleeding tissue that was opened, the nozzle.
+// Sources of parcels: removed bone, opened tissue that bleeds, the nozzle.
 #pragma once
 
 #include <cstdint>
@@ -18,7 +18,7 @@ struct BurrAt {
   double radius = 0.0;         ///< [mm]
 };
 
-/// Uniform numbers in [0, 1) that depend on (seed, frame, how many were drawn in it) alone.
+/// Uniform numbers in [0, 1), a function of seed, frame and the count of draws in the frame.
 class EffectDraws {
  public:
   EffectDraws(std::uint64_t seed, std::uint64_t frame) : seed_(seed), frame_(frame) {}
@@ -32,11 +32,11 @@ class EffectDraws {
   int count_ = 0;
 };
 
-/// Parcels made in a frame, each with the part of the frame that it has been under way.
+/// A parcel made in a frame.
 struct Emission {
   Vec3 place, velocity;
   Quanta mass{};
-  double part = 0.0;  ///< of the frame
+  double part = 0.0;  ///< of the frame, since it was made
 };
 
 class Sources {
@@ -44,23 +44,23 @@ class Sources {
   Sources(const EffectParameters& parameters, const Vec3& down, const Vec3& spin, double quantum)
       : parameters_(&parameters), down_(down), spin_(spin), quantum_(quantum) {}
 
-  /// Dust of what a brick lost, to the burr whose surface is nearest; opens wounds in tissue that bleeds.
+  /// Makes dust of what a brick lost, at the burr with the nearest surface; opens wounds in bleeding tissue.
   void remove(const LevelField& field, std::size_t brick, const BrickLoss& loss,
               const std::vector<BurrAt>& burrs, EffectDraws& draws, std::vector<Emission>& out);
-  /// Blood of all wounds in `seconds`.
+  /// Makes the blood of all wounds in `seconds`.
   void bleed(double seconds, EffectDraws& draws, std::vector<Emission>& out);
-  /// Water of a nozzle in `seconds`, none while its burr is not there; `before`: the burrs at the last frame.
+  /// Makes the water of a nozzle in `seconds`; none without its burr. `before`: the burrs of the last frame.
   void irrigate(const Nozzle& nozzle, double seconds, const std::vector<BurrAt>& burrs,
                 const std::vector<BurrAt>& before, EffectDraws& draws, std::vector<Emission>& out);
 
-  /// Levels removed so far, by tissue's number; [0] without tissues.
+  /// Levels removed so far, by tissue number; one entry without tissues.
   const std::vector<std::int64_t>& removed() const { return removed_; }
-  double bleeding() const;  ///< of all wounds now [mm^3/s]
+  double bleeding() const;  ///< of all wounds [mm^3/s]
 
  private:
   struct Wound {
     double rate = 0.0;   // [mm^3/s]
-    double ready = 0.0;  // blood that has not come out yet, below a parcel's [mm^3]
+    double ready = 0.0;  // blood to come out, less than a parcel [mm^3]
     Vec3 place = Vec3::Zero();
   };
   Vec3 free_place(const LevelField& field, const Vec3& place, const BurrAt* burr) const;
@@ -72,7 +72,7 @@ class Sources {
   double quantum_;
   std::map<std::size_t, Wound> wounds_;  // by brick
   std::vector<std::int64_t> removed_;
-  double water_ready_ = 0.0;  // [quanta], below one
+  double water_ready_ = 0.0;  // [quanta], less than one
 };
 
 }  // namespace burrlab

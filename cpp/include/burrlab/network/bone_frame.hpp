@@ -1,4 +1,4 @@
-// OpenIGTLink's frame is RAS [mm], the bone's is LPS [mm]: x and y change sign.
+// Positions between OpenIGTLink's frame, RAS [mm], and the bone's, LPS [mm]: x and y change sign.
 #pragma once
 
 #include <cmath>
@@ -16,13 +16,13 @@ inline Transform to_ras(const Vec3& position) {
   return transform;
 }
 
-/// Position of a TRANSFORM in the bone frame; double(float32), so that it is rounded no second time.
+/// Position of a TRANSFORM in the bone frame: exactly the float32 numbers sent.
 inline Vec3 position_from_ras(const Transform& transform) {
   const auto& p = transform.position;
   return {0.0 - double(p[0]), 0.0 - double(p[1]), double(p[2])};
 }
 
-/// A position that some tick can work with: within 1 km of the origin (our choice).
+/// Whether a tick can use the position: it is within 1 km of the origin (our choice).
 inline bool is_plausible(const Vec3& position) {
   for (int axis = 0; axis < 3; ++axis)
     if (!(std::abs(position[axis]) <= 1e6)) return false;

@@ -1,4 +1,4 @@
-// A stream of bytes, as it comes from a socket, into whole messages.
+// Cuts a stream of bytes from a socket into messages.
 #pragma once
 
 #include <functional>
@@ -14,11 +14,11 @@ struct Counters {
   std::uint64_t all_dropped() const;
 };
 
-/// Holds at most one message: header and `largest_body` bytes, whatever the peer sends.
+/// Holds at most one message: header and `largest_body` bytes.
 ///
-/// A message that is intact but not wanted (another type, too long) is passed over without being stored; one
-/// with a wrong checksum is dropped, and the next one read. A header that cannot be one means that the place
-/// in the stream is lost: `broken` is true then, nothing more is read, and the connection is to be made anew.
+/// A message of an unknown type or too long is skipped without being stored; one with a wrong checksum is
+/// dropped. After a header that cannot be one, the place in the stream is lost: `broken` is true, nothing
+/// more is read, and the connection must be made anew.
 class MessageFramer {
  public:
   /// Called with each intact TRANSFORM, SENSOR or NDARRAY; must not throw.
@@ -26,13 +26,13 @@ class MessageFramer {
 
   explicit MessageFramer(std::size_t largest_body = std::size_t(1) << 20);
 
-  /// False where the stream is broken.
+  /// False if the stream is broken.
   bool feed(ByteView bytes, const Receive& receive);
   bool broken() const { return broken_; }
-  /// A new connection begins; a message that was not complete is counted as truncated.
+  /// For a new connection; an incomplete message counts as truncated.
   void restart();
 
-  /// Each header that was complete is counted once, as a message or by the reason.
+  /// Counts each complete header once, as a message or by the reason it was dropped.
   const Counters& counters() const { return counters_; }
   std::size_t memory() const { return buffer_.capacity(); }  ///< [bytes]
 
@@ -43,9 +43,9 @@ class MessageFramer {
   void finish(const Receive& receive);
 
   std::size_t largest_body_;
-  Bytes buffer_;  // the message so far: `held_` bytes of it
+  Bytes buffer_;  // the message so far, in the first `held_` bytes
   std::size_t held_ = 0;
-  std::uint64_t skip_ = 0;  // bytes still to be passed over
+  std::uint64_t skip_ = 0;  // bytes still to skip
   bool in_body_ = false, broken_ = false;
   Header header_;
   Counters counters_;

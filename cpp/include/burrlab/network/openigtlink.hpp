@@ -1,6 +1,5 @@
-// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, NDARRAY of float64 and of uint8.
-// The wire format is that of github.com/openigtlink/OpenIGTLink, Documents/Protocol (version 3 of the
-// protocol); all numbers are big-endian.
+// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, NDARRAY of float64 and of uint8. The wire
+// format is that of github.com/openigtlink/OpenIGTLink, Documents/Protocol (version 3), big-endian.
 #pragma once
 
 #include <array>
@@ -14,7 +13,7 @@ namespace burrlab::openigtlink {
 
 using Bytes = std::vector<std::uint8_t>;
 
-/// Bytes that somebody else owns.
+/// A view of bytes.
 struct ByteView {
   const std::uint8_t* data = nullptr;
   std::size_t size = 0;
@@ -24,10 +23,10 @@ constexpr std::size_t header_size = 58;
 constexpr std::size_t type_size = 12, device_name_size = 20;  // bytes in the header
 /// Newton, in the 64-bit unit field of SENSOR: no prefix, unit 0x0B with exponent 1.
 constexpr std::uint64_t newton = (std::uint64_t(0x0B) << 54) | (std::uint64_t(1) << 50);
-/// The longest byte string of `encode_ndarray_uint8`: two dimensions of 16 bits, less the length.
+/// The longest byte string of `encode_ndarray_uint8`: two dimensions of 16 bits, minus the length.
 constexpr std::uint64_t longest_byte_string = std::uint64_t(65535) * 65535 - 8;
 
-/// Why a message was dropped. The first group comes from the framer, the second from the decoders.
+/// Why a message was dropped. The first group is the framer's, the second the decoders'.
 enum class Drop : std::uint8_t {
   none,
   bad_version,          // neither 1 nor 2: framing is lost
@@ -35,15 +34,15 @@ enum class Drop : std::uint8_t {
   implausible_size,     // a body beyond 4 GiB: framing is lost
   oversized,            // a body beyond the framer's limit
   unknown_type,         // none of TRANSFORM, SENSOR, NDARRAY
-  bad_crc,              // the body is not what was sent
+  bad_crc,              // the body differs from the sent one
   bad_extended_header,  // version 2: lengths that do not fit the body
   bad_metadata,         // version 2: keys and values that do not fit their lengths
   truncated,            // the connection ended within the message
   wrong_type,           // a decoder was given another type
-  bad_length,           // content and its lengths disagree
+  bad_length,           // content that disagrees with its lengths
   bad_scalar,           // an NDARRAY of another scalar type
   not_finite,           // NaN or infinity
-  out_of_range,         // a position that no bone is near
+  out_of_range,         // a position far from any bone
   count_
 };
 constexpr std::size_t drop_reasons = std::size_t(Drop::count_);
@@ -72,24 +71,24 @@ struct MetadataEntry {
   std::uint16_t encoding = 3;  ///< IANA character set: 3 is US-ASCII, 106 is UTF-8
 };
 
-/// An intact message. The views are those of the framer's buffer and end with its next call.
+/// An intact message. The views are of the framer's buffer, valid until its next call.
 struct Message {
   Header header;
   std::uint32_t message_id = 0;  ///< version 2
   ByteView content;
-  ByteView metadata_header, metadata;  ///< version 2; `read_metadata` takes them apart
+  ByteView metadata_header, metadata;  ///< version 2; for `read_metadata`
 };
 
-/// What stands in the header of a message to be sent.
+/// The header of a message to be sent.
 struct Envelope {
   std::string_view device_name;                          ///< at most 20 bytes
   std::uint64_t timestamp = 0;                           ///< 32.32 fixed point
   int version = 1;                                       ///< 1 or 2
   std::uint32_t message_id = 0;                          ///< version 2 only
-  const std::vector<MetadataEntry>* metadata = nullptr;  ///< version 2 only; none is empty
+  const std::vector<MetadataEntry>* metadata = nullptr;  ///< version 2 only; null is empty
 };
 
-/// Rotation (row by row) and position [mm] as they stand in the message: RAS.
+/// Rotation (row by row) and position [mm] as in the message: RAS.
 struct Transform {
   std::array<float, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
   std::array<float, 3> position{};
@@ -114,12 +113,11 @@ std::uint64_t timestamp_now();
 /// Seconds since 1970, rounded to double.
 double timestamp_seconds(std::uint64_t timestamp);
 
-/// CRC-64 of ECMA-182 as OpenIGTLink uses it: begins with 0, most significant bit first, nothing inverted.
+/// CRC-64 of ECMA-182 as OpenIGTLink uses it: starts at 0, most significant bit first, nothing inverted.
 std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
 
-// Each appends one whole message to `out`, which holds no part of what is sent; nothing is allocated where
-// `out` has room. std::invalid_argument where the message cannot hold what it was given; `out` is as it was
-// then.
+// Each appends a whole message to `out`, and allocates nothing if `out` has room. The data must not lie in
+// `out`. Throws std::invalid_argument if the message cannot hold the data; `out` is then unchanged.
 void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform);
 void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                    std::uint64_t unit = newton);
@@ -128,13 +126,13 @@ void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* 
                             const std::uint16_t* shape, std::size_t dimensions);
 /// One dimension.
 void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count);
-/// A byte string of any length up to `longest_byte_string`: its length in 8 bytes (ours), the bytes, zeros up
-/// to a whole number of rows. One dimension up to 65535 bytes, then two.
+/// A byte string of at most `longest_byte_string`: its length in 8 bytes (ours), the bytes, and zeros up to a
+/// whole number of rows. One dimension up to 65535 bytes, then two.
 void encode_ndarray_uint8(Bytes& out, const Envelope& envelope, ByteView bytes);
 
-// Decoders: Drop::none and the result, or the reason and a result of no meaning.
+// Decoders. They return Drop::none, or the reason; the result is then meaningless.
 Drop decode_header(ByteView bytes, Header& header);
-/// Body of a version 1 or 2 message into content and metadata; checks every length, not the CRC.
+/// Splits the body of a version 1 or 2 message into content and metadata; checks every length, not the CRC.
 Drop decode_body(const Header& header, ByteView body, Message& message);
 Drop read_metadata(const Message& message, std::vector<MetadataEntry>& entries);
 Drop decode_transform(const Message& message, Transform& transform);

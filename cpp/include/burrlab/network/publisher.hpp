@@ -1,5 +1,5 @@
-// The leader's side of two machines: a server that sends each tick of a follower to standard OpenIGTLink
-// peers and to replicas. Nobody waits for a peer.
+// The leader's side of the network: a server that sends a follower's ticks to standard OpenIGTLink peers and
+// to replicas. Nobody waits for a peer.
 #pragma once
 
 #include <atomic>
@@ -19,24 +19,23 @@
 
 namespace burrlab {
 
-/// The newest messages of a stream, one a tick with others between them, in memory that is made once.
-/// Bytes are counted from the first one that was ever appended; readers keep such a place for themselves.
+/// The newest messages of a stream in memory of fixed size: one per tick, and others between ticks. A place
+/// in the stream is the number of bytes before it, from the first byte ever appended.
 class TickLog {
  public:
-  /// Holds the last `ticks` ticks, as long as they fit into `bytes`.
+  /// Holds the last `ticks` ticks, if they fit into `bytes`.
   TickLog(std::size_t bytes, std::size_t ticks, std::uint64_t first_tick);
 
   void append_tick(openigtlink::ByteView message);  ///< of tick `next()`
-  void append(openigtlink::ByteView message);       ///< of something between two ticks
-  void restart(std::uint64_t tick);                 ///< forgets all; tick `tick` is the next
+  void append(openigtlink::ByteView message);       ///< between two ticks
+  void restart(std::uint64_t tick);                 ///< drops all; the next tick is `tick`
 
   std::uint64_t next() const { return next_; }  ///< index of the next tick
-  std::uint64_t begin() const;                  ///< place of the first byte that is held
-  std::uint64_t end() const { return end_; }    ///< place after the last byte
-  /// The place where what follows on tick `tick` - 1 begins; false where that is not held any more, or not
-  /// yet.
+  std::uint64_t begin() const;                  ///< of the first byte held
+  std::uint64_t end() const { return end_; }    ///< after the last byte
+  /// The place after the message of tick `tick` - 1; false if it is no longer held, or not yet there.
   bool place_of(std::uint64_t tick, std::uint64_t& place) const;
-  /// Appends up to `most` bytes that are held from `place` on.
+  /// Appends at most `most` of the bytes held from `place` on.
   std::size_t copy(std::uint64_t place, std::size_t most, openigtlink::Bytes& out) const;
 
  private:
@@ -46,53 +45,53 @@ class TickLog {
 };
 
 struct PublisherSettings {
-  std::string host = "127.0.0.1";                  ///< address to listen on; there is no authentication
-  int port = 0;                                    ///< 0: any free one
-  std::string hello = "{}";                        ///< what replicas are told of the session: JSON
+  std::string host = "127.0.0.1";                  ///< address to listen on, without authentication
+  int port = 0;                                    ///< 0: any free port
+  std::string hello = "{}";                        ///< JSON about the session, for replicas
   int header_version = 1;                          ///< 1 or 2
   double log = 10.0;                               ///< ticks kept for replicas [s]
   std::size_t most_peers = 32;                     ///< connections at once
-  std::size_t most_behind = std::size_t(1) << 19;  ///< that far behind a replica is cut off [bytes]
-  std::uint64_t thin_after = 100;  ///< that far behind a standard peer gets the newest [ticks]
+  std::size_t most_behind = std::size_t(1) << 19;  ///< a replica farther behind is cut off [bytes]
+  std::uint64_t thin_after = 100;  ///< a standard peer farther behind gets only the newest [ticks]
 };
 
-/// Counts since the start, but for the first three.
+/// Counts since the start, except the first three.
 struct PublisherStatus {
   std::uint64_t tick = 0;             ///< ticks sent or ready to be sent
-  std::uint64_t standard_peers = 0;   ///< connected now; also those that have not said yet what they are
-  std::uint64_t replicas = 0;         ///< connected now
+  std::uint64_t standard_peers = 0;   ///< connected, or not known yet to be replicas
+  std::uint64_t replicas = 0;         ///< connected
   std::uint64_t accepted = 0;         ///< connections
-  std::uint64_t refused = 0;          ///< connections beyond the most
-  std::uint64_t skipped = 0;          ///< ticks that slow standard peers did not get
+  std::uint64_t refused = 0;          ///< connections beyond `most_peers`
+  std::uint64_t skipped = 0;          ///< ticks that slow standard peers missed
   std::uint64_t cut_off = 0;          ///< slow replicas
   std::uint64_t stalled = 0;          ///< peers that took nothing for 5 s
-  std::uint64_t hellos = 0;           ///< asked for the hello only, or of another session or volume
-  std::uint64_t by_ticks = 0;         ///< replicas that went on from the log
-  std::uint64_t by_bricks = 0;        ///< replicas that were given bricks
-  std::uint64_t bad_words = 0;        ///< of replicas, malformed; their connections are closed
-  std::uint64_t ignored = 0;          ///< intact messages that are of no use here
-  std::uint64_t framing_lost = 0;     ///< connections closed because of that
-  std::uint64_t too_many_faults = 0;  ///< connections closed after 16 messages that had to be dropped
-  std::uint64_t out_of_range = 0;     ///< positions that no TRANSFORM was sent of
+  std::uint64_t hellos = 0;           ///< asked only for the hello, or had another session or volume
+  std::uint64_t by_ticks = 0;         ///< replicas that continued from the log
+  std::uint64_t by_bricks = 0;        ///< replicas that got bricks
+  std::uint64_t bad_words = 0;        ///< malformed, of replicas; their connections are closed
+  std::uint64_t ignored = 0;          ///< intact messages without use here
+  std::uint64_t framing_lost = 0;     ///< connections closed because the framing was lost
+  std::uint64_t too_many_faults = 0;  ///< connections closed after 16 dropped messages
+  std::uint64_t out_of_range = 0;     ///< positions too far for a TRANSFORM
   std::uint64_t bytes_sent = 0;
-  openigtlink::Counters received;  ///< messages of all peers, and what was dropped, by reason
+  openigtlink::Counters received;  ///< messages of all peers, and drops by reason
 };
 
-/// A listener of a follower: give it to `Follower::add`. The follower's thread only appends to two logs of
-/// fixed size; a thread of its own sends from them.
+/// A listener for `Follower::add`. The follower's thread only appends to two logs of fixed size; the
+/// publisher's own thread sends from them.
 class Publisher : public TickListener {
  public:
-  /// Listens from now on. std::invalid_argument where nobody can listen there, or a setting is out of range.
+  /// Listens at once. Throws std::invalid_argument if the address or a setting cannot be used.
   Publisher(Follower& follower, const PublisherSettings& settings);
   ~Publisher() override { stop(); }
 
   int port() const { return server_.port(); }
   const PublisherSettings& settings() const { return settings_; }
-  std::uint64_t session() const { return session_; }  ///< the number that names the session
+  std::uint64_t session() const { return session_; }  ///< random number that names the session
   PublisherStatus status() const { return copy_under(mutex_, status_); }
 
-  /// After the follower was stopped: tells the replicas why the session ended, with its last tick and digest,
-  /// waits up to `linger` [s] until they have it, and stops.
+  /// To be called after the follower was stopped. Tells the replicas the reason, the last tick and its
+  /// digest, waits at most `linger` [s] until they have it, and stops.
   void finish(Follower& follower, const std::string& reason, bool failed, double linger = 2.0);
   void stop();  ///< closes all connections
 
@@ -110,7 +109,7 @@ class Publisher : public TickListener {
   bool may_take_state();
   void run();
   bool accept_all(Peers& peers);  // false: the system has no room
-  bool read(Peer& peer);          // false: the connection is to be closed, as of the next two
+  bool read(Peer& peer);          // false: the connection must be closed; also the next two
   bool write(Peer& peer);
   bool refill(Peer& peer);
   bool refill_standard(Peer& peer);
@@ -129,20 +128,20 @@ class Publisher : public TickListener {
   std::atomic<bool> stopping_{false}, waking_{false};
   std::atomic<std::size_t> connected_{0};
 
-  mutable std::mutex mutex_;  // of all below, for moments only; the haptic loop never takes it
+  mutable std::mutex mutex_;  // of all below, held briefly; the haptic loop never takes it
   replica_protocol::Hello hello_;
-  TickLog log_, poses_;  // what replicas and what standard peers get
+  TickLog log_, poses_;  // for replicas and for standard peers
   std::uint64_t digest_tick_;
   openigtlink::Bytes scratch_;
   bool wants_state_ = false, ended_ = false;
-  std::shared_ptr<const State> state_;  // of the bone, taken for those that wait; at the end the last one
+  std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one
   std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs
   std::int64_t last_state_ = 0;                     // [ns]
-  std::vector<std::int64_t> missing_;  // replicas that may come (back): until when they are awaited [ns]
+  std::vector<std::int64_t> missing_;  // end of the wait for each replica that may come (back) [ns]
   replica_protocol::End end_;
   PublisherStatus status_;
 
-  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
+  std::mutex life_mutex_;  // of the thread, which never takes it
   std::thread thread_;     // the last member: it uses the others
 };
 

@@ -1,4 +1,4 @@
-// One TCP connection to a server, made and made anew by one thread; another may stop it at any time.
+// A TCP connection to a server. One thread makes it, as often as needed; any thread may stop it.
 #pragma once
 
 #include <atomic>
@@ -13,31 +13,31 @@ constexpr double first_pause = 0.1, longest_pause = 1.0;  ///< of a client betwe
 
 class TcpClient {
  public:
-  /// Looks `host` up, once; std::invalid_argument where it has no address or `port` is not 1 to 65535.
+  /// Looks `host` up. Throws std::invalid_argument if it has no address or `port` is not 1 to 65535.
   TcpClient(const std::string& host, int port);
   ~TcpClient();
   TcpClient(const TcpClient&) = delete;
   TcpClient& operator=(const TcpClient&) = delete;
 
-  /// Tries each address for `timeout` [s]; false where none answers or the client was stopped.
+  /// Tries each address for `timeout` [s]; false if none answers or the client was stopped.
   bool connect(double timeout = 1.0);
-  /// Waits for bytes; 0 where the connection ended, the client was stopped or `timeout` [s] went by (below 0:
-  /// never).
+  /// Waits for bytes, at most `timeout` [s] (below 0: without limit); 0 if none came, the connection ended or
+  /// the client was stopped.
   std::size_t receive(std::uint8_t* into, std::size_t room, double timeout = -1.0);
-  /// Sends all of it; false where the connection ended, the client was stopped or `timeout` [s] went by.
+  /// Sends all bytes; false if the connection ended, the client was stopped or `timeout` [s] passed.
   bool send(const std::uint8_t* bytes, std::size_t size, double timeout = 1.0);
   void close();
-  /// Waits [s]; false where the client was stopped.
+  /// Waits [s]; false if the client was stopped.
   bool pause(double seconds);
 
-  /// From any thread, for good: whatever waits returns at once.
+  /// Stops for good, from any thread; whatever waits returns at once.
   void stop();
   bool stopped() const { return stopped_.load(std::memory_order_acquire); }
 
  private:
   using Address = std::vector<std::uint8_t>;
   enum class Wait { ready, stopped, timeout };
-  Wait wait(short events, double seconds) const;  // seconds < 0: without end
+  Wait wait(short events, double seconds) const;  // seconds < 0: without limit
   bool connect_to(const Address& address, double timeout);
 
   std::vector<Address> addresses_;

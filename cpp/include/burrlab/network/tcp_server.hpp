@@ -1,4 +1,4 @@
-// A listening TCP socket and what is done with the sockets that it accepts; nothing in it waits but `wait`.
+// A listening TCP socket, and operations on its connections. Only `wait` waits.
 #pragma once
 
 #include <cstddef>
@@ -10,34 +10,34 @@ namespace burrlab {
 
 class TcpServer {
  public:
-  /// A socket that is waited for, and what became of it.
+  /// A socket to wait for, and the result.
   struct Interest {
     int socket = -1;
     bool read = false, write = false;         ///< wanted
     bool readable = false, writable = false;  ///< found; an ended connection is readable
   };
 
-  /// Listens; port 0 is any free one. `send_buffer`: of the system, for each connection [bytes]. Throws
-  /// std::invalid_argument where nobody can listen there.
+  /// Listens; port 0 is any free one. `send_buffer`: the system's, for each connection [bytes]. Throws
+  /// std::invalid_argument if the address cannot be used.
   TcpServer(const std::string& host, int port, int send_buffer);
   ~TcpServer();
   TcpServer(const TcpServer&) = delete;
   TcpServer& operator=(const TcpServer&) = delete;
 
   int port() const { return port_; }
-  void stop_listening() noexcept;  ///< the port is free again
+  void stop_listening() noexcept;  ///< frees the port
 
-  /// Waits up to `milliseconds` for one of these, for a connection to accept if `accepting`, or for `wake`.
-  /// Whether there may be a connection to accept.
+  /// Waits at most `milliseconds` for one of these, for `wake`, or, if `accepting`, for a connection. Returns
+  /// whether there may be a connection to accept.
   bool wait(std::vector<Interest>& interests, bool accepting, int milliseconds);
-  /// From any thread: `wait` returns.
+  /// Makes `wait` return; from any thread.
   void wake() noexcept;
 
   enum class Accepted { connection, none, exhausted };
   /// `exhausted`: the system has no room for another.
   Accepted accept(int& socket);
 
-  /// Bytes received or sent; 0 where there is nothing to do now, -1 where the connection has ended.
+  /// Bytes received or sent; 0 if there is nothing to do, -1 if the connection ended.
   static long receive(int socket, std::uint8_t* into, std::size_t room) noexcept;
   static long send(int socket, const std::uint8_t* bytes, std::size_t size) noexcept;
   static void close(int socket) noexcept;

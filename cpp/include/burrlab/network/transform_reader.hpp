@@ -1,4 +1,4 @@
-// A TRANSFORM stream of an OpenIGTLink server, read by a thread of its own.
+// Reads a TRANSFORM stream from an OpenIGTLink server, in its own thread.
 #pragma once
 
 #include <mutex>
@@ -14,46 +14,46 @@
 
 namespace burrlab {
 
-/// A TRANSFORM, turned into the bone frame on its arrival.
+/// A TRANSFORM in the bone frame.
 struct NetworkPose {
-  std::array<double, 3> position;  ///< bone frame, LPS [mm]: double(float32) of what was sent
+  std::array<double, 3> position;  ///< bone frame, LPS [mm]: exactly the float32 numbers sent
   std::array<double, 9> rotation;  ///< row by row, both frames LPS
   std::uint64_t timestamp;         ///< the sender's, 32.32 fixed point [s]; 0 is none
   std::uint64_t arrival;           ///< steady clock [ns]
-  std::uint64_t count;             ///< 1 for the first; 0: none came yet
-  std::uint64_t on;                ///< the burr turns: see `TransformReader`
+  std::uint64_t count;             ///< 1 for the first; 0: none yet
+  std::uint64_t on;                ///< the burr is on: see `TransformReader`
 };
 
 struct ReaderCounters {
-  openigtlink::Counters messages;  ///< accepted TRANSFORMs, and what was dropped, by reason
+  openigtlink::Counters messages;  ///< TRANSFORMs accepted, and drops by reason
   std::uint64_t other_type = 0;    ///< intact SENSOR and NDARRAY messages
-  std::uint64_t other_device = 0;  ///< intact TRANSFORMs of another device name
+  std::uint64_t other_device = 0;  ///< intact TRANSFORMs with another device name
   std::uint64_t connections = 0;   ///< made
   std::uint64_t broken = 0;        ///< connections closed because the framing was lost
 };
 
-/// Connects to a server, reads, and connects anew when the connection ends or its framing is lost, after a
-/// pause of 0.1 s that doubles up to 1 s until messages come again.
+/// Connects to a server and reads. If the connection ends or its framing is lost, connects again after 0.1 s;
+/// the pause doubles up to 1 s until messages come again.
 ///
-/// The burr is on, unless the message's device name ends in "_off" (our choice: OpenIGTLink knows no switch).
-/// With a device name given, that name and the name with "_off" are read and all others passed over.
+/// The burr is on unless the device name ends in "_off" (our choice: OpenIGTLink has no switch). If a device
+/// name is given, only that name, with or without "_off", is read.
 class TransformReader {
  public:
   /// Called in the reader's thread with every pose; must not throw.
   using Receive = std::function<void(const NetworkPose&)>;
 
-  /// std::invalid_argument where `host` has no address, `port` is not 1 to 65535 or the name has over 20
-  /// bytes.
+  /// Throws std::invalid_argument if `host` has no address, `port` is not 1 to 65535 or the name is longer
+  /// than 20 bytes.
   TransformReader(const std::string& host, int port, std::string device_name = "", Receive receive = {});
   ~TransformReader() { stop(); }
   TransformReader(const TransformReader&) = delete;
   TransformReader& operator=(const TransformReader&) = delete;
 
-  /// False where none came yet. Nobody waits: neither the caller nor the reader's thread.
+  /// False if none came yet. Neither the caller nor the reader's thread waits.
   bool newest(NetworkPose& pose) const { return newest_.get(pose) && pose.count > 0; }
   bool connected() const { return connected_.load(std::memory_order_relaxed); }
   ReaderCounters counters() const { return copy_under(counters_mutex_, counters_); }
-  /// Ends the thread, at once; not from within `receive`.
+  /// Ends the thread at once. Not to be called from `receive`.
   void stop();
   bool stopped() const { return client_.stopped(); }
 
@@ -70,17 +70,17 @@ class TransformReader {
   Latest<NetworkPose> newest_;
   std::uint64_t accepted_ = 0, other_type_ = 0, other_device_ = 0, connections_ = 0, broken_ = 0;
   std::array<std::uint64_t, openigtlink::drop_reasons> refused_{};  // by the decoder
-  mutable std::mutex counters_mutex_;  // of reader's thread and whoever asks; never of the haptic loop
+  mutable std::mutex counters_mutex_;                               // the haptic loop never takes it
   ReaderCounters counters_;
   std::atomic<bool> connected_{false};
   std::mutex stop_mutex_;
   std::thread thread_;
 };
 
-/// A mailbox that a `TransformReader` fills. The burr is on unless the sender's device name ends in "_off".
+/// A mailbox filled by a `TransformReader`. The burr is on unless the sender's device name ends in "_off".
 ///
-/// TRANSFORM carries no velocity: it is the difference of two positions over the difference of their senders'
-/// time stamps, or of their arrivals where the sender gives none; our choice, for analysis and coupling only.
+/// TRANSFORM carries no velocity. Ours is the difference of two positions over that of their time stamps, or
+/// of their arrivals if there are none; for analysis and coupling only.
 class IgtlDevice : public MailboxDevice {
  public:
   /// lost_after [ms]. Throws as `TransformReader` does.

@@ -1,4 +1,4 @@
-// How stiff a contact is along its normal, and how stiff it may be before a sampled loop feeds the hand.
+// The stiffness of a contact along its normal, and the limits of a passive loop (docs/stability.md).
 #pragma once
 
 #include <limits>
@@ -8,52 +8,51 @@
 
 namespace burrlab {
 
-/// Wetted area projected on the normal, burr h [mm] deep in flat bone: pi (2 R h - h^2) [mm^2].
+/// Wetted area projected on the normal, for a burr h [mm] deep in flat bone: pi (2 R h - h^2) [mm^2].
 double flat_contact_area(double radius, double penetration);
-/// The same where the burr rests in a hole of its own of depth H [mm]: pi (2 R H - H^2) [mm^2].
+/// The same for a burr in its own hole of depth H [mm]: pi (2 R H - H^2) [mm^2].
 double hole_contact_area(double radius, double depth);
 
-/// k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2];
-/// c_e [N/mm^2], u from the force by Eq. 3. It is not dF/dh: bone comes into the whole wetted area at once.
+/// k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2]; c_e
+/// [N/mm^2], u from the force by Eq. 3. Not dF/dh: bone enters over the whole wetted area at once.
 double contact_stiffness(double force, double area, double radius, double c_e);
-/// The area that gives this stiffness: the same formula, solved for A [mm^2].
+/// The area A [mm^2] that gives this stiffness, by the same formula.
 double contact_area(double force, double stiffness, double radius, double c_e);
 
-/// k from the force at 20 um (or `step`) in and out along the contact's normal [N/mm]; 0 without contact.
-/// Where the burr comes free within a step it is an average, below k.
+/// k from the force at `step` [mm] in and out along the contact's normal [N/mm]; 0 without contact. Where the
+/// burr comes free within a step it is an average, below k.
 double measured_stiffness(const TickExecutor& executor, std::size_t burr, const Vec3& center,
                           double step = 0.02);
 
-/// The direction in which a contact is stiffest, and how stiff it is there.
+/// The direction in which a contact is stiffest, and its stiffness there.
 struct StiffestContact {
   double stiffness = 0.0;         ///< [N/mm]; 0 without contact
   Vec3 direction = Vec3::Zero();  ///< unit vector
 };
 
-/// From the force at `step` in and out along each axis: largest eigenvalue of the symmetric part. In a hole
-/// deeper than R/2 the walls can be stiffer than the ground.
+/// From the force at `step` [mm] in and out along each axis: the largest eigenvalue of the symmetric part. In
+/// a hole deeper than R/2 the walls can be stiffer than the ground.
 StiffestContact stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center,
                                  double step = 0.02);
 
-/// Stiffness below which a sampled spring is passive [N/mm]: (b - |B|)/(T/2 + t_d), damping b and virtual
-/// damping B [N s/m], period T and age of the position t_d [ms] (Colgate and Schenkel 1997;
-/// docs/stability.md).
+/// Stiffness below which a sampled spring is passive [N/mm]: (b - |B|)/(T/2 + t_d), with damping b and
+/// virtual damping B [N s/m], period T and age of the position t_d [ms] (Colgate, Schenkel 1997).
 double passivity_limit(double damping, double period, double age = 0.0, double virtual_damping = 0.0);
-/// Stiffness below which friction eats what an encoder's steps make: 2 f_c/Delta [N/mm], friction [N], step
-/// [mm] (Abbott and Okamura 2005); infinite for a step of 0.
+/// Stiffness below which friction absorbs the energy of an encoder's steps: 2 f_c/Delta [N/mm], friction [N],
+/// step [mm] (Abbott and Okamura 2005); infinite for a step of 0.
 double encoder_limit(double friction, double encoder_step);
 
-/// Force below which a contact of this wetted area is stiffer than `limit` [N]: the root of
-/// sqrt(u) (2 - u) = 1.5 c_e A/(pi R limit); infinite where every force up to u = 2/3 is below it.
+/// Force below which a contact of this wetted area is stiffer than `limit` [N]: the root of sqrt(u) (2 - u) =
+/// 1.5 c_e A/(pi R limit); infinite if every force up to u = 2/3 is below it.
 double force_at_limit(double limit, double area, double radius, double c_e);
 
-/// What a session prints of its stability; NaN where a number is unknown.
+/// The stability that a session reports; NaN if a number is unknown.
 struct StabilityReport {
   static constexpr double warning_ratio = 0.8;
 
-  double force = 0.0;                                                    ///< now [N]
+  double force = 0.0;                                                    ///< [N]
   double k = 0.0;                                                        ///< contact stiffness [N/mm]
-  double area = 0.0;                                                     ///< wetted area that k tells [mm^2]
+  double area = 0.0;                                                     ///< wetted area that gives k [mm^2]
   double limit = std::numeric_limits<double>::quiet_NaN();               ///< the lower of the next two [N/mm]
   double sampling_limit = std::numeric_limits<double>::quiet_NaN();      ///< `passivity_limit` [N/mm]
   double quantisation_limit = std::numeric_limits<double>::quiet_NaN();  ///< `encoder_limit` [N/mm]
@@ -62,8 +61,8 @@ struct StabilityReport {
   bool warning = false;                                              ///< ratio above 0.8
 };
 
-/// Report of a contact of stiffness k [N/mm] at a force [N]; period and age [ms]; `coupling` [N/mm], if there
-/// is one, stands in series with the contact: k is then what the hand meets.
+/// Report of a contact of stiffness k [N/mm] at a force [N]; period and age [ms]. A `coupling` [N/mm] is in
+/// series with the contact: the reported k is what the hand meets.
 StabilityReport stability_report(double force, double k, const Tool& tool, const DeviceModel& device,
                                  double period, double age = 0.0, double virtual_damping = 0.0,
                                  double coupling = std::numeric_limits<double>::infinity());

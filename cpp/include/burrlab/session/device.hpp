@@ -1,4 +1,4 @@
-// What moves the burr and feels the force: a haptic device, a simulated hand, a recording, a network peer.
+// A device moves a burr and feels its force: a haptic device, a simulated hand, a recording, a network peer.
 #pragma once
 
 #include <atomic>
@@ -9,7 +9,7 @@
 
 namespace burrlab {
 
-/// What a device says when it is asked.
+/// What a device returns when it is read.
 struct DeviceReading {
   Vec3 position = Vec3::Zero();  ///< of the burr's centre, bone frame [mm]
   Vec3 velocity = Vec3::Zero();  ///< [mm/s]
@@ -17,32 +17,31 @@ struct DeviceReading {
   double age = 0.0;              ///< of the position [ms]
   enum class Status {
     ok,
-    waiting,   ///< nothing came yet: no tick is executed
-    finished,  ///< the session ends well
-    lost       ///< the session stops, force zero
+    waiting,   ///< no position yet: no tick is executed
+    finished,  ///< the session ends without a fault
+    lost       ///< the session stops, with zero force
   } status = Status::ok;
 };
 
-/// What the passivity limit needs to know of a device; NaN where unknown.
+/// What the passivity limit needs of a device; NaN if unknown.
 struct DeviceModel {
   double damping = std::numeric_limits<double>::quiet_NaN();       ///< of device and hand, b [N s/m]
   double encoder_step = std::numeric_limits<double>::quiet_NaN();  ///< Delta [mm]
   double friction = std::numeric_limits<double>::quiet_NaN();      ///< Coulomb friction f_c [N]
 };
 
-/// The loop calls `read` and `write` in turn, from its own thread; neither may wait, lock, allocate or throw.
+/// The loop calls `read` and `write` in turn, in its thread. Neither may wait, lock, allocate or throw.
 class Device {
  public:
   virtual ~Device() = default;
 
-  /// Before the first tick: the loop's period [s]. May throw: the session does not start then.
+  /// Before the first tick; `period` of the loop [s]. If it throws, the session does not start.
   virtual void start(double period) { static_cast<void>(period); }
-  /// Newest reading. `time` [s] since the start of the session; `periods` since the last reading, at least 1.
+  /// Newest reading. `time` [s] since the session's start; `periods` since the last reading, at least 1.
   virtual DeviceReading read(double time, std::uint64_t periods) noexcept = 0;
   /// Force on the hand [N], once a tick.
   virtual void write(const Vec3& force) noexcept = 0;
-  /// Force zero from now on until another session starts, whoever calls: the watchdog does, from another
-  /// thread.
+  /// Sets the force to zero until another session starts. The watchdog calls it from another thread.
   virtual void halt() noexcept = 0;
   /// After the last tick.
   virtual void stop() noexcept {}
@@ -50,7 +49,7 @@ class Device {
   virtual std::string name() const = 0;  ///< for the session's report
   virtual DeviceModel model() const { return {}; }
 
-  /// Taken by a loop; false where another has it.
+  /// A loop claims the device; false if another has it.
   bool claim() noexcept { return !claimed_.exchange(true, std::memory_order_acq_rel); }
   void release() noexcept { claimed_.store(false, std::memory_order_release); }
 

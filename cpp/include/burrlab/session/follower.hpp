@@ -1,5 +1,5 @@
-// The one follower of a loop: executes its ticks again on a bone of its own, and serves all that looks at the
-// bone, so that the loop serves nobody.
+// The follower of a loop: executes the loop's ticks on its own bone, for all that need to see the bone. The
+// loop serves nobody.
 #pragma once
 
 #include <atomic>
@@ -17,7 +17,7 @@
 
 namespace burrlab {
 
-/// Takes part in the follower's work, in its thread, between ticks.
+/// Called in the follower's thread, between ticks.
 class TickListener {
  public:
   virtual ~TickListener() = default;
@@ -26,14 +26,14 @@ class TickListener {
   virtual void on_digest(std::uint64_t tick, const Hash128& digest) = 0;
   /// The ticks up to `tick` were passed over: the bone was copied from the loop's.
   virtual void on_rebuild(std::uint64_t tick) = 0;
-  /// After each batch of ticks; what needs the bone is done here.
+  /// After each batch of ticks, with the bone.
   virtual void on_bone(FollowedBone& bone) = 0;
 };
 
 struct FollowerSettings {
   std::uint64_t digest_every = 1000;  ///< ticks
   double stiffness_every = 50.0;      ///< [ms]
-  double rebuild_after = 1.0;         ///< that far behind it is rebuilt [s]
+  double rebuild_after = 1.0;         ///< it is rebuilt when this far behind [s]
 };
 
 struct DigestAt {
@@ -41,23 +41,22 @@ struct DigestAt {
   std::string digest;
 };
 
-/// Contact stiffness of a burr where it is, dF/dH along the normal.
+/// Contact stiffness of a burr at its present place, dF/dH along the normal.
 struct StiffnessAt {
   std::uint64_t tick = 0;
   double stiffness = 0.0;  ///< k [N/mm]; 0 without contact
   double stiffest = 0.0;   ///< in any direction: in a tunnel the walls can be stiffer [N/mm]
   double force = 0.0;      ///< [N]
   double age = 0.0;        ///< of the position [ms]
-  double c_e = 0.0;        ///< of the contact; 0 before the first [N/mm^2]
+  double c_e = 0.0;        ///< of the contact; 0 before the first one [N/mm^2]
 };
 
 struct FollowerStatus {
   std::uint64_t tick = 0;    ///< ticks executed
-  std::uint64_t behind = 0;  ///< ticks that the loop is ahead
+  std::uint64_t behind = 0;  ///< ticks the loop is ahead
   double most_behind = 0.0;  ///< so far [s]
   std::uint64_t rebuilds = 0;
-  std::uint64_t differing =
-      0;  ///< ticks that gave something else than the loop's: never, or the machine errs
+  std::uint64_t differing = 0;  ///< ticks whose results differ from the loop's: 0 unless the machine errs
   std::string first_difference;
 };
 
@@ -65,7 +64,7 @@ class BoneView;
 
 class Follower {
  public:
-  /// Before the loop is started: copies its bone.
+  /// Copies the loop's bone; to be called before the loop starts.
   Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings = {});
   ~Follower();  ///< does not wait for the loop's end
   Follower(const Follower&) = delete;
@@ -73,31 +72,30 @@ class Follower {
 
   void add(std::shared_ptr<TickListener> listener);  ///< before `start`; throws after it
   void start();
-  void stop();                                       ///< executes what is left in the ring first
-  bool stopped() const { return stopping_.load(); }  ///< or about to
+  void stop();                                       ///< first executes what is left in the ring
+  bool stopped() const { return stopping_.load(); }  ///< or about to be
 
   FollowerStatus status() const;
   std::vector<DigestAt> digests(std::size_t from = 0) const;  ///< all but the first `from`
   StiffnessAt stiffness(std::size_t burr) const;
-  /// The stiffness against the limits of the burr's device; ratio and warning are those of the stiffest
-  /// direction.
+  /// The stiffness against the limits of the burr's device. Ratio and warning are of the stiffest direction.
   StabilityReport stability(std::size_t burr) const;
   TickRecord newest() const { return copy_under(mutex_, newest_); }  ///< record of the last tick executed
-  /// A copy of the bone now, and the number of ticks it has seen.
+  /// A copy of the bone, and the number of ticks executed on it.
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
-  std::string digest() const;  ///< of the bone now
+  std::string digest() const;  ///< of the present bone
   std::shared_ptr<BoneView> view();
   /// Calls with the bone between two ticks; none is executed meanwhile.
   void visit(const std::function<void(FollowedBone&)>& function);
-  /// Rebuilds at the next turn, as if too far behind; for tests.
+  /// Rebuilds at the next turn, as if too far behind. For tests.
   void ask_rebuild() { rebuild_asked_.store(true); }
-  /// The bone that follows; for what never changes of it, as its shape.
+  /// The follower's bone, for its constant properties, such as its shape.
   const VoxelBone& bone() const { return bone_.bone(); }
 
  private:
   friend class BoneView;
   void run();
-  bool turn();  // one batch; whether there was something to do
+  bool turn();  // one batch; whether there was anything to do
   void execute(const TickRecord& record);
   void rebuild();
   void measure_stiffness();
@@ -106,7 +104,7 @@ class Follower {
   FollowerSettings settings_;
   std::shared_ptr<RecordReader> reader_;
   std::vector<std::shared_ptr<TickListener>> listeners_;
-  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
+  std::mutex life_mutex_;  // of the thread, which never takes it
   std::thread thread_;
   std::atomic<bool> started_{false}, stopping_{false}, abandoned_{false}, rebuild_asked_{false};
 
@@ -121,7 +119,7 @@ class Follower {
   std::vector<std::weak_ptr<BoneView>> views_;
 };
 
-/// What one consumer has not seen yet.
+/// The changes that one consumer has not seen yet.
 class BoneView {
  public:
   BoneView(Follower& follower, std::size_t bricks) : follower_(&follower), unseen_(bricks) {}

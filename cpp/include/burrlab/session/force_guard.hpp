@@ -1,12 +1,12 @@
-// The last thing that a force passes on its way to a hand: it is kept small, and it changes gently.
+// The last limit on a force before it is sent to a hand.
 #pragma once
 
 #include "burrlab/types.hpp"
 
 namespace burrlab {
 
-/// Scales a force to the limit, keeping its direction, then limits its change. The defaults are ours: above
-/// what burring asks for (2 N and a few N/mm at 100 mm/s), below what a desktop device gives for long.
+/// Limits the size of a force, keeping its direction, then its change. The defaults are ours: above what
+/// burring needs (2 N and a few N/mm at 100 mm/s), below what a desktop device gives for long.
 class ForceGuard {
  public:
   static constexpr double default_limit = 8.0;  ///< [N]
@@ -14,8 +14,8 @@ class ForceGuard {
 
   explicit ForceGuard(double limit = default_limit, double slew = default_slew);  ///< [N], [N/ms]
 
-  /// The force to send [N], dt [ms] after the last one. Finite whatever comes in: what is not finite counts
-  /// as zero, and the change to it is limited like any other. A dt that is not positive allows no change.
+  /// The force to send [N], dt [ms] after the last one. Always finite: an input that is not counts as
+  /// zero, and the change to zero is limited too. A dt that is not positive allows no change.
   Vec3 apply(const Vec3& wanted, double dt) noexcept;
   void reset() noexcept { last_.setZero(); }  ///< as if the last force was zero
 

@@ -21,18 +21,18 @@
 namespace burrlab {
 
 struct LoopSettings {
-  bool wall_clock = true;                          ///< else one period after the other, as fast as it goes
-  RealtimeRequest realtime{};                      ///< on the wall clock
-  double stall_limit = 100.0;                      ///< without a tick the session stops [ms]
-  double ring = 60.0;                              ///< of records kept for readers [s]
-  std::uint64_t ticks = 0;                         ///< the session ends after so many; 0: when it is stopped
+  bool wall_clock = true;                          ///< false: one period after another, as fast as possible
+  RealtimeRequest realtime{};                      ///< used with the wall clock
+  double stall_limit = 100.0;                      ///< the session stops after this time without a tick [ms]
+  double ring = 60.0;                              ///< time of records kept for readers [s]
+  std::uint64_t ticks = 0;                         ///< after which the session ends; 0: it runs until `stop`
   double force_limit = ForceGuard::default_limit;  ///< [N]
   double slew_limit = ForceGuard::default_slew;    ///< [N/ms]
   double coupling = 0.0;                           ///< spring between device and burr [N/mm]; 0: none
 };
 
-/// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines that had no tick. `dropped`: periods
-/// beyond 8 since the last tick, which no tick stands for.
+/// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines without a tick. `dropped`: periods
+/// beyond 8 since the last tick, for which no tick stands.
 struct LoopCounts {
   std::uint64_t ticks = 0, late = 0, missed = 0, dropped = 0;
 };
@@ -44,28 +44,27 @@ struct EnergyGiven {
 
 class HapticLoop {
  public:
-  /// One device a burr. The executor's bone is held from `start` to the loop's end.
+  /// One device per burr. Holds the executor's bone from `start` to the loop's end.
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
              const LoopSettings& settings);
   ~HapticLoop();
   HapticLoop(const HapticLoop&) = delete;
   HapticLoop& operator=(const HapticLoop&) = delete;
 
-  /// Once; returns when the thread runs. Throws what a device throws, and where one serves another loop or
-  /// the bone is in use.
+  /// Returns when the thread runs; to be called once. Throws what a device throws, and if a device serves
+  /// another loop or the bone is in use.
   void start();
   /// Ends the session with this reason, unless it has ended, and waits for the thread.
   void stop(const std::string& reason = "stopped");
   bool running() const { return running_.load(std::memory_order_acquire); }
   bool started() const { return started_.load(std::memory_order_acquire); }
-  bool wait(double seconds);  ///< until it ends; whether it has
+  bool wait(double seconds);  ///< waits for the end; returns whether it came
 
   /// Why the session ended; empty while it runs.
   std::string reason() const { return copy_under(mutex_, reason_); }
-  bool failed() const {
-    return copy_under(mutex_, failed_);
-  }  ///< it ended on a fault: a lost device, a stall, a value that is not finite
-  /// What was asked of the system and granted, a sentence each.
+  /// It ended on a fault: a lost device, a stall, a value that is not finite.
+  bool failed() const { return copy_under(mutex_, failed_); }
+  /// What was asked of the system and granted, one sentence each.
   std::vector<std::string> realtime_notes() const { return copy_under(mutex_, notes_); }
 
   LoopCounts counts() const;
@@ -77,10 +76,10 @@ class HapticLoop {
 
   const std::shared_ptr<TickExecutor>& executor() const { return executor_; }
   std::shared_ptr<const RecordRing> ring() const { return ring_; }
-  std::uint64_t first_tick() const { return first_tick_; }  ///< index of record 0 of the ring
+  std::uint64_t first_tick() const { return first_tick_; }  ///< index of the ring's record 0
   const LoopSettings& settings() const { return settings_; }
   const std::vector<std::shared_ptr<Device>>& devices() const { return devices_; }
-  /// On a virtual clock the loop waits for this reader, as long as it lives, before it overruns it.
+  /// On a virtual clock, makes the loop wait for this reader, while it exists, instead of overrunning it.
   void wait_for(std::shared_ptr<const RecordReader> reader);
 
  private:
@@ -105,7 +104,7 @@ class HapticLoop {
   std::shared_ptr<RecordRing> ring_;
   std::vector<std::weak_ptr<const RecordReader>> readers_;
   TickRecord record_;
-  std::vector<ForceGuard> guards_;  // one a burr, as the next
+  std::vector<ForceGuard> guards_;  // one per burr, as the next two
   std::vector<VirtualCoupling> couplings_;
   std::vector<PassivityObserver> observers_;
   std::array<Vec3, most_burrs> wanted_;  // forces before the guards
@@ -116,10 +115,10 @@ class HapticLoop {
   std::atomic<std::int64_t> heartbeat_{0};
   std::atomic<bool> running_{false}, stopping_{false};
   std::atomic<bool> started_{false};
-  std::mutex life_mutex_;  // of what follows; the threads themselves never take it
-  bool claimed_ = false;   // the devices are this loop's
+  std::mutex life_mutex_;  // of the next three; the threads never take it
+  bool claimed_ = false;   // by this loop
   std::thread thread_, watchdog_;
-  mutable std::mutex mutex_;  // of what follows; the loop takes it before its first and after its last tick
+  mutable std::mutex mutex_;  // of the next three; the loop takes it before its first and after its last tick
   std::string reason_;
   bool failed_ = false;
   std::vector<std::string> notes_;

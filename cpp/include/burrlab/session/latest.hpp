@@ -1,4 +1,4 @@
-// A cell that holds the newest value of one writer, for any number of readers; nobody waits.
+// The newest value of one writer, for any number of readers. Nobody waits.
 #pragma once
 
 #include <atomic>
@@ -26,7 +26,7 @@ class Latest {
     version_.store(next + 1, std::memory_order_release);
   }
 
-  /// False where the writer was met `tries` times; `value` is unchanged then.
+  /// False if the writer interfered `tries` times; `value` is then unchanged.
   bool get(Value& value, int tries = 16) const noexcept {
     std::uint64_t image[words];
     for (; tries > 0; --tries) {

@@ -1,5 +1,4 @@
-// A device that lives in another thread: it leaves its newest position in a mailbox and takes the force
-// there.
+// A device in another thread, which leaves its newest position in a mailbox and takes the force from it.
 #pragma once
 
 #include <array>
@@ -10,16 +9,16 @@
 
 namespace burrlab {
 
-/// Holds the latest value, with its age; 100 ms old (or what `lost_after` says) is lost.
+/// Holds the newest position and its age; the device is lost when it is older than `lost_after`.
 class MailboxDevice : public Device {
  public:
-  /// lost_after [ms]; `name` for the report. Before the first position the device is waited for, not lost.
+  /// lost_after [ms]; `name` for the report. Without a first position the device is awaited, not lost.
   explicit MailboxDevice(double lost_after = 100.0, std::string name = "mailbox", DeviceModel model = {});
 
-  /// The newest position [mm], velocity [mm/s] and switch; throws if not finite.
+  /// Sets position [mm], velocity [mm/s] and switch; throws if not finite.
   void put(const Vec3& position, const Vec3& velocity, bool on);
-  Vec3 force() const;      ///< that the loop sent last; 0 after `halt` [N]
-  bool has_value() const;  ///< a position was put
+  Vec3 force() const;      ///< last sent by the loop; 0 after `halt` [N]
+  bool has_value() const;  ///< there was a `put`
 
   void start(double) override { halted_.store(false, std::memory_order_release); }
   DeviceReading read(double time, std::uint64_t periods) noexcept override;

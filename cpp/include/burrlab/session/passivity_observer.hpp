@@ -1,16 +1,16 @@
-// The energy that a loop gives to a hand: what a spring of bone, felt in samples, creates out of nothing.
+// The energy that a loop gives to a hand: what sampling creates.
 #pragma once
 
 #include "burrlab/types.hpp"
 
 namespace burrlab {
 
-/// A force is held from one tick to the next, so the work of the force of the last tick over the displacement
-/// up to this one is exact, as far as the device's positions are. Bone that is only pressed, or burred, gives
-/// back at most what it took: above zero, the energy was made by the sampling.
+/// A force is held between ticks, so the work of the last force over the displacement to this tick is exact,
+/// as far as the device's positions are. Bone that is pressed or burred gives back at most what it took:
+/// energy above zero was made by the sampling.
 class PassivityObserver {
  public:
-  /// Once a tick: where the device is [mm], and the force it is sent from now on [N].
+  /// Once a tick: the device's position [mm], and the force that it gets from now on [N].
   void update(const Vec3& position, const Vec3& force) noexcept {
     if (started_) {
       energy_ += force_.dot(position - position_);

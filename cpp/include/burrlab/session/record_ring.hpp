@@ -1,5 +1,4 @@
-// The only way out of the loop: a ring of tick records, written by one thread that never waits, read by any
-// number that it does not know of.
+// The only way out of the loop: a ring of tick records. One thread writes and never waits; any number read.
 #pragma once
 
 #include <atomic>
@@ -11,7 +10,7 @@
 
 namespace burrlab {
 
-/// Keeps the last `capacity` records. A reader that falls further behind is told so.
+/// Keeps the last `capacity` records. A reader that falls further behind can tell.
 class RecordRing {
  public:
   explicit RecordRing(std::size_t capacity);
@@ -20,7 +19,7 @@ class RecordRing {
 
   std::uint64_t count() const { return count_.load(std::memory_order_acquire); }  ///< records pushed
   std::size_t capacity() const { return slots_.size(); }
-  /// Record `number`, counted from 0; false if it is not there yet or no more.
+  /// Record `number`, counted from 0; false if it is not there yet, or no longer.
   bool read(std::uint64_t number, TickRecord& record) const noexcept;
 
  private:
@@ -41,7 +40,7 @@ class RecordReader {
   explicit RecordReader(std::shared_ptr<const RecordRing> ring, std::uint64_t from = 0)
       : ring_(std::move(ring)), next_(from) {}
 
-  /// The next record. `lost`: the writer has gone past it, and `skip_to` must be called.
+  /// Reads the next record. `lost`: the writer has overwritten it; call `skip_to`.
   Result next(TickRecord& record) {
     const std::uint64_t number = position();
     if (number >= ring_->count()) return Result::none;
@@ -50,9 +49,8 @@ class RecordReader {
     return Result::record;
   }
   void skip_to(std::uint64_t number) { next_.store(number, std::memory_order_release); }
-  std::uint64_t position() const {
-    return next_.load(std::memory_order_acquire);
-  }  ///< number of the next record
+  /// Number of the next record.
+  std::uint64_t position() const { return next_.load(std::memory_order_acquire); }
   std::uint64_t behind() const { return ring_->count() - position(); }  ///< records not yet read
 
  private:

@@ -1,4 +1,4 @@
-// Devices whose motion is known before: a table over time, or the positions of recorded ticks.
+// Devices with a known motion: a table over time, or the positions of recorded ticks.
 #pragma once
 
 #include <array>
@@ -11,8 +11,8 @@
 
 namespace burrlab {
 
-/// Moves along straight lines between the rows of a table; before the first row it stands at it, after the
-/// last the session ends.
+/// Moves along straight lines between the rows of a table. Stays at the first row until its time; ends the
+/// session after the last.
 class ScriptedDevice : public Device {
  public:
   struct Row {
@@ -30,7 +30,7 @@ class ScriptedDevice : public Device {
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   std::string name() const override { return "script"; }
 
-  Vec3 force() const;                                    ///< that the loop sent last [N]
+  Vec3 force() const;                                    ///< last sent by the loop [N]
   double duration() const { return rows_.back().time; }  ///< [s]
   const std::vector<Row>& rows() const { return rows_; }
 
@@ -40,8 +40,8 @@ class ScriptedDevice : public Device {
   Latest<std::array<double, 3>> out_;
 };
 
-/// Gives the device's side of recorded ticks, one a reading, then ends the session. `k` is what the ticks
-/// stood for; a loop on a virtual clock takes one period a tick all the same.
+/// Gives the device's side of recorded ticks, one per reading, then ends the session. `k` is what a tick
+/// stood for; a loop on a virtual clock still takes one period per tick.
 class ReplayDevice : public Device {
  public:
   struct Tick {
@@ -51,7 +51,7 @@ class ReplayDevice : public Device {
     std::uint32_t k = 1;
   };
 
-  /// Throws unless there are ticks, finite, with k 1..8.
+  /// Throws unless there are ticks, finite, with k in 1..8.
   explicit ReplayDevice(std::vector<Tick> ticks);
 
   void start(double) override {
@@ -63,7 +63,7 @@ class ReplayDevice : public Device {
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   std::string name() const override { return "replay"; }
 
-  Vec3 force() const;  ///< that the loop sent last [N]
+  Vec3 force() const;  ///< last sent by the loop [N]
   const std::vector<Tick>& ticks() const { return ticks_; }
   std::size_t next() const { return next_.load(std::memory_order_acquire); }  ///< number of the next tick
 

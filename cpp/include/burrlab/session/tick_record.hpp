@@ -1,4 +1,4 @@
-// What one tick of a session was: all that is needed to execute it again, and what it gave.
+// The record of one tick of a session: what is needed to execute it again, and its results.
 #pragma once
 
 #include <array>
@@ -10,8 +10,8 @@ namespace burrlab {
 constexpr int most_burrs = 2;    ///< on one bone at once
 constexpr int most_periods = 8;  ///< that one tick may stand for
 
-/// One burr in one tick. The first block is what the tick was given, the second what the model gave, the
-/// third is for analysis only and decides nothing.
+/// One burr in one tick. The first block is the tick's input, the second the model's results, the third is
+/// for analysis only.
 struct BurrRecord {
   std::array<double, 3> center{};  ///< used in the tick, bone frame [mm]
   double radius = 0.0;             ///< [mm]
@@ -33,11 +33,11 @@ struct BurrRecord {
 
 struct TickRecord {
   std::uint64_t index = 0;  ///< number of executed ticks before this one
-  std::uint32_t k = 1;      ///< periods that it stands for: dt = k periods
+  std::uint32_t k = 1;      ///< periods it stands for: dt = k periods
   std::uint32_t burrs = 1;  ///< number of burrs in use
 
-  double time = 0.0;      ///< when it began, since the session's start [s]
-  double cpu_time = 0.0;  ///< what it took of the thread's CPU time [us]
+  double time = 0.0;      ///< of its beginning, since the session's start [s]
+  double cpu_time = 0.0;  ///< of the thread, in this tick [us]
 
   std::array<BurrRecord, most_burrs> burr{};
 };

@@ -41,7 +41,7 @@ class SubjectThreshold:
     trials : int
         Answered trials of the main phase.
     planned : int or None
-        Main trials of the design; None if the answers end it, or the number is unknown.
+        Main trials of the design; None if unknown, or if the answers end it.
     levels : tuple of (float, int, int)
         Ratio to the reference's parameter, correct answers, trials.
     threshold : float or None
@@ -115,7 +115,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ----------
         ax : matplotlib Axes, optional
         subject : str, optional
-            May be left out if there is only one.
+            By default the only one.
 
         Raises
         ------
@@ -195,7 +195,7 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
 
 
 def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
-    """The psychometric function and its text; without a function, the reason."""
+    """The psychometric function and its text, or None and the reason."""
     known = {}
     if isinstance(design, ConstantStimuli):
         known = {

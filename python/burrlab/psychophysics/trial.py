@@ -135,7 +135,7 @@ class Design(ABC):
 
 
 class Order(ABC):
-    """The trials of one subject, one after the other; those of a staircase depend on the answers.
+    """The trials of one subject, in order; those of a staircase depend on the answers.
 
     Attributes
     ----------
@@ -149,7 +149,7 @@ class Order(ABC):
     @property
     @abstractmethod
     def total(self) -> int:
-        """Number of trials, practice included; for a staircase, the most there can be."""
+        """Trials in all, practice included; for a staircase, the maximum."""
 
     @abstractmethod
     def next(self) -> Trial | None:

@@ -76,7 +76,7 @@ class Answers(DataSet):
 
     @property
     def trials(self) -> int | None:
-        """Trials of the run, practice included (of a staircase, the maximum); None if the file does not say."""
+        """Trials of the run, practice included (a staircase's maximum); None if the file does not say."""
         return None if self.side_car is None else self.side_car.trials
 
     def counts(self) -> Counts:

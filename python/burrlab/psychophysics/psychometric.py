@@ -31,7 +31,7 @@ _THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of th
 _SLOPES = np.geomspace(0.7, 4.0, 9)
 _LAPSES = 0.01 + 0.02 * np.arange(5)  # middles of cells from 0 to 0.1; 0 would exclude any slip
 _LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10)
-_DIGITS = 10  # decisive digits of an information [nat]; further ones differ between machines
+_DIGITS = 10  # digits of an information [nat]; further ones differ between machines
 
 
 def proportion_correct(

@@ -103,7 +103,7 @@ def group_score_from(
     level: float = 0.95,
     rounding: float = 0.05,
 ) -> PublishedScore:
-    """Re-analysis of a printed mean score, from its standard error and the number of subjects alone.
+    """Re-analysis of a printed mean score, standard error and number of subjects.
 
     Parameters
     ----------

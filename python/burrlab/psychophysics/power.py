@@ -299,7 +299,7 @@ class PowerRow:
     rule : {"independent-observations", "differencing"}
     d_prime : float
     score, score_sd : float
-        Mean and standard deviation of one subject's score in all trials.
+        Mean and standard deviation of one subject's score.
     subject : float
         Power of a subject's exact binomial test.
     group : float or None
@@ -316,7 +316,7 @@ class PowerRow:
 
 @dataclass(frozen=True)
 class EquivalenceRow:
-    """Power of an equivalence test by one rule, at d' = 0.
+    """Power of equivalence by one rule, at d' = 0.
 
     Attributes
     ----------
@@ -340,7 +340,7 @@ class DesignPower(Result):
     ----------
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
-        Trials per subject, and number of subjects.
+        Trials per subject, and subjects.
     level : float
         One-sided error rate of the tests.
     lapse : float
@@ -408,7 +408,7 @@ def design_power(
     ----------
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
-        Trials per subject (even: half of each kind), and number of subjects.
+        Trials per subject (even: half of each kind), and subjects.
     rules : sequence of str, optional
         Both by default.
     d_primes : sequence of float, optional

@@ -608,7 +608,7 @@ def precision(
     subjects: int,
     target: float | None = None,
 ) -> str:
-    """Results of simulated runs of an observer, in lines; `estimate` returns a run's difference and trials."""
+    """Lines on simulated runs of an observer; `estimate` returns a run's difference and trials."""
     draws = np.random.default_rng(0)
     runs = [
         estimate(lambda difference: draws.random() < gaussian_correct(difference, threshold))

@@ -61,7 +61,7 @@ class TestOneSubject:
 
 class TestGroup:
     def test_power_by_scipys_t(self):
-        """1000 groups of 12, drawn in another way, agree within both standard errors; false-alarm rate 1e-6."""
+        """1000 groups of 12, drawn in another way, agree within their errors; false-alarm rate 1e-6."""
         guess, row = design_power(
             "same-different", **TWELVE, rules=["differencing"], d_primes=[0.0, 1.5], lapse=0.0
         ).rows

@@ -286,7 +286,7 @@ class Comparison(Design):
       an f with a zero of order k, 8/3 for the parabolic f. The speed is constant at forces below
       0.068 c_e R^2. For bone, a burr of 3 mm and levels of 0.75 to 1.3 it stays within 1 % at 1 N
       (mean-field); at 2 N it is 10 % faster to 17 % slower.
-    * alpha drilled: in which interval the burr sinks faster, which has more alpha.
+    * alpha drilled: in which interval the burr sinks faster. The correct one has more alpha.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class Equivalence(Result):
     upper : float
         The group's one-sided upper bound of d' at this level; inf if there is none.
     p_value : float
-        p value of so low a score if d' were Delta or more.
+        p value of so low a score at d' >= Delta.
     p_below_chance : float
         p value of so low a score at d' = 0; no d' explains a small one.
     equivalent : bool
@@ -493,7 +493,7 @@ def subjects_needed(
     lapse: float = 0.02,
     most: int = 300,
 ) -> int | None:
-    """The smallest group that shows a mean score above chance, or a d' below Delta, with the given power.
+    """The smallest group that shows a mean score above chance, or d' below Delta, with this power.
 
     Parameters
     ----------

@@ -385,7 +385,7 @@ class SelectionEffect:
 
     @property
     def excess(self) -> float:
-        """`expected` minus the score of chance, which selection alone adds."""
+        """`expected` minus the score of chance: the effect of selection alone."""
         return self.expected - self.chance * self.trials
 
     def p_value(self, mean: float) -> float:

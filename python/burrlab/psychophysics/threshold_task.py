@@ -96,7 +96,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def group_threshold(self) -> tuple[float, float, float] | None:
         """(threshold, lower end, upper end) of the group, with the subject as the unit, or None.
 
-        The threshold is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
+        |ln threshold| is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
         thresholds, thresholds on both sides of 1, or all equal.
         """
         logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]

@@ -330,8 +330,8 @@ class StaircaseThreshold(Result):
     difference : float or None
         |ln level|
     spread : float or None
-        Factor: exp of the standard deviation of ln difference between pairs of reversals. This is not a
-        standard error, because reversals of one staircase depend on one another.
+        Factor: exp of the standard deviation of ln difference between pairs of reversals. Not a standard
+        error, because reversals of one staircase depend on one another.
     target : float
         Proportion correct that the staircase aims at.
     reversals : int
@@ -462,7 +462,7 @@ class AdaptiveStaircase(Staircased):
     levels : (float, float)
         Ratios nearest to 1 and farthest from it, on one side of 1. They bound the levels and the threshold.
     trials : int
-        Trials without practice; a multiple of `blocks`.
+        Without practice; a multiple of `blocks`.
     mode, hold, interval, practice, blocks
         As for `Comparison`. Practice is at the farthest level.
 

@@ -1,4 +1,4 @@
-"""Small experiments for the tests of their files."""
+"""Small experiments for tests of their files."""
 
 from __future__ import annotations
 
@@ -46,19 +46,19 @@ TASKS = ("probing", "match", "up")
 
 
 def protocol(folder: Path, text: str = SMALL) -> Protocol:
-    """The protocol of a text, in a file."""
+    """A protocol from a file with this text."""
     path = folder / "test.toml"
     path.write_text(text, encoding="utf-8")
     return Protocol.read(path)
 
 
 def answer(trial, response, onset, response_time=0.75):
-    """To a trial, at a time [s]."""
+    """An answer to a trial with this onset [s]."""
     return Answer(trial, onset, 41.5, response, response_time, ("time",) * len(trial.intervals))
 
 
 def give(file, order, count, *, wrong=3):
-    """Appends answers, every so many wrong, and tells the order; returns the trials."""
+    """Appends answers to file and order, every `wrong`-th one wrong; returns the trials."""
     trials = []
     for _ in range(count):
         trial = order.next()
@@ -66,7 +66,7 @@ def give(file, order, count, *, wrong=3):
         answers = ("same", "different") if trial.correct in ("same", "different") else ("first", "second")
         other = next(one for one in answers if one != trial.correct)
         response = other if place % wrong == wrong - 1 else trial.correct
-        file.append(answer(trial, response, 60.0 * place + 1e-7))  # kept to the microsecond
+        file.append(answer(trial, response, 60.0 * place + 1e-7))  # times are kept to the microsecond
         order.answer(response)
         trials.append(trial)
     return trials
@@ -75,7 +75,7 @@ def give(file, order, count, *, wrong=3):
 def begun(
     folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL, wrong=3
 ):
-    """A run with so many answers, closed: protocol and path."""
+    """(protocol, path) of a closed run with `count` answers."""
     one = protocol(folder, text)
     file, order = one.begin(subject, task)
     with file:
@@ -84,5 +84,5 @@ def begun(
 
 
 def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01", wrong=3):
-    """The first trials of a run, with the answers that `give` gives."""
+    """The first trials of a run, answered by `give`."""
     return give(Mock(), one.order(subject, task), count, wrong=wrong)

@@ -1,4 +1,4 @@
-"""Simulated groups, for tests: how often a true d' is rejected."""
+"""Simulated groups, and how often a true d' is rejected."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ FEW_CAN_TELL = {
 
 
 def same(hits: int, false_alarms: int, half: int = 6) -> Counts:
-    """Same-different."""
+    """Same-different counts."""
     return Counts("same-different", hits, half, false_alarms, half)
 
 
 def most_errors(rate: float, experiments: int) -> int:
-    """So many errors of a test of this rate are exceeded in one study of a million."""
+    """The number of errors that a test of this rate exceeds in one study of a million."""
     return int(binom.isf(1e-6, experiments, rate))
 
 
 def answers_of(task, rule, d_prime, false_alarm, half, rng):
-    """Hits, and all answers, of subjects with these d' and false-alarm rates."""
+    """(hits, answers) of subjects with these d' and false-alarm rates."""
     decision = rule_of(task, rule)
     hit, alarm = decision.rates(d_prime, decision.criterion_of(d_prime, false_alarm))
     hits = rng.binomial(half, hit)
@@ -47,7 +47,7 @@ def answers_of(task, rule, d_prime, false_alarm, half, rng):
 
 
 def rejections(task, rule, d_prime, false_alarms, *, subjects, trials, experiments, error=0.05, seed=1):
-    """How often experiments find d' lower, and higher, than what it is."""
+    """How often experiments reject a true d' as too high, and as too low."""
     rng, half = np.random.default_rng(seed), trials // 2
     rates = false_alarms(rng, (experiments, subjects))
     hits, answers = answers_of(task, rule, np.full(rates.shape, d_prime), rates, half, rng)
@@ -56,7 +56,7 @@ def rejections(task, rule, d_prime, false_alarms, *, subjects, trials, experimen
 
 
 def rejections_of_several(task, rule, d_primes, *, subjects, trials, experiments, error=0.05, seed=1):
-    """The same where d' differs: the group's d' is that without mean excess in a very large group."""
+    """As `rejections`, if d' differs. The group's d' has no mean excess in a very large group."""
     rng, half = np.random.default_rng(seed), trials // 2
 
     def draw(size):

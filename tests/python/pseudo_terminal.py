@@ -1,4 +1,4 @@
-"""A program in a terminal of its own, for tests that read its screen and press its keys."""
+"""A program in its own terminal, for tests that read its screen and press its keys."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import termios
 import time
 from pathlib import Path
 
-# The terminal becomes the process's own, so that Ctrl-C is an interrupt.
+# Makes the terminal the process's own, so that Ctrl-C interrupts.
 _ADOPT = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
 BURRLAB = _ADOPT + "import sys; from burrlab.cli import main; sys.exit(main())"
 
 
 class PseudoTerminal:
-    """`python -c program arguments` in a pseudo-terminal; all that its screen got is in `received`."""
+    """`python -c program arguments` in a pseudo-terminal; `received` holds all output."""
 
     def __init__(self, *arguments: str, program: str = BURRLAB, cwd: Path | None = None) -> None:
         self.controller, self.terminal = pty.openpty()
@@ -42,19 +42,19 @@ class PseudoTerminal:
 
     @property
     def text(self) -> str:
-        """What the screen got, without escape sequences and line breaks."""
+        """The output without escape sequences and line breaks."""
         plain = re.sub(rb"\x1b\[[0-9;?]*[A-Za-z]", b"", self.received).decode()
         return " ".join(plain.replace("\a", "").split())
 
     def look(self, seconds: float = 0.0) -> bool:
-        """Reads what has come; whether there was something."""
+        """Reads new output; returns whether there was any."""
         if not select.select([self.controller], [], [], seconds)[0]:
             return False
         self.received += os.read(self.controller, 65536)
         return True
 
     def wait_for(self, *patterns: str, seconds: float = 30.0) -> str:
-        """The first of these to show after what was found last; fails after so long."""
+        """The first match after the last one found; fails after this time [s]."""
         end = time.monotonic() + seconds
         while True:
             new = self.received[self._read :].decode(errors="replace")
@@ -72,7 +72,7 @@ class PseudoTerminal:
         os.write(self.controller, keys.encode())
 
     def end(self, seconds: float = 30.0) -> int:
-        """Reads to the end of the program; its exit status."""
+        """Reads to the end of the program; returns its exit status."""
         end = time.monotonic() + seconds
         while self.process.poll() is None:
             self.look(0.05)

@@ -1,6 +1,7 @@
-"""Figures of docs/psychophysics.md and of docstrings that take minutes of simulation.
+"""Simulated numbers of docs/psychophysics.md and of docstrings; they take minutes.
 
-`PYTHONPATH=tests:tests/python python tests/python/psychophysics_tables.py NAME`, a name of `TABLES`; without one all are printed.
+`PYTHONPATH=tests:tests/python python tests/python/psychophysics_tables.py NAME` prints one of `TABLES`;
+without NAME, all.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULE
 
 
 def table(*columns) -> None:
-    """A row for each size; a column gives pairs of errors, of which the larger share of either side is printed [%]."""
+    """Prints a row for each size. A column gives pairs of errors; the largest of each side is printed [%]."""
     for subjects, trials in SIZES:
         size = {"subjects": subjects, "trials": trials, "experiments": EXPERIMENTS}
         shares = [np.max(np.array(pairs(size)), axis=0) * 100 / EXPERIMENTS for pairs in columns]
@@ -45,7 +46,7 @@ def several(scene, decisions):
 
 
 def group_errors() -> None:
-    """A true d' rejected as too high / too low, the worst of tasks, rules and d' 0 to 3."""
+    """How often a true d' is rejected as too high / too low; the worst of tasks, rules and d' 0 to 3."""
 
     def same(scene):
         cases = list(itertools.product(DECISIONS, (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)))
@@ -55,13 +56,13 @@ def group_errors() -> None:
 
 
 def few_can_tell() -> None:
-    """The limit: few who can tell, same-different, either rule; and its mirror image, two intervals with d' 1.5 +- 0.75."""
+    """The limit: few can tell, same-different, either rule. Mirror image: two intervals, d' 1.5 +- 0.75."""
     scenes = [several(scene, DECISIONS[:2]) for scene in FEW_CAN_TELL.values()]
     table(*scenes, several(SEVERAL_D_PRIMES["spread"], [("2ifc", RULES[0])]))
 
 
 def of_rates(rule, d_prime, rates, subjects, trials, rng):
-    """Errors of subjects who draw one of these pairs of rates each."""
+    """Errors of groups whose subjects each draw one of these pairs of rates."""
     drawn = np.asarray(rates)[rng.integers(0, len(rates), (EXPERIMENTS, subjects))]
     hits = rng.binomial(trials // 2, drawn[..., 0])
     answers = hits + rng.binomial(trials // 2, drawn[..., 1])
@@ -71,7 +72,7 @@ def of_rates(rule, d_prime, rates, subjects, trials, rng):
 
 
 def likelihood_observers() -> None:
-    """Independent observations in same-different with real biases of the log likelihood ratio; the worst of d' 0.5 to 3."""
+    """Same-different, independent observations, biases of the log likelihood ratio; worst of d' 0.5 to 3."""
     rng = np.random.default_rng(4)
 
     def biased(biases):
@@ -86,7 +87,7 @@ def likelihood_observers() -> None:
 
 
 def lapses() -> None:
-    """2 % lapses, unbiased: the d' without them rejected as too high, at d' 1, 1.5, 2, 3 by either rule."""
+    """2 % lapses, unbiased: how often the d' without lapses is rejected as too high, at d' 1, 1.5, 2, 3."""
     rng = np.random.default_rng(5)
     for rule, (subjects, trials) in itertools.product(RULES, SIZES):
         shares = []
@@ -98,7 +99,7 @@ def lapses() -> None:
 
 
 def unseen() -> None:
-    """The share of perfect subjects of whom a group holds none in 5 %, and the d' of the mean score if the rest guess."""
+    """The share of perfect people that 5 % of groups lack, and d' of the mean score if all others guess."""
     for subjects in (12, 20):
         share = 1.0 - 0.05 ** (1.0 / subjects)
         found = [f"{unbiased_d_prime('same-different', rule, 0.5 + 0.5 * share):.2f}" for rule in RULES]
@@ -106,14 +107,14 @@ def unseen() -> None:
 
 
 def powers() -> None:
-    """Equivalence at d' = 0."""
+    """Power of equivalence at d' = 0."""
     for (subjects, trials), delta in itertools.product(((5, 12), (40, 12), *SIZES), (1.0, 1.5)):
         found = design_power("same-different", trials=trials, subjects=subjects, d_primes=(), delta=delta)
         print(str(found).split("\n", 2)[2], flush=True)
 
 
 def psychometric() -> None:
-    """Five levels about the threshold of a Gaussian observer, 2 % lapses: 120 fits each; minutes, and psignifit."""
+    """120 fits of a Gaussian observer with 2 % lapses at five levels about the threshold; needs psignifit."""
     rng, threshold = np.random.default_rng(7), 0.2
     differences = threshold * np.geomspace(0.35, 2.6, 5)
     for trials in (20, 60):

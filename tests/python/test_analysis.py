@@ -1,4 +1,4 @@
-"""An analysis against numbers calculated by hand, what it warns of, JSON and back, its figures."""
+"""An analysis against numbers calculated by hand; its warnings, JSON and figures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RULES = ("independent-observations", "differencing")
 
 
 def pairs(ab, ba, aa, bb):
-    """Of three trials of each type."""
+    """Counts of three trials of each type."""
     types = {"AA": (aa, 3), "AB": (ab, 3), "BA": (ba, 3), "BB": (bb, 3)}
     return Counts("same-different", ab + ba, 6, aa + bb, 6, types)
 
@@ -37,7 +37,7 @@ FOUR = {
 
 
 def only(counts=THREE, **options):
-    """The task of an analysis of one."""
+    """The only task of an analysis."""
     (found,) = analyse(counts, **options).tasks
     return found
 
@@ -191,7 +191,7 @@ def test_tsv_of_the_subjects():
 def test_report_as_wide_as_the_screen(three, width, parts):
     text = three.report(width=width)
     assert max(map(len, text.splitlines())) <= width
-    # Every word and number is still there; the subjects stand at the head of each part of the table.
+    # No word or number is lost; each part of the table begins with the subjects.
     assert set(three.report().split()) <= set(text.split())
     assert sum(line.lstrip().startswith("subject ") for line in text.splitlines()) == parts
     assert three.report(width=500) == three.report()
@@ -224,7 +224,7 @@ _ABX = Counts("abx", 4, 5, 0, 5)
     ("kind", "ask", "sentence"),
     [
         *((TypeError, lambda data=data: analyse(data), "data must") for data in (None, 5, b"x", [1], _ABX, [_ABX])),
-        # The letters of one would be taken for subjects.
+        # The letters of a string would be taken for subjects.
         (TypeError, lambda: analyse({"1": _ABX, "2": _ABX}, subjects="12"), r"subjects must be a list of labels, such as \['12'\], got '12'"),
         (TypeError, lambda: analyse({"01": 3}), "subject 01 must have Counts or Answers, got int"),
         (ValueError, lambda: analyse(THREE, subjects=["01", "04"]), "subjects must be of 01, 02, 03, got 04"),
@@ -342,7 +342,7 @@ def test_long_titles_are_broken():
 
 
 def thresholds(*found, design=()):
-    """A task of subjects with these thresholds and their intervals."""
+    """A task of subjects with these thresholds and intervals."""
     subjects = tuple(
         SubjectThreshold(f"{place:02}", True, 60, 60, ((1.2, 40, 60),), value, ends, "said", None)
         for place, (value, ends) in enumerate(found, start=1)
@@ -359,7 +359,7 @@ def test_thresholds():
     assert made.group_threshold[0] == pytest.approx(math.exp(math.sqrt(math.log(1.1) * math.log(1.3))))
     with pytest.raises(ValueError, match="task level must hold a threshold to be drawn, got none"):
         thresholds((None, None)).plot_thresholds()
-    # On both sides of 1 they have no mean, and without scatter no interval.
+    # Thresholds on both sides of 1 have no mean, and equal ones no interval.
     sides = thresholds((1.1, None), (0.9, None))
     assert sides.group_threshold is thresholds((1.1, None), (1.1, None)).group_threshold is None
     assert names(sides.plot_thresholds()) == ["01", "02"]

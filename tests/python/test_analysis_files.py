@@ -1,4 +1,4 @@
-"""An analysis of an experiment's files: its protocol, what is left out, what is said."""
+"""An analysis of an experiment's files: its protocol, incomplete runs, and notes."""
 
 import io
 import json
@@ -75,7 +75,7 @@ def protocol(folder, tables, more="", subjects=3):
 
 
 def run(protocol, subject, task, right, *, stop=math.inf, simulated=None):
-    """Answers a run, right where `right` says so."""
+    """Answers a run, correctly where `right` is True."""
     file, order = protocol.begin(subject, task, simulated=simulated)
     with file:
         while len(order.answered) < stop and (trial := order.next()) is not None:
@@ -86,7 +86,7 @@ def run(protocol, subject, task, right, *, stop=math.inf, simulated=None):
 
 
 def wrong_in(*numbers):
-    """All practice is answered wrongly, and these trials."""
+    """A `right` that is False in practice and in these trials."""
     return lambda trial: trial.phase == "main" and trial.number not in numbers
 
 
@@ -113,7 +113,7 @@ def test_a_protocol_with_its_settings(tmp_path):
         )
     )
     assert Analysis.from_dict(json.loads(json.dumps(analysis.to_dict()))) == analysis
-    # Whatever its name ends in, a file is a protocol.
+    # A file is a protocol, whatever its suffix.
     less = tmp_path / "less.txt"
     less.write_text(re.sub(r"subjects = .*", 'subjects = ["01"]', made.path.read_text().replace(MATCH, "")))
     assert {
@@ -183,7 +183,7 @@ def test_some_of_the_selected_subjects(tmp_path, more):
     task, text = analysis["probing"], analysis.report()
     assert (len(task.subjects), task.chosen, task.of) == (2, 12, 20)
     assert "): 12 of 20 subjects, of whom 2 are here. Others" in text
-    # Two of the best twelve are not the best two.
+    # Two of the best twelve are not the best two of twenty.
     assert "the best 12 of 20 guessing have 7.06 of 12 on average, 1.06 above chance\n" in text
     assert "2 of 12 selected of 20" in task.title
     assert (task.selection.kept, task.selection.of) == (12, 20)

@@ -1,4 +1,4 @@
-"""Answers on the disk: written before the next trial, never over others, resumed after any end."""
+"""Files of answers are written before the next trial, never overwritten, and resumed after any end."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path):
             assert f"broken off after {length - len(kept)} bytes and is cut" in file.notes[0]
             assert order.next() == due
             assert path.read_bytes() == kept
-    path.write_bytes(kept + b"\0\0\0\xff")  # as a file system may leave it after a power cut
+    path.write_bytes(kept + b"\0\0\0\xff")  # as after a power cut on some file systems
     assert len(read_answers(path).rows) == 2
     one.resume("01", "match")[0].close()
     assert path.read_bytes() == kept
@@ -95,7 +95,7 @@ def test_a_last_line_that_lacks_its_end_alone_is_an_answer(tmp_path, task):
 
 
 def test_no_ending_begins_another():
-    """On which it rests that a line is known to be whole."""
+    """No ending is a prefix of another, so a line without its end can be known to be complete."""
     assert not any(one != other and other.startswith(one) for one in ENDINGS for other in ENDINGS)
 
 
@@ -190,7 +190,7 @@ _ABROAD = 'seed = 7\ndevice = "igtl:x:1"\npublish = 18945'
         ("seed = 7", "seed = 7\nfeedback = true", "experiment.feedback was False, is now True"),
         ("seed = 7", 'seed = 7\ndevice = "igtl:x:1"', "device was 'hand', is now 'igtl'"),
         ("seed = 7", "seed = 7\npublish = 18945", "force is published was False, is now True"),
-        # what is none of the run
+        # changes that do not concern the run
         ("subjects = 3", "subjects = 30", None),
         ("seed = 7", "seed = 7\ntrace = true\nlost_after_ms = 200", None),
         ("trials = 4", "trials = 6", None),
@@ -213,7 +213,7 @@ def test_a_run_goes_on_at_another_port_and_address(tmp_path):
 
 
 def _each_line(change):
-    """What changes the fields of each line of a file, given its number from 0 and the fields."""
+    """A function that changes the fields of each line of a file by `change(number from 0, fields)`."""
 
     def changed(path):
         lines = enumerate(path.read_text().splitlines())
@@ -229,12 +229,12 @@ def _each_line(change):
             lambda path: path.with_suffix(".json").unlink(),
             r"this is no run of this program, its side-car .*json is missing",
         ),
-        # Even where somebody brought the side-car into line.
+        # a row changed by hand
         (
             _each_line(lambda number, fields: [*fields[:12], "5", *fields[13:]] if number == 2 else fields),
             r"line 3, column seed_1: 5 where practice trial 2 has \d{6,}: made with",
         ),
-        # A row goes to the end by its place: among other columns it would be another answer.
+        # Rows are appended by position: with other columns they would be other answers.
         (
             _each_line(lambda number, fields: [*fields[1:], fields[0]]),
             "line 1: .* column 1 was 'onset', is now 'duration'",
@@ -257,7 +257,7 @@ def test_files_that_are_not_gone_on_with(tmp_path, damage, sentence):
 
 def test_onsets_go_on_across_a_resumption_and_never_back(tmp_path):
     one, path = begun(tmp_path, count=3)
-    # The last answer ended at 120 + 41.5 + 0.75 s, though the clock of the wall says less.
+    # The last answer ended at 120 + 41.5 + 0.75 s, later than the wall clock says.
     with one.resume("01", "probing")[0] as file:
         assert file.end == 162.25
         assert 162.25 <= file.elapsed() < 172.25

@@ -1,4 +1,4 @@
-"""Answers read back, every mistake by its line, and the folder of an experiment."""
+"""Answers read back, errors that name the line, and the folder of an experiment."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def written(folder, *lines, name=MINE):
 
 
 def copied(path, target, **said):
-    """A copy of a run whose side-car says something else."""
+    """A copy of a run with a changed side-car."""
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(path.read_bytes())
     car = json.loads(path.with_suffix(".json").read_text())
@@ -93,7 +93,7 @@ def test_practice_alone_cannot_be_counted(tmp_path):
     ],
 )  # fmt: skip
 def test_a_file_of_another_program(tmp_path, name, change, options, labels):
-    """In its own words, with a spreadsheet's marks, with its subject in a column."""
+    """With other words for answers, a spreadsheet's marks, and the subject in a column."""
     path = written(tmp_path, *map(change, [HEAD, *ROWS]), name=name)
     answers = read_answers(path, task="same-different", **options)
     assert (answers.subject, answers.name, answers.side_car, answers.trials) == (*labels, None, None)
@@ -232,7 +232,7 @@ def test_a_side_car_that_was_changed(tmp_path, change, sentence):
 
 
 def _beside(name, **said):
-    """What puts a copy of a run beside it, or into another subject's folder."""
+    """A function that copies a run beside it, or into another subject's folder."""
     return lambda path: copied(path, path.parents[2] / name, **said)
 
 
@@ -279,7 +279,7 @@ def test_a_run_replayed(tmp_path):
 
 
 NUMBER = st.floats(0, 1e6, allow_nan=False).map(lambda value: round(value, 6))
-#: Types of trials, and the answers that are correct after them.
+#: Types of trials and their correct answers.
 CORRECT = {
     "same-different": {"AA": "same", "BB": "same", "AB": "different", "BA": "different"},
     "abx": {"AB": "first", "BA": "second"},
@@ -318,7 +318,7 @@ def test_rows_survive_the_file(data):
 
 @pytest.mark.parametrize(("task", "place"), [("probing", 1), ("match", 2)])
 def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place):
-    """The answers are right or wrong as before, and the pairs would be counted as others."""
+    """The answers stay right or wrong, but would be counted for other pairs."""
     _, path = begun(tmp_path, task, count=4)
     rows = path.read_text().splitlines()
     line = next(number for number, row in enumerate(rows) if "\tAB\t" in row)
@@ -428,7 +428,7 @@ def test_a_laboratory_s_own_columns_stay_and_rows_keep_to_them(tmp_path, text, d
 
 @pytest.fixture
 def full_disk():
-    """What lets files of 20 bytes pass, until it is told otherwise."""
+    """A function that limits files to 20 bytes (True) or lifts the limit (False)."""
     resource = pytest.importorskip("resource")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

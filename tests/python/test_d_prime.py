@@ -1,4 +1,4 @@
-"""One subject's d': estimate, intervals, standard error, corrections; slow versions written from the definitions."""
+"""d' of one subject: estimate, intervals, standard error, corrections, against slow definitions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from reference.enumeration import (
 )
 
 ALL = [(task, rule) for task in TASKS for rule in RULES]
-BOTH = ALL[:4]  # not two intervals, where the rules are one
+BOTH = ALL[:4]  # without two intervals, where both rules are the same
 INDEPENDENT, DIFFERENCING = RULES
 SOME = [(5, 6, 1, 6), (6, 6, 2, 6), (3, 6, 3, 6), (1, 6, 4, 6), (9, 12, 4, 10), (20, 24, 5, 24), (4, 6, 0, 1)]
 
@@ -39,7 +39,7 @@ def law(request):
 
 
 def at_best_criterion(law, counts: Counts, d: float, n: int = 20_001) -> float:
-    """The log-likelihood, at the best of many criteria."""
+    """The log-likelihood at the best of many criteria."""
     low = 0.0 if (law.task, law.name) == ("same-different", "differencing") else -d - 5.0
     h, f = law.rates(d, np.linspace(low, d + 5.0, n))
     value = xlogy(counts.hits, h) + xlogy(counts.signals - counts.hits, 1.0 - h)
@@ -106,7 +106,7 @@ class TestEstimate:
 
 class TestStandardError:
     def test_is_the_scatter_of_many_trials(self, law):
-        """2000 subjects of 20 000 trials; the variance's relative error is 3.2 %, 4.9 of it the false-alarm rate 1e-6."""
+        """2000 subjects of 20 000 trials: the variance has 3.2 % error; 4.9 of it is the limit (1e-6)."""
         rng, n = np.random.default_rng(7), 10_000
         hit, false_alarm = (float(x) for x in law.rates(1.5, law.unbiased(1.5) + 0.2))
         estimates, _ = law.invert(rng.binomial(n, hit, 2000) / n, rng.binomial(n, false_alarm, 2000) / n)
@@ -121,7 +121,7 @@ class TestStandardError:
 class TestExact:
     @pytest.mark.parametrize("d", [0.0, 0.8, 2.5])
     def test_p_is_the_definition(self, law, d):
-        """For each outcome the sum over all that are no likelier, at 400 criteria."""
+        """p is the sum over all outcomes that are no likelier, at the worst of 400 criteria."""
         m, n = 5, 4
         deviance = Outcomes.all(m, n).deviance(law, d).reshape(m + 1, n + 1)
         hit, false_alarm = law.rates(d, np.linspace(*law.criterion_range(d, 1e-6, 1.0 - 1e-6), 400))
@@ -173,13 +173,13 @@ class TestExact:
         # Hautus 1995: (h + 0.5)/(n + 1), whether or not a rate is 0 or 1
         ("log-linear", (6, 6, 0, 6), (6.5 / 7, 0.5 / 7)),
         ("log-linear", (4, 6, 2, 6), (4.5 / 7, 2.5 / 7)),
-        # Macmillan and Kaplan 1985: 1 - 1/(2n) and 1/(2n), in place of 1 and 0 alone
+        # Macmillan and Kaplan 1985: 1 - 1/(2n) and 1/(2n), only in place of 1 and 0
         ("half", (6, 6, 0, 4), (11 / 12, 1 / 8)),
         ("half", (4, 6, 2, 6), (4 / 6, 2 / 6)),
     ],
 )
 def test_corrections(correction, numbers, rates):
-    """The interval takes none."""
+    """Corrections do not change the interval."""
     result = d_prime(Counts("abx", *numbers), rule=DIFFERENCING, correction=correction, method="profile")
     assert result.corrected == pytest.approx(float(rule_of("abx", DIFFERENCING).invert(*rates)[0]), abs=1e-12)
     assert f"corrected d' {result.corrected:.2f} ({correction})" in str(result)
@@ -195,13 +195,13 @@ def test_score():
 
 
 def closed_differencing(d: float, k: float) -> tuple[float, float]:
-    """The integral of `same_different_differencing`, done by hand: the p values need thousands of them."""
+    """The integral of `same_different_differencing` in closed form, as p values need thousands."""
     hit = reference.Phi((d - k) / math.sqrt(2)) + reference.Phi((-d - k) / math.sqrt(2))
     return hit, 2.0 * reference.Phi(-k / math.sqrt(2))
 
 
 class TestObservers:
-    """Rates integrated over the observations."""
+    """Rates against integrals over the observations."""
 
     @pytest.mark.parametrize(("d", "k"), [(0.0, 1.0), (0.3, 0.2), (1.0, 2.5), (2.0, 1.0), (3.5, 2.5)])
     def test_differencing_at_any_criterion(self, d, k):
@@ -232,7 +232,7 @@ class TestObservers:
 
     @pytest.mark.parametrize("d", [1.0, 2.0, 3.0])
     def test_what_the_approximation_makes_of_a_bias(self, d):
-        """docs/psychophysics.md: d' comes out up to 0.13 too large in same-different, 0.03 off in ABX."""
+        """With bias d' is up to 0.13 too large in same-different, 0.03 off in ABX (docs/psychophysics.md)."""
         same_different, abx = rule_of("same-different", INDEPENDENT), rule_of("abx", DIFFERENCING)
         for bias in (-0.6, 0.6):
             found = float(same_different.invert(*reference.same_different_likelihood(d, bias))[0])
@@ -243,7 +243,7 @@ class TestObservers:
 
 @pytest.mark.parametrize("d", [0.0, 2.0])
 def test_exact_p_values_by_listing_all_outcomes(d):
-    """4 and 3 trials; the own grid of criteria is the coarser, which costs either at most 0.002."""
+    """4 and 3 trials; both grids of criteria are off by at most 0.002."""
     found = exact_p_values(rule_of("same-different", DIFFERENCING), 4, 3, d)
     expected = reference.exact_p_values(closed_differencing, d, 4, 3, np.linspace(0.02, d + 7.0, 200))
     assert found == pytest.approx(list(expected.values()), abs=0.002)
@@ -256,7 +256,7 @@ def test_holm_rejects_step_by_step(p_values, level):
 
 
 def test_exact_interval_of_biased_likelihood_observers():
-    """By enumeration: subjects who weigh both likelihoods with a bias are no observers of the approximation; docs/psychophysics.md."""
+    """Subjects weigh likelihoods with a bias, for which the rule is approximate (docs/psychophysics.md)."""
     law, k = rule_of("same-different", INDEPENDENT), np.arange(25)
     for d in (1.0, 2.0, 3.0):
         kept = exact_p_values(law, 24, 24, d) > 0.05
@@ -267,7 +267,7 @@ def test_exact_interval_of_biased_likelihood_observers():
 
 def check_rows(rows) -> None:
     for row in rows:
-        # the criteria at which p is calculated are 241: that costs at most 0.002
+        # p is calculated at 241 criteria, which costs at most 0.002
         assert row.exact > 0.948
         assert row.exact >= (0.85 if row.exact_open > 0.5 else 0.90)
 
@@ -282,7 +282,7 @@ class TestCoverage:
 
     @pytest.mark.parametrize(("task", "rule"), [("same-different", DIFFERENCING), ("abx", INDEPENDENT)])
     def test_of_the_intervals_themselves(self, task, rule):
-        """`d_prime` of every outcome of 6 trials."""
+        """Coverage by `d_prime` of every outcome of 6 trials."""
         law, d_primes = rule_of(task, rule), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
         counts = [Counts(task, h, 3, f, 3) for h in range(4) for f in range(4)]
         low, high = np.array([d_prime(one, rule=rule).interval for one in counts]).T
@@ -305,14 +305,14 @@ class TestCoverage:
 
 
 def test_wald_fails_at_few_trials():
-    """Corrected, and infinite standard errors taken as intervals that hold the truth."""
+    """With corrections, and with infinite standard errors counted as intervals that hold the truth."""
     for decision in BOTH:
         (row,) = enumerate_estimator(*decision, trials=12, d_primes=[0.5])
         assert row.wald_corrected + row.equal == pytest.approx(0.64, abs=0.02)
 
 
 def test_binomial_error_rate_is_at_most_nominal():
-    """At any rate of either answer: an observer who cannot tell may prefer one."""
+    """An observer who cannot tell may prefer either answer, at any rate."""
     for trials in (10, 12, 48, 200):
         for nominal in (0.05, 0.01):
             rates = [binomial_error_rate(trials, p, nominal=nominal) for p in np.linspace(0.0, 1.0, 41)]
@@ -324,7 +324,7 @@ def test_binomial_error_rate_is_at_most_nominal():
     [(coverage_table, "same-different"), (coverage_table, "abx"), (bias_table, "same-different")],
 )
 def test_tables_are_those_of_the_docs(table, task):
-    """Where profile and Wald intervals fail, and how large bias is, at few trials and more."""
+    """Coverage and bias at 12 and 48 trials."""
     docs = Path(__file__).parents[2] / "docs" / "psychophysics.md"
     assert set(table(task, trials=[12, 48]).splitlines()) <= set(
         docs.read_text(encoding="utf-8").splitlines()

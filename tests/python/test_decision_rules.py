@@ -1,4 +1,4 @@
-"""From d' to rates and back: against psyphy, and round. Observers that decide are in test_d_prime.py."""
+"""d' to rates and back, against psyphy and as round trips. Simulated observers are in test_d_prime.py."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def law(request):
     ("task", "rule"), [(task, rule) for task in ("same-different", "abx") for rule in RULES]
 )
 def test_is_psyphy(task, rule):
-    """psyphy's root finder has a tolerance of 1.2e-4; same-different under independent observations needs none."""
+    """psyphy's root finder has a tolerance of 1.2e-4; same-different by independent observations has none."""
     with GOLDEN.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if (row["task"], row["rule"]) == (task, rule)]
     columns = (np.array([float(row[x]) for row in rows]) for x in ("hit", "false_alarm", "d_prime"))
@@ -36,9 +36,9 @@ def test_is_psyphy(task, rule):
 
 
 def test_rates_give_d_prime_and_criterion_back(law):
-    """d' 0.05 to 6, criterion up to 1 sd from the unbiased one, to 1e-9 of d' where a double holds the rates.
+    """d' of 0.05 to 6, criteria within 1 sd of the unbiased one: to 1e-9 of d' if a double holds the rates.
 
-    A rate next to 1 has lost its last digits, so d' is known no better than the change of d' with that rate.
+    A rate near 1 loses its last digits, which limits the precision of d'.
     """
     d, shift = np.meshgrid(np.linspace(0.05, 6.0, 120), np.linspace(-1.0, 1.0, 21))
     criterion = law.unbiased(d) + shift

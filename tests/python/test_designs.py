@@ -1,4 +1,4 @@
-"""Designs: trials balanced, orders a function of seed and subject alone, staircases that end and find the threshold."""
+"""Designs: balanced trials, orders that depend on seed and subject only, staircases that find thresholds."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ REAL = Stimulus("real Pettigrew")
 PAPER = ABX(REAL, foil=PVC, match=PETTIGREW)
 PAIRS = ("AA", "AB", "BA", "BB")
 FALSE_ALARMS = 1e-6
-Z = 4.9  # of a two-sided false-alarm rate of 1e-6
+Z = 4.9  # for a two-sided false-alarm rate of 1e-6
 
 
 def constant(parameter="c_e", levels=(0.7, 1.1, 1.4), **options):
@@ -134,7 +134,7 @@ def test_the_paper_s_third_task():
 
 
 def test_pairs_of_neighbours_are_as_random_as_a_shuffle():
-    """P(the second trial's type is the first's) = 2/11 with three of each: false-alarm rate 1e-6."""
+    """With three of each, P(the second trial has the first's type) = 2/11; false-alarm rate 1e-6."""
     design, n, p = SameDifferent(BONE, PVC), 2000, 2 / 11
     firsts = [kinds(design.order(seed=5, subject=str(i)).trials[:2]) for i in range(n)]
     again = sum(one == two for one, two in firsts)
@@ -142,7 +142,7 @@ def test_pairs_of_neighbours_are_as_random_as_a_shuffle():
 
 
 def test_the_draws_stay_what_they_are():
-    """A run that was interrupted must find the same trials in a later version, and in another process."""
+    """An interrupted run must resume with the same trials in a later version and in another process."""
     draws = Draws(1, "01", {"design": "x", "interval_s": 20.0})
     assert draws.shuffled(list(range(10))) == [8, 2, 0, 1, 3, 5, 4, 6, 7, 9]
     assert [draws.interval_seed() for _ in range(2)] == [16671133676022338408, 14445788799221260555]
@@ -223,7 +223,7 @@ def test_orders_do_not_depend_on_the_answers_and_differ_between_subjects(design)
     while any(order.next() for order in orders):
         trials = [order.next() for order in orders]
         assert trials[0] == trials[1] == trials[2]
-        assert orders[0].next() is trials[0]  # until it is answered
+        assert orders[0].next() is trials[0]  # the same until answered
         for order, answer in zip(orders, (*design.answers, trials[0].correct), strict=True):
             order.answer(answer)
     first = orders[2].trials
@@ -315,7 +315,7 @@ def test_a_design_is_written_whole_and_says_its_power(design, written, power):
     ],
 )
 def test_the_correct_answer_is_the_interval_with_more_of_what_is_asked(parameter, mode, hold, question, more):
-    """The speed is that of the mean-field solver: more c_e sinks more slowly."""
+    """The mean-field solver gives the speed: the burr sinks more slowly at more c_e."""
     task = constant(parameter, mode=mode, hold=hold)
     assert question in task.question
     burr = Burr(3.0)
@@ -342,7 +342,7 @@ def test_what_is_held():
 
 @pytest.mark.parametrize(("shape", "exponent"), [("parabolic", 8 / 3), ("quartic", 4.0)])
 def test_the_sinking_speed_is_held(shape, exponent):
-    """Mean-field at 1 N: without alpha's change a c_e of 1.3 times halves the speed."""
+    """Mean-field at 1 N. Without the change of alpha, 1.3 times c_e would halve the speed."""
     reference = Material("x", c_e=2.145, alpha=0.087, shape=shape)
     task = ConstantStimuli(Stimulus("x", reference), "c_e", [1.3], mode="drilling", hold="sinking speed")
     assert f"alpha/c_e^{exponent:.3g} is held" in task.held
@@ -355,7 +355,7 @@ def test_the_sinking_speed_is_held(shape, exponent):
 
 
 def run(design, answers, seed=1, subject="01"):
-    """Answers in turn, right or wrong, or those of a level; the trials."""
+    """The trials of a run; `answers` are right or wrong in turn, or a function of the level."""
     order, trials, said = (
         design.order(seed=seed, subject=subject),
         [],
@@ -392,7 +392,7 @@ def test_targets(options, target):
 def test_two_down_one_up_by_hand():
     design = staircase(start=2.0, discard=1, coarse_step=2.0, step=math.sqrt(2), reversals=2)
     d = math.log(2.0)
-    #          level d   d    d/2  d/2   d/4  d/2 (wrong: first reversal, step small from now on)
+    #          level d   d    d/2  d/2   d/4  d/2 (wrong: first reversal, then small steps)
     answers = [True, True, True, True, False, True, True, False, False]
     trials = run(design, answers)
     up = d / 4 * math.sqrt(2)
@@ -445,7 +445,7 @@ def test_the_limit_holds_and_is_said():
     assert len(trials) == 20
     assert max(trials) == pytest.approx(3.0)
     assert design.threshold(trials, [False] * 20).at_limit == 19
-    assert staircase(limit=2.0).limit == 2.0  # no farther than the start
+    assert staircase(limit=2.0).limit == 2.0  # as far from 1 as the start
     mixed = [False, False, True, True, False, True, True, False, True, True]
     trials = levels(run(design, mixed))
     said = str(design.threshold(trials, mixed[: len(trials)]))
@@ -488,14 +488,14 @@ def test_orders_and_seeds_do_not_depend_on_the_answers(design):
         assert Counter(kinds(right[start : start + 8])) == {"RC": 4, "CR": 4}
     another = run(design, [True] * 40, subject="02")
     assert kinds(another) != kinds(right)
-    assert levels(another) == levels(right)  # they follow the answers alone
+    assert levels(another) == levels(right)  # levels follow the answers only
 
 
 @pytest.mark.parametrize(
     "options", [{"down": 2}, {"down": 3}, {"down": 1, "up_weight": 3.0}], ids=["2-down", "3-down", "weighted"]
 )
 def test_staircases_converge_to_their_target(options):
-    """The mean of ln difference over 300 long runs is within 0.05 of the target's, beside its error at 1e-6."""
+    """The mean of ln difference over 300 long runs is within 0.05, plus error at 1e-6, of the target's."""
     design = staircase(**options, start=1.3, coarse_step=1.5, step=1.1, discard=30, reversals=60, trials=3000)
     draws = np.random.default_rng(2)
     sought = gaussian_difference(design.target, 0.15)
@@ -514,7 +514,7 @@ NEAR, FAR = math.log(1.02), math.log(2.0)
 
 
 def measure(draws, proportion, trials):
-    """A staircase on an observer; the posterior's summary."""
+    """The posterior's summary after an adaptive staircase with an observer."""
     posterior = ThresholdPosterior(NEAR, FAR)
     for _ in range(trials):
         difference = posterior.most_informative()
@@ -523,7 +523,7 @@ def measure(draws, proportion, trials):
 
 
 def from_the_prior(draws):
-    """Threshold, slope and lapse rate as the prior has them; the slope and lapse rate from its grid, written out here."""
+    """(threshold, slope, lapse rate) drawn from the prior, with its grids of slopes and lapse rates."""
     lapses = np.array([0.01, 0.03, 0.05, 0.07, 0.09])
     weights = (1 - lapses) ** 9
     return (
@@ -543,7 +543,7 @@ def test_the_function_by_hand():
 
 
 def test_the_level_leaves_the_least_expected_entropy():
-    """Against the definition: the entropy of both posteriors, weighted with the chances of the two answers."""
+    """By definition: the entropy of both posteriors, weighted by the probabilities of the two answers."""
     posterior = ThresholdPosterior(NEAR, FAR)
     draws = np.random.default_rng(1)
     for _ in range(6):
@@ -578,7 +578,7 @@ def test_no_answer_and_answers_that_bound_nothing():
     assert (prior.trials, prior.open_below, prior.open_above) == (0, True, True)
     assert prior.difference == pytest.approx(math.sqrt(NEAR * FAR))
     low, high = (math.log(end) for end in prior.interval)
-    # 2.5 and 97.5 % of a prior that is even in the logarithm
+    # 2.5 and 97.5 % of a prior that is uniform in the logarithm
     assert math.log(low / NEAR) == pytest.approx(0.025 * math.log(FAR / NEAR), rel=1e-6)
     assert math.log(high / NEAR) == pytest.approx(0.975 * math.log(FAR / NEAR), rel=1e-6)
     perfect = adaptive().threshold(levels(run(adaptive(), lambda _: True)), [True] * 60)
@@ -597,7 +597,7 @@ def covered(runs, trials, seed):
 
 
 def test_intervals_hold_the_threshold_quickly():
-    """Of observers as the prior has them 95 % in the mean, whatever the levels chosen: false-alarm rate 1e-6."""
+    """Coverage of 95 % on average over observers from the prior, with any levels; false-alarm rate 1e-6."""
     count = covered(100, 20, seed=1)
     assert binom.cdf(count, 100, 0.95) > FALSE_ALARMS
 
@@ -613,7 +613,7 @@ def test_intervals_hold_the_threshold(trials):
 @pytest.mark.slow
 @pytest.mark.parametrize("threshold", [1.05, 1.1, 1.2, 1.5])
 def test_intervals_hold_the_threshold_of_a_gaussian_observer(threshold):
-    """No Weibull function, and a threshold that is given: no promise of Bayes', so at least 0.93 only."""
+    """Without a Weibull function and with a fixed threshold Bayes promises nothing, so the limit is 0.93."""
     draws, truth = np.random.default_rng(3), math.log(threshold)
     found = [measure(draws, lambda x: gaussian_correct(x, truth), 60) for _ in range(1000)]
     count = sum(low <= truth <= high for low, high in (one["interval"] for one in found))

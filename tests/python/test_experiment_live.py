@@ -1,4 +1,4 @@
-"""Experiments on devices that are in a hand: a server of poses, a driver in Python, lifted or not, lost or not."""
+"""Experiments with live devices, by a server of poses or a driver in Python: lifted or not, lost or not."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FELT = Interval(Stimulus("bone", burrlab.materials["bone"]), 1, None)
 
 
 class Poses(socketserver.TCPServer):
-    """A server of poses, at 200 Hz, to one client after the other; `z` is the burr's height [mm]. Each gets `most`."""
+    """A server of poses at 200 Hz, at most `most` per client, one client at a time; `z` is height [mm]."""
 
     z, most, clients, over = 3.5, 10**9, 0, False
 
@@ -51,7 +51,7 @@ class Poses(socketserver.TCPServer):
                 sent += 1
 
     def handle_error(self, peer, address):
-        """A client that has gone is none."""
+        """Ignores clients that disconnect."""
 
     def __exit__(self, *error):
         self.over = True
@@ -60,7 +60,7 @@ class Poses(socketserver.TCPServer):
 
 
 class Driver:
-    """Puts a height into a mailbox at 1 kHz and keeps the largest force that came back."""
+    """Puts a height into a mailbox at 1 kHz, and keeps the largest force that comes back."""
 
     def __init__(self, z):
         self.z, self.most, self.box = z, 0.0, burrlab.MailboxDevice()
@@ -127,7 +127,7 @@ def test_waiting_ends_when_the_device_is_lost_or_someone_says_so():
 
 
 def test_poses_over_the_network_lost_then_resumed_and_replayed(tmp_path):
-    """Each interval has a connection of its own; the third falls silent and its trial is asked again."""
+    """Each interval has its own connection; one falls silent, and its trial is asked again."""
     with Poses() as poses:
         more = f'device = "igtl:127.0.0.1:{poses.port}"\ntrace = true\nlost_after_ms = 500'
         subject = Subject(tmp_path, trials=4, interval=0.8, more=more)
@@ -152,7 +152,7 @@ def test_poses_over_the_network_lost_then_resumed_and_replayed(tmp_path):
     subject.check()
     log = subject.protocol.data.log(SUBJECT, TASK).read_text()
     told = (
-        "its last position is 50",  # 500 ms and what the loop takes to see it
+        "its last position is 50",  # 500 ms and the loop's delay
         "burrlab experiment resume test.toml --subject 01 goes on",
         "no force goes back over the network",
         "trial 1 waits until the burr is lifted",
@@ -169,7 +169,7 @@ def test_poses_over_the_network_lost_then_resumed_and_replayed(tmp_path):
 
 
 def published(port, seconds=10.0):
-    """The first force above 0 along z that comes from a port [N]; None after so long [s]."""
+    """The first force above 0 along z from a port [N]; None after this time [s]."""
     framer, end = _core.MessageFramer(), time.monotonic() + seconds
     while time.monotonic() < end:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1) as peer:
@@ -199,7 +199,7 @@ def test_force_is_published_to_whoever_moves_the_burr(tmp_path):
 
 @pytest.mark.parametrize(("limit", "ending"), [(100, "device"), (3000, "time")])
 def test_lost_after_is_the_device_s(tmp_path, limit, ending):
-    """A peer that sends what changes only."""
+    """The peer sends only changes."""
     with Poses() as poses:
         more = f'device = "igtl:127.0.0.1:{poses.port}"\nlost_after_ms = {limit}'
         protocol = Subject(tmp_path, more=more).protocol

@@ -1,4 +1,4 @@
-"""The subject's screen and keys, and whole runs in a terminal by a subject that reads and presses; killed, resumed, read back."""
+"""The subject's screen and keys, and whole runs by a scripted subject: killed, resumed and read back."""
 
 from __future__ import annotations
 
@@ -53,19 +53,19 @@ interval_s = {interval}
 rules = ["differencing"]
 """
 KEYS = {"same": "1", "different": "2"}
-#: What a subject waits for.
+#: Texts that a subject waits for.
 SHOWN = {
     "space": r"Press the space bar (?:to go on|when you are ready)\.",
     "question": "2   different",
     "interval": r"(?:First|Second) interval\.",
     "over": "Thank you",
 }
-# What no subject may read: materials, their numbers, pair types, whether an answer was right.
+# Texts that no subject may read: materials, their numbers, pair types, whether an answer was right.
 HIDDEN = re.compile(r"bone|pvc|2\.145|0\.462|\b[AB]{2}\b|\bright\b|wrong|correct|score", re.IGNORECASE)
 
 
 class Subject:
-    """Presses what it has decided for each trial before it began, and remembers what it was asked."""
+    """A scripted subject, who decides all answers beforehand and remembers the questions."""
 
     def __init__(self, folder, *, trials=8, interval=0.1, more=""):
         self.config = folder / "test.toml"
@@ -92,7 +92,7 @@ class Subject:
             self.screens.append(terminal.text)
 
     def take_part(self, terminal, *, stop=lambda kind, trial: False):
-        """To the end, or to where `stop` says so, given what shows ("space", "interval", "question") and the trial."""
+        """Takes part until the end or until `stop("space", "interval" or "question", trial)` is True."""
         kind = ""
         while kind != "over":
             found = terminal.wait_for(*SHOWN.values())
@@ -106,7 +106,7 @@ class Subject:
             terminal.press(keys.get(kind, ""))
 
     def check(self):
-        """The whole run is on disk, in the order it would have had undisturbed, with what was pressed."""
+        """Checks that all pressed answers are on disk, in the order of an undisturbed run."""
         rows = self.rows()
         assert [
             (r.phase, r.trial, r.trial_type, r.stimuli, r.seeds, r.endings, r.response, r.correct) for r in rows
@@ -157,7 +157,7 @@ def test_killed_in_an_interval_and_in_a_question_then_resumed(tmp_path):
         subject.take_part(terminal)
         assert terminal.end() == 0
         assert "You go on where you stopped." in terminal.text
-    # The question that the kill left open is put again, no other.
+    # Only the question that the kill left open is asked again.
     assert subject.asked == [1, 2, 3, 4, 5, 6, 6, 7, 8, 9, 10]
     subject.check()
 
@@ -182,7 +182,7 @@ def test_killed_while_its_files_are_made(tmp_path, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_killed_again_and_again(tmp_path, seed):
-    """Three times, each within 2 s of the first question; then it may come to its end."""
+    """Three kills, each within 2 s of the first text; then the run may end."""
     subject, draw = Subject(tmp_path, trials=12, interval=0.2), random.Random(seed)
     for kill in range(4):
         before, end = len(subject.rows()), math.inf if kill == 3 else draw.uniform(0.0, 2.0)
@@ -195,15 +195,15 @@ def test_killed_again_and_again(tmp_path, seed):
 
             subject.take_part(terminal, stop=stop)
             over = "Thank you" in terminal.text
-            time.sleep(0.0 if over else draw.uniform(0.0, 0.05))  # between what it reads and what it does
+            time.sleep(0.0 if over else draw.uniform(0.0, 0.05))  # between reading and acting
             terminal.kill()
         if over:
             break
         rows = subject.rows()
         assert before <= len(rows)
-        # Every question but the last has been followed by another screen: its answer is on the disk.
+        # Another screen followed every question but the last, so the answers are on disk.
         assert len(rows) >= len(set(subject.asked)) - 1
-        subject.asked = list(range(1, len(rows) + 1))  # what may not be asked again
+        subject.asked = list(range(1, len(rows) + 1))  # these may not be asked again
     assert subject.asked == list(range(1, len(subject.trials) + 1))  # none twice, none left out
     subject.check()
 
@@ -224,7 +224,7 @@ def test_interrupted_then_terminal_closed(tmp_path):
     subject.take_part(terminal, stop=lambda *now: now == ("interval", 3))
     os.close(terminal.terminal)
     os.close(terminal.controller)
-    assert terminal.process.wait(30.0) in (120, 130)  # 120: Python could not flush what it had to say
+    assert terminal.process.wait(30.0) in (120, 130)  # 120: Python could not flush its output
     assert [row.response for row in subject.rows()] == subject.decided[:2]
     told = subject.protocol.data.log(SUBJECT, TASK).read_text()
     for answered in (1, 2):
@@ -254,7 +254,7 @@ class Desk:
             time.sleep(0.02)
 
     def pressed_once_shown(self, text, *keys, after=0.0):
-        """A thread that presses keys so long after a text has come [s]."""
+        """Starts a thread that presses keys this long after a text appears [s]."""
 
         def wait():
             while text not in self.screen.getvalue():
@@ -267,7 +267,7 @@ class Desk:
 
 @pytest.fixture
 def left(monkeypatch):
-    """A seat whose terminal is as it was."""
+    """A desk whose terminal must be left as it was."""
     for name, value in (("TERM", "xterm"), ("COLUMNS", "80"), ("LINES", "24")):
         monkeypatch.setenv(name, value)
     found = Desk()
@@ -288,7 +288,7 @@ def test_answer_and_its_time(desk):
     design = SameDifferent(bone, pvc)
     desk.seat.progress("Trial 1 of 12")
     desk.press("1")  # before the question
-    # F5, Home, other letters, Enter: none is an answer
+    # F5, Home, other letters and Enter are no answers
     keys = ("\x1b[15~", "\x1b[1~", "x", "\r", "3", "2")
     desk.pressed_once_shown("2   different", *keys, after=0.3)
     begun = time.monotonic()
@@ -356,7 +356,7 @@ def test_a_key_whose_sequence_comes_in_parts_is_no_answer(desk, parts):
     line.start()
     assert desk.keyboard.pressed("12", 0.5) is None
     line.join()
-    desk.press("\x1b")  # Escape alone does not hold up the answer after it
+    desk.press("\x1b")  # Escape alone does not delay the next answer
     assert desk.keyboard.pressed("12", 0.3) is None
     desk.press("2")
     assert desk.keyboard.pressed("12", 0.3) == "2"

@@ -1,4 +1,4 @@
-"""Groups: distributions of hits, tests that take the subject as the unit, published means, pairs of trials, selection."""
+"""Groups: distributions of hits, tests over subjects, published means, pair checks, selection."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ EVERY = HITS.reshape(-1, 1), (HITS + ALARMS).reshape(-1, 1)  # hits and answers 
 
 
 def chances(hit, alarm):
-    """Of every outcome of 6 and 6 trials."""
+    """Probabilities of all outcomes of 6 and 6 trials."""
     return (binom.pmf(HITS, 6, hit) * binom.pmf(ALARMS, 6, alarm)).ravel()
 
 
@@ -88,7 +88,7 @@ class TestTails:
             assert p == pytest.approx(1.0 if h + f in (0, 12) else expected, abs=1e-10)
 
     def test_sum_by_enumeration(self):
-        """Three subjects of unlike trials: every outcome of the hits, given the numbers of answers."""
+        """Three subjects with different trials: all outcomes of hits, given the numbers of answers."""
         sizes, answers, seen = [(3, 3), (2, 4), (3, 3)], [2, 3, 4], [1, 2, 2]
         subjects = [conditional_hits("same-different", "differencing", 1.5, *size) for size in sizes]
         chances = [s.probability[k] for s, k in zip(subjects, answers, strict=True)]
@@ -138,7 +138,7 @@ class TestGroupDPrime:
 
     @pytest.mark.parametrize(("task", "rule"), DECISIONS)
     def test_the_rates_of_a_d_prime_give_it_back(self, task, rule):
-        """Very many trials at the model's own rates, criteria unlike."""
+        """Very many trials at the model's own rates, with different criteria."""
         decision, counts = rule_of(task, rule), []
         for rate in (0.1, 0.25, 0.5):
             hit, alarm = decision.rates(1.7, decision.criterion_of(1.7, rate))
@@ -157,7 +157,7 @@ class TestGroupDPrime:
         ("cells", "estimate", "low", "high", "said"),
         [
             ([(0, 0), (6, 6)], math.nan, (0.0, 0.0), math.inf, "no subject gave both answers"),
-            # equal scores without scatter are no proof of an infinite d'
+            # equal scores do not prove an infinite d'
             ([(6, 0)] * 12, math.inf, (3.0, 6.0), math.inf, "to open"),
             ([(1, 5), (0, 5), (1, 4), (2, 5)], 0.0, (0.0, 0.0), 0.0, "interval 0.00 to 0.00"),
         ],
@@ -174,7 +174,7 @@ class TestGroupDPrime:
 
 
 class TestErrorRates:
-    """A true d' is rejected on either side in at most 5 % of experiments; false alarm of each check 1e-6."""
+    """A true d' is rejected on either side in at most 5 % of experiments; false-alarm rate 1e-6 per check."""
 
     @pytest.mark.parametrize("kind", SAME_D_PRIME)
     @pytest.mark.parametrize(("rule", "d_prime"), [(RULES[1], 0.0), (RULES[1], 1.5), (RULES[0], 1.0)])
@@ -215,7 +215,7 @@ class TestErrorRates:
 
     @pytest.mark.slow
     def test_few_who_cannot_tell_are_missed(self):
-        """The mirror image of the next: two intervals, d' 1.5 +- 0.75, where most are near a perfect score; up to 8.5 %."""
+        """Mirror image of the next test: two intervals, d' 1.5 +- 0.75, most near perfect; up to 8.5 %."""
         high, low = rejections_of_several(
             "2ifc", RULES[0], SEVERAL_D_PRIMES["spread"], subjects=12, trials=48, experiments=10_000
         )
@@ -224,7 +224,7 @@ class TestErrorRates:
     @pytest.mark.slow
     @pytest.mark.parametrize("kind", FEW_CAN_TELL)
     def test_few_who_can_tell_are_missed(self, kind):
-        """The limit that the docs state: up to 9.5 % at 48 trials, and nominal at 12."""
+        """The limit that the docs state: up to 9.5 % at 48 trials, nominal at 12."""
         rates = {
             trials: rejections_of_several(
                 "same-different",
@@ -242,7 +242,7 @@ class TestErrorRates:
 
     @pytest.mark.slow
     def test_biases_of_independent_observations_are_approximated(self):
-        """The limit that the docs state, of observers with a bias of 1 in their log likelihood ratio: too high a lower end, a safe upper one."""
+        """With a log likelihood ratio biased by 1 the lower end is too high (docs); the upper holds."""
         rng, rates = np.random.default_rng(9), reference.same_different_likelihood(1.5, 1.0)
         hits = rng.binomial(24, rates[0], (10_000, 20))
         answers = hits + rng.binomial(24, rates[1], hits.shape)
@@ -343,11 +343,11 @@ class TestGroupScore:
     @pytest.mark.slow
     @pytest.mark.parametrize("kind", SAME_D_PRIME)
     def test_error_rate_at_chance(self, kind):
-        """Guessing with any criterion: 10 000 experiments, both tests; false alarm 1e-6."""
+        """Guessing with any criterion: 10 000 experiments, both tests; false-alarm rate 1e-6."""
         rng, rejected = np.random.default_rng(8), np.zeros(2)
         rates = SAME_D_PRIME[kind](rng, (10_000, 12))
         hits, alarms = rng.binomial(6, rates), rng.binomial(6, rates)
-        for above in hits - alarms:  # score less half of the trials
+        for above in hits - alarms:  # score minus half of the trials
             t = t_test(above).p_value
             rejected += [t is not None and t <= 0.05, sign_flip_test(above).p_value <= 0.05]
         assert rejected[1] <= most_errors(0.05, 10_000)
@@ -375,7 +375,7 @@ class TestPublishedScore:
 
     @pytest.mark.parametrize(("mean", "sem", "trials"), [(9.3, 0.4, 12), (9.6, 0.5, 12), (5.02, 0.4, 10)])
     def test_spread_over_all_that_is_printed_so(self, mean, sem, trials):
-        """The mean is rounded as well, and chance's variance with it."""
+        """The mean is rounded too, and with it the variance by chance."""
         m, s = np.meshgrid(np.linspace(mean - 0.05, mean + 0.05, 101), (sem - 0.05, sem + 0.05))
         ends = stats.chi2.sf(19 * 20 * s**2 / (m * (1 - m / trials)), 19)
         found = group_score_from(mean=mean, sem=sem, n=20, trials=trials).spread_p_range
@@ -431,7 +431,7 @@ class TestPairs:
                 "so few trials cannot show a difference (p is at least 0.1)",
             ),
             (same_different(0, 0, 3, 3, n=3), 1.0, "p = 1; alike in every subject as far as can be"),
-            # a run that was not finished
+            # an unfinished run
             (Counts("same-different", 0, 0, 1, 2, by_type={"AA": (1, 2)}), 1.0, "as far as can be"),
         ],
     )
@@ -442,7 +442,7 @@ class TestPairs:
         assert counts.trials > 2 or order.p_value == 1.0
 
     def test_several_subjects_are_given_each_total(self):
-        """By all tables of two subjects that have the same totals."""
+        """By all tables of two subjects with the same totals."""
         subjects = [same_different(0, 2, 3, 3, n=3), same_different(1, 3, 3, 3, n=3)]
 
         def weight(n: int, total: int) -> float:
@@ -455,10 +455,10 @@ class TestPairs:
         expected = sums[sums <= sums[1] * (1 + 1e-9)].sum()
         assert pair_checks(subjects)[0].p_value == pytest.approx(expected)
         unlike = [same_different(11, 11, 11, 11), same_different(1, 1, 11, 11)]
-        assert pair_checks(unlike)[0].p_value == pytest.approx(1.0)  # no difference of types
+        assert pair_checks(unlike)[0].p_value == pytest.approx(1.0)  # types do not differ
 
     def test_error_rate_is_at_most_nominal(self):
-        """Two subjects of 3 trials a type who answer at their own rates, by enumeration."""
+        """By enumeration: two subjects with 3 trials per type and different rates."""
         outcomes = list(product(range(4), repeat=4))
         ones = {(a, b): same_different(a, b, 3, 3, n=3) for a, b in product(range(4), repeat=2)}
         found = [pair_checks([ones[a, b], ones[c, d]])[0].p_value for a, b, c, d in outcomes]
@@ -493,9 +493,9 @@ def test_p_value_is_the_tail() -> None:
     assert [effect.p_value(mean) for mean in (2.5, 2.3, 0.0, 3.1)] == pytest.approx(
         [tail, tail, 1.0, 0.0], abs=1e-12
     )
-    # a mean that was divided and rounded
+    # a mean rounded by division
     assert SelectionEffect(3, 3, 4).p_value(7 / 3) == pytest.approx(enumerated(3, 3, 4, 0.5)[7:].sum())
-    # nobody reaches a score that hardly ever occurs
+    # a score that hardly ever occurs
     assert SelectionEffect(2, 3, 400, 1e-9).p_value(0.5) == pytest.approx(1.2e-6, rel=1e-3)
 
 
@@ -504,7 +504,7 @@ def test_best_twelve_of_twenty_by_simulation() -> None:
     scores = np.random.default_rng(6).binomial(12, 0.5, (n, 20))
     means = np.sort(scores, axis=1)[:, -12:].mean(axis=1)
     effect = SelectionEffect(12, 20, 12)
-    # Two normal tests, false-alarm rate 1e-6 together.
+    # two normal tests with a joint false-alarm rate of 1e-6
     limit = stats.norm.isf(0.25e-6)
     assert abs(means.mean() - effect.expected) < limit * means.std() / np.sqrt(n)
     p = effect.p_value(7.5)

@@ -1,4 +1,4 @@
-"""One interval: what is rendered, and when it ends."""
+"""One interval: its rendering and its end."""
 
 from __future__ import annotations
 

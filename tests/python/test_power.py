@@ -1,4 +1,4 @@
-"""What a design can show, and equivalence: against enumeration, simulation and the definitions."""
+"""Power of a design and equivalence, against enumeration, simulation and the definitions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GUESSING = [same(2, 2), same(1, 2), same(3, 2)] * 4
 
 @pytest.fixture(scope="module")
 def sized():
-    """By Delta."""
+    """Powers of designs by Delta."""
     return {d: design_power("same-different", **TWELVE, d_primes=[1, 2], delta=d) for d in (1.0, 1.5)}
 
 
@@ -61,7 +61,7 @@ class TestOneSubject:
 
 class TestGroup:
     def test_power_by_scipys_t(self):
-        """1000 groups of 12, answers drawn by another path; false alarm 1e-6 of twice the standard error of both."""
+        """1000 groups of 12, drawn in another way, agree within their errors; false-alarm rate 1e-6."""
         guess, row = design_power(
             "same-different", **TWELVE, rules=["differencing"], d_primes=[0.0, 1.5], lapse=0.0
         ).rows
@@ -78,7 +78,7 @@ class TestGroup:
         assert [observer.group(n, 0.05) for n in (5, 4)] == [1.0, 0.0]  # 2^-5
 
     def test_twelve_by_twelve(self, sized):
-        """Decides Delta = 1.5 and not 1: both rules, unbiased, 2 % lapses; the same every time."""
+        """12 x 12 decide Delta = 1.5, not 1: both rules, unbiased, 2 % lapses; repeatable."""
         for delta, found in sized.items():
             for row in found.equivalence:
                 assert (row.power >= 0.8) == (delta == 1.5)
@@ -127,7 +127,7 @@ class TestSize:
         assert n <= 12
 
     def test_trials_of_one_subject(self):
-        """The power of all larger numbers is enough too."""
+        """All larger numbers have enough power too."""
         n = trials_needed("same-different", rule="independent-observations", d_prime=2.0)
         decision = rule_of("same-different", "independent-observations")
 
@@ -172,7 +172,7 @@ class TestDecision:
         "group", [GUESSING, [same(3, 2)] * 3, [same(4, 1), same(3, 3), same(5, 2)], [same(8, 8, 24)]]
     )
     def test_bound_and_p_value_agree(self, group):
-        """The bound of 95 %, one-sided, is an end of the two-sided interval of 90 %."""
+        """The one-sided 95 % bound is an end of the two-sided 90 % interval."""
         bound = group_d_prime(group, rule="differencing", level=0.9).interval[1]
         found = [equivalence(group, rule="differencing", delta=min(bound, 9.0) + x) for x in (-0.01, 0.01)]
         assert [one.upper for one in found] == pytest.approx([bound, bound], abs=1e-5)
@@ -198,7 +198,7 @@ class TestDecision:
         assert "were answers swapped?" in result.sentence
 
     def test_bias_widens_the_bound(self):
-        """The same score, 6 of 12, tells less when nearly all answers are alike."""
+        """The same score, 6 of 12, shows less if nearly all answers are the same."""
         bounds = [Group([same(h, h)] * 8, "independent-observations").upper(0.05) for h in (3, 1)]
         assert bounds[0] < bounds[1]
 
@@ -212,7 +212,7 @@ class TestDecision:
         assert "2 subjects x 12 to 48 trials" in unlike.design_sentence
 
     def test_power_is_the_share_that_decides(self):
-        """Groups that guess and give these numbers of answers, each tested anew."""
+        """Guessing groups with these numbers of answers, each tested."""
         group, rng = [same(2, 2), same(3, 3), same(1, 2), same(2, 4)] * 3, np.random.default_rng(4)
         stated, decided = equivalence(group, rule="differencing", delta=1.5).power, 0
         for _ in range(150):
@@ -230,7 +230,7 @@ class TestDecision:
 @pytest.mark.slow
 @pytest.mark.parametrize(("rule", "kind", "delta"), list(itertools.product(RULES, SAME_D_PRIME, [1.0, 1.5])))
 def test_error_rate(rule, kind, delta):
-    """d' is Delta: called equivalent in at most 5 % of experiments; false alarm of each check 1e-6."""
+    """At d' = Delta at most 5 % of experiments are called equivalent; false-alarm rate 1e-6 per check."""
     errors, _ = rejections(
         "same-different", rule, delta, SAME_D_PRIME[kind], **TWELVE, experiments=10_000, seed=7
     )
@@ -262,7 +262,7 @@ class TestSigned:
             assert ("Not shown" in result.sentence) != result.equivalent
 
     def test_power_by_simulation(self):
-        """10 000 experiments; false alarm 1e-6."""
+        """10 000 experiments; false-alarm rate 1e-6."""
         rng = np.random.default_rng(9)
         x = rng.standard_normal((10_000, 8))
         mean, error = np.mean(x, axis=1), np.std(x, axis=1, ddof=1) / math.sqrt(8)

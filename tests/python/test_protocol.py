@@ -1,4 +1,4 @@
-"""Protocols: what their TOML says, and every mistake in it by table and key."""
+"""Protocols from TOML, and errors that name table and key."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_template_s_examples_are_of_every_design(tmp_path):
 
 
 def test_what_the_template_says_is_what_its_keys_default_to(tmp_path):
-    """So that a key that is taken out of it changes nothing."""
+    """Removing a key from the template changes nothing."""
     one = protocol(tmp_path, template())
     kept = ("[", "name", "seed", "subjects", "radius", "size", "voxel", "design", "a =", "b =", "mode")
     bare = "\n".join(line for line in template().splitlines() if line.startswith(kept))
@@ -82,7 +82,7 @@ def test_the_folder_and_a_script_lie_beside_the_protocol(tmp_path):
     one = protocol(tmp_path, text)
     assert one.folder == tmp_path / "there"
     assert one.device == f"scripted:{tmp_path / 'way.csv'}"
-    # Neither is the digest's business: the same protocol on another machine is the same.
+    # Neither path changes the digest: the protocol is the same on another machine.
     other = tmp_path / "other"
     other.mkdir()
     assert protocol(other, text).digest == one.digest
@@ -252,7 +252,7 @@ def test_not_text(tmp_path):
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_designs_survive_the_file(tmp_path, data):
-    """Any design that the classes take comes back from a table of its values."""
+    """Any valid design comes back from a table of its values."""
     bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
     blocks = data.draw(st.integers(1, 3))
     design = SameDifferent(

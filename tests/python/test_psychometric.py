@@ -1,4 +1,4 @@
-"""The psychometric function: what psignifit is given, what is made of it, and that it finds a known observer."""
+"""The psychometric function: input and results of psignifit, and the fit of a known observer."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def fitted():
 
 
 def test_many_trials_return_the_observer():
-    """Expected numbers of a Weibull observer, 4000 trials a level: threshold, slope and lapse rate come back."""
+    """Expected numbers of a Weibull observer, 4000 trials per level, give its parameters back."""
     levels = (*LEVELS, 2.0, 3.0)
     shares = [0.98 - 0.48 * 2.0 ** -((math.log(level) / THRESHOLD) ** 1.4) for level in levels]
     found = made(levels, [round(4000 * share) for share in shares], [4000] * 7)
@@ -51,7 +51,7 @@ def test_many_trials_return_the_observer():
 
 
 def test_it_finds_a_gaussian_observer():
-    """Expected numbers, 60 trials a level: ln threshold is off by 8 % at most (runs: psychophysics_tables.py)."""
+    """Expected numbers, 60 trials per level: ln threshold is within 8 % (runs: psychophysics_tables.py)."""
     correct = [round(60 * gaussian_correct(math.log(level), THRESHOLD)) for level in LEVELS]
     found = made(correct=correct, trials=[60] * 5)
     assert math.log(found.threshold) == pytest.approx(THRESHOLD, rel=0.08)
@@ -138,7 +138,7 @@ def test_the_plot_shows_data_curve_and_threshold(fitted):
     assert [text.get_text() for text in axes.get_xticklabels()] == ["1.03", "1.06", "1.12", "1.25", "1.5"]
     said = [f"threshold {fitted.threshold:.3g}, 95 % interval", "chance"]
     assert [text.get_text() for text in axes.texts] == said
-    # The whole interval and the curve over it lie in the frame.
+    # The whole interval lies in the frame, and the curve spans it.
     curve, span = axes.lines[0].get_xdata(), axes.lines[1].get_xdata()
     assert axes.get_xlim()[0] < span[0] < span[1] < axes.get_xlim()[1] <= curve[-1]
     assert fitted.plot(axes) is axes

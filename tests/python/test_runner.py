@@ -1,4 +1,4 @@
-"""The loop over trials and a subject's tasks in a row: what is shown, kept and told, and what happens when a device is lost."""
+"""The run of trials and tasks: texts, kept answers, messages to the experimenter, and lost devices."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ interval_s = 0.1
 
 
 def paper(answers=(), patience=3):
-    """A seat that remembers what it is told; answers are given beforehand, "right" is the correct one."""
+    """A seat that records its calls and gives these answers; "right" stands for the correct one."""
     left = iter(answers)
 
     def ask(design, trial, rendered):
@@ -64,7 +64,7 @@ def paper(answers=(), patience=3):
 
 
 def seen(seat):
-    """All texts that were shown, in order."""
+    """All shown texts, in order."""
     return [call.args[0] for call in seat.method_calls]
 
 
@@ -73,7 +73,7 @@ def hand(mode):
 
 
 class Scene:
-    """Runs of the protocol of `TEXT` with other designs: what was kept, and what the experimenter was told."""
+    """Runs of the protocol with other designs, with the kept answers and the experimenter's log."""
 
     def __init__(self, folder, one: Protocol):
         self.folder, self.protocol, self.kept = folder, one, []
@@ -214,7 +214,7 @@ def test_a_trial_in_which_the_loop_stalls_is_repeated_once(scene, stalls):
     seeds = []
 
     def stalling(interval, device, **options):
-        """In the second interval of the second trial, then maybe in its first."""
+        """Stalls in the second interval of the second trial, then perhaps in the repeat's first."""
         seeds.append(interval.seed)
         failed, reason = 3 < len(seeds) <= 3 + stalls, "the loop stalled: 120 ms without a tick"
         return replace(render(interval, device, **options), failed=failed, reason=reason)
@@ -288,7 +288,7 @@ def test_a_device_of_ones_own_renders_every_interval_and_is_named(scene):
         return burrlab.ScriptedDevice([0, 1], [[0, 0, 2.5]] * 2)
 
     assert Sitting(made, "01", device=rig).run(lambda task: paper(["same"] * 4)) == 4
-    assert modes == ["probing"] * 16  # of each interval one until the burr is lifted, and one that feels
+    assert modes == ["probing"] * 16  # two per interval: one until the burr is lifted, one for the interval
     path = made.data.answers("01", "one")
     assert read_answers(path).counts().trials == 4
     assert json.loads(path.with_suffix(".json").read_text())["Device"] == "driver"
@@ -300,7 +300,7 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
     made, calls = scene.protocol, itertools.count()
 
     def loaded(*given, **options):
-        """Late in the trial run, and stalled in the second interval."""
+        """Late ticks in the trial run, and a stall in the second interval."""
         found, call = render(*given, **options), next(calls)
         ticks = found.ticks.copy()
         ticks["periods"] = 1 + (call == 0)

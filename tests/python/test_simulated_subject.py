@@ -1,6 +1,7 @@
-"""Simulated hands, cues and subjects decide by the rules that an analysis assumes; rehearsals are a function of their seed.
+"""Simulated hands, cues and subjects, who decide by the analysis's rules; rehearsals depend on the seed only.
 
-Proportions are compared with exact ones by a two-sided binomial test of probability 1e-6 that it fails by chance.
+Proportions are compared with exact ones by a two-sided binomial test that fails by chance with a probability
+of 1e-6.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ KINDS = {
 
 
 def answers(subject, task, n=MANY, *, a=A, b=B, seed=SEED):
-    """[(type, correct, response)] of n trials."""
+    """[(type, correct answer, response)] of n trials."""
     rng = np.random.default_rng(seed)
     given = []
     for i in range(n):
@@ -117,7 +118,7 @@ def test_several_cues_are_combined_by_the_best_linear_weights():
     subject = SimulatedSubject({"stiffness": 0.8, "force": 0.5}, both, lapse=0.0).taught(A, B)
     assert subject.d_prime == pytest.approx(math.hypot(1 / 0.8, 1 / 0.5))
     scores_as(subject, "same-different", subject.d_prime)
-    # In two intervals more of each cue is more.
+    # In two intervals more of any cue counts as more.
     a, b, subject = Cues(1.0, 1.0), Cues(0.0, 0.0), SimulatedSubject(0.7, both, lapse=0.0)
     for one in (subject, subject.taught(b, a)):
         scores_as(one, "2ifc", math.hypot(1 / 0.7, 1 / 0.7), a=a, b=b)
@@ -185,7 +186,7 @@ REAL = ABX(Stimulus("real Pettigrew"), STIMULI["pvc"], match=STIMULI["pettigrew"
     ids=["same-different", "a real reference"],
 )
 def test_rehearsal_scores_as_the_rule_says(task, subject, subjects, d_prime):
-    """Practice does not count."""
+    """Practice is not counted."""
     found = rehearse(task, subject, subjects=subjects, seed=SEED, bone=SMALL)
     assert {counts.trials for counts in found} == {task.trials}
     taught = teach(subject, task, bone=SMALL).d_prime
@@ -237,7 +238,7 @@ def test_table_of_task_one():
         assert 8.5 < at("probing stiffness", "bone-pettigrew", decision, 0.10).score < 9.5
         assert table.noise_of_published["probing stiffness", decision] == pytest.approx(noise, abs=0.01)
     assert at("probing stiffness", "bone-pettigrew", "differencing", 0.45).low < 6.0  # chance
-    # Depth after 20 s: bone and PVC are told apart at any published noise, bone and Pettigrew are not at 45 %.
+    # Depth after 20 s tells bone from PVC at any published noise, but not bone from Pettigrew at 45 %.
     assert at("sinking speed", "bone-pvc", "differencing", 0.45).score > 11.3
     assert at("sinking speed", "bone-pettigrew", "differencing", 0.45).score < 7.5
     assert table.noise_of_published["sinking speed", "differencing"] > 0.8
@@ -298,7 +299,7 @@ def felt(name, hand, mode, *, bone=COARSE):
 
 
 def made(force, depth, *, mode="probing"):
-    """An interval with this force [N] and immersion [mm] at each tick; the penetration is half the immersion."""
+    """An interval with this force [N] and immersion [mm] at each tick; penetration is half the immersion."""
     ticks = np.zeros(len(force), TICK)
     ticks["time"], ticks["periods"] = 0.001 * np.arange(len(force)), 1
     ticks["center"][:, 2], ticks["force"][:, 2] = BURR.radius - np.asarray(depth), force
@@ -343,7 +344,7 @@ def test_closed_forms_of_the_paper():
 
 
 def test_depth_after_a_time_tells_less_than_speed_at_a_depth():
-    # The thin-layer law's speed goes as 1/H^2 at small H, so that H goes as the cube root of the speed's factor.
+    # By the thin-layer law speed goes as 1/H^2 at small H, so H goes as the cube root of the speed's factor.
     bone, pvc = (
         rendered_cues(burrlab.materials[n], "drilling", burr=BURR, bone=COARSE) for n in ("bone", "pvc")
     )
@@ -372,7 +373,7 @@ def test_the_erosion_scatters_little():
 def test_each_press_counts_once_and_the_mean_comes_before_the_logarithm():
     parts = [press(1.0, 0.5), press(2.0, 0.5), press(0.3, 0.5)]
     found = interval_cues(made(*(np.concatenate(column) for column in zip(*parts, strict=True))))
-    assert found.presses == 2  # the third does not come to half of the largest
+    assert found.presses == 2  # the third does not reach half of the largest
     assert found.stiffness == pytest.approx(math.log((1.0 / 0.25 + 2.0 / 0.25) / 2), abs=1e-9)
     # Linear between ticks: the sine's force at 0.2 of 0.5 mm is 0.4 of the peak.
     assert found.force == pytest.approx(math.log((0.4 + 0.8) / 2), abs=1e-4)
@@ -421,12 +422,12 @@ def test_twenty_seconds_of_drilling_stay_within_the_default_block(name):
     found = felt(name, drilling_hand(BURR), "drilling")
     force, x = found.ticks["force"][:, 2], found.ticks["center"][:, 0]
     assert found.ended == "time"
-    # A burr that sinks at v is pushed with grip v follow and damping v less.
+    # The push on a burr that sinks at v is less by grip v follow and damping v.
     speed = np.ptp(found.immersion[[5000, -1]]) / (0.001 * (len(force) - 5001))
     assert force[5000:].mean() == pytest.approx(0.3 - (0.4 * 0.2 + 0.005) * speed, rel=0.02)
     crossings = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0) & (np.arange(len(x) - 1) > 2000))
     assert 1000 / np.diff(crossings).mean() == pytest.approx(1.4, rel=0.01)
-    assert 3.5 < np.ptp(x[2000:]) < 5.0  # the hole's walls take a part of the stroke of 5 mm
+    assert 3.5 < np.ptp(x[2000:]) < 5.0  # the hole's walls take part of the stroke of 5 mm
     assert found.ticks["on"].all()
 
 
@@ -449,7 +450,7 @@ def test_closed_form_of_stiffness():
     p = norm.cdf(d_prime / 2) ** 2 + norm.cdf(-d_prime / 2) ** 2
     assert found.score == pytest.approx(12 * p)
     assert found.rule == "independent-observations"
-    # 10 of 12 are needed at 5 %, and half the trials of each kind have the same proportion without bias.
+    # 10 of 12 are needed at 5 %; without bias both kinds of trial have the same proportion correct.
     assert found.power.rows[0].subject == pytest.approx(binom.sf(9, 12, p))
     assert found.trials_needed > 12
 
@@ -475,7 +476,7 @@ def test_alike_materials_are_never_told_apart():
     held = burrlab.Material("held", c_e=BONE.c_e, alpha=2 * BONE.alpha)
     with pytest.raises(ValueError, match="the two known materials must differ in a cue"):
         predicted_d_prime(BONE, held, "probing", SimulatedSubject(0.3), closed_form=True)
-    # A cue that does not differ says nothing, and the other one what it says alone.
+    # A difference in alpha alone is felt as sinking only.
     found = predicted_d_prime(BONE, held, "drilling", SimulatedSubject(0.3, ("sinking",)), closed_form=True)
     assert found.d_prime == pytest.approx(math.log(2) / 0.3)
 

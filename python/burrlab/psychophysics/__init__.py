@@ -1,4 +1,4 @@
-"""Can it be felt? Experiments on what people tell apart: designed, run, simulated, analysed."""
+"""Psychophysical experiments: design, run, simulate and analyse what people tell apart."""
 
 from burrlab.common.face import face
 

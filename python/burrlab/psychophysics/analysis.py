@@ -1,4 +1,4 @@
-"""From answers to what they say: the results of an experiment, in words and tables, and as rows for other programs."""
+"""Analysis of an experiment's answers, with reports, JSON and tables for other programs."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def head(analysis: Analysis) -> str:
 
 
 def heading(task: Task) -> str:
-    """Name, kind, what is compared, trials, chance."""
+    """The heading of a task: name, kind, comparison, trials, chance."""
     kind = task.design.get("design", task.task)
     parts = [f"{task.name}: {kind}" if task.name != kind else str(kind)]
     parts += [about] if (about := design_text(task.design)) else []
@@ -75,7 +75,7 @@ def heading(task: Task) -> str:
 
 
 def warnings(task: Task) -> list[str]:
-    """What a reader must know before the numbers."""
+    """Warnings that stand above the numbers."""
     found = ["SIMULATED SUBJECTS: nobody felt anything"] if task.simulated else []
     if task.selected:
         found += _selection(task)
@@ -91,7 +91,7 @@ def warnings(task: Task) -> list[str]:
 
 
 def _selection(task: Task) -> list[str]:
-    """What selection of the subjects does to the results below."""
+    """Lines on what the selection of subjects does to the results."""
     n, by = len(task.subjects), f" ({task.selected_by})" if task.selected_by else ""
     here = "" if n == task.chosen else f", of whom {n} are here"
     whom = (
@@ -100,7 +100,7 @@ def _selection(task: Task) -> list[str]:
     lines = [f"SELECTED{by}: {whom}. Others may differ, and p values and intervals below do not allow for it"]
     if isinstance(task, ScoredTask) and task.score is not None and (effect := task.selection) is not None:
         mean = task.score.mean
-        # The probability is that of a mean of all who were selected.
+        # The probability is for the mean of all selected subjects.
         as_good = "" if here else f", and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
         lines.append(
             f"if selected by this very score: the best {task.chosen} of {task.of} guessing have {effect.expected:.2f} of "
@@ -110,7 +110,7 @@ def _selection(task: Task) -> list[str]:
 
 
 def columns(task: Task) -> list[Column]:
-    """The table of the subjects."""
+    """Columns of the table of subjects."""
     found: list[Column] = [("", "subject", [one.subject for one in task.subjects])]
     if isinstance(task, ThresholdTask):
         ones = task.subjects
@@ -140,7 +140,7 @@ def _score_cells(task: ScoredTask) -> list[tuple[str, str, Callable[[SubjectResu
     ]
 
 
-#: Columns of d' by one rule; that without a name is the interval.
+#: Columns of d' by one rule. The column without a name is the interval.
 _D_PRIME_CELLS: Mapping[str, Callable[[DPrime], str]] = {
     "d'": lambda d: two_decimals(d.estimate),
     "": lambda d: "unknown" if d.undetermined else interval_text(d.interval),
@@ -151,7 +151,7 @@ _D_PRIME_CELLS: Mapping[str, Callable[[DPrime], str]] = {
 
 
 def legend(task: Task) -> list[str]:
-    """What the columns are."""
+    """Explanations of the columns."""
     if isinstance(task, ThresholdTask):
         return ["threshold: ratio of the comparison's parameter to the reference's"]
     method = task.subjects[0].d_prime[0].method
@@ -166,7 +166,7 @@ def legend(task: Task) -> list[str]:
 
 
 def group_lines(task: Task) -> list[str]:
-    """What is found of the group, the subject as the unit."""
+    """Results of the group, with the subject as the unit."""
     if isinstance(task, ThresholdTask):
         return _threshold_lines(task)
     lines = ["One subject: nothing is said of a group."] if task.score is None else [str(task.score)]
@@ -230,10 +230,10 @@ class Analysis:
     Attributes
     ----------
     name : str
-        Of the experiment.
+        Name of the experiment.
     tasks : tuple of ScoredTask and ThresholdTask
     notes : tuple of str
-        What is said above the tasks.
+        Lines of the report above the tasks.
     provenance : mapping
         Versions and settings.
     """
@@ -249,7 +249,7 @@ class Analysis:
         Raises
         ------
         KeyError
-            If there is none.
+            If no task has this name.
         """
         tasks = {task.name: task for task in self.tasks}
         if name not in tasks:
@@ -258,17 +258,17 @@ class Analysis:
 
     @property
     def simulated(self) -> bool:
-        """Whether any subject was."""
+        """Whether any subject is simulated."""
         return any(task.simulated for task in self.tasks)
 
     def report(self, *, width: int | None = None) -> str:
-        """All of it as text.
+        """The whole analysis as text.
 
         Parameters
         ----------
         width : int, optional
-            Of the screen, in characters: wider tables are parted between their groups of columns, sentences
-            between words. By default lines are as long as they are.
+            Screen width in characters. Wider tables are split between groups of columns, and sentences
+            between words. By default nothing is split.
         """
         lines = wrapped_lines([head(self), *self.notes], width)
         for task in self.tasks:
@@ -281,17 +281,17 @@ class Analysis:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON and `from_dict`; infinite numbers, as the end of an open interval, are spelt "inf"."""
+        """A dict for JSON and `from_dict`. Infinite numbers, such as open ends, are spelt "inf"."""
         return {_KIND: FORMAT, **plain(self)}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """What `to_dict` gave.
+        """The analysis that `to_dict` described.
 
         Raises
         ------
         ValueError
-            If it is something else.
+            If `values` is something else.
         """
         refuse(values.get(_KIND) != FORMAT, f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
         made = restored(cls, values)
@@ -302,19 +302,19 @@ class Analysis:
         return made
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
-        """Write to a file that `from_json` reads back without loss."""
+        """Writes a file that `from_json` reads back without loss."""
         _write(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def from_json(cls, file: str | os.PathLike[str] | IO[str]) -> Self:
-        """Read what `to_json` wrote.
+        """Reads a file that `to_json` wrote.
 
         Raises
         ------
         ValueError
             If the file is something else.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
         path = Path(file) if isinstance(file, (str, os.PathLike)) else None
         name = str(getattr(file, "name", "JSON")) if path is None else os.fspath(path)
@@ -331,19 +331,19 @@ class Analysis:
             raise ValueError(f"{name}: this is no analysis that was written here: {told}") from None
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
-        """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""
+        """Writes tab-separated rows, one per subject and task: n/a for no value, inf for an open end."""
         rows = [
             {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
             for task in self.tasks
             for one in task.subjects
         ]
-        rows.sort(key=lambda row: "threshold" in row)  # columns of scores first; the order within is kept
+        rows.sort(key=lambda row: "threshold" in row)  # rows of scores first, else in their order
         names = list(dict.fromkeys(column for row in rows for column in row))
         lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
         _write(file, "".join("\t".join(line) + "\n" for line in lines))
 
     def __eq__(self, other: object) -> bool:
-        # A criterion may be NaN, which as a number differs from itself.
+        # A criterion may be NaN, which differs from itself.
         return isinstance(other, Analysis) and self.to_dict() == other.to_dict()
 
     __hash__ = None  # type: ignore[assignment]
@@ -387,33 +387,33 @@ def analyse(
     simulated: bool = False,
     progress: Progress | None = None,
 ) -> Analysis:
-    """Analyse an experiment, task by task, subject by subject and with the subject as the unit.
+    """Analyse an experiment: each task, its subjects, and the group with the subject as the unit.
 
     Parameters
     ----------
     data : Protocol, path, answers, or mapping
-        A protocol or its TOML file; a folder of answers; what `read_answers` gave; or counts of one's own,
+        A protocol or its TOML file; a folder of answers; results of `read_answers`; or your own counts,
         subject -> Counts or task -> subject -> Counts.
     rules : sequence of str, optional
-        Decision rules that d' is given under; by default those of the protocol, or both.
+        Decision rules for d'; by default those of the protocol, or both.
     delta : float, optional
-        d' below which two stimuli count as not told apart, set before the answers were seen: asks for an
-        equivalence test. By default the protocol's.
+        d' below which two stimuli count as not told apart, for an equivalence test. It must be set before the
+        answers are seen. By default the protocol's.
     level : float, optional
-        Of all intervals; by default the protocol's, or 0.95.
+        Level of all intervals; by default the protocol's, or 0.95.
     subjects : sequence of str, optional
-        Only these. That is a selection, and the result says so.
+        Analyse only these subjects. The result says that they were selected.
     selected_from : int, optional
-        Number of subjects that those analysed were selected from.
+        Number of subjects from whom the analysed ones were selected.
     selected_by : str
-        What they were selected by, such as "score of task 1".
+        Criterion of the selection, such as "score of task 1".
     incomplete : bool
-        Whether runs that did not come to their end are taken in; else they are listed.
+        Whether incomplete runs are included; otherwise they are only listed.
     simulated : bool
-        Of counts of one's own: whether the subjects were simulated. Files say it themselves.
+        Whether the subjects of your own counts are simulated. Files state this themselves.
     progress : callable, optional
-        Called with the names of task and subject, as the analysis comes to each: a subject takes up to a
-        second, or two with a psychometric function.
+        Called with the names of task and subject before each analysis, which takes up to a second, or two
+        with a psychometric function.
 
     Returns
     -------
@@ -422,11 +422,10 @@ def analyse(
     Raises
     ------
     ValueError
-        If a file is not right (see `Protocol.read` and `read_answers`), there is no subject, a subject or
-        rule is unknown, the level not in [0.5, 1), delta not above 0, or there are more subjects than they
-        were selected from.
+        If a file is invalid (see `Protocol.read` and `read_answers`), there is no subject, a subject or rule
+        is unknown, the level is not in [0.5, 1), delta is not above 0, or `selected_from` is too small.
     TypeError
-        If the data are none of these, a subject has neither Counts nor Answers, or subjects are one text.
+        If `data` has another type, a subject has neither Counts nor Answers, or `subjects` is one string.
     OSError
         If a file cannot be read.
 
@@ -488,7 +487,7 @@ def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
 
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
-    """Notes on tasks that subjects have not begun, and on answers of others."""
+    """Notes on tasks that subjects have not begun, and on answers that the protocol does not name."""
     there = {task.name: [one.subject for one in task.subjects] for task in tasks}
     notes = []
     for name in protocol.tasks:
@@ -503,7 +502,7 @@ def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
 
 
 def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> str:
-    """A note on whether delta was set before the runs began: each run's side-car has the protocol of that day."""
+    """A note on whether delta was set before the runs began, by the protocol in each run's side-car."""
     counts = "it counts only if it was set before the answers were seen"
     if not isinstance(data, Protocol) or delta != data.analysis.delta:
         return f"Delta = {delta:g}, given to the analysis: {counts}."
@@ -524,7 +523,7 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
 def _settled(
     settings: AnalysisSettings, rules: Sequence[str] | None, delta: float | None, level: float | None
 ) -> AnalysisSettings:
-    """The settings of the protocol, but for those that were given."""
+    """The protocol's settings, overridden by those that were given."""
     refuse(rules is not None and not rules, "rules must hold one at least, got none")
     refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
     refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")

@@ -1,4 +1,4 @@
-"""Answers in files: read, written so that each is on disk before the next trial, and their folder as BIDS 1.10.0 has it."""
+"""Files of answers, written so that each answer is on disk before the next trial, in a BIDS 1.10.0 folder."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ class Answers(DataSet):
     subject : str
         BIDS label, without "sub-".
     name : str
-        Of the task in the protocol, a BIDS label.
+        BIDS label of the task in the protocol.
     task : {"same-different", "abx", "2ifc"}
     rows : tuple of Row
-        One an answer, practice included, in order.
+        One per answer, practice included, in order.
     side_car : SideCar or None
         None for a file of another program.
     notes : tuple of str
-        What the reader should know, such as a last line that was broken off.
+        Warnings, such as a broken-off last line.
     source : str
-        The file.
+        Path of the file.
     """
 
     subject: str
@@ -71,21 +71,21 @@ class Answers(DataSet):
 
     @property
     def simulated(self) -> bool:
-        """Whether the subject is a program; False where the file does not say."""
+        """Whether the subject is a program; False if the file does not say."""
         return self.side_car is not None and self.side_car.simulated is not None
 
     @property
     def trials(self) -> int | None:
-        """Number of trials of the whole run, practice included, at most those of a staircase; None where the file does not say."""
+        """Trials of the run, practice included (a staircase's maximum); None if the file does not say."""
         return None if self.side_car is None else self.side_car.trials
 
     def counts(self) -> Counts:
-        """Hits and false alarms of the main phase, with those of each trial type.
+        """Hits and false alarms of the main phase, in all and by trial type.
 
         Raises
         ------
         ValueError
-            If there is no answer of the main phase.
+            If the main phase has no answer.
         """
         refuse(not self.main, f"{self}: there is no answer of the main phase to count")
         answers = ANSWERS[self.task]
@@ -123,34 +123,32 @@ def read_answers(
     subject: str | None = None,
     name: str | None = None,
 ) -> Answers:
-    """The answers in a TSV, of this program or another.
+    """The answers in a TSV file of this or another program.
 
     Parameters
     ----------
     path : path
-        Columns onset, duration [s], trial_type, response, correct (1 or 0), response_time [s] and trial; the
-        others that this program writes may be missing. n/a where there is nothing.
+        The file has the columns onset, duration [s], trial_type, response, correct (1 or 0), response_time
+        [s] and trial. Other columns of this program are optional. n/a means no value.
     task : {"same-different", "abx", "2ifc"}, optional
-        What the task is; by default as the side-car has it.
+        By default the side-car's.
     answers : (str, str), optional
-        What the file calls the answers, in the order "same", "different" or "first", "second"; by default
-        these.
+        The file's words for "same", "different" or "first", "second"; by default these words.
     subject, name : str, optional
-        Labels of subject and task; by default as the side-car or the file's name, sub-LABEL_task-LABEL_...,
-        has them.
+        Labels of subject and task; by default those of the side-car or the file name,
+        sub-LABEL_task-LABEL_....
 
     Returns
     -------
     Answers
-        A last line without its end, from a run that was killed, is left out; the notes say so.
+        A last line that was broken off by a kill is left out, and the notes say so.
 
     Raises
     ------
     ValueError
-        If the file is not text in UTF-8, is empty, lacks a column or has one that is unknown; a field is not
-        what it must be; a trial is there twice, missing or out of order; a correct flag contradicts trial
-        type and response; two subjects are in it; or what it must say is said neither there nor here: with
-        the line where there is one.
+        If the file is not text in UTF-8, is empty, lacks a column or has an unknown one; a field is invalid;
+        a trial is duplicate, missing or out of order; `correct` contradicts trial type and response; the file
+        holds two subjects; or subject or task is unknown. The message names the line, if any.
     OSError
         If the file cannot be read.
     """
@@ -169,7 +167,7 @@ def read_answers(
         f"answers must be two that differ, in the order of their keys, got {answers!r}",
     )
     if car is None:
-        # Another program's last line may lack its end and be whole.
+        # The last line of another program's file may be complete without a line end.
         reader, torn = read_rows(file, content, labels["task"], answers), b""
     else:
         reader, content, torn = read_own_rows(file, content, car.task)
@@ -182,7 +180,7 @@ def read_answers(
 
 
 def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
-    """The reader of a file with all its rows, which are checked; errors as of `read_answers`."""
+    """A reader that holds all rows of a file, checked. Errors are those of `read_answers`."""
     table = tsv_text.parse(file, content)
     known = (*columns_of(task), _PARTICIPANT)
     for column in table.columns:
@@ -202,10 +200,10 @@ def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] 
 
 
 def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader, bytes, bytes]:
-    """The reader of a file of this program with all its rows, their bytes, and what was broken off behind them.
+    """(reader with all rows, their bytes, the broken-off bytes after them) of a file of this program.
 
-    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats,
-    the last column, have one digit.
+    A last line that lacks only its line end is complete: no value of `ended` is the beginning of another, and
+    `repeats`, the last column, has one digit.
     """
     lines, torn = tsv_text.split_torn(content)
     reader = read_rows(file, lines, task)
@@ -216,7 +214,7 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader,
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
-    """ValueError where a trial's type contradicts the stimuli of its intervals, which are written down too."""
+    """Raises ValueError if a trial's type contradicts the stimuli in its row."""
     places = {
         "same-different": {"A": "a", "B": "b"},
         "abx": {"": "reference", "A": "match", "B": "foil"},
@@ -232,12 +230,12 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> 
 
 
 def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
-    """All answers of an experiment: sub-*/beh/*_events.tsv, by task and subject.
+    """All answers of an experiment, sub-*/beh/*_events.tsv, sorted by task and subject.
 
     Parameters
     ----------
     folder : path
-        Of the data.
+        Folder of the data.
 
     Returns
     -------
@@ -246,8 +244,8 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     Raises
     ------
     ValueError
-        If there is no file, one is not right (see `read_answers`), a subject has two for one task, or
-        simulated subjects are among others, or a task was not the same for all.
+        If there is no file, a file is invalid (see `read_answers`), a subject has two files for one task,
+        simulated subjects are mixed with people, or a task differs between subjects.
     OSError
         If a file cannot be read.
     """
@@ -276,21 +274,21 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
 
 
 def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
-    """Feeds the responses of a file to an order, each checked against the trial that the order gives.
+    """Feeds the responses of a file to an order, and checks each row against the order's trial.
 
     Parameters
     ----------
     file : str
-        Its name, for the sentence.
+        File name, for the message.
     rows : sequence of (int, Row)
-        With their lines.
+        Line numbers and rows.
     order : Order
         At its beginning.
 
     Raises
     ------
     ValueError
-        If a row is not the answer to the order's trial: with the line.
+        If a row does not answer the order's trial; the message names the line.
     """
     for line, row in rows:
         trial = order.next()
@@ -318,7 +316,7 @@ def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
 
 
 def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
-    """Subject, name and task as given, or as the side-car has them; of another program's file, as its name has them."""
+    """Subject, name and task as given, or from the side-car, or from the name of another program's file."""
     match = _LABELS.fullmatch(os.path.basename(file))
     named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
     labels: dict[str, Any] = {}
@@ -343,7 +341,7 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
 
 
 def _one_subject(file: str, content: bytes, subject: str | None) -> str:
-    """The subject as it is known, or as a column has it; ValueError where they differ or neither has one."""
+    """The known subject, or the one in a column; ValueError if they differ or both are missing."""
     for line, fields in tsv_text.parse(file, content).rows:
         found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
         refuse(
@@ -359,19 +357,17 @@ def _one_subject(file: str, content: bytes, subject: str | None) -> str:
 
 
 class AnswerFile:
-    """A file that the answers of one run go to; make one by `create` or `open`.
-
-    While it is open no other process can open it.
+    """A file for the answers of one run, made by `create` or `open`. Only one process can open it at a time.
 
     Attributes
     ----------
     path : Path
     side_car : SideCar
-        As it was at the start of the run.
+        As at the start of the run.
     notes : tuple of str
-        What the experimenter should know: a last line that was broken off and cut.
+        Notes for the experimenter: whether a broken-off last line was cut.
     end : float
-        Of the last answer, from the start of the run [s].
+        Time of the end of the last answer, from the start of the run [s].
     """
 
     def __init__(
@@ -383,14 +379,14 @@ class AnswerFile:
         self._file: int | None = file
         self._reader, self._lines = reader, lines
         self._columns = columns or columns_of(side_car.task)
-        # The wall clock may have been set back since the start: onsets never go back.
+        # Onsets never go back, even if the wall clock was set back.
         started = datetime.fromisoformat(side_car.started)
         self.end = end
         self._zero = time.monotonic() - max((datetime.now(UTC) - started).total_seconds(), end)
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], side_car: SideCar) -> Self:
-        """A new file with its side-car, for the first trial; the folder is made.
+        """A new file with its side-car, ready for the first trial. Its folder is made.
 
         Parameters
         ----------
@@ -401,11 +397,11 @@ class AnswerFile:
         Raises
         ------
         FileExistsError
-            If the file, or one where its side-car belongs, is there.
+            If the file or its side-car exists.
         ValueError
             If the path does not end in .tsv.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
         """
         path = Path(path)
         refuse(path.suffix != ".tsv", f"path must end in .tsv, got {path}")
@@ -418,39 +414,37 @@ class AnswerFile:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], order: Order, side_car: SideCar) -> Self:
-        """The file of a run that was ended early, for its next trial.
+        """The file of a run that ended early, ready for its next trial.
 
         Parameters
         ----------
         path : path
         order : Order
-            At its beginning; it is fed with the answers that are there, and its next trial is the one to be
-            asked.
+            At its beginning. It is fed the answers in the file; its next trial is then the one to ask.
         side_car : SideCar
-            Of the same run, as the protocol has it now.
+            Of the same run, by the present protocol.
 
         Returns
         -------
         AnswerFile
-            A last line that was broken off is cut, and the notes say so; one that lacks its end alone gets
-            it.
+            A broken-off last line is cut, and the notes say so. A line that lacks only its line end gets one.
 
         Raises
         ------
         FileNotFoundError
             If there is no such file.
         BlockingIOError
-            If another process has it open.
+            If another process has the file open.
         ValueError
-            If the protocol was changed since the start, with what; the columns were, or a row is not right
-            (see `read_answers`) or not the answer to the order's trial, with its line.
+            If the protocol or the columns have changed since the start, or a row is invalid (see
+            `read_answers`) or does not answer the order's trial. The message names the change or the line.
         OSError
-            If it cannot be read and written.
+            If the file cannot be read or written.
         """
         path = Path(path)
         with _opened(path, 0, FileNotFoundError(f"{path}: there is no such run to resume")) as file:
             first = read_side_car(path)
-            if first is None:  # killed while its files were made, or no run of this program
+            if first is None:  # killed while the files were made, or not a run of this program
                 head, car = tsv_text.line(columns_of(side_car.task)), side_car_path(path)
                 refuse(
                     not head.startswith(path.read_bytes()) or car.exists(),
@@ -479,7 +473,7 @@ class AnswerFile:
 
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
-        """Writes the column names first: where they stand without a side-car, no trial was asked."""
+        """Writes the column names, then the side-car: without a side-car, no trial was asked."""
         synced_write(file, path, tsv_text.line(columns_of(side_car.task)))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         with new_part(side_car_path(path)) as part:
@@ -489,23 +483,23 @@ class AnswerFile:
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
 
     def elapsed(self) -> float:
-        """Time since the start of the run [s], across resumptions; for the onset of an answer."""
+        """Time since the start of the run, across resumptions [s]; gives the onset of an answer."""
         return time.monotonic() - self._zero
 
     def append(self, answer: Answer) -> None:
-        """Writes an answer; when it returns, the answer is on the disk.
+        """Writes an answer, which is on disk when the method returns.
 
         Parameters
         ----------
         answer : Answer
-            To the trial that follows those in the file.
+            Answer to the trial after those in the file.
 
         Raises
         ------
         ValueError
-            If it is no answer of the task, not of the trial that is due, or the file is closed.
+            If the task has no such answer, another trial is due, or the file is closed.
         OSError
-            If it cannot be written; the file is then as it was.
+            If the answer cannot be written; the file is then unchanged.
         """
         if self._file is None:
             raise ValueError(f"{self.path} is closed")
@@ -513,7 +507,7 @@ class AnswerFile:
         line = as_text(Row.of(answer), task, self._columns)
         fields = line.decode().rstrip("\n").split("\t")
         try:
-            # As it will be read: what cannot be read back is not written.
+            # Parsed as it will be read: no row is written that cannot be read back.
             row = self._reader.parse(dict(zip(self._columns, fields, strict=True)))
         except ValueError as error:
             raise ValueError(f"answer: {error}") from None
@@ -523,7 +517,7 @@ class AnswerFile:
         self.end = max(self.end, _end(row))
 
     def close(self) -> None:
-        """Ends writing; another process may open the file."""
+        """Closes the file, which another process may then open."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -545,9 +539,9 @@ def _end(row: Row) -> float:
 
 
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
-    """ValueError unless the columns are those that `append` writes: a row goes to the end, by its place."""
+    """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
     due, found = columns_of(side_car.task), tsv_text.parse(os.fspath(path), content).columns
-    if found == due[:-1]:  # begun when there were no repeats
+    if found == due[:-1]:  # files of earlier versions have no column of repeats
         return found
     for place, (one, other) in enumerate(itertools.zip_longest(due, found), start=1):
         was, now = (repr(name) if name else "none" for name in (one, other))
@@ -560,7 +554,7 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
 
 @contextlib.contextmanager
 def _opened(path: Path, more: int, otherwise: OSError) -> Iterator[int]:
-    """A run's file, locked, and closed after an error. Where it cannot be opened for the reason of `otherwise`, that is raised."""
+    """A run's file, locked; closed after an error. Raises `otherwise` if opening fails with its type."""
     try:
         file = os.open(path, os.O_RDWR | os.O_APPEND | more, 0o666)
     except type(otherwise):
@@ -594,37 +588,37 @@ _PARTICIPANTS: Mapping[str, Any] = {
 
 
 class ExperimentFolder:
-    """The folder of an experiment: files are made where they are missing, and none is replaced.
+    """The folder of an experiment. Missing files are made, and none is replaced.
 
     Parameters
     ----------
     path : path
     name : str
-        Of the experiment.
+        Name of the experiment.
     """
 
     def __init__(self, path: str | os.PathLike[str], name: str) -> None:
         self.path, self.name = Path(path), name
 
     def answers(self, subject: str, task: str) -> Path:
-        """The file of answers of a subject in a task; its side-car lies beside it."""
+        """The path of a subject's answers in a task; the side-car lies beside it."""
         return self.path / f"sub-{subject}" / "beh" / f"sub-{subject}_task-{task}_events.tsv"
 
     def log(self, subject: str, task: str) -> Path:
-        """The lines that the experimenter sees of a run."""
+        """The path of the experimenter's log of a run."""
         return self._source(subject) / f"sub-{subject}_task-{task}_log.txt"
 
     def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
-        """The trace of an interval."""
+        """The path of an interval's trace."""
         stem = f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}"
         return self._source(subject) / f"{stem}_trace.h5"
 
     def _source(self, subject: str) -> Path:
-        # No form that BIDS knows; its validators leave sourcedata alone.
+        # BIDS has no form for these files; its validators ignore sourcedata.
         return self.path / "sourcedata" / f"sub-{subject}" / "beh"
 
     def prepare(self) -> None:
-        """The files that describe the folder, where they are missing.
+        """Makes the missing files that describe the folder.
 
         Raises
         ------
@@ -647,15 +641,14 @@ class ExperimentFolder:
                 _write_new(self.path / file, text)
 
     def add(self, subject: str, *, simulated: bool, selected_by: str | None = None) -> None:
-        """Enters a subject in participants.tsv, unless it is there.
+        """Enters a subject in participants.tsv, unless already there.
 
         Raises
         ------
         ValueError
-            If simulated subjects would be among others, the subject is entered as something else, or the file
-            is not right.
+            If simulated subjects would be mixed with people, or the file is invalid.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
         """
         self.prepare()
         path, kind = self.path / "participants.tsv", "yes" if simulated else "no"
@@ -670,17 +663,17 @@ class ExperimentFolder:
                     f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
                     f"{entry['simulated']}, sub-{subject} {kind}",
                 )
-            if subject not in entered:  # a laboratory adds columns of its own, such as age, or moves ours
+            if subject not in entered:  # laboratories may add columns, such as age, or move ours
                 fields = [row.get(column, tsv_text.NOTHING) for column in columns]
                 synced_write(file, path, tsv_text.line(fields))
 
     def participants(self) -> dict[str, dict[str, str]]:
-        """What participants.tsv says of each subject, by label; empty without the file.
+        """The fields of participants.tsv by subject's label; empty without the file.
 
         Raises
         ------
         ValueError
-            If the file is not right: with the line.
+            If the file is invalid; the message names the line.
         """
         path, found = self.path / "participants.tsv", dict[str, dict[str, str]]()
         if not path.exists():
@@ -698,9 +691,9 @@ class ExperimentFolder:
 
 
 def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
-    """The columns of participants.tsv, which are written where they are missing. A line that a kill broke off is cut.
+    """The columns of participants.tsv; missing column names are written, and a broken-off last line is cut.
 
-    A last line that lacks its end alone, as an editor may leave it, gets it.
+    A last line that lacks only its line end, as an editor may leave it, gets one.
     """
     found = path.read_bytes()
     content, torn = tsv_text.split_torn(found)
@@ -724,7 +717,7 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def _write_new(path: Path, text: str) -> None:
-    """Writes a new file. One that cannot be written whole is removed: else it would pass for the file next time."""
+    """Writes a new file. A partly written file is removed, because the next run would take it as complete."""
     stream = path.open("x", encoding="utf-8", newline="")
     try:
         with stream:

@@ -1,8 +1,8 @@
-"""Same-different, match to sample, what comparisons have in common, and the orders of their trials.
+"""The designs same-different and ABX, the base of comparisons, and the orders of their trials.
 
-An order is balanced, random, and a function of seed, subject and design alone. The draws use NumPy's
-`SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle of our own:
-NumPy's may change, and a run that was interrupted must resume with the same trials.
+An order is balanced, random, and depends only on seed, subject and design. An interrupted run must resume
+with the same trials. So the draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every
+version of NumPy, and a shuffle of this module, because NumPy's may change.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Ph
 
 
 def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
-    """The number as an int; ValueError in one sentence where it is out of range."""
+    """The number as an int; ValueError if it is out of range."""
     number = operator.index(value)
     refuse(number < at_least, f"{name} must be at least {at_least}, got {number}")
     refuse(number % multiple, f"{name} must be a multiple of {multiple}{why}, got {number}")
@@ -33,13 +33,13 @@ def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str =
 
 
 def seconds(name: str, value: float) -> float:
-    """The time [s]; ValueError in one sentence unless it is above 0."""
+    """The time [s]; ValueError unless it is above 0."""
     refuse(not (math.isfinite(value) and value > 0), f"{name} must be a time above 0 [s], got {value}")
     return float(value)
 
 
 def rendered(name: str, stimulus: Stimulus) -> None:
-    """ValueError in one sentence unless the stimulus has a material."""
+    """Raises ValueError unless the stimulus has a material."""
     require_type(name, stimulus, Stimulus, "Stimulus('bone', materials['bone'])")
     if stimulus.material is None:
         raise ValueError(
@@ -48,12 +48,12 @@ def rendered(name: str, stimulus: Stimulus) -> None:
 
 
 def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
-    """Levels and answers of trials, one each.
+    """Levels and answers, one of each per trial.
 
     Raises
     ------
     ValueError
-        If there are not as many of one as of the other, or a level is no ratio above 0 other than 1.
+        If their numbers differ, or a level is not above 0 or is 1.
     """
     refuse(
         len(levels) != len(correct),
@@ -63,7 +63,7 @@ def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[l
 
 
 def checked_level(name: str, level: float) -> float:
-    """The ratio; ValueError in one sentence unless it is above 0 and not 1."""
+    """The ratio; ValueError unless it is above 0 and not 1."""
     value = float(level)
     refuse(not (math.isfinite(value) and value > 0.0), f"{name} must be a ratio above 0, got {value}")
     refuse(value == 1.0, f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
@@ -72,7 +72,7 @@ def checked_level(name: str, level: float) -> float:
 
 T = TypeVar("T")
 
-_WORDS = 8  # of 32 bits, of a SHA-256 digest
+_WORDS = 8  # 32-bit words of a SHA-256 digest
 
 
 class Draws:
@@ -81,18 +81,18 @@ class Draws:
     Parameters
     ----------
     seed : int
-        Of the experiment, at least 0.
+        Seed of the experiment, at least 0.
     subject : str
-        The name; another name gives other draws.
+        Name of the subject; another name gives other draws.
     design : mapping
-        As the design's `to_dict` has it; another design gives other draws.
+        The design's `to_dict`; another design gives other draws.
 
     Raises
     ------
     ValueError
-        If the seed is negative or the subject has no name.
+        If the seed is negative or the name is empty.
     TypeError
-        If the seed is not whole or the name not a text.
+        If the seed is not whole or the name is not a str.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class Draws:
         refuse(not subject, "subject must have a name, got ''")
         if (seed := operator.index(seed)) < 0:
             raise ValueError(f"seed must be at least 0, got {seed}")
-        # Python's own hash differs from one process to the next.
+        # Python's own hash differs between processes.
         text = json.dumps([subject, design], sort_keys=True, allow_nan=False)
         words = np.frombuffer(hashlib.sha256(text.encode()).digest(), dtype="<u4")
         entropy = [seed, *(int(word) for word in words[:_WORDS])]
@@ -114,14 +114,14 @@ class Draws:
         self._seeds: set[int] = set()
 
     def below(self, end: int) -> int:
-        """A whole number from 0 to end - 1, each equally likely."""
+        """A uniform whole number from 0 to end - 1."""
         most = (1 << 64) - (1 << 64) % end
         while (bits := int(self._bits.random_raw())) >= most:
             pass
         return bits % end
 
     def shuffled(self, values: Sequence[T]) -> list[T]:
-        """The values in an order of which all are equally likely (Fisher and Yates)."""
+        """The values in random order, all orders equally likely (Fisher and Yates)."""
         result = list(values)
         for last in range(len(result) - 1, 0, -1):
             other = self.below(last + 1)
@@ -129,32 +129,33 @@ class Draws:
         return result
 
     def interval_seed(self) -> int:
-        """A seed of 64 bits that this subject did not have in this design."""
+        """A 64-bit seed that these draws have not given yet."""
         while (seed := int(self._bits.random_raw())) in self._seeds:
             pass
         self._seeds.add(seed)
         return seed
 
     def balanced(self, groups: Sequence[Sequence[T]], trials: int, blocks: int = 1) -> list[list[T]]:
-        """Types of trials in random order, equally often in all and as nearly as can be in each block.
+        """Types of trials in random order, balanced in all and as nearly as possible in each block.
 
         Parameters
         ----------
         groups : sequence of sequences
-            The types; groups of equal size, such as pairs that are the same and pairs that differ. In a block
-            that is no multiple of all types the groups are as often as one another, within one.
+            The types, in groups of equal size, such as pairs that are the same and pairs that differ. In each
+            block the frequencies of the groups differ by at most one.
         trials : int
-            A multiple of `blocks`. If it is one of the types too, all types are equally often.
+            A multiple of `blocks`. If it is also a multiple of the number of types, all types are equally
+            frequent.
         blocks : int, optional
 
         Returns
         -------
         list of lists
-            A list a block. Where the size of a block is a multiple of the types, each is as often in it as
-            the others; else as often within one.
+            One list per block. The frequencies of the types in a block are equal if its size is a multiple of
+            the number of types, and differ by at most one otherwise.
         """
         size = trials // blocks
-        # One type of each group in turn: any consecutive few hold each at most once and the groups alike.
+        # Groups take turns, so a run shorter than the cycle repeats no type and balances the groups.
         turn = [
             value
             for together in zip(*(self.shuffled(group) for group in self.shuffled(groups)), strict=True)
@@ -166,7 +167,7 @@ class Draws:
 
 
 class FixedOrder(Order):
-    """Trials that do not depend on the answers.
+    """An order of trials that does not depend on the answers.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ class FixedOrder(Order):
 
 
 def fixed_order(design: Any, seed: int, subject: str, types: Sequence[Sequence[Any]]) -> FixedOrder:
-    """Practice, then blocks, each balanced (`Draws.balanced`)."""
+    """An order of practice, then blocks, each balanced (`Draws.balanced`)."""
     draws = Draws(seed, subject, design.to_dict())
     first = draws.balanced(types, design.practice)[0]
     order = [design._trial(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
@@ -201,7 +202,7 @@ def fixed_order(design: Any, seed: int, subject: str, types: Sequence[Sequence[A
 
 
 class Scored(Design):
-    """A design whose answers make a score; its orders do not depend on them."""
+    """A design whose answers make a score and do not change the order."""
 
     trials: int
     interval: float
@@ -213,7 +214,7 @@ class Scored(Design):
         return fixed_order(self, seed, subject, self._types)
 
     def _check(self, types: str, multiple: int) -> None:
-        """One sentence unless the types of trials can be equally often, in blocks of one size, and the rest is right."""
+        """Checks that the types can be equally frequent, that blocks have one size, and the other values."""
         whole("trials", self.trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
         whole("blocks", self.blocks, at_least=1)
         whole("trials", self.trials, at_least=multiple, multiple=self.blocks, why=", the number of blocks")
@@ -228,19 +229,19 @@ class Scored(Design):
 def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     """The order of tasks for one subject, from Williams' Latin squares.
 
-    Over every n subjects (n tasks) each task is equally often in each place; over every n (n even) or 2 n (n
-    odd) each also follows each other equally often.
+    With n tasks, each task has each place equally often over every n subjects. Each task also follows each
+    other task equally often over every n (n even) or 2 n (n odd) subjects.
 
     Parameters
     ----------
     names : sequence
     subject_index : int
-        From 0, in the order of the protocol's list.
+        Index in the protocol's list, from 0.
 
     Raises
     ------
     ValueError
-        If there is no name, a name is there twice, or the index is negative.
+        If there is no name, two names are equal, or the index is negative.
 
     References
     ----------
@@ -257,7 +258,7 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     refuse(any(name in names[:i] for i, name in enumerate(names)), f"names must differ, got {list(names)!r}")
     if (subject := operator.index(subject_index)) < 0:
         raise ValueError(f"subject_index must be at least 0, got {subject}")
-    # 0, 1, n-1, 2, n-2, ...: all differences of neighbours occur once
+    # 0, 1, n-1, 2, n-2, ...: each difference of neighbours occurs once
     first = [(i + 1) // 2 if i % 2 else (n - i // 2) % n for i in range(n)]
     row = [names[(place + subject) % n] for place in first]
     return row[::-1] if n % 2 and subject // n % 2 else row
@@ -266,7 +267,7 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
 Parameter: TypeAlias = Literal["c_e", "alpha"]
 Hold: TypeAlias = Literal["other", "sinking speed"]
 
-#: Of a parameter.
+#: Units of the parameters.
 UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 STIFFER = "In which interval was the material stiffer, the first or the second?"
 FASTER = "In which interval did the burr sink faster, the first or the second?"
@@ -274,36 +275,35 @@ FASTER = "In which interval did the burr sink faster, the first or the second?"
 
 @dataclass(frozen=True)
 class Comparison(Design):
-    """What designs have in common that vary c_e or alpha around a reference, in two intervals (2ifc).
+    """Base of the two-interval designs (2ifc) that vary c_e or alpha around a reference.
 
-    A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what
-    is varied:
+    A `level` is the comparison's parameter over the reference's. The question depends on what is varied:
 
-    * c_e with the burr off: which is stiffer, and c_e alone is felt;
-    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster. That is the one of *less* c_e,
-      and the stiffness changes as well;
-    * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with
-      a zero of order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a
-      burr of 3 mm at 1 N within 1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 %
-      slower;
-    * alpha drilled: in which the burr sinks faster, that of more alpha.
+    * c_e with the burr off: which material is stiffer. Only c_e is felt.
+    * c_e drilled, alpha held (`hold="other"`): in which interval the burr sinks faster. The correct one has
+      *less* c_e; the stiffness differs as well.
+    * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which material is stiffer. p = 4 (k + 1)/3 for
+      an f with a zero of order k, 8/3 for the parabolic f. The speed is constant at forces below
+      0.068 c_e R^2. For bone, a burr of 3 mm and levels of 0.75 to 1.3 it stays within 1 % at 1 N
+      (mean-field); at 2 N it is 10 % faster to 17 % slower.
+    * alpha drilled: in which interval the burr sinks faster. The correct one has more alpha.
 
     Parameters
     ----------
     reference : Stimulus
-        With a material.
+        Must have a material.
     parameter : {"c_e", "alpha"}
-        What is varied.
+        The parameter to vary.
     mode : {"probing", "drilling"}
         With the burr off, or on.
     hold : {"other", "sinking speed"}
-        What stays: the other parameter, or the speed at which the burr sinks.
+        Held constant: the other parameter, or the speed at which the burr sinks.
     interval : float
         Length of an interval [s].
     practice : int
         Trials before the first block; they do not count.
     blocks : int
-        With a break between them.
+        Number of blocks, with breaks between them.
 
     Attributes
     ----------
@@ -361,7 +361,7 @@ class Comparison(Design):
 
     @property
     def held(self) -> str:
-        """What stays the same between reference and comparison, in words."""
+        """What reference and comparison share, in words."""
         material = self._material
         if self.parameter == "alpha":
             return f"c_e is held at {material.c_e:g} N/mm^2"
@@ -372,7 +372,7 @@ class Comparison(Design):
 
     @property
     def what(self) -> str:
-        """What is varied around what and what is held, in words."""
+        """The varied parameter, the reference and what is held, in words."""
         return f"{self.parameter} around {self.reference.name} ({self.mode}; {self.held}), chance {self.chance:g}"
 
     @property
@@ -395,10 +395,10 @@ class Comparison(Design):
         return Stimulus(name, Material(name, c_e=c_e, alpha=alpha, shape=self._material.shape, source=source))
 
     def trial(self, kind: str, level: float, number: int, phase: Phase, block: int, draws: Draws) -> Trial:
-        """Reference and comparison in the order of `kind`, RC or CR."""
+        """A trial with reference and comparison in the order of `kind`, RC or CR."""
         shown = {"R": self.reference, "C": self.comparison(level)}
         intervals = tuple(Interval(shown[x], draws.interval_seed(), self.interval) for x in kind)
-        # A comparison of more c_e sinks more slowly.
+        # In a comparison of more c_e the burr sinks more slowly.
         slower = self._asks_speed and self.parameter == "c_e"
         more = "C" if (level > 1.0) != slower else "R"
         return Trial(number, phase, block, kind, intervals, self.answers[kind.index(more)], level)
@@ -406,31 +406,31 @@ class Comparison(Design):
 
 @dataclass(frozen=True)
 class ABX(Scored):
-    """The reference first, then a match and a foil: which of the two is as the reference? The paper's Task 3.
+    """ABX, the paper's Task 3: after the reference come a match and a foil; which one is like the reference?
 
-    The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is
-    even; else within one.
+    The match (A) comes first (AB) as often as second (BA), in random order. The same holds in each block of
+    even size; in blocks of odd size the two frequencies differ by one.
 
     Parameters
     ----------
     reference : Stimulus
         Rendered, or a real specimen (no material).
     foil : Stimulus
-        The alternative that is not to be taken for the reference.
+        The wrong alternative.
     match : Stimulus, optional
-        The alternative that is correct: by default the reference itself. Must be given for a real specimen.
+        The correct alternative, by default the reference. Required for a real specimen.
     trials : int
         Even, and a multiple of `blocks`.
     interval : float
-        Length of the intervals of the two alternatives [s].
+        Length of each alternative's interval [s].
     reference_interval : float, optional
-        That of the reference [s]; None: until the subject ends it.
+        Length of the reference's interval [s]; None if the subject ends it.
     mode : {"probing", "drilling"}
         With the burr off, or on.
     practice : int
-        Trials before the first block, balanced as far as they go; they do not count.
+        Trials before the first block, balanced as nearly as possible; they do not count.
     blocks : int
-        With a break between them.
+        Number of blocks, with breaks between them.
 
     Attributes
     ----------
@@ -440,10 +440,10 @@ class ABX(Scored):
     Raises
     ------
     ValueError
-        If the match of a real reference is not given, match or foil is a real specimen, they have one name,
-        `trials` is odd or no multiple of `blocks`, a number is out of range or the mode unknown.
+        If a real reference has no match, match or foil is a real specimen, both have the same name, `trials`
+        is odd or not a multiple of `blocks`, a number is out of range, or the mode is unknown.
     TypeError
-        If a stimulus is no Stimulus, or a number of trials is not whole.
+        If a stimulus is not a Stimulus, or a number of trials is not whole.
 
     Examples
     --------
@@ -493,7 +493,7 @@ class ABX(Scored):
 
     @property
     def matching(self) -> Stimulus:
-        """The alternative that is correct."""
+        """The correct alternative."""
         return self.reference if self.match is None else self.match
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
@@ -512,16 +512,16 @@ class ABX(Scored):
 
 @dataclass(frozen=True)
 class SameDifferent(Scored):
-    """Two intervals with a or b in each; was it the same material twice, or two? The paper's Tasks 1 and 2.
+    """Same-different, the paper's Tasks 1 and 2: did two intervals hold one material or two different ones?
 
-    AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a
-    multiple of four; else as often as one another within one, with as many pairs that differ as are the same,
-    within one.
+    AA, AB, BA and BB are equally frequent, in random order. The same holds in each block whose size is a
+    multiple of four. In other blocks these frequencies differ by at most one, and so do the numbers of pairs
+    that differ and that are the same.
 
     Parameters
     ----------
     a, b : Stimulus
-        With a material each, and different names.
+        Must have materials and different names.
     trials : int
         A multiple of 4, and of `blocks`.
     interval : float
@@ -529,17 +529,17 @@ class SameDifferent(Scored):
     mode : {"probing", "drilling"}
         With the burr off, or on.
     practice : int
-        Trials before the first block, balanced as far as they go; they do not count.
+        Trials before the first block, balanced as nearly as possible; they do not count.
     blocks : int
-        With a break between them.
+        Number of blocks, with breaks between them.
 
     Raises
     ------
     ValueError
-        If a or b is a real specimen, they have one name, `trials` is no multiple of 4 or of `blocks`, a
-        number is out of range or the mode unknown.
+        If a or b is a real specimen, both have the same name, `trials` is not a multiple of 4 and of
+        `blocks`, a number is out of range, or the mode is unknown.
     TypeError
-        If a or b is no Stimulus, or a number of trials is not whole.
+        If a or b is not a Stimulus, or a number of trials is not whole.
 
     Examples
     --------

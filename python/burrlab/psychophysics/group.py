@@ -1,8 +1,8 @@
 """d' and scores of groups, with the subject as the unit, and the tests behind them.
 
-Bias is removed by counting hits given the number of answers. How often a subject says "different", K times,
-shows the bias; how many of the K are right shows d'. Given K, the hits of any observer follow Fisher's
-noncentral hypergeometric distribution. The rates enter it through one odds ratio, H (1 - F) / (F (1 - H)).
+Bias is removed by conditioning hits on the number of answers. If a subject says "different" K times, K shows
+the bias, and the number of correct answers among the K shows d'. Given K, the hits of any observer follow
+Fisher's noncentral hypergeometric distribution with the odds ratio H (1 - F) / (F (1 - H)).
 """
 
 from __future__ import annotations
@@ -36,24 +36,25 @@ Integers: TypeAlias = NDArray[np.int64]
 
 _CORRECTIONS = 2  # to the odds ratio; a third changes less than a hundredth of a standard deviation
 _HALVINGS = 60
-_WIDEST = 700.0  # log odds ratio that exp still holds
-_LARGEST = 20.0  # d' whose errors a double does not see: 1e-23 and less, by every rule
+_WIDEST = 700.0  # log odds ratio whose exp is finite
+_LARGEST = 20.0  # d' whose error rates are below double precision: 1e-23 and less, by every rule
 
 
 @dataclass(frozen=True, eq=False)
 class ConditionalHits:
-    """The hits of an observer of one d', by the number K of answers given, 0 to signals + noises.
+    """Distributions of an observer's hits, for each number K of answers from 0 to signals + noises.
 
     Attributes
     ----------
     d_prime : float
-        May be infinite: then no answer is wrong that the number K does not force.
+        May be infinite: then only errors that K forces occur.
     signals, noises : int
     probability : ndarray, shape (signals + noises + 1, signals + 1)
-        Of 0, 1, ... signals hits, a row for each K.
+        Probability of 0, 1, ... signals hits, one row for each K.
     mean : ndarray, shape (signals + noises + 1,)
         Expected hits.
     variance : ndarray, shape (signals + noises + 1,)
+        Variance of hits.
     informative : ndarray of bool, shape (signals + noises + 1,)
         Whether more than one number of hits is possible.
     """
@@ -69,7 +70,7 @@ class ConditionalHits:
 
 @lru_cache(maxsize=256)
 def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises: int) -> ConditionalHits:
-    """The distribution of hits at d', for every number of answers.
+    """The distribution of hits at d' for every number of answers.
 
     Parameters
     ----------
@@ -83,14 +84,14 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     Raises
     ------
     ValueError
-        If the task or the rule is unknown, or d' is negative or not a number.
+        If the task or the rule is unknown, or d' is negative or NaN.
 
     Notes
     -----
-    The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers
-    on average, and then corrected so that the expected hits, averaged over the K that this criterion
-    produces, are the model's own. Without the correction the mean is off by up to 0.1 standard deviations of
-    a subject, which a group adds up; with it by less than 0.05.
+    The odds ratio depends weakly on the criterion. It is taken at the criterion that gives K answers on
+    average. It is then corrected so that the expected hits, averaged over the K of this criterion, equal the
+    model's. Without the correction the mean is off by up to 0.1 standard deviations of a subject, which adds
+    up in a group; with it, by less than 0.05.
 
     Examples
     --------
@@ -122,7 +123,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
 def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_ways: Floats) -> Floats:
     hits = np.arange(signals + 1)
     hit, false_alarm = _rates_of_number(rule, d_prime, signals, noises)
-    # No answer, or nothing but: there is one possible number of hits.
+    # With no answers, or only these answers, one number of hits is possible.
     log_odds = np.zeros(signals + noises + 1)
     log_odds[1:-1] = np.log(hit) - np.log1p(-hit) - np.log(false_alarm) + np.log1p(-false_alarm)
     number = _number_of_answers(hit, false_alarm, signals, noises)
@@ -138,7 +139,7 @@ def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_way
 
 
 def _rates_of_number(rule: Rule, d_prime: float, signals: int, noises: int) -> tuple[Floats, Floats]:
-    """Hit and false-alarm rates at the criteria that give 1, 2, ... answers of all but one on average."""
+    """Hit and false-alarm rates at the criteria that give 1, 2, ..., trials - 1 answers on average."""
     wanted = np.arange(1.0, signals + noises)
 
     def rates(z: Floats) -> tuple[Floats, Floats]:
@@ -148,14 +149,14 @@ def _rates_of_number(rule: Rule, d_prime: float, signals: int, noises: int) -> t
         hit, false_alarm = rates(z)
         return signals * hit + noises * false_alarm <= wanted
 
-    # z(false alarm) of all that a double holds
+    # z(false alarm) over the range of a double
     z = halving(few, np.full(len(wanted), -38.0), np.full(len(wanted), 8.2), _HALVINGS)[0]
     hit, false_alarm = (np.clip(rate, 1e-300, 1.0 - 1e-16) for rate in rates(z))
     return hit, false_alarm
 
 
 def _number_of_answers(hit: Floats, false_alarm: Floats, signals: int, noises: int) -> Floats:
-    """Probability of each number of answers, a row for each pair of rates."""
+    """Probability of each number of answers, one row for each pair of rates."""
     length = signals + noises + 1
     of_signals = binom.pmf(np.arange(signals + 1), signals, hit[:, None])
     of_noises = binom.pmf(np.arange(noises + 1), noises, false_alarm[:, None])
@@ -174,34 +175,34 @@ def _log_choose(n: int, k: Integers) -> Floats:
 
 
 _CHUNK = 2_000_000  # elements of a spectrum at a time
-_WIDE = 9.0  # variance of a sum of hits from which the normal approximation is near
+_WIDE = 9.0  # variance of a sum of hits above which the normal approximation is good
 _CLOSE = 3.0
-_LEAST = 1e-300  # of a spectrum, in place of 0
+_LEAST = 1e-300  # least magnitude of a spectrum, in place of 0
 
 
 def group_tails(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits]
 ) -> tuple[Floats, Floats]:
-    """p values of so few hits, and of so many, if the group's d' were that of `subjects`.
+    """p values of so few hits and of so many hits, if the group's d' were that of `subjects`.
 
     Parameters
     ----------
     hits, answers : ndarray of int, shape (experiments, subjects)
-        Hits, and hits and false alarms together. `answers` may have one row for all experiments.
+        Hits, and hits plus false alarms. `answers` may have one row for all experiments.
     subjects : sequence of ConditionalHits
-        One a subject, all of one d'.
+        One per subject, all with the same d'.
 
     Returns
     -------
     few, many : ndarray, shape (experiments,)
-        One-sided; each the largest p value of three tests. 1 where no subject has given both answers.
+        One-sided; each is the largest p value of three tests, or 1 if no subject gave both answers.
 
     Notes
     -----
-    The t test of the hits less the expected ones takes the subject as the unit: it holds when d' differs
-    between subjects. So does the second, with t corrected for the subjects' skewness: a few who can tell
-    among many who cannot. Neither sees that equal scores without scatter may be chance. The exact test of the
-    sum of hits does; it takes all subjects as alike.
+    The first is a t test of observed minus expected hits. Its unit is the subject, so it holds if d' differs
+    between subjects. The second corrects t for skewness, as when few subjects can tell among many who
+    cannot. Neither allows for equal scores that arise by chance. The third, the exact test of the sum of
+    hits, does; it takes all subjects as alike.
 
     References
     ----------
@@ -216,10 +217,10 @@ def group_tails(
 def rejected_as_few(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits], error: float
 ) -> NDArray[np.bool_]:
-    """Whether `few` of `group_tails` is at most `error`. The exact test is made only where the answer is close.
+    """Whether `few` of `group_tails` is at most `error`.
 
-    It is close where the normal approximation, corrected for continuity, gives a p value within a factor of 3
-    of the error rate.
+    The exact test is made only where the normal approximation, corrected for continuity, is poor or gives a p
+    value within a factor of 3 of the error rate.
     """
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
     mean = sum(subject.mean[given] for subject, given in zip(subjects, answers.T, strict=True))
@@ -238,7 +239,7 @@ def rejected_as_few(
 def excess_hits(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Hits less the expected ones, and which subjects' are informative."""
+    """Observed minus expected hits, and whether each subject is informative."""
     each = list(zip(subjects, answers.T, strict=True))
     mean = np.stack([subject.mean[given] for subject, given in each], axis=1)
     informative = np.stack([subject.informative[given] for subject, given in each], axis=1)
@@ -253,15 +254,15 @@ def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHi
     square = np.sum(np.where(informative, excess - mean[:, None], 0.0) ** 2, axis=1)
     freedom = np.maximum(n - 1, 1)
     error = np.sqrt(square / freedom / np.maximum(n, 1))
-    # equal to rounding: without scatter
+    # values that are equal but for rounding have no scatter
     error = np.where(error > 1e-12 * np.maximum(np.abs(mean), 1.0), error, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         t = np.where(mean == 0.0, 0.0, mean / error)
         cube = np.sum(np.where(informative, excess - mean[:, None], 0.0) ** 3, axis=1)
-        skewness = np.where(error > 0.0, cube / square**1.5, 0.0)  # over the root of n
+        skewness = np.where(error > 0.0, cube / square**1.5, 0.0)  # divided by the root of n
         corrected = t + skewness * t**2 / 3.0 + skewness**2 * t**3 / 27.0 + skewness / 6.0
     both = np.where(np.isfinite(t), corrected, t), t
-    # One subject has no scatter of subjects: the exact test alone decides.
+    # One subject gives no scatter: the exact test alone decides.
     few, many = (
         np.where(n < 2, 0.0, np.maximum(*(stdtr(freedom, sign * value) for value in both)))
         for sign in (1.0, -1.0)
@@ -282,7 +283,7 @@ def _exact_tails(
     step = max(1, _CHUNK // length)
     for start in range(0, len(total), step):
         rows = slice(start, start + step) if len(answers) > 1 else slice(0, 1)
-        # Of a sum of hits the spectrum is the product of the subjects'.
+        # The spectrum of the sum of hits is the product of the subjects' spectra.
         spectrum = np.exp(sum(times[rows] @ logarithm for times, logarithm in groups))
         probability = np.fft.irfft(spectrum, length, axis=1)
         cumulated = np.cumsum(probability, axis=1)
@@ -296,7 +297,7 @@ def _exact_tails(
 def _logarithms(
     subject: ConditionalHits, answers: Integers, length: int
 ) -> tuple[Floats, NDArray[np.complex128]]:
-    """How often each number of answers occurs among subjects alike, and the logarithm of its spectrum."""
+    """How often each number of answers occurs among equal subjects, and the logarithm of its spectrum."""
     numbers = np.unique(answers)
     times = np.stack([np.sum(answers == number, axis=1) for number in numbers], axis=1)
     spectrum = np.fft.rfft(subject.probability[numbers], length, axis=1)
@@ -317,11 +318,11 @@ class SubjectTest(Result):
     ----------
     name : str
     statistic : float or None
-        t; None where there is none: an exact test, one subject, or no scatter.
+        t; None for an exact test, one subject, or no scatter.
     freedom : float or None
         Degrees of freedom of t.
     p_value : float or None
-        None where the data allow no such test.
+        None if the data allow no such test.
     side : {"greater", "two-sided"}
     """
 
@@ -339,19 +340,19 @@ class SubjectTest(Result):
 
 
 def probability_text(p: float) -> str:
-    """A p value as it is printed."""
+    """The text of a p value."""
     return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
 
 
 def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -> SubjectTest:
-    """Of a mean of 0."""
+    """The t test of a mean of 0."""
     x = finite_values(values)
     error = float(np.std(x, ddof=1)) / math.sqrt(len(x)) if len(x) > 1 else 0.0
     return _of_t(name, float(np.mean(x)), error, len(x) - 1.0, side)
 
 
 def welch_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
-    """Of equal means of two groups, two-sided; the variances may differ (Welch, Biometrika 34, 28, 1947)."""
+    """Two-sided test of equal means; variances may differ (Welch, Biometrika 34, 28, 1947)."""
     x, y = finite_values(first), finite_values(second)
     a, b = (float(np.var(z, ddof=1)) / len(z) if len(z) > 1 else math.nan for z in (x, y))
     freedom = (a + b) ** 2 / (a**2 / (len(x) - 1) + b**2 / (len(y) - 1)) if a + b > 0.0 else 0.0
@@ -367,15 +368,15 @@ def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> S
 
 
 def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
-    """Exact test of values symmetric about 0: the share of all 2^n choices of signs whose sum is as large.
+    """Exact test of symmetry about 0: the share of all 2^n choices of signs whose sum is as large.
 
-    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other
-    values up to 18 subjects.
+    Equal sums are counted together, so whole or half values of any number of subjects are possible, and other
+    values of up to 18 subjects.
 
     Raises
     ------
     ValueError
-        If there is no value, one is not finite, or the sums are too many to count.
+        If there is no value, a value is not finite, or there are too many different sums.
     """
     x = finite_values(values)
     sums, chances = np.zeros(1), np.ones(1)
@@ -388,17 +389,17 @@ def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
 
 
 def label_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
-    """Exact two-sided test of two groups alike: the share of all divisions whose means differ as much.
+    """Exact two-sided permutation test: the share of divisions into two groups whose means differ as much.
 
     Raises
     ------
     ValueError
-        If a group is empty, a value is not finite, or the sums are too many to count.
+        If a group is empty, a value is not finite, or there are too many different sums.
     """
     x, y = finite_values(first), finite_values(second)
     everyone, size = np.concatenate([x, y]), len(x)
     mean = float(np.mean(everyone))
-    # Of k subjects chosen among those so far: the sums of their deviations, and how many choices have each.
+    # For each k: sums of the deviations of k subjects among those so far, and the number of choices of each.
     ways = [(np.zeros(1), np.ones(1)), *[(np.zeros(0), np.zeros(0))] * size]
     for value in everyone - mean:
         for k in range(size, 0, -1):
@@ -412,21 +413,21 @@ def label_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
 
 
 def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
-    """Equal sums as one."""
+    """The distinct sums with their total weights."""
     kept, place = np.unique(np.round(sums, 9), return_inverse=True)
     refuse(len(kept) > _MOST_SUMS, f"{name} must have at most {_MOST_SUMS} different sums, got more")
     return kept, np.asarray(np.bincount(place.ravel(), weights, minlength=len(kept)), dtype=np.float64)
 
 
 def finite_values(values: ArrayLike) -> Floats:
-    """One row of numbers, or one sentence."""
+    """The values as one row of finite numbers; otherwise ValueError."""
     x = np.asarray(values, dtype=np.float64)
     refuse(x.ndim != 1 or len(x) == 0, f"values must be one row with at least one value, got shape {x.shape}")
     refuse(not np.all(np.isfinite(x)), "values must be finite, got nan or infinity")
     return x
 
 
-# Where an end of an interval is looked for: beyond, a double sees no difference.
+# Points of the search for an end of an interval; larger d' do not differ in double precision.
 GRID = (*np.arange(0.0, 4.0, 0.1), *np.arange(4.0, 10.0, 0.25), *np.arange(10.0, 21.0), math.inf)
 
 
@@ -439,16 +440,15 @@ class GroupDPrime(Result):
     task : {"same-different", "abx", "2ifc"}
     rule : {"independent-observations", "differencing"}
     estimate : float
-        The d' at which the subjects' scores are, on average, those of observers who answer as often; 0 at
-        chance or below, inf where nobody made an error that his number of answers did not force, nan without
-        an informative subject.
+        The d' at which observers with the same numbers of answers have the same mean score. 0 at chance or
+        below, inf if all errors were forced by the numbers of answers, nan without an informative subject.
     interval : tuple of float
-        (low, high) in [0, inf); high is inf where the interval is open above.
+        (low, high) in [0, inf); high is inf if the interval is open above.
     level : float
     subjects, informative : int
-        All, and those who gave both answers: the others say nothing of d'.
+        All subjects, and those who gave both answers: the others do not inform about d'.
     p_value : float
-        One-sided, of so high a score at d' = 0.
+        One-sided p value of so high a score at d' = 0.
     """
 
     _derived = ("open_above",)
@@ -476,7 +476,7 @@ class GroupDPrime(Result):
 
 
 class Group:
-    """The subjects' hits and answers, and their tests at any d'."""
+    """Hits and answers of a group, and its tests at any d'."""
 
     def __init__(self, counts: Sequence[Counts], rule: str) -> None:
         self.decision = rule_of(task_of_all(counts), rule)
@@ -485,7 +485,7 @@ class Group:
         self.answers = np.array([[c.hits + c.false_alarms for c in counts]])
 
     def at(self, d_prime: float) -> list[ConditionalHits]:
-        """A subject's hits if his d' were this."""
+        """The distribution of each subject's hits at this d'."""
         task, rule = self.decision.task, self.decision.name
         return [conditional_hits(task, rule, float(d_prime), *size) for size in self.sizes]
 
@@ -494,11 +494,11 @@ class Group:
         return int(np.sum(excess_hits(self.hits, self.answers, self.at(0.0))[1]))
 
     def excess(self, d_prime: float) -> float:
-        """Hits of the whole group less the expected ones."""
+        """Observed minus expected hits of the whole group."""
         return float(np.sum(excess_hits(self.hits, self.answers, self.at(d_prime))[0]))
 
     def tails(self, d_prime: float) -> tuple[float, float]:
-        """p values of so few hits at this d', and of so many."""
+        """p values of so few and of so many hits at this d'."""
         few, many = group_tails(self.hits, self.answers, self.at(d_prime))
         return float(few[0]), float(many[0])
 
@@ -512,29 +512,29 @@ class Group:
         return float(brentq(self.excess, 0.0, 20.0, xtol=1e-10))
 
     def upper(self, error: float) -> float:
-        """The least d' above which all are rejected, each with this one-sided error rate."""
+        """The upper bound of d': all larger d' are rejected at this one-sided error rate."""
         return _last(lambda d: self.tails(d)[0] > error, GRID[::-1], otherwise=0.0)
 
     def lower(self, error: float) -> float:
-        """The largest d' below which all are rejected."""
+        """The lower bound of d': all smaller d' are rejected."""
         return _last(lambda d: self.tails(d)[1] > error, GRID, otherwise=math.inf)
 
 
 def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -> GroupDPrime:
     """A group's d' with its interval.
 
-    A subject's excess at a d' is his hits less those that an observer of this d' would have on average who
-    gives the answer as often as he did. The estimate is the d' of no mean excess; the interval holds every d'
-    whose excess is not rejected on either side by `group_tails`: t over subjects, with and without skewness,
-    and the exact distribution of the sum must all reject.
+    The excess of a subject at a d' is the number of hits minus the mean of an observer with this d' and as
+    many answers. The estimate is the d' with a mean excess of 0. The interval holds every d' that
+    `group_tails` does not reject on either side; a rejection needs all three: t over subjects, t corrected
+    for skewness, and the exact distribution of the sum.
 
     Parameters
     ----------
     counts : sequence of Counts
-        One a subject, of one task.
+        One per subject, of one task.
     rule : {"independent-observations", "differencing"}
     level : float, optional
-        Of the interval, 0.5 to 1 exclusive.
+        Level of the interval, in [0.5, 1).
 
     Raises
     ------
@@ -543,13 +543,12 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
 
     Notes
     -----
-    Criteria may differ as they like: given how often a subject gives the answer, his hits hardly depend on
-    it. By independent observations in same-different a bias is approximated: with 48 trials the lower end of
-    biased subjects is too high in up to 16 %, at a nominal 5. Where d' differs between subjects, the group's
-    is that of the mean excess, so about that of the mean score. Where few subjects can tell among many who
-    cannot, so small a group may hold none of them: the upper end is then too low more often than stated
-    (docs/psychophysics.md has figures). Of subjects with several numbers of trials, those with more count for
-    more.
+    Criteria may differ freely: given the number of answers, hits hardly depend on the criterion. Under
+    independent observations in same-different, bias is approximated: with 48 trials the lower end for biased
+    subjects is too high in up to 16 %, at a nominal 5. If d' differs between subjects, the group's d' is that
+    of the mean excess, so about that of the mean score. If few people can tell and most cannot, a small group
+    may include none who can; its upper end is then too low more often than stated (docs/psychophysics.md
+    gives figures). Subjects with more trials have more weight.
 
     Examples
     --------
@@ -578,7 +577,7 @@ def check_level(level: float) -> None:
 
 
 def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: float) -> float:
-    """Where `holds` begins along the grid, by halving between its points."""
+    """The point along the grid where `holds` begins, by halving between grid points."""
     place = next((i for i, point in enumerate(grid) if holds(point)), None)
     if place is None:
         return otherwise
@@ -591,19 +590,19 @@ def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: f
 
 @dataclass(frozen=True)
 class GroupScore(Result):
-    """Mean score of a group, and whether it is above chance.
+    """Mean score of a group, and tests of whether it is above chance.
 
     Attributes
     ----------
     n : int
         Subjects.
     trials : int or None
-        A subject's, where all have as many; then scores are counts, else proportions of correct answers.
+        Trials per subject if all have the same number; scores are then counts, else proportions correct.
     mean, chance : float
     sem : float or None
-        Standard error of the mean over subjects; None of one subject.
+        Standard error of the mean over subjects; None for one subject.
     interval : tuple of float, or None
-        (low, high) of the mean, by t, cut at the ends of the scale.
+        t interval (low, high) of the mean, cut at the ends of the scale.
     level : float
     tests : tuple of SubjectTest
         One-sided, above chance: t, and exact sign-flip.
@@ -629,14 +628,14 @@ class GroupScore(Result):
 
 @dataclass(frozen=True)
 class ScoreDifference(Result):
-    """Two conditions or two groups.
+    """Difference in score of two conditions or two groups.
 
     Attributes
     ----------
     difference : float
-        Mean of the first less that of the second, in proportions of correct answers.
+        Mean of the first minus mean of the second, in proportions correct.
     interval : tuple of float, or None
-        By t; None where there is no scatter.
+        By t; None without scatter.
     level : float
     paired : bool
     n : tuple of int
@@ -664,9 +663,9 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     Parameters
     ----------
     counts : sequence of Counts
-        One a subject, of one task.
+        One per subject, of one task.
     level : float, optional
-        Of the interval.
+        Level of the interval.
 
     Raises
     ------
@@ -675,10 +674,10 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
 
     Notes
     -----
-    Chance is half of the trials, which for a subject who gives one answer all the time needs both kinds of
-    trial to be equally frequent. The sign-flip test needs no distribution: without an ability scores are
-    symmetric about chance. It is exact for any number of trials and any criteria. Neither says that every
-    subject is above chance: one may be.
+    Chance is half of the trials. For a subject who always gives one answer, this needs both kinds of trial to
+    be equally frequent. The sign-flip test assumes no distribution: scores without ability are symmetric
+    about chance. It is exact for any number of trials and any criteria. Neither test shows that every subject
+    is above chance: one may be enough.
 
     Examples
     --------
@@ -704,12 +703,12 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
 def compare_conditions(
     first: Sequence[Counts], second: Sequence[Counts], *, level: float = 0.95
 ) -> ScoreDifference:
-    """The same subjects in two conditions, in the same order: tests on each one's difference.
+    """Paired tests of the same subjects, in the same order, in two conditions.
 
     Raises
     ------
     ValueError
-        If the numbers of subjects differ, there is none, or the level is not in [0.5, 1).
+        If the numbers of subjects differ or are 0, or the level is not in [0.5, 1).
 
     Examples
     --------
@@ -732,7 +731,7 @@ def compare_conditions(
 def compare_groups(
     first: Sequence[Counts], second: Sequence[Counts], *, level: float = 0.95
 ) -> ScoreDifference:
-    """Two groups of different subjects: Welch's t test and an exact permutation of who is in which.
+    """Welch's t test and the exact permutation test of two groups of different subjects.
 
     Raises
     ------
@@ -746,7 +745,7 @@ def compare_groups(
 
 
 def proportions(counts: Sequence[Counts]) -> Floats:
-    """Of correct answers, a subject."""
+    """The proportion correct of each subject."""
     refuse(not counts, "counts must hold a subject, got none")
     return np.array([c.score / c.trials for c in counts])
 
@@ -762,7 +761,7 @@ def task_of_all(counts: Sequence[Counts]) -> TaskName:
 def _difference(
     mean: float, tests: tuple[SubjectTest, ...], level: float, paired: bool, n: tuple[int, int]
 ) -> ScoreDifference:
-    """With its interval by the first of the tests, that of t."""
+    """The difference with its interval by the first test, which is a t test."""
     interval, test = None, tests[0]
     if test.statistic and test.freedom:
         wide = abs(mean / test.statistic) * float(student.ppf(0.5 + 0.5 * level, test.freedom))

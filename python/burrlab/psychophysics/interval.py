@@ -1,6 +1,6 @@
-"""One interval of a trial: a burr on fresh bone, driven by a device, for a time.
+"""One interval of a trial: a device drives a burr on fresh bone for some time.
 
-Bone that appears around a burr would throw it out: a live device is waited for until the burr is lifted.
+Bone that appears around a burr pushes it out, so a live device's interval waits until the burr is lifted.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from burrlab.common.check import check_positive, refuse
 from burrlab.psychophysics.trial import MODES, Interval, Mode
 from burrlab.session.session import Session
 
-_LEAST_VOXELS = 4.0  # of a burr's radius, as the tick has it
+_LEAST_VOXELS = 4.0  # least radius of a burr, as in the tick
 
 
 @dataclass(frozen=True)
 class Block:
-    """A block of solid bone, its top at z = 0, in the middle of x and y.
+    """A block of solid bone, centred in x and y, with its top at z = 0.
 
     Parameters
     ----------
     size : (float, float, float)
-        Along x, y, z [mm]; whole numbers of voxels. The default holds 20 s of drilling in the softest of the
-        paper's materials with the `drilling_hand` (docs/simulated_subject.md).
+        Along x, y, z [mm]; whole numbers of voxels. The default is enough for 20 s of drilling by
+        `drilling_hand` in the softest of the paper's materials (docs/simulated_subject.md).
     voxel : float
         Edge of a voxel [mm].
 
     Raises
     ------
     ValueError
-        If a length is not positive, or the size is not a whole number of voxels.
+        If a length is not positive, or not a whole number of voxels.
 
     Examples
     --------
@@ -76,15 +76,15 @@ class Block:
         return VoxelBone.block(self.size, self.voxel, origin=self.origin)
 
     def recipe(self) -> dict[str, Any]:
-        """How others make the same bone, for a session's trace."""
+        """A recipe of the same bone, for a session's trace."""
         return block_recipe(self.size, self.voxel, origin=self.origin)
 
     def plain(self) -> dict[str, Any]:
-        """What a protocol's JSON has."""
+        """The block in a protocol's JSON."""
         return {"size_mm": list(self.size), "voxel_mm": self.voxel}
 
     def check_burr(self, burr: Burr) -> None:
-        """Raises ValueError if the burr is too small for the voxels or too large for the block."""
+        """Raises ValueError if the burr is too small for the voxels, or too large for the block."""
         refuse(
             burr.radius < _LEAST_VOXELS * self.voxel,
             f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got {burr.radius:g}",
@@ -97,7 +97,7 @@ class Block:
 
 @dataclass(frozen=True)
 class VolumeBlock(Block):
-    """A block cut out of a volume along an axis; its top is flat at z = 0, the entry in the middle of x and y.
+    """A block cut out of a volume along an axis: flat top at z = 0, entry at the centre of x and y.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ class VolumeBlock(Block):
     Raises
     ------
     ValueError
-        As `Block`. What is wrong with the volume shows when it is cut.
+        As for `Block`. Faults of the volume are found when the block is cut.
     """
 
     volume: VolumeRecipe = field(kw_only=True)
@@ -122,16 +122,16 @@ class VolumeBlock(Block):
         return VolumeBlockRecipe(self.volume, self.size, self.voxel, self.entry, self.axis)
 
     def fresh(self) -> VoxelBone:
-        """The untouched bone, which is cut once. Errors as of `burrlab.volume.cut_block`, and OSError."""
+        """The untouched bone, cut once. Raises the errors of `burrlab.volume.cut_block`, and OSError."""
         return _cut(self._made).copy()
 
     def recipe(self) -> dict[str, Any]:
-        """How others make the same bone, for a session's trace."""
+        """A recipe of the same bone, for a session's trace."""
         return {"notes": list(self.volume.notes()), **self._made.plain()}
 
     def plain(self) -> dict[str, Any]:
-        """What a protocol's JSON has: the bone's digest, and not where the volume lies."""
-        # without what earlier versions did not write, so that a protocol keeps its digest
+        """The block in a protocol's JSON, with the bone's digest and without the volume's folder."""
+        # False values are left out, as in earlier versions, so that a protocol keeps its digest.
         volume = {name: value for name, value in self.volume.plain().items() if value is not False}
         volume["path"] = os.path.basename(self.volume.path)
         return {**self._made.plain(), "volume": volume, "digest": _cut(self._made).digest()}
@@ -140,10 +140,10 @@ class VolumeBlock(Block):
 _cut = functools.lru_cache(maxsize=2)(VolumeBlockRecipe.bone)
 
 
-_AWAY = 1e4  # [mm] from the surface to a block that nothing meets
-_STEADY = 0.1  # that the burr must be lifted [s]
-_PATIENCE = 0.3  # before the hand is asked to lift it [s]
-_LOOK = 0.005  # [s] between two looks at the records
+_AWAY = 1e4  # distance of a block that the burr never meets [mm]
+_STEADY = 0.1  # how long the burr must be lifted [s]
+_PATIENCE = 0.3  # wait before asking to lift the burr [s]
+_LOOK = 0.005  # time between two looks at the records [s]
 _MOST = 20_000  # records taken at once
 
 
@@ -155,33 +155,33 @@ def wait_until_lifted(
     stop: Callable[[], bool],
     on_message: Callable[[str], object] | None = None,
 ) -> tuple[bool, str]:
-    """Waits until the burr's tip has been above the plane z = 0 for 0.1 s. The force is zero meanwhile.
+    """Waits, with zero force, until the burr's tip has been above the plane z = 0 for 0.1 s.
 
     Parameters
     ----------
     device : Device
-        Live. Free again afterwards, but an `IgtlDevice` is closed.
+        A live device. It is free again afterwards, but an `IgtlDevice` is closed.
     burr : Burr
     on_wait : callable
-        Called once if the burr is not lifted by itself.
+        Called once if the burr is not lifted soon.
     stop : callable
-        The waiting ends when this returns True; asked every few milliseconds.
+        Asked every few milliseconds; waiting ends when it returns True.
     on_message : callable, optional
         See `burrlab.Session`.
 
     Returns
     -------
     lifted : bool
-        False if the device came to its end or was lost, or `stop` said so.
+        False if the device ended or was lost, or `stop` returned True.
     reason : str
-        Why the waiting ended, in the session's words.
+        The session's reason for the end of waiting.
 
     Notes
     -----
-    Bone that is there from one millisecond to the next pushes a burr of R = 3 mm that is 2 mm deep in it with
-    10.5 N: the session sends its limit of 8 N within 9 ms (docs/experiment.md).
+    Bone that appears around a burr of R = 3 mm at 2 mm depth pushes it with 10.5 N; the session sends its
+    limit of 8 N within 9 ms (docs/experiment.md).
     """
-    # A session in the air: it reads the device as any other does, and its force is exactly zero.
+    # A session in the air reads the device as usual and gives exactly zero force.
     voxel = burr.radius / 4.0
     nothing = VoxelBone.block((voxel, voxel, voxel), voxel, origin=(0.0, 0.0, -_AWAY))
     still = Material("nothing", c_e=1.0, alpha=0.0)
@@ -209,9 +209,9 @@ Ending: TypeAlias = Literal["time", "break-through", "wall", "subject", "device"
 
 ENDINGS: tuple[Ending, ...] = ("time", "break-through", "wall", "subject", "device")
 
-#: What is kept of a tick: `time` since the first one [s], the `periods` it stands for, `center` [mm], `force`
-#: [N] of the model, `penetration` [mm], `removed` [levels], whether the burr touches bone, and whether it
-#: turns.
+#: Record of a tick: `time` since the first tick [s], the `periods` it stands for, whether the burr is
+#: `touching` bone, whether it is `on`, `center` [mm], the model's `force` [N], `penetration` [mm], `removed`
+#: [levels].
 TICK = np.dtype(
     [
         ("time", "f8"), ("periods", "u4"), ("touching", "?"), ("on", "?"), ("center", "f8", 3), ("force", "f8", 3),
@@ -219,32 +219,33 @@ TICK = np.dtype(
     ]
 )  # fmt: skip
 
-_PERIOD = 1e-3  # of the loop [s]
+_PERIOD = 1e-3  # the loop's period [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """What happened in an interval.
+    """Record of one interval.
 
     Attributes
     ----------
     mode : {"probing", "drilling"}
     ended : {"time", "break-through", "wall", "subject", "device"}
-        The time was over; the burr's tip came to the block's bottom; the burr came to its side; `stop` said
-        so; the device came to its end, or the session failed.
+        Cause of the end: the time was over; the burr's tip reached the block's bottom; the burr reached a
+        side; `stop` returned True; or the device ended or the session failed.
     duration : float
-        From the first tick to the end [s].
+        Time from the first tick to the end [s].
     contact : float
-        Of it with bone inside the sphere [s].
+        Time with bone inside the sphere [s].
     seed : int
-        Of the erosion.
+        Seed of the erosion.
     burr : Burr
     ticks : ndarray of TICK
-        Until the end, read-only.
+        All ticks until the end, read-only.
     reason : str
-        Why the session ended, in its own words.
+        The session's reason for its end.
     failed : bool
-        The device was lost, the loop stalled or a value was not finite: the interval says nothing.
+        Whether the device was lost, the loop stalled or a value was not finite. Such an interval must not be
+        used.
     """
 
     mode: Mode
@@ -259,7 +260,7 @@ class Rendered:
 
     @property
     def immersion(self) -> NDArray[np.float64]:
-        """Depth of the burr's tip below the untouched surface at each tick, negative above it [mm]."""
+        """Depth of the burr's tip below the untouched surface at each tick, negative above [mm]."""
         return np.asarray(self.burr.radius - self.ticks["center"][:, 2])
 
 
@@ -276,28 +277,28 @@ def render(
     on_message: Callable[[str], object] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Rendered:
-    """Lets a device feel a stimulus on fresh bone.
+    """Renders one interval: a device drives a burr on fresh bone of the stimulus.
 
     Parameters
     ----------
     interval : Interval
-        The stimulus needs a material. Its time begins with the first tick.
+        Its stimulus needs a material. Its time begins with the first tick.
     device : Device
-        Free; it may serve the next interval after it.
+        A free device, which may serve the next interval afterwards.
     burr : Burr
     bone : Block
     mode : {"probing", "drilling"}
-        By probing nothing is eroded (alpha = 0), whatever the device's switch says; by drilling the switch
+        Probing erodes nothing (alpha = 0), whatever the device's switch says; in drilling the switch
         decides.
     wall_clock : bool
-        Keep absolute deadlines. Else as fast as it goes, and deterministic to the tick.
+        Whether to keep absolute deadlines; otherwise as fast as possible and deterministic to the tick.
     record : path, optional
-        A new file for the session's trace. It holds the few ticks after the end too.
+        A new file for the session's trace, which also holds the few ticks after the end.
     publish, on_message : optional
         See `burrlab.Session`.
     stop : callable, optional
-        The interval ends when it returns True; asked every few milliseconds, from the calling thread. Needed
-        where the interval has no duration.
+        Asked every few milliseconds in the calling thread; the interval ends when it returns True. Required
+        if the interval has no duration.
 
     Returns
     -------
@@ -306,17 +307,16 @@ def render(
     Raises
     ------
     ValueError
-        If the stimulus has no material, the mode is unknown, the duration is not positive, there is neither
-        duration nor stop, or the burr does not fit the block.
+        If the stimulus has no material, the mode is unknown, the duration is not positive, duration and
+        `stop` are both missing, or the burr does not fit the block.
     FileExistsError
         If the trace exists.
 
     Notes
     -----
-    Break-through and wall are judged by the ticks from the first contact on: the first in which the tip, z -
-    R, is at the bottom or below, or in which the part of the sphere below the surface reaches a side of the
-    block, ends the interval. The session is ended some milliseconds later, and what comes after that tick is
-    cut off.
+    From the first contact on, the first tick with the tip, z - R, at or below the bottom is a break-through.
+    The first tick in which the part of the sphere below the surface reaches a side of the block is a wall.
+    Either ends the interval. The session ends some milliseconds later; the ticks in between are cut off.
     """
     material = _material(interval, mode)
     refuse(
@@ -374,7 +374,7 @@ def _material(interval: Interval, mode: Mode) -> Material:
 
 
 class _Watch:
-    """Takes the records while the loop runs, until one of them ends the interval."""
+    """Takes records while the loop runs, until one of them ends the interval."""
 
     def __init__(self, reader: RecordReader, burr: Burr, bone: Block, duration: float | None) -> None:
         self._reader: RecordReader | None = reader
@@ -396,7 +396,7 @@ class _Watch:
             if len(records):
                 self._keep(records)
             if self.ended:
-                self._reader = None  # a loop on a virtual clock would wait for it
+                self._reader = None  # otherwise a loop on a virtual clock waits for the reader
             elif len(records) < _MOST:
                 return
 
@@ -410,9 +410,9 @@ class _Watch:
         touched = self._touched | np.logical_or.accumulate(ticks["touching"])
         self._touched = bool(touched[-1])
         place, z = np.abs(ticks["center"][:, :2]), ticks["center"][:, 2]
-        # Radius of the sphere's widest section below the surface.
+        # Radius of the sphere's widest section below the surface
         width = np.sqrt(np.maximum(self._radius**2 - np.maximum(z, 0.0) ** 2, 0.0))
-        # In the order of ENDINGS, which decides where two come at one tick.
+        # In the order of ENDINGS, which decides between two endings at one tick.
         late = ticks["time"] >= self._duration - 0.5 * _PERIOD
         through = touched & (z - self._radius <= self._bottom)
         wall = touched & (z < self._radius) & (place + width[:, None] >= self._half).any(axis=1)

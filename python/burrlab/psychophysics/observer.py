@@ -1,4 +1,4 @@
-"""Simulated hands, the cues that an interval gives, and a subject made of noise and a rule.
+"""Simulated hands, the cues of an interval, and simulated subjects with noise and a decision rule.
 
 They serve to rehearse an experiment, not to explain people.
 """
@@ -19,28 +19,28 @@ from burrlab.psychophysics.interval import Block, Rendered, render
 from burrlab.psychophysics.rules import Floats, Result, RuleName, TaskName, one_of, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
-PROBING_PUSH = 1.5  # [N] at a press's height; ours
-PRESSES = 0.5  # a second: ten in 20 s; ours
-DRILLING_PUSH = 0.3  # [N]; ours: at 1 N the softest material would be drilled through in a second
-STROKE = 5.0  # [mm] from end to end; ours
-STROKES = 1.4  # full turns a second; ours
-CLEARANCE = 0.5  # [mm] above the surface at the start
+PROBING_PUSH = 1.5  # peak push of a press [N]; ours
+PRESSES = 0.5  # presses per second, ten in 20 s; ours
+DRILLING_PUSH = 0.3  # [N]; ours: 1 N would drill through the softest material in a second
+STROKE = 5.0  # from end to end [mm]; ours
+STROKES = 1.4  # full turns per second; ours
+CLEARANCE = 0.5  # above the surface at the start [mm]
 
 
 def probing_hand(
     burr: Burr, *, push: float = PROBING_PUSH, presses: float = PRESSES, clearance: float = CLEARANCE
 ) -> HandDevice:
-    """A hand that presses a still burr into the bone, again and again at one place.
+    """A hand that presses a still burr into the bone repeatedly at one place.
 
     Parameters
     ----------
     burr : Burr
     push : float
-        At a press's height [N].
+        Peak push of a press [N].
     presses : float
-        A second, from the first contact on.
+        Presses per second, from the first contact on.
     clearance : float
-        Of the burr above the surface z = 0 at the start [mm].
+        Height of the burr above the surface z = 0 at the start [mm].
 
     Returns
     -------
@@ -49,7 +49,7 @@ def probing_hand(
     Raises
     ------
     ValueError
-        If a number is out of the range that `HandDevice` has.
+        If a number is out of `HandDevice`'s range.
 
     Examples
     --------
@@ -76,11 +76,11 @@ def drilling_hand(
     push : float
         [N]
     stroke : float
-        From end to end [mm].
+        Length from end to end [mm].
     strokes : float
-        Full turns a second.
+        Full turns per second.
     clearance : float
-        Of the burr above the surface z = 0 at the start [mm].
+        Height of the burr above the surface z = 0 at the start [mm].
 
     Returns
     -------
@@ -89,7 +89,7 @@ def drilling_hand(
     Raises
     ------
     ValueError
-        If a number is out of the range that `HandDevice` has.
+        If a number is out of `HandDevice`'s range.
     """
     start = (0.0, 0.0, burr.radius + clearance)
     return HandDevice(start, push=push, amplitude=0.5 * stroke, strokes=strokes)
@@ -100,26 +100,26 @@ CueName: TypeAlias = Literal["stiffness", "force", "sinking"]
 CUES: tuple[CueName, ...] = ("stiffness", "force", "sinking")
 CUES_OF: dict[Mode, tuple[CueName, ...]] = {"probing": ("stiffness", "force"), "drilling": ("sinking",)}
 
-IMMERSION = 0.2  # [mm] at which the force is felt; ours
+IMMERSION = 0.2  # where the force cue is measured [mm]; ours
 
-# A press begins above the one part of the interval's largest force, and ends below the other.
+# A press begins at or above the first share of the interval's largest force, and ends below the second.
 _BEGIN, _END = 0.5, 0.2
 
 
 @dataclass(frozen=True)
 class Cues(Result):
-    """Natural logarithms of an interval's cues; NaN where the mode, or what happened, does not have it.
+    """Natural logarithms of an interval's cues; NaN for a cue that the interval does not give.
 
     Attributes
     ----------
     stiffness : float
-        Of the force at a press's height over the penetration there, mean over presses [N/mm].
+        Logarithm of force over penetration at the peak of a press, mean over presses [N/mm].
     force : float
-        Of the force at 0.2 mm immersion on the way in, mean over presses [N].
+        Logarithm of the force at 0.2 mm immersion on the way in, mean over presses [N].
     sinking : float
-        Of the depth of the tip below the untouched surface, at its deepest, a second of contact [mm/s].
+        Logarithm of the tip's greatest depth below the untouched surface over the time of contact [mm/s].
     presses : int
-        That were found; 0 by drilling.
+        Number of presses found; 0 in drilling.
     """
 
     stiffness: float = math.nan
@@ -129,7 +129,7 @@ class Cues(Result):
 
 
 def interval_cues(rendered: Rendered) -> Cues:
-    """The cues of what was rendered.
+    """The cues of a rendered interval.
 
     Parameters
     ----------
@@ -139,13 +139,12 @@ def interval_cues(rendered: Rendered) -> Cues:
     Returns
     -------
     Cues
-        By probing stiffness and force, by drilling sinking speed.
+        Stiffness and force in probing, sinking speed in drilling.
 
     Notes
     -----
-    Force and penetration are the model's, at the burr; friction and inertia of the hand are not in them. A
-    press is a time in which the force exceeds half of the interval's largest and has not yet fallen below a
-    fifth of it.
+    Force and penetration are the model's, at the burr, without friction and inertia of the hand. A press
+    begins where the force reaches half of the interval's largest and ends where it falls below a fifth.
     """
     depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
     if rendered.mode == "drilling":
@@ -175,8 +174,8 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
     Cues
         Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H: F = c_e R^2
         (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
-        of small forces and thin layers, up to a factor that all materials share. Only differences of it mean
-        something.
+        of small forces and thin layers, up to a factor that all materials share. So only differences of
+        sinking have a meaning.
 
     Examples
     --------
@@ -200,7 +199,7 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
 def rendered_cues(
     material: Material, mode: Mode, *, burr: Burr, bone: Block, duration: float = 20.0, seed: int = 1
 ) -> Cues:
-    """The cues of an interval that the simulated hand of this mode felt on the virtual clock; kept for the next call.
+    """The cues of an interval with the mode's simulated hand on the virtual clock, cached.
 
     Parameters
     ----------
@@ -211,7 +210,7 @@ def rendered_cues(
     duration : float
         [s]
     seed : int
-        Of the erosion.
+        Seed of the erosion.
 
     Returns
     -------
@@ -220,7 +219,7 @@ def rendered_cues(
     Raises
     ------
     ValueError
-        As `render`.
+        As for `render`.
     """
     hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
     interval = Interval(Stimulus(material.name, material), seed, duration)
@@ -241,7 +240,7 @@ def _presses(force: Floats) -> Iterator[tuple[int, int]]:
 
 
 def _force_on_the_way(depth: Floats, force: Floats) -> float:
-    """Where the burr last came past the immersion on its way in; NaN where it was deeper all the time."""
+    """The force where the burr last crosses `IMMERSION` on its way in; NaN if it never does."""
     crossings = np.flatnonzero((depth[:-1] < IMMERSION) & (depth[1:] >= IMMERSION))
     if not len(crossings):
         return math.nan
@@ -258,51 +257,52 @@ def _log_mean(values: list[float]) -> float:
 Decision: TypeAlias = Literal["differencing", "covert"]
 
 DECISIONS: tuple[Decision, ...] = ("differencing", "covert")
-LAPSE = 0.02  # of the answers, at random; ours
+LAPSE = 0.02  # share of random answers; ours
 
 
 @dataclass(frozen=True)
 class SimulatedSubject:
-    """Feels the logarithms of some cues, each with Gaussian noise drawn once an interval, and decides by a rule.
+    """A subject who feels logarithms of cues, with Gaussian noise drawn once per interval, and uses a rule.
 
     Parameters
     ----------
     weber : float or mapping of cue to float
-        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction
-        (`burrlab.psychophysics.weber`). Twenty seconds do not average it away. None is published for the
+        The Weber fraction (`burrlab.psychophysics.weber`): standard deviation of the noise of a cue's
+        logarithm in one interval. Twenty seconds do not average it away. No value is published for the
         sinking speed.
     cues : sequence of {"stiffness", "force", "sinking"}
-        That the subject attends to.
+        The cues that the subject attends to.
     decision : {"differencing", "covert"}
-        Compare the intervals with one another, or take each as one of two known materials and compare these.
+        Compare the intervals with one another, or classify each as one of two known materials and compare
+        the classes.
     criterion : float, optional
-        By differencing in same-different: the distance of the two observations, in standard deviations of
-        one, beyond which the answer is "different". By default that of an unbiased observer.
+        For differencing in same-different: the distance of the two observations, in standard deviations of
+        one, above which the answer is "different". By default that of an unbiased observer.
     lapse : float
-        Part of the answers that is random.
+        Share of random answers.
     memory : float
-        Standard deviation of what the first interval's logarithms have become when the last is over, besides.
+        Standard deviation of additional noise on the first interval's logarithms, from memory.
     known : (Cues, Cues), optional
-        Of the two materials of the task, as `taught` has them.
+        Cues of the task's two materials, as `taught` sets them.
 
     Raises
     ------
     ValueError
-        If a cue or the decision is unknown, a number out of range, a cue has no Weber fraction, or a
+        If a cue or the decision is unknown, a number is out of range, a cue has no Weber fraction, or a
         criterion is given for covert decisions.
 
     Notes
     -----
-    Several cues become one by optimal linear weights: cue i has weight D_i/s_i^2, D_i the difference of its
-    logarithm between the two known materials and s_i^2 = weber_i^2 + memory^2/2; then d'^2 = sum D_i^2/s_i^2.
-    The subject has learned the D_i, and where the unbiased criterion is, before the first trial.
+    Optimal linear weights combine several cues. Cue i has weight D_i/s_i^2, where D_i is the difference of
+    its logarithm between the two known materials and s_i^2 = weber_i^2 + memory^2/2. So d'^2 = sum
+    D_i^2/s_i^2. The subject knows the D_i and the unbiased criterion before the first trial.
 
-    In same-different, differencing answers "different" where the two are further apart than the criterion,
-    covert where they lie on two sides of the middle of the known ones. In ABX, differencing chooses the
-    alternative closer to the reference; covert the one that is more on the reference's side of the middle. In
-    two intervals both choose the one with more: stiffer by probing, faster sinking by drilling. A subject who
-    has not been taught gives several cues the weights 1/s_i^2. Without memory noise these are the rules of
-    `rule_of`.
+    In same-different, differencing answers "different" if the observations are further apart than the
+    criterion; covert, if they lie on different sides of the middle between the known materials. In ABX,
+    differencing chooses the alternative closer to the reference; covert, the one further towards the
+    reference's side of the middle. In two intervals both choose the interval with more: stiffer in probing,
+    faster sinking in drilling. A subject who has not been taught weighs several cues by 1/s_i^2. Without
+    memory noise these are the rules of `rule_of`.
 
     Examples
     --------
@@ -351,23 +351,23 @@ class SimulatedSubject:
 
     @property
     def rule(self) -> RuleName:
-        """That an analysis should find."""
+        """The rule that fits this subject in an analysis."""
         return "differencing" if self.decision == "differencing" else "independent-observations"
 
     def taught(self, a: Cues, b: Cues) -> SimulatedSubject:
-        """The same subject, who knows these two materials.
+        """The same subject with knowledge of these two materials.
 
         Raises
         ------
         ValueError
-            If one of the subject's cues has no value in them.
+            If a cue of the subject has no value in `a` or `b`.
         """
         self._values((a, b))
         return replace(self, known=(a, b))
 
     @property
     def d_prime(self) -> float:
-        """Distance of the known materials in standard deviations of one observation, memory noise shared by both.
+        """Distance of the known materials in standard deviations of one observation, memory noise shared.
 
         Raises
         ------
@@ -377,16 +377,16 @@ class SimulatedSubject:
         return float(np.sqrt((self._difference() ** 2 / self._variance()).sum()))
 
     def respond(self, trial: Trial, cues: Sequence[Cues], rng: np.random.Generator) -> str:
-        """An answer.
+        """The subject's answer to a trial.
 
         Parameters
         ----------
         trial : Trial
-            Only its kind is looked at: same-different, ABX or two intervals.
+            Only its kind is used: same-different, ABX or two intervals.
         cues : sequence of Cues
-            One an interval, in order.
+            One per interval, in order.
         rng : numpy.random.Generator
-            Every call takes the same number of draws of it.
+            Each call takes the same number of draws.
 
         Returns
         -------
@@ -396,8 +396,8 @@ class SimulatedSubject:
         Raises
         ------
         ValueError
-            If there is not one `Cues` an interval, a cue has no value, or the subject has not been taught
-            (which two intervals do not need).
+            If the numbers of `cues` and intervals differ, a cue has no value, or the subject has not been
+            taught (not needed for two intervals).
         """
         task = task_of(trial)
         refuse(
@@ -414,14 +414,14 @@ class SimulatedSubject:
         return self._decide(task, self._combine(values + noise, task))
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """A dict for JSON."""
         return {
             "cues": list(self.cues), "weber": dict(cast(Mapping[CueName, float], self.weber)), "decision": self.decision,
             "criterion_sd": self.criterion, "lapse": self.lapse, "memory": self.memory,
         }  # fmt: skip
 
     def _decide(self, task: TaskName, x: Floats) -> str:
-        """From observations with a standard deviation of 1, 0 in the middle of the known materials."""
+        """The answer to observations of standard deviation 1, with 0 midway between the known materials."""
         if task == "2ifc":
             return "first" if x[0] > x[1] else "second"
         if task == "same-different":
@@ -439,8 +439,7 @@ class SimulatedSubject:
     def _combine(self, observed: Floats, task: TaskName) -> Floats:
         variance = self._variance()
         if task == "2ifc":
-            # More of each cue is more of what is asked for, and nothing has to be known but how much each
-            # counts.
+            # The interval with more of each cue is the answer, so only the weights must be known.
             size = np.ones(len(self.cues)) if self.known is None else np.abs(self._difference())
             return np.asarray(observed @ (size / variance))
         difference = self._difference()

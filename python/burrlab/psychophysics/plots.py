@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
 
 Rows: TypeAlias = NDArray[np.float64]
-#: Of an estimate: lower end, estimate, upper end; the last two may be infinite.
+#: Lower end, estimate, upper end. The last two may be infinite.
 Span: TypeAlias = tuple[float, float, float]
 
 STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
-_LOWEST = 4.0  # end of a d' axis at least, where all that is drawn ends below
+_LOWEST = 4.0  # the least end of a d' axis
 
 
 def wrapped(title: str) -> str:
-    """In lines that fit over a figure of one column."""
+    """The title in lines that fit above a one-column figure."""
     return textwrap.fill(title, 52)
 
 
 def room_for(ax: Axes | None, rows: float) -> Axes:
-    """The given axes, or those of a new figure as tall as the rows need."""
+    """The given axes, or axes of a new figure that is tall enough for the rows."""
     ax, new = axes_or_new(ax), ax is None
     if new and rows > 13 and isinstance(ax.figure, Figure):
         ax.figure.set_figheight(1.2 + 0.19 * rows)
@@ -39,7 +39,7 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
 
 
 def draw(ax: Axes, spans: Sequence[Span], rows: Rows, end: float, colour: str, marker: str) -> None:
-    """Intervals as lines, those open above as arrows; an infinite estimate as a hollow mark at the axis' end."""
+    """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark."""
     for (low, estimate, high), row in zip(spans, rows, strict=True):
         if math.isinf(high):
             ax.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
@@ -57,10 +57,10 @@ def draw(ax: Axes, spans: Sequence[Span], rows: Rows, end: float, colour: str, m
 def draw_d_prime(
     ax: Axes, by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, *, named: bool = True, delta: float | None = None,
 ) -> None:  # fmt: skip
-    """d' by rules side by side, with chance and, where there is one, Delta."""
+    """Draws d' by each rule side by side, with chance and any Delta."""
     spans = [span for some in by_rule.values() for span in some]
     finite = [value for span in spans for value in span if math.isfinite(value)]
-    end = 1.15 * max(_LOWEST, *finite, 0.0)  # all that is finite lies inside
+    end = 1.15 * max(_LOWEST, *finite, 0.0)  # beyond all finite values
     for i, (rule, some) in enumerate(by_rule.items()):
         shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
         colour, marker = STYLES[rule]
@@ -77,7 +77,7 @@ def draw_d_prime(
 
 
 def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
-    """The finished axes: a name a row, and the legend between title and frame, as intervals fill the frame."""
+    """The axes with one name per row; the legend stands above the frame, which intervals fill."""
     ax.set_yticks(rows, names, fontsize=8 if len(names) < 25 else 6)
     ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")
     handles, labels = ax.get_legend_handles_labels()

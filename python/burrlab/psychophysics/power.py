@@ -1,6 +1,6 @@
-"""What a design can show before anybody takes part, and the test that d' is below a Delta set beforehand.
+"""The power of a design, before anybody takes part, and the test that d' is below a predefined Delta.
 
-The observers are unbiased, with lapses. "Cannot tell apart" is a claim of its own, with a power of its own.
+Observers are unbiased, with lapses.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ from burrlab.psychophysics.rules import (
     rule_of,
 )
 
-EXPERIMENTS = 4000  # simulated for a power: standard error 0.006 at 0.8
+EXPERIMENTS = 4000  # simulated for each power: standard error 0.006 at 0.8
 SEED = 6
 
 
 class Observer:
-    """Unbiased, of one d', with lapses: the distribution of scores, and answers drawn."""
+    """An unbiased observer with one d' and lapses, and the distribution of scores."""
 
     def __init__(self, decision: Rule, d_prime: float, trials: int, lapse: float) -> None:
         rates = (float(rate) for rate in decision.rates(d_prime))
@@ -58,7 +58,7 @@ class Observer:
         return 0.0 if score is None else float(min(1.0, np.sum(self.scores[score:])))
 
     def group(self, subjects: int, level: float) -> float:
-        """Power of the one-sided t test on the scores of so many subjects, two at least."""
+        """Power of the one-sided t test on the scores of this number of subjects, at least two."""
         rng = np.random.default_rng(SEED)
         table = np.cumsum(self.scores)
         drawn = np.searchsorted(table / table[-1], rng.random((EXPERIMENTS, subjects)), side="right")
@@ -66,15 +66,15 @@ class Observer:
         mean, error = np.mean(above, axis=1), np.std(above, axis=1, ddof=1) / math.sqrt(subjects)
         with np.errstate(divide="ignore", invalid="ignore"):
             p = stdtr(subjects - 1, -mean / error)
-        # Equal scores leave no t; the sign-flip test has its least p.
+        # Equal scores give no t; the sign-flip test then has its least p.
         flat = np.where(mean > 0.0, 0.5**subjects, 1.0)
         return float(np.mean(np.where(error > 0.0, p, flat) <= level))
 
 
 def critical_score(trials: int, level: float) -> tuple[int | None, float]:
-    """The lowest score that guessing reaches in at most `level` of experiments, and in how many it does."""
+    """The lowest score that guessing reaches with a probability of at most `level`, and that probability."""
     reached = binom.sf(np.arange(-1, trials), trials, 0.5)  # P(score >= k)
-    # equal to rounding counts as equal
+    # equal but for rounding counts as equal
     enough = np.nonzero(reached <= level * (1.0 + 1e-12))[0]
     return (int(enough[0]), float(reached[enough[0]])) if len(enough) else (None, 0.0)
 
@@ -82,7 +82,7 @@ def critical_score(trials: int, level: float) -> tuple[int | None, float]:
 WANTED_POWER = 0.8
 
 _BELOW_CHANCE = 0.01
-_DELTA_HALVINGS = 12  # of 20: 0.005
+_DELTA_HALVINGS = 12  # of the range 0 to 20: steps of 0.005
 
 
 @dataclass(frozen=True)
@@ -95,21 +95,21 @@ class Equivalence(Result):
     rule : {"independent-observations", "differencing"}
     delta, level : float
     subjects, informative : int
-        All, and those who gave both answers: the others say nothing of d'.
+        All subjects, and those who gave both answers: the others do not inform about d'.
     trials : tuple of int
-        Fewest and most of a subject.
+        Fewest and most trials of a subject.
     upper : float
-        The group's one-sided upper bound of d' at this level; inf where there is none.
+        The group's one-sided upper bound of d' at this level; inf if there is none.
     p_value : float
-        Of so low a score if d' were Delta or more.
+        p value of so low a score at d' >= Delta.
     p_below_chance : float
-        Of so low a score at d' = 0: no d' explains a small one.
+        p value of so low a score at d' = 0; no d' explains a small one.
     equivalent : bool
         Whether d' >= Delta is rejected.
     power : float
-        Probability of that at d' = 0, with these subjects, trials and numbers of answers.
+        Probability of rejection at d' = 0, with these subjects, trials and numbers of answers.
     decidable_delta : float
-        The smallest Delta that would have a power of 80 %; inf where none has.
+        The smallest Delta with a power of 80 %; inf if none has it.
     """
 
     _derived = ("sentence", "design_sentence")
@@ -130,7 +130,7 @@ class Equivalence(Result):
 
     @property
     def sentence(self) -> str:
-        """The outcome in plain words."""
+        """The outcome in words."""
         if not self.informative:
             return (
                 f"Not decided: no subject gave both answers, so nothing is known of d' ({self.rule}), "
@@ -160,21 +160,20 @@ class Equivalence(Result):
 
 
 def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: float = 0.95) -> Equivalence:
-    """Whether a group's d' is below Delta, one-sided.
+    """One-sided test of whether a group's d' is below Delta.
 
-    The test is that of `group_d_prime`: a subject's hits are compared with those of an observer with d' =
-    Delta who gives the answer as often. Who always says "same" has a score at chance whatever his d', and
-    counts for nothing here.
+    As in `group_d_prime`, a subject's hits are compared with those of an observer with d' = Delta and as many
+    answers. A subject who always says "same" scores at chance with any d', and has no weight here.
 
     Parameters
     ----------
     counts : sequence of Counts
-        One a subject, of one task; one subject is enough.
+        One per subject, of one task; one subject is enough.
     rule : {"independent-observations", "differencing"}
     delta : float
-        Set before the first answer, > 0.
+        > 0; must be set before the first answer.
     level : float, optional
-        1 - the error rate.
+        1 - error rate.
 
     Raises
     ------
@@ -184,13 +183,13 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
 
     Notes
     -----
-    With one subject the exact conditional test decides alone. The power is simulated with a fixed seed: the
-    subjects' own numbers of answers, their hits by guessing (hypergeometric). A lapse looks like a smaller
-    d': equivalence is of what the subjects did.
+    With one subject the exact conditional test decides alone. The power is simulated with a fixed seed, from
+    the subjects' own numbers of answers and hits by guessing (hypergeometric). Lapses look like a smaller d':
+    equivalence is about answers, lapses included.
 
     References
     ----------
-    Schuirmann, J. Pharmacokinet. Biopharm. 15, 657 (1987), for two one-sided tests, of which this is one.
+    Schuirmann, J. Pharmacokinet. Biopharm. 15, 657 (1987), for two one-sided tests; this is one of the two.
 
     Examples
     --------
@@ -202,7 +201,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     group = Group(counts, rule)
     error = 1.0 - level
-    # The least favourable d' at Delta or above; the p value falls with d' but for the scatter in t.
+    # The least favourable d' >= Delta: the p value falls with d', except for the scatter in t.
     p_value = max(group.tails(d)[0] for d in (delta, *(d for d in GRID if d > delta)))
     sizes = [c.trials for c in counts]
     hits = guessed_hits(group)
@@ -227,7 +226,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
 
 
 def guessed_hits(group: Group) -> Integers:
-    """Of subjects with d' = 0 who give as many answers as these did, shape (experiments, subjects)."""
+    """Hits of subjects with d' = 0 and these numbers of answers, shape (experiments, subjects)."""
     rng = np.random.default_rng(SEED)
     columns = [
         rng.hypergeometric(signals, noises, int(answers), EXPERIMENTS) if signals * noises else
@@ -247,7 +246,7 @@ class Simulated:
     hits, answers : ndarray of int, shape (experiments, subjects)
         `answers` may have one row for all experiments.
     sizes : sequence of (int, int)
-        Trials of each kind, of each subject.
+        Signals and noises of each subject.
     """
 
     decision: Rule
@@ -256,14 +255,14 @@ class Simulated:
     sizes: Sequence[tuple[int, int]]
 
     def share_below(self, d_prime: float, error: float) -> float:
-        """Share that rejects this d' as too high."""
+        """Share of experiments that reject this d' as too high."""
         task, rule = self.decision.task, self.decision.name
         subjects = [conditional_hits(task, rule, float(d_prime), *size) for size in self.sizes]
         return float(np.mean(rejected_as_few(self.hits, self.answers, subjects, error)))
 
 
 def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> Simulated:
-    """Unbiased subjects."""
+    """Simulated experiments of unbiased subjects with d' = 0."""
     observer, rng = Observer(decision, 0.0, trials, lapse), np.random.default_rng(SEED)
     hits = rng.binomial(observer.half, observer.hit, (EXPERIMENTS, subjects))
     answers = hits + rng.binomial(observer.half, observer.false_alarm, hits.shape)
@@ -271,7 +270,7 @@ def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> Simula
 
 
 def equivalence_power(simulated: Simulated, delta: float, error: float) -> tuple[float, float]:
-    """Share of simulated experiments that reject d' >= Delta, and the smallest Delta rejected by 80 % of them."""
+    """Share of experiments that reject d' >= Delta, and the smallest Delta that 80 % of them reject."""
 
     def enough(d_prime: float) -> bool:
         return simulated.share_below(d_prime, error) >= WANTED_POWER
@@ -281,7 +280,7 @@ def equivalence_power(simulated: Simulated, delta: float, error: float) -> tuple
 
 
 def decision_text(size: str, delta: float, power: float, decidable: float, *, quantity: str = "d'") -> str:
-    """What a design could decide, in one sentence."""
+    """A sentence on what a design could decide."""
     smallest = "no Delta has 80 %" if math.isinf(decidable) else f"80 % begin at Delta = {decidable:.3g}"
     if power >= WANTED_POWER:
         return f"{size} would decide Delta = {delta:g} with a power of {100 * power:.0f} % if {quantity} were 0; {smallest}."
@@ -293,14 +292,14 @@ _D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)
 
 @dataclass(frozen=True)
 class PowerRow:
-    """One d' by one rule.
+    """Power at one d' by one rule.
 
     Attributes
     ----------
     rule : {"independent-observations", "differencing"}
     d_prime : float
     score, score_sd : float
-        Expected of one subject, of all trials.
+        Mean and standard deviation of one subject's score.
     subject : float
         Power of a subject's exact binomial test.
     group : float or None
@@ -317,14 +316,14 @@ class PowerRow:
 
 @dataclass(frozen=True)
 class EquivalenceRow:
-    """Equivalence by one rule, if d' is 0.
+    """Power of equivalence by one rule, at d' = 0.
 
     Attributes
     ----------
     rule : {"independent-observations", "differencing"}
     delta, power : float
     decidable_delta : float
-        The smallest Delta of 80 % power; inf where none has.
+        The smallest Delta with 80 % power; inf if none has it.
     """
 
     rule: RuleName
@@ -335,21 +334,21 @@ class EquivalenceRow:
 
 @dataclass(frozen=True)
 class DesignPower(Result):
-    """What a design can show. Prints as a small table.
+    """The power of a design; prints as a small table.
 
     Attributes
     ----------
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
-        Trials of each subject.
+        Trials per subject, and subjects.
     level : float
-        Error rate of the tests, one-sided.
+        One-sided error rate of the tests.
     lapse : float
-        Share of answers at random.
+        Share of random answers.
     critical_score : int or None
-        From which a subject is above chance; None where no score is.
+        Lowest score above chance; None if no score is.
     error_rate : float
-        Of that test.
+        Probability of that score or more by guessing.
     rows : tuple of PowerRow
     equivalence : tuple of EquivalenceRow
     """
@@ -409,16 +408,16 @@ def design_power(
     ----------
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
-        Trials of each subject, even: half of each kind.
+        Trials per subject (even: half of each kind), and subjects.
     rules : sequence of str, optional
         Both by default.
     d_primes : sequence of float, optional
     level : float, optional
-        Error rate of the tests, one-sided.
+        One-sided error rate of the tests.
     lapse : float, optional
-        Share of answers at random.
+        Share of random answers.
     delta : float, optional
-        For the power of `equivalence` at d' = 0.
+        Adds the power of `equivalence` at d' = 0.
 
     Raises
     ------
@@ -429,7 +428,7 @@ def design_power(
     Notes
     -----
     A subject's power is exact. A group's is simulated with 4000 experiments and a fixed seed: its standard
-    error is below 0.008. Subjects are alike and unbiased; bias and differences between subjects cost power.
+    error is below 0.008. Subjects are alike and unbiased; bias and differences between subjects reduce power.
 
     Examples
     --------
@@ -494,32 +493,32 @@ def subjects_needed(
     lapse: float = 0.02,
     most: int = 300,
 ) -> int | None:
-    """The smallest group whose mean score is shown to be above chance, or whose d' to be below Delta.
+    """The smallest group that shows a mean score above chance, or d' below Delta, with this power.
 
     Parameters
     ----------
     task : {"same-different", "abx", "2ifc"}
     rule : {"independent-observations", "differencing"}
     trials : int
-        Of each subject, even.
+        Trials per subject, even.
     d_prime : float, optional
-        Of every subject: power of the t test on scores. Give this or `delta`.
+        d' of every subject, for the t test on scores. Give this or `delta`.
     delta : float, optional
-        Power of `equivalence` at d' = 0.
+        Delta of `equivalence`, at d' = 0.
     power, level, lapse : float, optional
-        `level` is the error rate of the test, one-sided.
+        `level` is the one-sided error rate of the test.
     most : int, optional
-        None is returned where not even so many are enough.
+        Largest group; the result is None if more are needed.
 
     Raises
     ------
     ValueError
-        As for `design_power`; if not one of d_prime and delta is given; or power is not in (0, 1).
+        As for `design_power`; if d_prime and delta are both or neither given; or power is not in (0, 1).
 
     Notes
     -----
-    Groups begin with two subjects; `trials_needed` says what one subject can show. The power is simulated as
-    in `design_power`.
+    Groups have at least two subjects; see `trials_needed` for one. The power is simulated as in
+    `design_power`.
 
     Examples
     --------
@@ -543,15 +542,15 @@ def trials_needed(
     lapse: float = 0.02,
     most: int = 1000,
 ) -> int | None:
-    """The fewest trials of each subject that give the power.
+    """The fewest trials per subject that give the power.
 
-    Of one subject the test is the exact binomial one, or that of equivalence. Same-different trials are
-    multiples of 4 (the pair types), others even.
+    One subject has the exact binomial test, or the test of equivalence. Same-different trials are multiples
+    of 4 (the pair types); others are even.
 
     Parameters
     ----------
     task, rule, d_prime, delta, power, level, lapse, most
-        As for `subjects_needed`; `most` is of trials.
+        As for `subjects_needed`, but `most` limits trials.
     subjects : int, optional
 
     Raises
@@ -561,8 +560,8 @@ def trials_needed(
 
     Notes
     -----
-    The power of a binomial test rises and falls with each trial: the number is that from which on it stays,
-    up to `most`.
+    The power of a binomial test rises and falls from trial to trial. The result is the number from which the
+    power stays high enough, up to `most`.
 
     Examples
     --------
@@ -586,7 +585,7 @@ def _decided(
     level: float,
     lapse: float,
 ) -> Callable[[int, int], bool]:
-    """Whether so many subjects with so many trials each have the power, of a d' or a Delta."""
+    """A function of (subjects, trials per subject): whether the power for a d' or a Delta is reached."""
     given = f"got {d_prime} and {delta}"
     refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {given}")
     refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
@@ -605,7 +604,7 @@ def _decided(
 
 
 def _least(enough: Callable[[int], bool], first: int, step: int, most: int) -> int | None:
-    """The least number from which `enough` holds, if it holds from there on: by doubling and halving."""
+    """The least number from which `enough` holds, by doubling and halving; None above `most`."""
     low, high = first - step, first
     while not enough(high):
         low, high = high, 2 * high

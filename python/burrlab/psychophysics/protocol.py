@@ -1,4 +1,4 @@
-"""An experiment as its TOML file has it: every mistake is one sentence with file, table and key."""
+"""An experiment's protocol, read from TOML. Every error names file, table and key in one sentence."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from burrlab.psychophysics.trial import Design, Order, Stimulus, key_of
 from burrlab.session.exchange import parse_device
 
 _REQUIRED = object()
-#: A rule in words, and whether a value keeps it.
+#: A rule in words, and a function that tells whether a value obeys it.
 Rule: TypeAlias = tuple[str, Callable[[Any], bool]]
 
-#: The most of anything that is counted, such as trials: no person answers more, and all orders are made beforehand.
+#: Largest count, such as trials: no person answers more, and all orders are made beforehand.
 _MOST = 10_000
 _MOST_SUBJECTS = 9999
-_LONGEST = 86400.0  # [s], a day: waiting has an end
+_LONGEST = 86400.0  # longest time, a day [s]
 
 _TEXT: Rule = ("a text", lambda value: isinstance(value, str) and value != "")
 _FLAG: Rule = ("true or false", lambda value: type(value) is bool)
@@ -48,7 +48,7 @@ _CORNERS: Rule = (
     "two corners, [[x, y, z], [x, y, z]]",
     lambda value: isinstance(value, list) and len(value) == 2,
 )
-# TOML's whole numbers have no end
+# TOML's whole numbers have no limit
 _NUMBER: Rule = (
     "a finite number",
     lambda value: type(value) in (int, float) and abs(value) <= sys.float_info.max,
@@ -56,7 +56,7 @@ _NUMBER: Rule = (
 _AT_MOST_A_DAY: Rule = (f"at most {_LONGEST:g} [s]", lambda value: value <= _LONGEST)
 _WAIT: tuple[Rule, ...] = (("at least 0", lambda value: value >= 0), _AT_MOST_A_DAY)
 _PORT: Rule = ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536)
-#: What a field between tabs can hold.
+#: Text that fits in a field between tabs.
 _ONE_FIELD: Rule = (
     "without tabs, line breaks and quotation marks",
     lambda value: not any(mark in value for mark in '\t\r\n"'),
@@ -72,13 +72,13 @@ def _choice(names: Sequence[str]) -> Rule:
 
 
 class Table:
-    """One table of the file; its errors name file, table and key.
+    """A table of the file; its errors name file, table and key.
 
     Parameters
     ----------
     file : str
     name : str
-        Of the table; empty for the whole file.
+        Name of the table; empty for the whole file.
     values : mapping
     """
 
@@ -87,7 +87,7 @@ class Table:
         self._known: list[str] = []
 
     def get(self, key: str, kind: Rule, *more: Rule, default: Any = _REQUIRED) -> Any:
-        """The value of a key, which must keep the rules; numbers become floats, and a list must be of numbers."""
+        """The value of a key, which must obey the rules; numbers become floats; lists must hold numbers."""
         value = self.value(key, default)
         for rule, holds in (kind, *more) if key in self else ():
             if not holds(value):
@@ -98,7 +98,7 @@ class Table:
         return value
 
     def table(self, key: str, *, needed: bool = True) -> Table:
-        """A table in this one."""
+        """A table inside this one."""
         name = f"{self.name}.{key}" if self.name else key
         value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
         if not isinstance(value, dict):
@@ -106,31 +106,31 @@ class Table:
         return Table(self.file, name, value)
 
     def tables(self) -> Mapping[str, Table]:
-        """All tables in this one, by their keys."""
+        """All tables inside this one, by key."""
         return {key: self.table(key) for key in self._values}
 
     def value(self, key: str, default: Any = _REQUIRED, *, what: str | None = None) -> Any:
-        """The value of a key, as the file has it."""
+        """The value of a key, as in the file."""
         self._known.append(key)
         if key not in self and default is _REQUIRED:
             raise self.error(f"{what or key} is missing")
         return self._values.get(key, default)
 
     def done(self) -> None:
-        """Raises ValueError where a key was not asked for."""
+        """Raises ValueError if the table has a key that was never asked for."""
         for key in self._values:
             if key not in self._known:
                 raise self.error(f"unknown key {shown(key)}; known are {', '.join(self._known)}")
 
     def error(self, sentence: object) -> ValueError:
-        """The error of a sentence, with the place before it."""
+        """A ValueError with the table's place before the sentence."""
         return ValueError(
             f"{self.file}, [{self.name}]: {sentence}" if self.name else f"{self.file}: {sentence}"
         )
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """Errors within get the place of this table."""
+        """A context whose errors get the place of this table."""
         try:
             yield
         except (ValueError, TypeError, OSError) as error:
@@ -141,7 +141,7 @@ class Table:
 
 
 def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
-    """The design of a table: its keys are the parameters of the design's class, times with _s behind them.
+    """The design of a table. Its keys are the parameters of the design's class; times end in _s.
 
     Raises
     ------
@@ -164,13 +164,13 @@ def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
 
 
 def stimuli_of(table: Table) -> dict[str, Stimulus]:
-    """The paper's materials by name, and those of the table [materials].
+    """Stimuli by name: the paper's materials and those of the table [materials].
 
     Raises
     ------
     ValueError
-        If a name is one of the paper's or has other characters than letters, digits, _ and -, a key is unknown, missing or
-        of another type, or the values are no material.
+        If a name is the paper's or has characters other than letters, digits, _ and -, a key is unknown,
+        missing or of another type, or the values do not make a material.
     """
     stimuli = {name: Stimulus(name, material) for name, material in paper.items()}
     for name, one in table.tables().items():
@@ -190,7 +190,7 @@ def stimuli_of(table: Table) -> dict[str, Stimulus]:
 
 
 def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], default: Any) -> Any:
-    """A value of the type that the design's parameter has."""
+    """A value of the type of the design's parameter."""
     if get_origin(kind) in (Union, types.UnionType):
         kind = next(one for one in get_args(kind) if one is not type(None))
     if kind is Stimulus:
@@ -207,16 +207,16 @@ def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], de
 
 @dataclass(frozen=True)
 class AnalysisSettings:
-    """What was settled about the analysis before the first subject.
+    """Settings of the analysis, made before the first subject.
 
     Attributes
     ----------
     rules : tuple of str
-        Decision rules that d' is estimated under.
+        Decision rules for d'.
     delta : float or None
-        d' below which two materials count as alike in the equivalence test; None: no such test.
+        d' below which two materials count as alike in the equivalence test; None for no test.
     level : float
-        Of the intervals.
+        Level of the intervals.
     """
 
     rules: tuple[RuleName, ...] = RULES
@@ -247,7 +247,7 @@ def subjects_of(table: Table) -> tuple[str, ...]:
 
 
 def _check_labels(table: Table, what: str, labels: list[str]) -> None:
-    """ValueError unless the names can stand in names of files, on any file system."""
+    """Raises ValueError unless the labels can be part of file names on any file system."""
     seen: dict[str, str] = {}
     for label in labels:
         if not (label.isascii() and label.isalnum()):
@@ -260,7 +260,7 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
 
 
 def device_of(table: Table, folder: Path) -> str:
-    """The device of [experiment]; a script's file lies in the folder."""
+    """The device of [experiment]; the path of a script is relative to the folder."""
     text = table.get("device", _TEXT, default="hand")
     try:
         device = parse_device(text)
@@ -270,13 +270,13 @@ def device_of(table: Table, folder: Path) -> str:
 
 
 def without_folder(device: str) -> str:
-    """A device's text that is the same on every machine."""
+    """The text of a device without the folder of its script, so that machines agree."""
     kind, _, file = device.partition(":")
     return f"scripted:{Path(file).name}" if kind == "scripted" else device
 
 
 def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
-    """What [burr] and [bone] describe, which must fit one another; a volume's file lies in the folder."""
+    """The burr and bone of [burr] and [bone], which must fit; a volume's path is relative to the folder."""
     table = file.table("burr")
     with table.errors():
         burr = Burr(table.get("radius_mm", _NUMBER))
@@ -285,18 +285,18 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
     size, voxel = table.get("size_mm", _LIST), table.get("voxel_mm", _NUMBER)
     volume = _volume_of(table, folder)
     table.done()
-    # One side after the other: the cube of a length near the ends of double is 0 or too large.
+    # Divided side by side: cubes of very small or large lengths underflow or overflow.
     if voxel > 0 and (voxels := math.prod(side / voxel for side in size)) > MOST_VOXELS:
         raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
     with table.errors():
         bone = Block(tuple(size), voxel) if volume is None else VolumeBlock(tuple(size), voxel, **volume)
         bone.check_burr(burr)
-        bone.fresh() if volume else None  # a volume that cannot be read is no surprise in the first trial
+        bone.fresh() if volume else None  # an unreadable volume fails here, not in the first trial
     return burr, bone
 
 
 def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
-    """What makes a `VolumeBlock` of [bone], where it names a volume."""
+    """Arguments that make a `VolumeBlock` of [bone]; None if it names no volume."""
     path, given = table.get("volume", _TEXT, default=None), {}
     for key, kind in (
         ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
@@ -319,7 +319,7 @@ def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
 
 
 def designs_of(file: Table) -> Mapping[str, Design]:
-    """The designs of [tasks] by name, with the stimuli of [materials], in the order of the file."""
+    """The designs of [tasks] by name, in the order of the file, with the stimuli of [materials]."""
     stimuli = stimuli_of(file.table("materials", needed=False))
     table = file.table("tasks")
     tables = table.tables()
@@ -361,15 +361,15 @@ def analysis_of(table: Table) -> AnalysisSettings:
 
 @dataclass(frozen=True)
 class Protocol:
-    """An experiment: subjects, tasks, what is burred with what, and where its files go.
+    """An experiment: subjects, tasks, burr, bone and folder.
 
     Attributes
     ----------
     path : Path
-        Of the TOML file.
+        Path of the TOML file.
     name : str
     seed : int
-        Of all orders and intervals.
+        Seed of all orders and intervals.
     subjects : tuple of str
         BIDS labels.
     tasks : mapping of str to Design
@@ -380,23 +380,23 @@ class Protocol:
     device : str
         As for `burrlab session --device`; a script's file is relative to the TOML file.
     lost_after : float
-        A position over the network that old is a lost device [ms].
+        Age of a network position at which the device counts as lost [ms].
     publish : int or None
         Port on which each interval is published over OpenIGTLink.
     folder : Path
-        Of the data.
+        Folder of the data.
     trace : bool
         Whether the trace of each interval is kept.
     feedback : bool
-        Whether the subject is told in practice if the answer was right.
+        Whether practice tells the subject if an answer was right.
     pause : float
-        After an interval [s].
+        Pause after an interval [s].
     rest : float
-        Between blocks and between tasks, at least [s].
+        Least rest between blocks and between tasks [s].
     selected_by : str or None
-        How the subjects were chosen by the outcome of an earlier experiment; None if they were not.
+        How an earlier experiment selected the subjects; None if it did not.
     selected_from : int or None
-        How many they were chosen from; None if they were not, or it is not known.
+        Number of subjects they were selected from; None without selection, or if unknown.
     analysis : AnalysisSettings
     """
 
@@ -421,7 +421,7 @@ class Protocol:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Protocol:
-        """A protocol from TOML. docs/experiment.md has the keys.
+        """A protocol from TOML; docs/experiment.md explains the keys.
 
         Parameters
         ----------
@@ -434,8 +434,9 @@ class Protocol:
         Raises
         ------
         ValueError
-            If the file is no TOML in UTF-8, a key is unknown, missing, of another type or out of range, a material is unknown,
-            a name is there twice, or subject and task names are not of letters and digits: with file, table and key.
+            If the file is not TOML in UTF-8, a key is unknown, missing, of another type or out of range, a
+            material is unknown, a name is duplicate, or a subject's or task's name is not of letters and
+            digits. The message names file, table and key.
         OSError
             If the file cannot be read.
         """
@@ -444,7 +445,7 @@ class Protocol:
         text = csv_text.decoded(told, path.read_bytes())
         try:
             file = Table(told, "", tomllib.loads(text))
-        except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
+        except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
             raise ValueError(f"{told}: this is not TOML: {error}") from None
         except RecursionError:
             raise ValueError(f"{told}: lists or tables are nested too deeply") from None
@@ -473,7 +474,7 @@ class Protocol:
         )  # fmt: skip
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
-        """The order in which a subject has the tasks, counterbalanced over the subjects as the file lists them.
+        """A subject's order of tasks, counterbalanced over the file's list of subjects.
 
         Raises
         ------
@@ -494,7 +495,7 @@ class Protocol:
         ValueError
             If the protocol has no such subject or task.
         """
-        # Two tasks of one design have orders of their own.
+        # The task's name gives two tasks of one design different orders.
         design = self.tasks[self._known("task", task, self.tasks)]
         return design.order(
             seed=self.seed, subject=f"{self._known('subject', subject, self.subjects)} {task}"
@@ -502,7 +503,7 @@ class Protocol:
 
     @property
     def data(self) -> ExperimentFolder:
-        """Where the files go."""
+        """The folder of the files."""
         return ExperimentFolder(self.folder, self.name)
 
     def side_car(
@@ -513,7 +514,7 @@ class Protocol:
         device: str | None = None,
         simulated: Mapping[str, Any] | None = None,
     ) -> SideCar:
-        """What is known of a run before its first trial.
+        """The side-car of a run, as known before its first trial.
 
         Parameters
         ----------
@@ -521,7 +522,7 @@ class Protocol:
         device : str, optional
             By default the protocol's.
         simulated : mapping, optional
-            What simulates the subject.
+            Description of a simulated subject.
 
         Raises
         ------
@@ -547,9 +548,9 @@ class Protocol:
         Raises
         ------
         FileExistsError
-            If the run was begun before.
+            If the run was already begun.
         ValueError
-            If the protocol has no such subject or task, or simulated subjects would be among others.
+            If the protocol has no such subject or task, or simulated subjects would be mixed with people.
         OSError
             If a file cannot be written.
         """
@@ -565,16 +566,17 @@ class Protocol:
         device: str | None = None,
         simulated: Mapping[str, Any] | None = None,
     ) -> tuple[AnswerFile, Order]:
-        """The file of answers of a run that was ended early, and its trials, fed with the answers that are there.
+        """The file of answers of a run that ended early, and its trials, fed with these answers.
 
         Raises
         ------
         FileNotFoundError
             If the run was not begun.
         BlockingIOError
-            If another process has it open.
+            If another process has the file open.
         ValueError
-            If the protocol has no such subject or task, was changed since the run began, or the file is not right.
+            If the protocol lacks the subject or task or has changed since the run began, or the file is
+            invalid.
         OSError
             If the file cannot be written.
         """
@@ -583,7 +585,7 @@ class Protocol:
         return AnswerFile.open(self.data.answers(subject, task), order, car), order
 
     def to_dict(self) -> dict[str, Any]:
-        """The whole protocol, as JSON; where it lies on the disk is not in it."""
+        """The whole protocol for JSON, without its place on the disk."""
         return json_mapping(
             {
                 "experiment": {
@@ -613,7 +615,7 @@ class Protocol:
 
     @property
     def digest(self) -> str:
-        """sha256 of `to_dict`."""
+        """SHA-256 of `to_dict`."""
         return digest(self.to_dict())
 
     def __repr__(self) -> str:
@@ -724,7 +726,7 @@ level = 0.95
 
 
 def template() -> str:
-    """TOML of the paper's Task 1, with examples of every other design switched off.
+    """TOML of the paper's Task 1, with a commented-out example of every other design.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Threshold, slope and lapse rate of a two-interval task: a posterior on a grid, and psignifit's psychometric function."""
+"""Threshold, slope and lapse rate of a two-interval task, by a posterior on a grid or by psignifit."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_THRESHOLDS, _LEVELS = 61, 41  # of the grids, evenly spaced in the logarithm of the difference
+_THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
-_LAPSES = 0.01 + 0.02 * np.arange(5)  # the middles of cells from 0 to 0.1; 0 would make one slip impossible
+_LAPSES = 0.01 + 0.02 * np.arange(5)  # middles of cells from 0 to 0.1; 0 would exclude any slip
 _LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10)
-_DIGITS = 10  # of an information [nat] that decide: the last ones differ from machine to machine
+_DIGITS = 10  # digits of an information [nat]; further ones differ between machines
 
 
 def proportion_correct(
     difference: ArrayLike, threshold: ArrayLike, slope: ArrayLike, lapse: ArrayLike
 ) -> Floats:
-    """Of two intervals, 1/2 + (1/2 - lapse/2) (1 - 2^-((difference/threshold)^slope)): 75 % at threshold without lapses.
+    """1/2 + (1/2 - lapse/2) (1 - 2^-((difference/threshold)^slope)), for two intervals.
 
-    A lapse answers at random. A Weibull function of slope 1.25 is within 0.012 of an observer with Gaussian
-    noise, Phi(d'/sqrt 2) with d' proportional to the difference.
+    It is 75 % at threshold without lapses. A lapse is a random answer. A Weibull function of slope 1.25 is
+    within 0.012 of an observer with Gaussian noise, Phi(d'/sqrt 2) with d' proportional to the difference.
     """
     ratio = np.asarray(difference, dtype=np.float64) / np.asarray(threshold, dtype=np.float64)
     seen = -np.expm1(-math.log(2.0) * ratio ** np.asarray(slope, dtype=np.float64))
@@ -49,9 +49,9 @@ def proportion_correct(
 
 @lru_cache(maxsize=4)
 def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """What all posteriors between two differences share.
+    """Tables that all posteriors between two differences share.
 
-    Thresholds; differences; threshold, slope and lapse rate of each point of the grid; proportion correct and
+    Thresholds; differences; threshold, slope and lapse rate of each grid point; proportion correct and
     entropy of an answer [nat], by difference and point.
     """
     thresholds = np.geomspace(smallest, largest, _THRESHOLDS)
@@ -64,13 +64,13 @@ def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Fl
 class ThresholdPosterior:
     """Posterior of one subject over threshold, slope and lapse rate.
 
-    The prior is even in the logarithms of threshold (between the two differences) and slope (0.7 to 4), and
-    beta(1, 10) of the lapse rate (0 to 0.1).
+    The prior is uniform in the logarithms of threshold (between the two differences) and slope (0.7 to 4),
+    and beta(1, 10) in the lapse rate (0 to 0.1).
 
     Parameters
     ----------
     smallest, largest : float
-        Differences |ln level| between which thresholds and levels are.
+        Range of the differences |ln level| of thresholds and levels.
     """
 
     def __init__(self, smallest: float, largest: float) -> None:
@@ -80,7 +80,7 @@ class ThresholdPosterior:
         self._log = np.tile(np.log(_LAPSE_PRIOR), _THRESHOLDS * _SLOPES.size)
 
     def weights(self) -> Floats:
-        """Of the grid, with the sum 1."""
+        """Posterior weights of the grid, which sum to 1."""
         weights = np.exp(self._log - self._log.max())
         return np.asarray(weights / weights.sum())
 
@@ -89,10 +89,10 @@ class ThresholdPosterior:
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
     def most_informative(self) -> float:
-        """The difference whose answer leaves the least expected entropy of the posterior.
+        """The difference whose answer minimises the posterior's expected entropy; the smallest of equals.
 
-        That is where the answer and the parameters share most information: the entropy of the expected answer
-        less the expected entropy of the answer. Of equal ones the smallest.
+        There the mutual information of answer and parameters is largest: the entropy of the expected answer
+        minus the expected entropy of the answer.
         """
         weights = self.weights()
         p = self._correct @ weights
@@ -100,12 +100,14 @@ class ThresholdPosterior:
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def summary(self, level: float = 0.95) -> dict[str, Any]:
-        """Threshold (geometric mean) and interval of equal tails, means of slope and lapse rate, density at the ends over
-        the largest."""
+        """Geometric mean and equal-tailed interval of the threshold, means of slope and lapse rate, ends.
+
+        "at_ends" is the threshold's density at the ends of the grid over the largest density.
+        """
         weights = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size)
         marginal = weights.sum(axis=(1, 2))
         logs = np.log(self.thresholds)
-        # A grid point stands for the cell around it; those at the ends have half a one.
+        # A grid point stands for the cell around it; the end points have half a cell.
         edges = np.concatenate([logs[:1], 0.5 * (logs[1:] + logs[:-1]), logs[-1:]])
         width = np.diff(edges) / (logs[1] - logs[0])
         mass = marginal * width / (marginal * width).sum()
@@ -127,18 +129,18 @@ class PosteriorThreshold(Result):
     Attributes
     ----------
     level : float
-        Ratio to the reference's parameter, where 75 % would be correct without lapses (d' = 0.954).
+        Ratio to the reference's parameter at which 75 % would be correct without lapses (d' = 0.954).
     interval : (float, float)
-        Of the level, with equal tails, the end nearer to 1 first.
+        Equal-tailed interval of the level, the end nearer to 1 first.
     credible : float
-        Probability that it holds.
+        Probability of the interval.
     difference : float
         |ln level|
     slope, lapse : float
-        Posterior means of the Weibull function's exponent (geometric) and of the rate of answers at random.
+        Posterior means of the Weibull exponent (geometric) and of the rate of random answers.
     trials : int
     open_below, open_above : bool
-        Whether the posterior has not fallen at an end of the levels, so that the threshold may lie outside.
+        Whether the posterior is still high at this end of the levels, so the threshold may lie outside.
     """
 
     level: float
@@ -161,10 +163,10 @@ class PosteriorThreshold(Result):
 
 
 def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level: float) -> PosteriorThreshold:
-    """A posterior's, as a ratio above (side 1) or below 1 (side -1)."""
+    """The threshold of a posterior, as a ratio above 1 (side 1) or below 1 (side -1)."""
     found = posterior.summary(level)
     near, far = found["interval"]
-    # Where a likelihood interval would go on beyond the grid
+    # True where a likelihood interval would extend beyond the grid
     low, high = (density > math.exp(-0.5 * float(chi2.ppf(level, 1))) for density in found["at_ends"])
     return PosteriorThreshold(
         level=math.exp(side * found["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
@@ -173,7 +175,7 @@ def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level:
     )  # fmt: skip
 
 
-_MOST_BARS = 12  # levels that are drawn with an interval each
+_MOST_BARS = 12  # most levels that are drawn with intervals
 
 
 @dataclass(frozen=True)
@@ -183,32 +185,32 @@ class PsychometricFit(Result):
     Attributes
     ----------
     threshold : float
-        Just-noticeable difference as a ratio above 1: 75 % would be correct there without lapses (d' = 0.954
-        of two intervals).
+        Just-noticeable difference as a ratio above 1, at which 75 % would be correct without lapses
+        (d' = 0.954 of two intervals).
     interval : (float, float)
-        Of it, credible, with equal tails.
+        Credible, equal-tailed interval of the threshold.
     slope : float
         Exponent of the Weibull function; about 1.25 for an observer with Gaussian noise on the logarithm.
     slope_interval : (float, float)
     lapse : float
-        Rate of answers at random; half of them are wrong.
+        Rate of random answers; half of them are wrong.
     lapse_interval : (float, float)
     overdispersion : float
-        psignifit's eta: 0 where the answers vary as a binomial does, towards 1 where they vary more.
+        psignifit's eta: 0 for binomial variation, towards 1 for more.
     level : float
         Probability of the intervals.
     guess_rate, proportion : float
         0.5 and 0.75
     ratios, correct, trials : tuple
-        The data; ratios above 1, below and above pooled.
+        The data, as ratios above 1; a ratio and its inverse are pooled.
     side : {"above", "below", "both"}
-        Where the levels were.
+        Side of 1 on which the levels lie.
     parameter : {"c_e", "alpha"} or None
     reference : float or None
-        The parameter of the reference [N/mm^2 or 1/ms].
+        The reference's parameter [N/mm^2 or 1/ms].
     at_bounds : tuple of (str, str)
-        Parameter ("threshold", "width") and end ("lower", "upper") of its interval that the prior sets and
-        not the data: psignifit's threshold may lie half the range beyond the levels, no more.
+        Parameter ("threshold", "width") and end ("lower", "upper") of intervals that the prior sets, not the
+        data. psignifit's threshold may lie at most half the range beyond the levels.
     provenance : dict
         Versions.
     """
@@ -233,9 +235,9 @@ class PsychometricFit(Result):
     provenance: dict[str, Any]
 
     def just_noticeable(self) -> tuple[float, float, float] | None:
-        """The just-noticeable change of the parameter and its interval [N/mm^2 or 1/ms]; None without a reference.
+        """The just-noticeable change of the parameter and its interval [N/mm^2 or 1/ms].
 
-        An increase, or a decrease where all levels were below 1.
+        The change is an increase, or a decrease if all levels lie below 1. None without a reference.
         """
         if (reference := self.reference) is None:
             return None
@@ -246,7 +248,7 @@ class PsychometricFit(Result):
         return value, low, high
 
     def proportion_at(self, levels: ArrayLike) -> Floats:
-        """Of correct answers, with lapses, at ratios above or below 1."""
+        """Proportion correct, with lapses, at ratios above or below 1."""
         differences = np.abs(np.log(np.asarray(levels, dtype=np.float64)))
         return proportion_correct(differences, math.log(self.threshold), self.slope, self.lapse)
 
@@ -275,7 +277,7 @@ class PsychometricFit(Result):
         return "\n".join(lines)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Proportion correct over the ratio, with exact binomial intervals, the curve, and the threshold's interval."""
+        """Proportion correct over the ratio with exact binomial intervals, the curve, and the threshold."""
         ax = axes_or_new(ax)
         x = np.log(self.ratios)
         correct, trials = np.asarray(self.correct), np.asarray(self.trials)
@@ -283,7 +285,7 @@ class PsychometricFit(Result):
         reach = max(1.4 * x.max(), 1.05 * ends[1])
         span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), color=POSITION, linewidth=1.4)
-        # Clopper and Pearson's; beta's parameters must stay above 0 where no or all answers were correct.
+        # Clopper and Pearson's intervals. beta's parameters must be above 0 at shares of 0 and 1 too.
         low = np.where(correct == 0, 0.0, beta.ppf(tail, np.maximum(correct, 0.5), trials - correct + 1))
         wrong = np.maximum(trials - correct, 0.5)
         high = np.where(correct == trials, 1.0, beta.ppf(1 - tail, correct + 1, wrong))
@@ -296,7 +298,7 @@ class PsychometricFit(Result):
         ax.plot(math.log(self.threshold), self.proportion, "o", color=VELOCITY, zorder=4)
         ax.axhline(self.guess_rate, color=REFERENCE, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")
-        # In the upper left, where a curve that rises is not; beside the point the text would leave the frame.
+        # In the upper left, away from the rising curve; beside the point the text would leave the frame.
         ax.text(
             0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
             transform=ax.transAxes, color=VELOCITY, fontsize=8, va="top",
@@ -325,8 +327,8 @@ _GUESS, _PROPORTION = 0.5, 0.75
 _MANY_LEVELS, _FEW_TRIALS = (
     25,
     5,
-)  # psignifit's own marks of an adaptive procedure, whose levels span no range
-#: ln(-ln 0.05) - ln(-ln 0.95): psignifit's width of a Weibull function, in the logarithm, times its exponent.
+)  # psignifit's own criteria of an adaptive procedure, whose levels do not span a range
+#: ln(-ln 0.05) - ln(-ln 0.95): the exponent of a Weibull function times psignifit's width in the logarithm.
 _WIDTH_TIMES_SLOPE = math.log(-math.log(0.05)) - math.log(-math.log(0.95))
 _BOUND = re.compile(r"boundWarning.*<(\w+)>.* at the (lower|upper) bound", re.DOTALL)
 
@@ -344,21 +346,20 @@ def psychometric_function(
 
         P = 1/2 + (1 - lapse)/2 (1 - 2^-((|ln level|/|ln threshold|)^slope))
 
-    It is 1/2 where there is no difference. Levels below and above 1 are pooled where their |ln level| is the
-    same: the two intervals are rendered alike, so that a ratio and its inverse differ in order only.
-    Threshold, slope, lapse rate and overdispersion are psignifit's modes of the posterior, with its default
-    priors, on ln |ln level|.
+    P is 1/2 without a difference. Levels with the same |ln level| are pooled: both intervals are rendered
+    alike, so a ratio and its inverse differ only in order. Threshold, slope, lapse rate and overdispersion
+    are modes of psignifit's posterior on ln |ln level|, with its default priors.
 
     Parameters
     ----------
     levels : sequence of float
         Ratios to the reference's parameter, above 0, not 1; at least two different |ln level|.
     correct, trials : sequences of int
-        Correct answers and trials at each.
+        Correct answers and trials at each level.
     parameter : {"c_e", "alpha"}, optional
         For labels and units.
     reference : float, optional
-        The reference's value of it [N/mm^2 or 1/ms].
+        The reference's value of the parameter [N/mm^2 or 1/ms].
     level : float
         Probability of the intervals.
 
@@ -367,17 +368,17 @@ def psychometric_function(
     ImportError
         Without psignifit (extra `psychometric`).
     ValueError
-        If the sequences differ in length, a level is no ratio or 1, fewer than two differ, a number is out of
-        range, the parameter is unknown, or the reference not above 0.
+        If the sequences differ in length, a level is not above 0 or is 1, fewer than two |ln level| differ, a
+        number is out of range, the parameter is unknown, or the reference is not above 0.
     TypeError
         If a number of answers is not whole.
 
     Notes
     -----
-    A Gaussian observer with 2 % lapses and a threshold of 0.2, five levels of 0.35 to 2.6 times that, 120
-    fits: the 95 % intervals held the threshold in 117 with 20 trials a level (in 52 the prior set an end) and
-    in 115 with 60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a standard deviation of
-    25 and 15 % (tests/python/psychophysics_tables.py, psychometric).
+    In 120 fits of a Gaussian observer with 2 % lapses and a threshold of 0.2, at five levels of 0.35 to 2.6
+    times the threshold, the 95 % intervals held the threshold in 117 with 20 trials per level (the prior set
+    an end in 52) and in 115 with 60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a
+    standard deviation of 25 and 15 % (tests/python/psychophysics_tables.py, psychometric).
 
     References
     ----------
@@ -430,7 +431,7 @@ def psychometric_function(
 def _pooled(
     ratios: Sequence[float], correct: Sequence[int], trials: Sequence[int]
 ) -> dict[float, tuple[int, int]]:
-    """Correct answers and trials at each ratio above 1, a ratio and its inverse as one."""
+    """Correct answers and trials at each ratio above 1; a ratio and its inverse are pooled."""
     counts: dict[float, tuple[int, int]] = {}
     for ratio, right, number in zip(ratios, correct, trials, strict=True):
         right, number = operator.index(right), operator.index(number)
@@ -452,7 +453,7 @@ def _ends(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
 
 
 def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
-    """psignifit's result for rows of ln difference, correct and trials; ends at which its prior decides."""
+    """psignifit's result for rows (ln difference, correct, trials), and the ends that its prior sets."""
     try:
         from psignifit import psignifit
     except ImportError as error:
@@ -463,7 +464,7 @@ def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
     options: dict[str, Any] = {"stimulus_range": (data[0, 0], data[-1, 0])} if adaptive else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        # Levels that a staircase chose are many: that is no mistake.
+        # Many levels with one trial each are normal for a staircase.
         warnings.filterwarnings("ignore", r"All blocks in data have only 1 trial", UserWarning)
         found = psignifit(
             data, experiment_type="2AFC", sigmoid="weibull", confP=(level, 0.9, 0.68),

@@ -1,4 +1,4 @@
-"""What a published mean score shows, what selection does to it, and two one-sided t tests of signed values."""
+"""Re-analysis of published mean scores, the effect of selection, and two one-sided tests of signed values."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Three: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class PublishedScore(Result):
-    """A mean score re-analysed. Pairs are (low, high).
+    """Re-analysis of a published mean score. Pairs are (low, high).
 
     Attributes
     ----------
@@ -32,25 +32,25 @@ class PublishedScore(Result):
     mean, sem, rounding : float
         As printed, and half a unit of the last digit.
     n, trials : int
-        Subjects, and trials of each.
+        Subjects, and trials per subject.
     t, p_value : float
         One-sided, above chance, over subjects.
     t_range : tuple of float
-        Over all means and standard errors that are printed so.
+        Range of t over all means and standard errors that round to the printed ones.
     interval : tuple of float
-        Of the mean score.
+        Interval of the mean score.
     level : float
     d_prime : dict of str to (float, float, float)
-        By rule: of the mean and of the interval's ends, (estimate, low, high), IF all subjects are alike and
+        By rule: (estimate, low, high), from the mean and the interval's ends, IF all subjects are alike and
         unbiased.
     spread, binomial_spread : float
         Standard deviation of scores over subjects, and of one subject's score by chance at this mean.
     spread_p_value : float
-        Of so large a spread if all subjects are alike.
+        p value of this spread if all subjects are alike.
     spread_p_range : tuple of float
-        Over all means and standard errors that are printed so.
+        Its range, as for `t_range`.
     guessers : float
-        The share of subjects at chance, all others being alike, that gives this mean and spread.
+        Share of subjects at chance that gives this mean and spread, if all others are alike.
     """
 
     task: TaskName
@@ -103,14 +103,14 @@ def group_score_from(
     level: float = 0.95,
     rounding: float = 0.05,
 ) -> PublishedScore:
-    """What can be said from a printed mean score, its standard error and the number of subjects alone.
+    """Re-analysis of a printed mean score, standard error and number of subjects.
 
     Parameters
     ----------
     mean, sem : float
-        Of correct answers, over subjects.
+        Mean number of correct answers over subjects, and its standard error.
     n, trials : int
-        Subjects, and trials of each.
+        Subjects, and trials per subject.
     task : {"same-different", "abx", "2ifc"}
     level : float, optional
     rounding : float, optional
@@ -119,15 +119,15 @@ def group_score_from(
     Raises
     ------
     ValueError
-        If the mean is not between 0 and the trials, sem is not above the rounding, there are less than 2
+        If the mean is not between 0 and the trials, sem is not above the rounding, there are fewer than 2
         subjects or trials, the task is unknown, rounding is negative, or the level is not in [0.5, 1).
 
     Notes
     -----
-    Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal
-    difficulty have less, so the test of the spread is cautious. A larger spread says that p differs between
-    subjects: unlike criteria do that at one d' too. If a part w of the subjects guess and the others have one
-    p, the variance v of p over subjects gives w = v/(v + (p - 1/2)^2).
+    Scores of a subject have variance T p (1 - p) by chance if every trial has the same p. Trials of unequal
+    difficulty have less, so the test of the spread is conservative. A larger spread shows that p differs
+    between subjects, which different criteria cause even at one d'. If a share w of the subjects guess and
+    the others have one p, the variance v of p over subjects gives w = v/(v + (p - 1/2)^2).
 
     Examples
     --------
@@ -179,7 +179,7 @@ def group_score_from(
 
 
 def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
-    """The d' of an unbiased observer with this proportion of correct answers: 0 at 1/2 or below, inf at 1."""
+    """The d' of an unbiased observer with this proportion correct: 0 at 1/2 or below, inf at 1."""
     decision = rule_of(task, rule)
     if not 0.5 < proportion < 1.0:
         return 0.0 if proportion <= 0.5 else math.inf
@@ -187,7 +187,7 @@ def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
 
 
 def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
-    # Chance's variance is largest at the mean nearest to the middle, and smallest at one of the ends.
+    # The variance by chance is largest at the mean nearest to the middle, and smallest at one of the ends.
     ends = mean - rounding, mean + rounding
     noises = [max(0.0, x * (1.0 - x / trials)) for x in (*ends, min(max(0.5 * trials, ends[0]), ends[1]))]
     return (
@@ -197,13 +197,13 @@ def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: in
 
 
 def _spread_p(spread: float, noise: float, n: int) -> float:
-    if noise == 0.0:  # only at a mean of all or nothing, where there is no chance
+    if noise == 0.0:  # only at a mean of 0 or of all trials
         return 0.0
     return float(chi2.sf((n - 1) * spread**2 / noise, n - 1))
 
 
 _QUANTILES = 2000
-_LEAST = 1e-300  # of a probability, in place of 0
+_LEAST = 1e-300  # least probability, in place of 0
 
 
 @dataclass(frozen=True)
@@ -217,14 +217,15 @@ class SignedEquivalence(Result):
         Subjects.
     mean, sem : float
     interval : tuple of float
-        Of level 1 - 2 (1 - level): within +-delta exactly where the tests reject.
+        Of level 1 - 2 (1 - level); within +-delta exactly if both tests reject.
     p_value : float
         The larger of the two.
     equivalent : bool
+        Whether both tests reject.
     power : float
-        Probability of that at a mean of 0, if the scatter is as seen.
+        Probability of equivalence at a mean of 0, with the observed scatter.
     decidable_delta : float
-        The smallest delta that would have a power of 80 %.
+        The smallest delta with a power of 80 %.
     """
 
     _derived = ("sentence", "design_sentence")
@@ -242,7 +243,7 @@ class SignedEquivalence(Result):
 
     @property
     def sentence(self) -> str:
-        """The outcome in plain words."""
+        """The outcome in words."""
         level = f"{100 * (2 * self.level - 1):.4g} %, {probability_text(self.p_value)}"
         ends = "{:.3g} to {:.3g} at ".format(*self.interval) + level
         if self.equivalent:
@@ -251,7 +252,7 @@ class SignedEquivalence(Result):
 
     @property
     def design_sentence(self) -> str:
-        """What so many subjects could decide."""
+        """What these subjects could decide."""
         return decision_text(
             f"{self.n} subjects", self.delta, self.power, self.decidable_delta, quantity="the mean"
         )
@@ -261,22 +262,22 @@ class SignedEquivalence(Result):
 
 
 def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquivalence:
-    """Whether the mean of signed values, one a subject, is within +-delta: biases, log ratios of thresholds.
+    """Two one-sided t tests of whether the mean of signed values is within +-delta.
 
     Parameters
     ----------
     values : array_like, shape (n,)
-        Two at least.
+        One per subject, at least two, such as biases or log ratios of thresholds.
     delta : float
-        In the values' unit, set before the first answer, > 0.
+        > 0, in the values' unit; must be set before the first answer.
     level : float, optional
-        1 - the error rate.
+        1 - error rate.
 
     Raises
     ------
     ValueError
-        If there are less than two values, one is not finite, they have no scatter, delta is not above 0, or
-        the level is not in [0.5, 1).
+        If there are fewer than two values, one is not finite, all are equal, delta is not above 0, or the
+        level is not in [0.5, 1).
 
     References
     ----------
@@ -316,14 +317,14 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
 
 
 def _power(delta: float, n: int, level: float) -> float:
-    """At a mean of 0, delta in true standard errors: the mean over the sample's standard error of P(|mean| < delta - t s)."""
+    """Mean over a sample's standard error s of P(|mean| < delta - t s) at mean 0, in true standard errors."""
     room = delta - float(student.ppf(level, n - 1)) * _errors(n)
     return float(np.mean(np.where(room > 0.0, 2.0 * ndtr(room) - 1.0, 0.0)))
 
 
 @lru_cache
 def _errors(n: int) -> Floats:
-    """Quantiles of a sample's standard error over the true one."""
+    """Quantiles of the ratio of a sample's standard error to the true one."""
     steps = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
     errors = np.sqrt(chi2.ppf(steps, n - 1) / (n - 1))
     errors.flags.writeable = False
@@ -337,11 +338,11 @@ class SelectionEffect:
     Parameters
     ----------
     kept, of : int
-        Subjects selected; subjects they were selected from.
+        Number of subjects selected, and from how many.
     trials : int
-        That each of them answered.
+        Trials per subject.
     chance : float
-        Probability of a correct answer in one.
+        Probability of a correct answer in a trial.
 
     Raises
     ------
@@ -352,8 +353,8 @@ class SelectionEffect:
 
     Notes
     -----
-    Exact. With M_t subjects of the `of` at t or more correct answers, the sum of the best `kept` is the sum
-    over t >= 1 of min(kept, M_t), and M_t is binomial.
+    The result is exact. If M_t of the subjects have t or more correct answers, the best `kept` have the sum
+    of min(kept, M_t) over t >= 1, and M_t is binomial.
 
     Examples
     --------
@@ -376,7 +377,7 @@ class SelectionEffect:
 
     @property
     def expected(self) -> float:
-        """Mean score of those selected."""
+        """Expected mean score of the selected subjects."""
         reaching = binom.sf(np.arange(self.trials), self.trials, self.chance)
         m = np.arange(self.of + 1)
         share = binom.pmf(m, self.of, reaching[:, None])
@@ -384,26 +385,25 @@ class SelectionEffect:
 
     @property
     def excess(self) -> float:
-        """`expected` over the score of chance: what selection alone adds."""
+        """`expected` minus the score of chance: the effect of selection alone."""
         return self.expected - self.chance * self.trials
 
     def p_value(self, mean: float) -> float:
-        """Probability that chance performers so selected have at least this mean score."""
-        # A mean that was a division lies a rounding off the sum it came from.
+        """Probability that guessing subjects, so selected, have at least this mean score."""
+        # A mean from a division is off by rounding.
         total = int(np.ceil(mean * self.kept - 1e-9))
         return float(min(1.0, self.distribution[max(0, total) :].sum()))
 
     @cached_property
     def distribution(self) -> NDArray[np.float64]:
-        """Probability of each sum of scores of those selected, 0..kept trials."""
+        """Probability of each sum of the selected subjects' scores, 0 to kept x trials."""
         p = binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
         m = np.arange(self.of + 1)
-        # Probability of M_t, in rows, and of the sum so far of min(kept, M_t) over the scores from t up, in
-        # columns.
+        # Joint probability of M_t (rows) and the sum of min(kept, M_t) over scores from t up (columns)
         found = np.zeros((len(m), self.kept * self.trials + 1))
         found[0, 0] = 1.0
         for t in range(self.trials, 0, -1):
-            at_t = p[t] / max(p[: t + 1].sum(), _LEAST)  # of those who are not above t
+            at_t = p[t] / max(p[: t + 1].sum(), _LEAST)  # P(score t), given a score of at most t
             found = binom.pmf(m[:, None] - m, self.of - m, at_t) @ found
             found = np.stack([np.roll(row, min(self.kept, n)) for n, row in enumerate(found)])
         return np.asarray(found.sum(axis=0))

@@ -1,4 +1,4 @@
-"""Simulated subjects in the place of people: rehearsals, predicted scores, the paper's Task 1, and a seat in a run."""
+"""Simulated subjects: rehearsals, predicted scores, the paper's Task 1, and a seat in a run."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
-REPLICATES = 3  # seeds of the erosion that a material is drilled with; probing erodes nothing and needs one
-SELF_PACED = 10.0  # [s] that a simulated hand takes where the subject ends the interval; ours
+REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one
+SELF_PACED = 10.0  # length of a simulated interval that the subject would end [s]; ours
 
 
 def rehearse(
@@ -48,17 +48,17 @@ def rehearse(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> list[Counts]:
-    """The counts of simulated subjects who are alike, from one seed.
+    """The counts of equal simulated subjects, from one seed.
 
     Parameters
     ----------
     design : Design
-        Each subject gets an order of its own. A real specimen is felt as the material that matches it.
+        Each subject gets its own order. The matching material stands in for a real specimen.
     subject : SimulatedSubject
-        One who has not been taught is taught by `teach` first.
+        If not yet taught, the subject is taught by `teach`.
     subjects : int
     seed : int
-        Of orders, noise and lapses.
+        Seed of orders, noise and lapses.
     burr : Burr, optional
         Default R = 3 mm.
     bone : Block, optional
@@ -67,20 +67,20 @@ def rehearse(
     Returns
     -------
     list of Counts
-        One a subject, of the main phase.
+        One per subject, of the main phase.
 
     Raises
     ------
     ValueError
-        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for
-        stiffness by drilling, which has no cue for it.
+        If there is no subject, the design's intervals lack the subject's cues, or the design asks for
+        stiffness in drilling, which gives no cue for it.
 
     Notes
     -----
-    Each material is rendered once by probing, and with three seeds by drilling; an interval takes one of the
-    three by its own seed. So the erosion's scatter is in it (a standard deviation of 0.0001 to 0.0002 of the
-    logarithm at 0.1 mm: nothing beside the noise), and a rehearsal of 20 subjects takes seconds rather than
-    an hour. `burrlab experiment run --simulated` renders every interval.
+    Each material is rendered once in probing, and with three seeds in drilling; an interval takes one of the
+    three by its own seed. This includes the scatter of the erosion, a standard deviation of 0.0001 to 0.0002
+    of the logarithm at 0.1 mm, which is negligible beside the noise. A rehearsal of 20 subjects takes
+    seconds instead of an hour. `burrlab experiment run --simulated` renders every interval.
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
@@ -101,7 +101,7 @@ def rehearsed_order(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> Order:
-    """The order of one subject with all its answers, where counts are not enough: levels of a staircase.
+    """The order of one subject with all answers, for results such as a staircase's levels.
 
     Parameters and errors are those of `rehearse`; `name` is the subject's.
     """
@@ -119,12 +119,12 @@ def rehearsed_order(
 def teach(
     subject: SimulatedSubject, design: Design, *, burr: Burr | None = None, bone: Block | None = None
 ) -> SimulatedSubject:
-    """The same subject, who knows the design's two materials; in two-interval tasks the subject unchanged.
+    """The same subject with knowledge of the design's two materials; unchanged for two-interval tasks.
 
     Raises
     ------
     ValueError
-        If the design does not have two materials, or its intervals do not have the subject's cues.
+        If the design does not have two materials, or its intervals lack the subject's cues.
     """
     if design.task == "2ifc":
         return subject
@@ -141,7 +141,7 @@ def teach(
 
 
 def check_rehearsable(design: Design) -> None:
-    """ValueError for a design whose answers depend on what simulated subjects do not feel."""
+    """Raises ValueError for a design that asks for a cue that simulated subjects do not feel."""
     refuse(
         design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed",
         "design must not hold the sinking speed, the only cue that simulated subjects have by drilling",
@@ -149,7 +149,7 @@ def check_rehearsable(design: Design) -> None:
 
 
 def stood_in(design: Design, interval: Interval) -> Interval:
-    """The interval with the matching alternative in a real reference's place, and a length if it is self-paced [s]."""
+    """The interval with the match in place of a real reference, and with a length if it has none."""
     stimulus = interval.stimulus
     if stimulus.material is None and isinstance(design, ABX):
         stimulus = design.matching
@@ -169,30 +169,30 @@ def _felt(design: Design, interval: Interval, burr: Burr, bone: Block) -> Cues:
 
 @dataclass(frozen=True)
 class Prediction(Result):
-    """d' and score of a simulated subject, and what it takes to show them. Prints as a few lines.
+    """d' and score of a simulated subject, and the experiment needed to show them. Prints as a few lines.
 
     Attributes
     ----------
     task : {"same-different", "abx", "2ifc"}
     mode : {"probing", "drilling"}
     rule : {"differencing", "independent-observations"}
-        The subject's.
+        The subject's rule.
     differences : dict
-        Of each cue's logarithm, a minus b.
+        Difference of each cue's logarithm, a minus b.
     by_cue : dict
         d' of each cue alone.
     d_prime : float
-        Of all of the subject's cues together.
+        d' of all the subject's cues together.
     trials, subjects : int
-        Of the experiment; trials of each subject.
+        Trials per subject, and subjects.
     score : float
-        Expected of one subject.
+        Expected score of one subject.
     lapse : float
     power : DesignPower
-        Of one subject's binomial test, and of the group's t test where there is more than one.
+        Power of one subject's binomial test, and of the t test of a group.
     trials_needed, subjects_needed : int or None
-        For 80 % power: trials of a single subject; subjects of so many trials each. None where no reasonable
-        number does.
+        For 80 % power: trials of a single subject; subjects with `trials` each. None if no reasonable number
+        is enough.
     """
 
     task: TaskName
@@ -243,22 +243,22 @@ def predicted_d_prime(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> Prediction:
-    """d' of a pair of materials for a simulated subject, with the score and the size of the experiment that follow.
+    """d' of a pair of materials for a simulated subject, with the expected score and the experiment's size.
 
     Parameters
     ----------
     a, b : Material
     mode : {"probing", "drilling"}
     subject : SimulatedSubject
-        What the subject was taught before is not used.
+        Earlier teaching is ignored.
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
-        Of the experiment; trials of each subject.
+        Trials per subject, and subjects.
     duration : float
-        Of an interval [s].
+        Length of an interval [s].
     closed_form : bool
-        Take cues from `closed_form_cues` instead of rendering two intervals. For the sinking speed that is
-        another thing: the speed at one depth, not the depth after a time (docs/simulated_subject.md).
+        Whether to take cues from `closed_form_cues` instead of rendering two intervals. The sinking speed is
+        then the speed at one depth, not the depth after a time (docs/simulated_subject.md).
     burr : Burr, optional
         Default R = 3 mm.
     bone : Block, optional
@@ -271,8 +271,8 @@ def predicted_d_prime(
     Raises
     ------
     ValueError
-        If the mode is unknown or does not have the subject's cues, the subject has a criterion of its own,
-        the materials are alike, or `trials` or `subjects` is out of range.
+        If the mode is unknown or lacks a cue of the subject, the subject has its own criterion, the materials
+        are alike, or `trials` or `subjects` is out of range.
 
     Examples
     --------
@@ -329,14 +329,14 @@ NOISES = (0.07, 0.10, 0.15, 0.22, 0.36, 0.45, 0.70, 1.00)
 PAIRS = (("bone", "pvc"), ("bone", "pettigrew"), ("pvc", "pettigrew"))
 TRIALS = 12
 SUBJECTS = 20
-#: Mean scores that the paper gives for bone and PVC, by probing and by drilling.
+#: The paper's mean scores for bone and PVC, in probing and in drilling.
 PUBLISHED = {"probing": 9.3, "drilling": 9.6}
 
-_Z = 1.959964  # of 95 %
+_Z = 1.959964  # for 95 %
 _NAMES: dict[str, tuple[CueName, ...]] = {
     "probing stiffness": ("stiffness",), "probing force": ("force",), "sinking speed": ("sinking",), "all": CUES,
 }  # fmt: skip
-#: The mean that each cue is held against.
+#: The published mean to compare with each cue.
 _PUBLISHED_FOR = {cue: PUBLISHED["probing" if cue.startswith("probing") else "drilling"] for cue in _NAMES}
 
 
@@ -351,9 +351,9 @@ class TaskOneRow:
         Weber fraction of each cue.
     d_prime : float
     score : float
-        Expected, of 12.
+        Expected score of 12.
     low, high : float
-        Where the mean score of 20 such subjects lies in 95 % of experiments.
+        Range of the mean score of 20 such subjects in 95 % of experiments.
     """
 
     cue: str
@@ -368,7 +368,7 @@ class TaskOneRow:
 
 @dataclass(frozen=True, repr=False)
 class TaskOneTable:
-    """Expected scores of Task 1; `to_dict` has it for JSON.
+    """Expected scores of Task 1.
 
     Attributes
     ----------
@@ -376,10 +376,10 @@ class TaskOneTable:
     differences : dict
         pair -> cue -> difference of the logarithm between the two materials.
     noise_of_published : dict
-        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for
-        the probing cues, 9.6 for sinking speed and for all. None where no noise does.
+        (cue, decision) -> noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the
+        probing cues, 9.6 for sinking speed and for all. None if no noise gives the mean.
     source : str
-        Of the differences: "rendered" or "closed form".
+        Source of the differences: "rendered", "closed form" or "given".
     lapse : float
     """
 
@@ -390,14 +390,14 @@ class TaskOneTable:
     lapse: float
 
     def row(self, cue: str, pair: str, decision: str, noise: float) -> TaskOneRow:
-        """Raises ValueError if the table does not have it."""
+        """The row of these values; ValueError if there is none."""
         for row in self.rows:
             if (row.cue, row.pair, row.decision) == (cue, pair, decision) and math.isclose(row.noise, noise):
                 return row
         raise ValueError(f"the table has no row {cue}, {pair}, {decision}, {noise!r}")
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """A dict for JSON."""
         return {
             "rows": [vars(row) for row in self.rows], "ln_differences": self.differences, "lapse": self.lapse,
             "noise_of_published": [
@@ -439,13 +439,13 @@ def task1_table(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> TaskOneTable:
-    """Scores of 12 that unbiased observers who differ in nothing but chance would have.
+    """Expected scores of 12 of equal, unbiased observers.
 
     Parameters
     ----------
     differences : {"rendered", "closed form"} or mapping
-        Of the cues' logarithms: measured in intervals that the simulated hands felt, `closed_form_cues`, or
-        pair -> cue -> value, a pair named as "bone-pvc".
+        Source of the differences of the cues' logarithms: intervals rendered with the simulated hands,
+        `closed_form_cues`, or a mapping pair -> cue -> value with pairs such as "bone-pvc".
     noises : sequence of float
         Weber fractions, each for every cue.
     lapse : float
@@ -465,9 +465,10 @@ def task1_table(
 
     Notes
     -----
-    Exact: d' = difference/noise (several cues: the root of the sum of squares) and the rates of `rule_of`, no
-    simulation. The width is that of the mean of 20 independent scores, each the sum of 6 + 6 answers. "all"
-    combines cues that no interval of the paper has together, and so is an upper limit.
+    Scores are exact, without simulation: d' = difference/noise (for several cues, the root of the sum of
+    squares), with the rates of `rule_of`. The range is that of the mean of 20 independent scores, each the
+    sum of 6 + 6 answers. "all" combines cues that no interval of the paper has together, so it is an upper
+    limit.
     """
     found = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:
@@ -492,14 +493,14 @@ def task1_table(
 def noise_for_score(
     score: float, difference: float, decision: Decision, *, lapse: float = LAPSE
 ) -> float | None:
-    """The noise at which the expected score of 12 is this; None outside what an observer with lapses can have.
+    """The noise that gives this expected score; None if an observer with lapses cannot reach the score.
 
     Parameters
     ----------
     score : float
-        Of 12.
+        Score of 12.
     difference : float
-        Of the cue's logarithm.
+        Difference of the cue's logarithm.
     decision : {"differencing", "covert"}
     lapse : float
 
@@ -558,12 +559,12 @@ def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float,
 def default_subject(
     mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing"
 ) -> SimulatedSubject:
-    """Feels stiffness by probing, sinking speed by drilling; a Weber fraction for the speed is not published."""
+    """A subject who feels stiffness in probing, or sinking speed (no published fraction) in drilling."""
     return SimulatedSubject(weber=weber, cues=CUES_OF[mode][:1], decision=decision)
 
 
 class SimulatedSeat(Seat):
-    """Feels each rendered interval's cues, and answers by a rule.
+    """The seat of a simulated subject, who feels the cues of each rendered interval and answers by a rule.
 
     Parameters
     ----------
@@ -573,15 +574,15 @@ class SimulatedSeat(Seat):
     burr : Burr
     bone : Block
     seed : int
-        Of the experiment.
+        Seed of the experiment.
     name : str
-        Of the subject; with seed, design and trial it determines the answer.
+        The subject's name; with seed, design and trial it determines the answer.
     on_progress : callable, optional
-        Called with the progress line of each trial, for whoever waits.
+        Called with the progress line of each trial.
 
     Notes
     -----
-    The alternative that matches stands for a real specimen.
+    The match stands in for a real specimen.
     """
 
     wall_clock = False

@@ -1,7 +1,8 @@
-"""Decision rules of same-different, ABX and two-interval tasks, from d' to rates and back; counted answers; results.
+"""Decision rules of same-different, ABX and two-interval tasks, which convert d' to rates and back; counts.
 
-d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan
-and Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
+d' is the distance between the two stimuli in standard deviations of one observation. The formulas are those
+of Macmillan and Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two
+intervals).
 """
 
 from __future__ import annotations
@@ -32,29 +33,29 @@ RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
 ANSWERS: Mapping[TaskName, tuple[str, str]] = {
     "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),
 }  # fmt: skip
-#: The answer that hits and false alarms are of, see `Rule`.
+#: The answer that hits and false alarms count, see `Rule`.
 COUNTED: Mapping[TaskName, str] = {"same-different": "different", "abx": "first", "2ifc": "first"}
 
 _ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
-_LARGEST = 75.0  # d' whose rates a double tells from 0 and 1
-_HALVINGS = 100  # of an interval of that length: to the last bit
-_FAR = 20.0  # of a criterion behind both means [sd]: one answer is always given
+_LARGEST = 75.0  # largest d' whose rates differ from 0 and 1 in double precision
+_HALVINGS = 100  # halvings of [0, _LARGEST] down to the last bit
+_FAR = 20.0  # distance of a criterion beyond both means at which one answer is always given [sd]
 _CODEC = Codec("null")
 
 
 class Result:
-    """A dataclass that goes into JSON."""
+    """Base of dataclasses that go into JSON."""
 
-    _derived: ClassVar[tuple[str, ...]] = ()  # properties that go there too
+    _derived: ClassVar[tuple[str, ...]] = ()  # properties that JSON holds too
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON; null for what is not finite."""
+        """A dict for JSON, with null for values that are not finite."""
         found: dict[str, Any] = _CODEC.plain({**vars(self), **{x: getattr(self, x) for x in self._derived}})
         return found
 
 
 def one_of(name: str, value: str, choices: Sequence[Chosen]) -> Chosen:
-    """The value; ValueError unless it is one of these."""
+    """The value; ValueError unless it is one of the choices."""
     refuse(value not in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}")
     return choices[choices.index(value)]
 
@@ -62,7 +63,7 @@ def one_of(name: str, value: str, choices: Sequence[Chosen]) -> Chosen:
 def halving(
     holds: Callable[[Any], Any], inside: Floats | float, outside: Floats | float, times: int
 ) -> tuple[Any, Any]:
-    """The last points where something holds and does not, between two where it does and does not; numbers or arrays."""
+    """(inside, outside) after halvings between `inside`, where `holds`, and `outside`, where not."""
     for _ in range(times):
         middle = 0.5 * (inside + outside)
         there = holds(middle)
@@ -71,15 +72,14 @@ def halving(
 
 
 class Rule(ABC):
-    """How an observer decides.
+    """A decision rule of an observer.
 
-    The two rates are those of one answer, given the stimuli that ask for it (hit) and those that do not
-    (false alarm):
+    The two rates are those of one answer, on trials where it is correct (hit) and where it is not (false
+    alarm):
 
     * same-different: "different", on pairs AB and BA (hit) and AA and BB (false alarm);
-    * ABX: "the first", where the first alternative (hit) or the second (false alarm) matches the reference;
-    * two intervals: "the first", where the first (hit) or the second (false alarm) has more of what is asked
-      for.
+    * ABX: "first", where the first (hit) or the second alternative (false alarm) matches the reference;
+    * two intervals: "first", where the first (hit) or the second (false alarm) is the correct one.
 
     All methods take numbers or arrays that broadcast, and return arrays.
 
@@ -94,11 +94,11 @@ class Rule(ABC):
 
     @abstractmethod
     def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
-        """(hit rate, false-alarm rate) at d' >= 0 and a criterion, by default the unbiased one."""
+        """(hit rate, false-alarm rate) at d' >= 0 and a criterion, by default the unbiased criterion."""
 
     @abstractmethod
     def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
-        """(d', criterion) of a pair of rates. d' is 0 where hit <= false alarm, inf where hit is 1 or false alarm 0."""
+        """(d', criterion) of two rates; d' is 0 if hit <= false alarm, inf if hit is 1 or false alarm 0."""
 
     @abstractmethod
     def unbiased(self, d_prime: ArrayLike) -> Floats:
@@ -106,35 +106,35 @@ class Rule(ABC):
 
     @abstractmethod
     def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
-        """The criterion with which an observer of this d' has this false-alarm rate."""
+        """The criterion that gives an observer of this d' this false-alarm rate."""
 
     @abstractmethod
     def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
-        """Logarithms of hit rate, miss rate, false-alarm rate and correct-rejection rate, precise where they are tiny.
+        """Logarithms of hit, miss, false-alarm and correct-rejection rates, precise even for tiny rates.
 
         All four are concave in the criterion, so a likelihood has one best criterion at any d'.
         """
 
     @abstractmethod
     def slopes(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
-        """Of hit rate and false-alarm rate: dH/dd', dH/dc, dF/dd', dF/dc."""
+        """Derivatives of hit rate and false-alarm rate: dH/dd', dH/dc, dF/dd', dF/dc."""
 
     @abstractmethod
     def criterion_range(
         self, d_prime: ArrayLike, hit: ArrayLike, false_alarm: ArrayLike
     ) -> tuple[Floats, Floats]:
-        """Two criteria, between which lies the likeliest one for these rates at a d' of their own or another."""
+        """Two criteria that enclose the likeliest criterion for these rates, at any d'."""
 
     def proportion_correct(
         self, d_prime: ArrayLike, criterion: ArrayLike | None = None, *, lapse: float = 0.0
     ) -> Floats:
-        """Of both kinds of trial, equally frequent; a lapse answers at random."""
+        """Proportion correct if both kinds of trial are equally frequent; a lapse is a random answer."""
         hit, false_alarm = self.rates(d_prime, criterion)
         return np.asarray((1.0 - lapse) * 0.5 * (1.0 + hit - false_alarm) + 0.5 * lapse)
 
 
 class _Differencing(Rule):
-    """Same-different: "different" where the two observations are further apart than k, the criterion [sd]."""
+    """Same-different: "different" if the two observations are further apart than the criterion k [sd]."""
 
     task, name = "same-different", "differencing"
 
@@ -173,7 +173,7 @@ class _Differencing(Rule):
         return np.asarray(-_ROOT2 * ndtri(0.5 * np.asarray(false_alarm, dtype=np.float64)))
 
     def unbiased(self, d_prime: ArrayLike) -> Floats:
-        # exp(d^2/4) = cosh(d k/2); log of it, so that large d' do not overflow
+        # exp(d^2/4) = cosh(d k/2), solved in logarithms so that large d' do not overflow
         d = np.asarray(d_prime, dtype=np.float64)
         square = 0.25 * d * d
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -185,7 +185,7 @@ class _Differencing(Rule):
             np.asarray(hit, dtype=np.float64), np.asarray(false_alarm, dtype=np.float64)
         )
         k = self.criterion_of(0.0, f)
-        # A criterion at infinity answers no question: any d' gives these rates.
+        # At an infinite criterion any d' gives these rates.
         some = np.where(np.isfinite(k), k, 0.0)
         d = _root(lambda x: self.rates(x, some)[0] - h, h.shape)
         d = np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, d))
@@ -193,9 +193,10 @@ class _Differencing(Rule):
 
 
 class _Symmetric(Rule):
-    """z(hit) and z(false alarm) are +-z/2 - c, with erf(z/(2 sqrt 2)) = erf(d'/a) erf(d'/b): exact without bias.
+    """A rule with z(hit), z(false alarm) = +-z/2 - c, where erf(z/(2 sqrt 2)) = erf(d'/a) erf(d'/b).
 
-    With bias it is Macmillan and Creelman's approximation: a receiver operating characteristic of unit slope.
+    Exact without bias. With bias it is Macmillan and Creelman's approximation, a receiver operating
+    characteristic of unit slope.
     """
 
     def __init__(self, task: TaskName, name: RuleName, a: float, b: float) -> None:
@@ -258,7 +259,7 @@ class _Symmetric(Rule):
 
 
 class _TwoIntervals(_Symmetric):
-    """The larger of two observations: z(hit) - z(false alarm) = sqrt(2) d', whatever rule it is called by."""
+    """Choice of the larger observation: z(hit) - z(false alarm) = sqrt(2) d', under both names of a rule."""
 
     def __init__(self, name: RuleName) -> None:
         super().__init__("2ifc", name, 1.0, 1.0)
@@ -275,7 +276,7 @@ def _density(x: Floats) -> Floats:
 
 
 def _root(function: Callable[[Floats], Floats], shape: tuple[int, ...]) -> Floats:
-    """The zero of an increasing function of d' in [0, _LARGEST], for all elements at once."""
+    """The zeros of increasing functions of d' in [0, _LARGEST], for all elements at once."""
     high, low = halving(lambda d: function(d) > 0.0, np.full(shape, _LARGEST), np.zeros(shape), _HALVINGS)
     return np.asarray(0.5 * (low + high))
 
@@ -318,17 +319,17 @@ def rule_of(task: str, name: str) -> Rule:
 
 @dataclass(frozen=True)
 class Counts:
-    """Hits and false alarms; which answer they are of, `Rule` says.
+    """Hits and false alarms of the answer that `Rule` names.
 
     Parameters
     ----------
     task : {"same-different", "abx", "2ifc"}
     hits, signals : int
-        Of the answer where it was correct; trials in which it was.
+        Times this answer was given where correct; trials where it was correct.
     false_alarms, noises : int
-        Of the answer where it was not; trials in which it was not.
+        Times it was given where wrong; trials where it was wrong.
     by_type : mapping of str to (int, int), optional
-        trial_type -> (times the answer was given, trials), where the types were counted.
+        trial_type -> (times the answer was given, trials), if types were counted.
 
     Raises
     ------
@@ -383,7 +384,7 @@ class Counts:
 
     @property
     def hit_rate(self) -> float:
-        """NaN without such trials, as the next."""
+        """Hits over signals; NaN without signals."""
         return self.hits / self.signals if self.signals else float("nan")
 
     @property
@@ -392,7 +393,7 @@ class Counts:
 
 
 def counts_of(task: TaskName, answered: Sequence[tuple[str, str, str]]) -> Counts:
-    """The counts of trial types, responses and correct answers, one a trial."""
+    """The counts of (trial type, response, correct answer), one per trial."""
     counted, by_type = COUNTED[task], dict.fromkeys(sorted({kind for kind, *_ in answered}), (0, 0))
     for kind, response, _ in answered:
         by_type[kind] = by_type[kind][0] + (response == counted), by_type[kind][1] + 1

@@ -1,4 +1,4 @@
-"""One subject through the tasks: intervals, question, answer on disk, next trial."""
+"""The run of one subject through the tasks: intervals, question, answer on disk, next trial."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from burrlab.psychophysics.side_car import Answer
 from burrlab.psychophysics.trial import Interval, Mode, Order, Stimulus, Trial
 from burrlab.session.exchange import parse_device
 
-MANY_LATE = 0.01  # of an interval's ticks
-_LOOK = 0.01  # [s] between two looks at the keys while a real specimen is felt
+MANY_LATE = 0.01  # share of an interval's ticks above which the experimenter is told
+_LOOK = 0.01  # time between two looks at the keys while a real specimen is felt [s]
 _SIMULATED = (HandDevice, ScriptedDevice, ReplayDevice)
-_STALLED = "the loop stalled"  # how a session begins to say that it ended for that
-_REPEATS = 1  # of a trial
-_SILENT = "no tick yet"  # how a session begins to say that its device gives no position
+_STALLED = "the loop stalled"  # start of a session's reason after a stall
+_REPEATS = 1  # most repeats of a trial
+_SILENT = "no tick yet"  # start of a session's message that its device gives no position
 
 _NAMES = {
     "same-different": ("First interval", "Second interval"),
@@ -48,16 +48,16 @@ _BEFORE = {
 
 
 class DeviceLost(RuntimeError):
-    """The device was lost during an interval: the trial was not asked, and comes again when the run is resumed."""
+    """The device was lost during an interval. The trial was not asked; resuming the run repeats it."""
 
 
 class LoopStalled(DeviceLost):
-    """The loop stalled, in a trial that had been repeated for that already."""
+    """The loop stalled in a trial that was already repeated because of a stall."""
 
 
 @dataclass(frozen=True)
 class _Felt:
-    """An interval that was felt; `rendered` is None of a real specimen. Times are the run's [s]."""
+    """An interval that was felt; `rendered` is None for a real specimen. Times are those of the run [s]."""
 
     rendered: Rendered | None
     ended: str
@@ -66,39 +66,39 @@ class _Felt:
 
 
 class Runner:
-    """Takes one subject through what is left of one task.
+    """Takes one subject through the remaining trials of one task.
 
     Parameters
     ----------
     protocol : Protocol
-        With burr and bone, breaks and feedback.
     task : str
     order : Order
-        With what was answered before.
+        Holds the earlier answers.
     keep : callable
         Puts an answer on disk before it returns.
     seat : Seat
-        Where the subject sits.
+        The subject's seat.
     experimenter : Experimenter
     device : callable
-        Gives a new device for an interval of a mode, or the same one again if it may serve another session.
+        Called with a mode before an interval; returns a new device, or the same one if it serves several
+        sessions.
     start : float
-        Time of the run at which it goes on, where only intervals take time [s].
+        Time of the run at the start, if only intervals take time [s].
     elapsed : callable, optional
-        Time of the run as it passes [s], such as `AnswerFile.elapsed`, in place of that.
+        Returns the run's real time [s], such as `AnswerFile.elapsed`; replaces `start`.
     live : bool
-        The device is in a hand: an interval does not begin before the burr is lifted.
+        Whether the device is in a hand; intervals then wait until the burr is lifted.
     trace : callable, optional
-        The new file for the trace of a trial's interval, numbered from 1.
+        Returns the new trace file of a trial's interval, numbered from 1.
     publish : int, optional
         Port on which each interval is published over OpenIGTLink.
     render : callable, optional
-        In place of `burrlab.psychophysics.render`.
+        Replaces `burrlab.psychophysics.render`.
 
     Notes
     -----
-    An answer is given to `keep` first and to the order afterwards, and the next trial comes after both: a run
-    that is killed at any moment has lost the trial it was in, no other, and that one was not answered.
+    An answer goes to `keep` first, then to the order; the next trial follows. So a run that is killed at any
+    moment loses only its current, unanswered trial.
     """
 
     def __init__(
@@ -122,13 +122,13 @@ class Runner:
         self._seat, self._experimenter, self._device = seat, experimenter, device
         self._time, self._elapsed = start, elapsed
         self._live, self._trace, self._publish, self._renderer = live, trace, publish, render
-        self._heard: set[str] = set()  # sentences of sessions that need no second saying
+        self._heard: set[str] = set()  # messages of sessions that were already passed on
         self._silent = False
         self._before = len(order.answered)
-        self.repeated = 0  # trials, as the loop had stalled
+        self.repeated = 0  # trials repeated because the loop stalled
 
     def run(self) -> int:
-        """Asks until the order has no more trials; how many were answered now.
+        """Asks all remaining trials of the order, and returns how many were answered.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class Runner:
         return len(self._order.answered) - self._before
 
     def _feel(self, trial: Trial, repeats: int = 0) -> tuple[list[_Felt], int]:
-        """The trial's intervals, all of them again where the loop stalled in one, and how often it did."""
+        """The trial's intervals, all repeated if the loop stalled in one, and the number of repeats."""
         try:
             return [self._interval(trial, number + 1) for number in range(len(trial.intervals))], repeats
         except LoopStalled:
@@ -165,7 +165,7 @@ class Runner:
     def _welcome(self, first: Trial) -> None:
         keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
         again = "You go on where you stopped. " if self._order.answered else ""
-        # All trials are alike in how long their intervals are.
+        # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
         lengths = f"They last {', '.join(long[:-1])} and {long[-1]}; a beep tells start and end."
         if len(set(long)) == 1:
@@ -177,7 +177,7 @@ class Runner:
         )
 
     def _rest_before(self, trial: Trial) -> None:
-        """A break where a block ends; a subject who has just sat down needs none."""
+        """Gives a break at the end of a block, but not at the start of a sitting."""
         last = self._order.answered[-1][0] if self._order.answered else trial
         if (last.phase, last.block) == (trial.phase, trial.block):
             return
@@ -238,7 +238,7 @@ class Runner:
         return "subject"
 
     def _render(self, trial: Trial, number: int) -> Rendered:
-        """An interval on fresh bone and a new device; DeviceLost if the device did not last to its end."""
+        """An interval on fresh bone and a new device; DeviceLost if the device fails before its end."""
         interval = self._seat.stand_in(trial.intervals[number - 1])
         self._silent = False
         rendered = self._renderer(
@@ -259,7 +259,7 @@ class Runner:
         return rendered
 
     def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
-        """Tells the experimenter what may have changed an interval: a first tick in contact, and late ticks."""
+        """Tells the experimenter of a first tick in contact and of many late ticks."""
         ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
         if self._live and len(ticks) and ticks["touching"][0]:
             force = float(np.linalg.norm(ticks["force"][0]))
@@ -269,7 +269,7 @@ class Runner:
             self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
 
     def _lift(self, trial: Trial) -> None:
-        """Waits until the burr is off the material; DeviceLost if the device did not last so long."""
+        """Waits until the burr is off the material; DeviceLost if the device fails before."""
 
         def ask() -> None:
             self._seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
@@ -278,7 +278,7 @@ class Runner:
         self._silent = False
         device = self._device(self._design.mode)
         if isinstance(device, _SIMULATED):
-            return  # it begins anew in each interval, where it is told to
+            return  # it begins each interval anew, at its start position
         lifted, reason = wait_until_lifted(
             device, self._protocol.burr, on_wait=ask, stop=lambda: self._silent, on_message=self._hear
         )
@@ -294,7 +294,7 @@ class Runner:
         return DeviceLost(f"the device was lost {when}: {reason}")
 
     def _hear(self, text: str) -> None:
-        """Passes each sentence of a session on to the experimenter, once."""
+        """Passes each message of a session on to the experimenter, once."""
         self._silent = self._silent or text.startswith(_SILENT)
         if text not in self._heard:
             self._heard.add(text)
@@ -315,12 +315,12 @@ class Runner:
             self._seat.tell("Right." if right else "Not right.")
 
 
-_DRIVER = "driver"  # what a side-car says of a device of one's own
+_DRIVER = "driver"  # a side-car's name of a device from the caller
 _NO_FORCE = "no force goes back over the network: [experiment] publish says no port"
 
 
 class Sitting:
-    """One subject, from the first trial that is left to the last.
+    """The remaining trials of one subject.
 
     Parameters
     ----------
@@ -329,18 +329,18 @@ class Sitting:
     tasks : sequence of str, optional
         By default all, in the subject's own order.
     device : str, Device or callable, optional
-        hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's; or a device of one's own that serves
-        one interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py), or what gives
-        one for an interval of a mode ("probing" or "drilling"), asked twice: until the burr is lifted, and to
-        be felt. Both are "driver" in the side-car.
+        hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's. Or your own device that serves one
+        interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py). Or a function
+        that returns a device for a mode ("probing" or "drilling"), called twice per interval: for the wait
+        until the burr is lifted, and for the interval. The side-car calls the last two "driver".
     simulated : mapping, optional
-        What simulates the subject, for the side-car.
+        Description of a simulated subject, for the side-car.
     once : bool
-        Each material is rendered once a task, whatever the seeds: for a simulated subject in a hurry.
+        Whether each material is rendered only once per task, whatever the seeds; a faster simulation.
     view : path, optional
-        Where the experimenter's lines are shown too (`Experimenter`).
+        Also shows the experimenter's lines (`Experimenter`).
     again : str
-        How the run goes on when it was ended early, for the experimenter.
+        Command that resumes the run, told to the experimenter.
 
     Raises
     ------
@@ -366,7 +366,7 @@ class Sitting:
         due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
         for task in due:
             protocol.order(subject, task)
-        # Subjects or tasks that were added change a subject's order: the tasks that were begun come first.
+        # Added subjects or tasks change a subject's order, so tasks that were begun come first.
         self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
         self._text = _DRIVER
         if isinstance(device, Device) or callable(device):
@@ -384,19 +384,19 @@ class Sitting:
         return tuple(task for task in self.tasks if self._file(task).exists())
 
     def run(self, seat: Callable[[str], Seat]) -> int:
-        """Takes the subject through all tasks: those that were begun go on, the others begin. How many answers were given now.
+        """Begins or resumes all tasks of the subject, and returns the number of answers given.
 
         Parameters
         ----------
         seat : callable
-            Gives the seat for a task.
+            Returns the seat for a task.
 
         Raises
         ------
         DeviceLost, KeyboardInterrupt
-            As `Runner.run`; what was answered is on disk.
+            As for `Runner.run`; all answers are on disk.
         BlockingIOError, FileNotFoundError, ValueError, OSError
-            As `Protocol.begin` and `Protocol.resume`.
+            As for `Protocol.begin` and `Protocol.resume`.
         """
         given = 0
         for task in self.tasks:
@@ -446,7 +446,7 @@ class Sitting:
             return given
 
     def _trace(self, task: str, trial: Trial, number: int) -> Path:
-        """The path of a new trace; an interval that was broken off and is felt again has left one."""
+        """The path of a new trace; a repeated interval gets another name than its first attempt."""
         first = self.protocol.data.trace(self.subject, task, trial.phase, trial.number, number)
         first.parent.mkdir(parents=True, exist_ok=True)
         again = (
@@ -460,7 +460,7 @@ class Sitting:
 
 
 def try_loop(burr: Burr, bone: Block) -> str:
-    """A sentence on how the loop runs on this machine now: a simulated hand drills for a second."""
+    """A sentence on late ticks while a simulated hand drills for a second on this machine."""
     interval = Interval(Stimulus("trial run", burrlab.materials["bone"]), 0, 1.0)
     felt = render(interval, drilling_hand(burr), burr=burr, bone=bone, mode="drilling")
     late = int((felt.ticks["periods"] > 1).sum())
@@ -471,12 +471,12 @@ def try_loop(burr: Burr, bone: Block) -> str:
 
 
 def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
-    """What makes a device for an interval of a mode.
+    """A function that makes a device for a mode.
 
     Raises
     ------
     ValueError
-        If the text is wrong, or the script is.
+        If the text or the script is wrong.
     OSError
         If the script cannot be read.
     """
@@ -493,7 +493,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
 
 
 def _rendered_once() -> Callable[..., Rendered]:
-    """A `render` that renders each material once, and then gives the same again."""
+    """A `render` that renders each material once and then returns the same result again."""
     kept: dict[tuple[Any, ...], Rendered] = {}
 
     def once(interval: Interval, device: Device, **options: Any) -> Rendered:

@@ -1,4 +1,4 @@
-"""Answers of a task as an analysis takes them in, and the result of a task with a score: its subjects, and the group."""
+"""The input of an analysis, and the results of a task with a score: its subjects and the group."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
 CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
 
-#: Told of task and subject as an analysis comes to them.
+#: Called with task and subject before each analysis.
 Progress: TypeAlias = Callable[[str, str], object]
 
 _OF = re.compile(r"\bbest (\d+) of (\d+)\b", re.IGNORECASE)
@@ -54,12 +54,12 @@ class SubjectData:
     counts : Counts or None
         None before the first answer.
     planned : int or None
-        Main trials of the design; None where it is not known, or the answers decide.
+        Main trials of the design; None if unknown, or if the answers decide.
     simulated : bool
     levels : tuple of (float, int, int)
-        Level, correct answers, trials, by level: of tasks that vary a parameter.
+        (level, correct answers, trials) by level, in tasks that vary a parameter.
     answers : Answers or None
-        Where the counts are from.
+        Source of the counts.
     """
 
     subject: str
@@ -71,7 +71,7 @@ class SubjectData:
 
     @property
     def trials(self) -> int:
-        """Answered."""
+        """Answered trials."""
         return 0 if self.counts is None else self.counts.trials
 
     @property
@@ -82,7 +82,7 @@ class SubjectData:
 
 @dataclass(frozen=True)
 class TaskData:
-    """A task and those who did it.
+    """A task and its subjects.
 
     Attributes
     ----------
@@ -90,13 +90,13 @@ class TaskData:
     task : {"same-different", "abx", "2ifc"}
     subjects : tuple of SubjectData
     design : mapping
-        As `Design.to_dict` has it; empty where the counts came alone.
+        `Design.to_dict`; empty for counts without a design.
     of : int
-        Subjects that those here were selected from; 0 without selection.
+        Number of subjects from whom these were selected; 0 without selection.
     selected_by : str
-        What they were selected by, if that is known.
+        Criterion of the selection, if known.
     chosen : int
-        Subjects that were selected, where more were than did the task so far; 0: those here.
+        Number of selected subjects, if some have not done the task yet; 0 if all are here.
     """
 
     name: str
@@ -108,11 +108,11 @@ class TaskData:
     chosen: int = 0
 
     def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> TaskData:
-        """Those of these subjects, by default all, who did the task; `pool` as `of`, where it is known."""
+        """The task with these subjects only, by default all; `pool` becomes `of`, if known."""
         kept = tuple(one for one in self.subjects if subjects is None or one.subject in subjects)
         several = len(kept) < len(self.subjects)
         of = pool or self.of or (len(self.subjects) if several else 0)
-        # Some of those who were selected are no smaller selection of the same number.
+        # A part of the selected subjects keeps the number that was selected.
         chosen = (self.chosen or len(self.subjects)) if self.of and not pool else 0
         return replace(
             self,
@@ -124,14 +124,14 @@ class TaskData:
 
 
 def of_answers(found: Iterable[Answers]) -> list[TaskData]:
-    """The tasks in files of answers, in the order in which they come.
+    """The tasks in files of answers, in order of appearance.
 
     Raises
     ------
     ValueError
-        If one task is of two kinds or designs, or a subject has it twice.
+        If a task has two kinds or designs, or a subject has it twice.
     TypeError
-        If something else is among them.
+        If an item is not Answers.
     """
     tasks: dict[str, TaskData] = {}
     for one in found:
@@ -156,7 +156,7 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
     Raises
     ------
     ValueError
-        If the mapping is empty, one task is of two kinds, or a name does not belong to its answers.
+        If the mapping is empty, or a task has two kinds or designs.
     TypeError
         If a value is neither Counts nor Answers.
     """
@@ -197,10 +197,10 @@ def _design(one: Answers) -> dict[str, Any]:
 
 
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
-    """The tasks with what their participants were selected by; `selected_by` is subject -> text.
+    """The tasks with the selection of their subjects; `selected_by` maps subject to text.
 
-    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such
-    as "best 12 of 20" does.
+    The number of subjects before selection is `selected_from` of the protocol in the side-cars, or else part
+    of a text such as "best 12 of 20".
     """
     found = []
     for task in tasks:
@@ -211,7 +211,7 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
         cars = [one.answers.side_car for one in task.subjects if one.answers is not None]
         settled = [car.protocol.get("experiment", {}) for car in cars if car is not None]
         told = [(len(one["subjects"]), one["selected_from"]) for one in settled if one.get("selected_from")]
-        # Subjects may have been added while the experiment ran.
+        # Subjects may be added while the experiment runs.
         chosen, of = max(told, default=(chosen, of))
         n = len(task.subjects)
         found.append(
@@ -221,7 +221,7 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
 
 
 def design_text(design: Mapping[str, Any]) -> str:
-    """What is compared with what, how: one line; "" of no design."""
+    """One line on what a design compares; "" without a design."""
     names = {
         part: value["name"]
         for part, value in design.items()
@@ -239,7 +239,7 @@ def design_text(design: Mapping[str, Any]) -> str:
 
 
 class OneSubject(Protocol):
-    """What the results of one subject have in common."""
+    """Attributes that the results of one subject share."""
 
     @property
     def subject(self) -> str: ...
@@ -252,22 +252,22 @@ Subject = TypeVar("Subject", bound=OneSubject)
 
 @dataclass(frozen=True)
 class TaskResult(Generic[Subject]):
-    """A task, who did it, and what its title must tell; the kinds of tasks add what was found.
+    """Base of the results of a task: its subjects and their selection.
 
     Attributes
     ----------
     name : str
     design : mapping
-        As `Design.to_dict` has it; empty where the counts came alone.
+        `Design.to_dict`; empty for counts without a design.
     level : float
-        Of all intervals.
+        Level of all intervals.
     subjects : tuple
     left_out : tuple of str
-        Subjects whose run is incomplete, with how far they came.
+        Subjects with incomplete runs, and their numbers of trials.
     of : int
-        Subjects that those here were selected from; 0 without selection, or where it is not known.
+        Number of subjects from whom these were selected; 0 without selection, or if unknown.
     chosen : int
-        Subjects that were selected: more than those here while some are still to come; 0 as above.
+        Number of selected subjects, including those still to come; 0 as for `of`.
     selected_by : str
     """
 
@@ -287,17 +287,17 @@ class TaskResult(Generic[Subject]):
 
     @property
     def simulated(self) -> bool:
-        """Whether any subject was."""
+        """Whether any subject is simulated."""
         return any(one.simulated for one in self.subjects)
 
     @property
     def selected(self) -> bool:
-        """Whether the subjects are some of those who took part."""
+        """Whether the subjects were selected."""
         return bool(self.of or self.selected_by)
 
     @property
     def title(self) -> str:
-        """Of figures: name, what was compared, and what must not be overlooked of the subjects."""
+        """Title of figures: name, comparison, and whether subjects are simulated or selected."""
         about = design_text(self.design)
         text = f"{self.name}: {about}" if about else self.name
         said = ["simulated subjects"] if self.simulated else []
@@ -307,7 +307,7 @@ class TaskResult(Generic[Subject]):
 
     @property
     def selected_text(self) -> str:
-        """How many, of how many that were selected, of how many."""
+        """The numbers of subjects: here, selected, and before selection."""
         n = len(self.subjects)
         return (
             f"{n} selected of {self.of}"
@@ -321,7 +321,7 @@ class TaskResult(Generic[Subject]):
         Raises
         ------
         ValueError
-            If there is none of that name.
+            If no subject has this name.
         """
         ones = {one.subject: one for one in self.subjects}
         refuse(name not in ones, f"subject must be one of {', '.join(ones)}, got {name!r}")
@@ -329,7 +329,7 @@ class TaskResult(Generic[Subject]):
 
 
 def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str, Any]:
-    """The fields that every `TaskResult` has."""
+    """The fields of every `TaskResult`."""
     names = [one.subject for one in used]
     left_out = [
         f"{one.subject} ({f'{one.trials} of {one.planned}' if one.trials else 'none of the main'} trials)"
@@ -344,26 +344,26 @@ def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str
 
 @dataclass(frozen=True)
 class SubjectResult:
-    """One subject in one task; attributes in the order of the report.
+    """Results of one subject in one task, in the order of the report.
 
     Attributes
     ----------
     subject : str
     counts : Counts
-        Of the main trials.
+        Counts of the main trials.
     planned : int or None
-        Main trials of the design; None where it is not known.
+        Main trials of the design; None if unknown.
     simulated : bool
     score_interval : tuple of float
-        Of the proportion correct, exact.
+        Exact interval of the proportion correct.
     p_value : float
-        Exact binomial test of the score against chance, one-sided.
+        Exact one-sided binomial test of the score against chance.
     holm : float
         The same with Holm's correction for all subjects of the task.
     d_prime : tuple of DPrime
-        One a rule.
+        One per rule.
     checks : tuple of PairCheck
-        Of the types of trials against one another, where the types were counted.
+        Comparisons of the types of trials, if types were counted.
     """
 
     subject: str
@@ -378,7 +378,7 @@ class SubjectResult:
 
     @property
     def trials(self) -> int:
-        """Answered in the main phase."""
+        """Answered trials of the main phase."""
         return self.counts.trials
 
     @property
@@ -392,7 +392,7 @@ class SubjectResult:
         Raises
         ------
         ValueError
-            If the analysis does not have it.
+            If the analysis lacks the rule.
         """
         ones: dict[str, DPrime] = {one.rule: one for one in self.d_prime}
         refuse(rule not in ones, f"rule must be one of {', '.join(ones)}, got {rule!r}")
@@ -405,7 +405,7 @@ class SubjectResult:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """p values times the number of tests that are left, from the smallest up, never falling (Holm 1979).
+    """Holm's corrected p values (1979): from the smallest up, times the number of remaining tests, monotone.
 
     Examples
     --------
@@ -424,28 +424,28 @@ CORRECTION: Literal["log-linear"] = "log-linear"
 
 @dataclass(frozen=True)
 class ScoredTask(TaskResult[SubjectResult]):
-    """One task: its subjects, and the group with the subject as the unit; beside what every `TaskResult` has:
+    """A `TaskResult` with scores of the subjects, and of the group with the subject as the unit.
 
     Attributes
     ----------
     subjects : tuple of SubjectResult
     task : {"same-different", "abx", "2ifc"}
     rules : tuple of str
-        Decision rules that d' is given under.
+        Decision rules for d'.
     delta : float or None
-        d' that the equivalence test asks about.
+        Delta of the equivalence test.
     score : GroupScore or None
-        None of a single subject.
+        None for a single subject.
     group_d_prime : tuple of GroupDPrime
-        One a rule; none of a single subject.
+        One per rule; empty for a single subject.
     equivalence : tuple of Equivalence
-        One a rule; none without a delta.
+        One per rule; empty without a delta.
     checks : tuple of PairCheck
-        Of the types of trials against one another, all subjects together; none where a subject's types were
-        not counted.
+        Comparisons of the types of trials, all subjects together; empty if a subject's types were not
+        counted.
     """
 
-    subjects: tuple[SubjectResult, ...]  # again, since a record is read back by the declared types
+    subjects: tuple[SubjectResult, ...]  # declared again: records are read back by the declared types
     task: TaskName
     rules: tuple[RuleName, ...]
     delta: float | None
@@ -459,9 +459,9 @@ class ScoredTask(TaskResult[SubjectResult]):
         cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
         progress: Progress | None = None,
     ) -> ScoredTask:  # fmt: skip
-        """The whole result; it holds incomplete runs only on request."""
+        """The result of the task; incomplete runs are left out unless `incomplete`."""
         used = [one for one in data.subjects if one.counts and (incomplete or one.complete)]
-        # Both rules are one with two intervals.
+        # Both rules are the same with two intervals.
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)
         counts = [one.counts for one in used if one.counts is not None]
         several = len(used) > 1
@@ -479,31 +479,30 @@ class ScoredTask(TaskResult[SubjectResult]):
 
     @property
     def trials(self) -> int | None:
-        """Of each subject; None where they differ."""
+        """Trials per subject; None if they differ."""
         numbers = {one.counts.trials for one in self.subjects}
         return numbers.pop() if len(numbers) == 1 else None
 
     @property
     def selection(self) -> SelectionEffect | None:
-        """What selection by this very score does to the mean; None without selection, or where it cannot be said."""
+        """Effect on the mean of selection by this very score; None without selection or if unknown."""
         if not self.subjects or self.trials is None or self.of <= self.chosen:
             return None
         return SelectionEffect(self.chosen, self.of, self.trials, self.chance)
 
     def plot_scores(self, ax: Axes | None = None, *, published: PublishedScore | None = None) -> Axes:
-        """Histogram of the scores, with that expected at chance and mean ± s.e.m. (the paper's Figs. 7 and 8).
+        """Histogram of scores with the one expected at chance, and mean ± s.e.m. (the paper's Figs. 7 and 8).
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
         published : PublishedScore, optional
-            A mean ± s.e.m. to be marked beside the subjects' own.
+            Another mean ± s.e.m. to mark.
 
         Raises
         ------
         ValueError
-            If there is no subject, subjects answered unequally many trials, or the published score is of
-            another number.
+            If there is no subject, or subjects or the published score have different numbers of trials.
         """
         self._some()
         if (trials := self.trials) is None:
@@ -553,7 +552,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         Raises
         ------
         ValueError
-            If there is no subject, or the analysis does not have the rule.
+            If there is no subject, or the analysis lacks the rule.
         """
         self._some()
         ax = room_for(ax, len(self.subjects))
@@ -633,11 +632,11 @@ def _results(
     return tuple(found)
 
 
-@lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many
+@lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and many subjects have equal counts
 def _of_outcome(*counts: Any, **asked: Any) -> DPrime:
     return d_prime(Counts(*counts), **asked, correction=CORRECTION)
 
 
 def _has_types(counts: Counts) -> bool:
-    """Whether the types of trials can be compared: a position always can, pairs where all four were counted."""
+    """Whether types of trials can be compared: positions always, pairs if all four types were counted."""
     return counts.task != "same-different" or set(counts.by_type) >= {"AA", "AB", "BA", "BB"}

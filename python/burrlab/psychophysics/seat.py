@@ -1,4 +1,4 @@
-"""Where a subject sits: what a run shows and asks, the terminal that does so, and the experimenter's own view."""
+"""The subject's seat, which shows texts and asks questions; its terminal; and the experimenter's view."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
 class Seat(ABC):
-    """What a run shows and asks; here nobody sits. It is told no material, no pair type and no score.
+    """Base class of the subject's display and keys. A seat learns no material, no pair type and no score.
 
     Attributes
     ----------
     wall_clock : bool
-        Intervals last as long as they say; else they go as fast as they can.
+        Whether intervals run in real time; otherwise they run as fast as possible.
     simulated : bool
-        Nobody sits here.
+        Whether the subject is simulated.
     """
 
     wall_clock: bool = True
     simulated: bool = False
 
     def stand_in(self, interval: Interval) -> Interval:
-        """What is rendered for an interval: itself, unless nobody is here who could feel a real specimen."""
+        """The interval to render; a simulated subject's seat replaces a real specimen."""
         return interval
 
     def progress(self, text: str) -> None:
-        """The line that stays on the screen from now on."""
+        """Sets the line that stays on the screen."""
 
     def ready(self, text: str) -> None:
         """Shows the text until the subject wants to go on."""
@@ -54,43 +54,43 @@ class Seat(ABC):
         """Shows the text as an interval begins."""
 
     def ends(self, text: str, pause: float) -> None:
-        """Shows the text as the interval has ended; nothing happens for so long [s]."""
+        """Shows the text as the interval ends, and waits for the pause [s]."""
 
     def done(self) -> bool:
-        """Whether the subject has ended the interval, since it began."""
+        """Whether the subject has ended the interval."""
         return False
 
     @abstractmethod
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
-        """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
+        """(one of the design's answers, response time from the question [s] or None without a key)."""
 
     def tell(self, text: str) -> None:
         """Shows a sentence for a moment."""
 
     def rest(self, text: str, seconds: float) -> None:
-        """Lets the subject rest at least so long [s], and until the subject wants to go on."""
+        """Rests for at least this time [s], and until the subject wants to go on."""
 
     def close(self, text: str) -> None:
-        """Shows the last words."""
+        """Shows the last text."""
 
 
 SPACE = " "
 
-_LOOK = 0.25  # the longest wait without a look for a signal [s]
+_LOOK = 0.25  # the longest wait before signals are checked [s]
 _CLOSED = "the subject's terminal was closed"
-_MOMENT = 1.5  # that a sentence stays [s]
-# Keys such as Home, Delete or F5 send digits after an escape: they are no answers.
+_MOMENT = 1.5  # how long a sentence stays [s]
+# Keys such as Home, Delete or F5 send digits after an escape. These digits are not answers.
 _ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
-# The same, not yet at its end: a slow line hands it over in parts. A person who presses Escape and then a
-# digit is slower.
+# An unfinished sequence: a slow line sends it in parts. A person who presses Escape and then a digit takes
+# longer.
 _BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
 _PART = 0.1  # the longest wait for the next part [s]
 
 
 class Keyboard:
-    """Keys of a terminal, one by one and without an echo, while it is entered; Ctrl-C stays an interrupt.
+    """A context that reads keys of a terminal one by one, without echo. Ctrl-C still interrupts.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Keyboard:
     Raises
     ------
     ValueError
-        If the stream is no terminal, or the system has none.
+        If the stream is not a terminal, or the system has no terminals.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -121,7 +121,7 @@ class Keyboard:
         mode = keys.tcgetattr(self._file)
         mode[3] &= ~(keys.ICANON | keys.ECHO)
         mode[6][keys.VMIN], mode[6][keys.VTIME] = 1, 0
-        # A subject who stops or dumps the program by a slip would leave an interval behind that nobody ends.
+        # Keys that stop or dump the program are off: a slip would leave an interval running.
         for name in ("VSUSP", "VQUIT", "VSTOP"):
             mode[6][getattr(keys, name)] = b"\0"
         keys.tcsetattr(self._file, keys.TCSADRAIN, mode)
@@ -130,7 +130,7 @@ class Keyboard:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # Not drained: a terminal that is not read any more must not keep the program. One that is gone has no
+        # Without draining: a terminal that nobody reads must not hold up the program. A closed one has no
         # settings.
         with contextlib.suppress(self._termios.error):
             self._termios.tcsetattr(self._file, self._termios.TCSANOW, self._before)
@@ -158,12 +158,12 @@ class Keyboard:
         return typed
 
     def pressed(self, keys: str, seconds: float | None = None) -> str | None:
-        """The first of these keys that is pressed, at most after so long [s]; None if there is none.
+        """The first of these keys that is pressed; None if none is pressed within the time [s].
 
         Raises
         ------
         KeyboardInterrupt
-            If the terminal was closed: nobody is there any more.
+            If the terminal was closed.
         """
         end = None if seconds is None else time.monotonic() + seconds
         while True:
@@ -180,19 +180,19 @@ class Keyboard:
 
 
 class TerminalSeat(Seat):
-    """A person at a terminal. To be entered: its settings are restored when it is left, whatever happens.
+    """The seat of a person at a terminal: a context that restores the terminal's settings when it is left.
 
     Parameters
     ----------
     keyboard : Keyboard, optional
-        By default of standard input.
+        By default, of standard input.
     screen : text stream, optional
         By default standard output, which must be a terminal.
 
     Raises
     ------
     ValueError
-        If standard input or output is no terminal.
+        If standard input or output is not a terminal.
     """
 
     def __init__(self, keyboard: Keyboard | None = None, screen: TextIO | None = None) -> None:
@@ -243,7 +243,7 @@ class TerminalSeat(Seat):
         self._page(f"{design.question}\n\n{choices}")
         shown = time.monotonic()
         key = self._keyboard.pressed("".join(keys))
-        assert key is not None  # it waits without an end
+        assert key is not None  # the wait has no time limit
         return keys[key], time.monotonic() - shown
 
     def tell(self, text: str) -> None:
@@ -263,12 +263,12 @@ class TerminalSeat(Seat):
         self._page(text)
 
     def _wait_for_space(self, text: str, *, beep: bool = False) -> None:
-        self._keyboard.flush()  # what was pressed before the text could be read
+        self._keyboard.flush()  # forget keys pressed before the text is shown
         self._page(text, beep=beep)
         self._keyboard.pressed(SPACE)
 
     def _page(self, text: str, *, beep: bool = False) -> None:
-        """The whole screen: the progress line, and the text in the middle, bold."""
+        """Fills the screen: the progress line above, the text bold in the middle."""
         width, height = shutil.get_terminal_size()
         room = max(20, min(60, width - 4))
         lines = [part for line in text.split("\n") for part in textwrap.wrap(line, room) or [""]]
@@ -287,22 +287,22 @@ class TerminalSeat(Seat):
 
 
 class Experimenter:
-    """Lines for the experimenter: kept in a log, and shown elsewhere too if asked for.
+    """Lines for the experimenter, kept in a log and shown in an optional view.
 
     Parameters
     ----------
     log : path
-        Appended to; its folder is made.
+        Lines are appended; its folder is made.
     view : path, optional
-        A file, a fifo that is being read, or another terminal. One that is not read any more loses lines, the
-        run goes on.
+        A file, a fifo with a reader, or another terminal. If its reader stops, lines are lost and the run
+        goes on.
 
     Raises
     ------
     ValueError
-        If the view is the subject's own terminal, or a fifo that nobody reads.
+        If the view is the subject's own terminal, or a fifo without a reader.
     OSError
-        If one of them cannot be written.
+        If log or view cannot be written.
     """
 
     def __init__(self, log: str | os.PathLike[str], view: str | os.PathLike[str] | None = None) -> None:
@@ -311,7 +311,7 @@ class Experimenter:
         self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by __exit__
 
     def say(self, text: str) -> None:
-        """A line, with the time of day."""
+        """Writes a line with the time of day."""
         line = f"{datetime.now():%H:%M:%S} {' '.join(text.split())}\n"
         self._log.write(line)
         self._log.flush()
@@ -329,10 +329,10 @@ class Experimenter:
 
 
 def _open_view(path: Path) -> int:
-    """The descriptor of a view, which never blocks: neither when it is opened nor when nobody reads."""
+    """The descriptor of a view; neither opening nor writing blocks."""
     kind = path.stat().st_mode if path.exists() else 0
     own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
-    any_of_them = path.resolve() == Path("/dev/tty")  # another name of the terminal that a program has
+    any_of_them = path.resolve() == Path("/dev/tty")  # another name of the program's terminal
     refuse(
         stat.S_ISCHR(kind)
         and any(any_of_them or os.path.samestat(os.fstat(one.fileno()), path.stat()) for one in own),

@@ -1,4 +1,4 @@
-"""d' of one subject: its estimate, intervals from an exact test or a likelihood; tests of the score and of the types of trials."""
+"""d' of one subject with exact and likelihood intervals, and tests of the score and of types of trials."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from burrlab.psychophysics.rules import (
 
 CorrectionName: TypeAlias = Literal["none", "log-linear", "half"]
 
-LARGEST = 40.0  # d' at which both answers of every rule are certain to a double
+LARGEST = 40.0  # d' at which answers are certain in double precision by every rule
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _SECTIONS = 32  # leave 2e-7 of the range of criteria, 1e-11 of the likelihood at its flat top
-_HALVINGS = 40  # of LARGEST: 4e-11
+_HALVINGS = 40  # of the range up to LARGEST: 4e-11
 
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Numbers of answers, as arrays of one shape.
+    """Possible outcomes of an experiment, as arrays of one shape.
 
     Attributes
     ----------
@@ -51,20 +51,20 @@ class Outcomes:
 
     @classmethod
     def of(cls, counts: Counts) -> Outcomes:
-        """The one outcome that was observed; arrays of no dimension."""
+        """The observed outcome, as arrays without dimension."""
         values = (counts.hits, counts.signals, counts.false_alarms, counts.noises)
         return cls(*(np.asarray(value, dtype=np.float64) for value in values))
 
     @classmethod
     def all(cls, signals: int, noises: int) -> Outcomes:
-        """Everything that can come out, in (signals + 1)(noises + 1) elements; false alarms vary fastest."""
+        """All (signals + 1)(noises + 1) possible outcomes; false alarms vary fastest."""
         hits, alarms = np.meshgrid(np.arange(signals + 1.0), np.arange(noises + 1.0), indexing="ij")
         full = np.ones(hits.size)
         return cls(hits.ravel(), signals * full, alarms.ravel(), noises * full)
 
     @property
     def rates(self) -> tuple[Floats, Floats]:
-        """Hit rate and false-alarm rate; 1/2 where there were no such trials."""
+        """Hit rate and false-alarm rate; 1/2 without such trials."""
         with np.errstate(invalid="ignore"):
             return (
                 np.where(self.signals > 0, self.hits / self.signals, 0.5),
@@ -73,15 +73,15 @@ class Outcomes:
 
     @property
     def undetermined(self) -> NDArray[np.bool_]:
-        """Where any d' is as likely as any other: one answer always, or no trial of one kind."""
+        """Whether all d' are equally likely: always the same answer, or no trial of one kind."""
         given, trials = self.hits + self.false_alarms, self.signals + self.noises
         return np.asarray((given == 0) | (given == trials) | (self.signals == 0) | (self.noises == 0))
 
     def estimate(self, rule: Rule) -> tuple[Floats, Floats]:
-        """The estimate of greatest likelihood: d' in [0, inf], and the criterion.
+        """The maximum-likelihood estimates of d', in [0, inf], and of the criterion.
 
-        Where H <= F, d' is 0 and the criterion is that of the pooled rate. Where d' is undetermined all are
-        equally likely, and the smallest, 0, is taken.
+        If H <= F, d' is 0 and the criterion is that of the pooled rate. If d' is undetermined, the smallest
+        value, 0, is taken.
         """
         h, f = self.rates
         pooled = (self.hits + self.false_alarms) / (self.signals + self.noises)
@@ -90,10 +90,10 @@ class Outcomes:
         return np.where(zero, 0.0, d), np.where(zero, rule.criterion_of(0.0, pooled), criterion)
 
     def log_likelihood(self, hit: Floats, miss: Floats, alarm: Floats, rejection: Floats) -> Floats:
-        """From the logarithms of the four rates, without the number of orders of the trials."""
+        """The log-likelihood from the logarithms of the four rates, without binomial coefficients."""
         times = (self.hits, self.signals - self.hits, self.false_alarms, self.noises - self.false_alarms)
         log_rates = (hit, miss, alarm, rejection)
-        # Of an answer that was not given the rate may be 0.
+        # The rate of an answer that was never given may be 0.
         return np.asarray(sum(n * np.where(n > 0, x, 0.0) for n, x in zip(times, log_rates, strict=True)))
 
     def greatest(self) -> Floats:
@@ -106,9 +106,9 @@ class Outcomes:
         return np.asarray(np.where((h > f) | self.undetermined, apart, pooled))
 
     def deviance(self, rule: Rule, d_prime: ArrayLike) -> Floats:
-        """-2 log of the likelihood at d', with the best criterion there, over the greatest: 0 at the estimate.
+        """-2 log of the likelihood at d', with the best criterion, over the greatest; 0 at the estimate.
 
-        The likelihood is concave in the criterion, which a golden section finds.
+        A golden section finds the criterion, in which the log-likelihood is concave.
         """
         d = np.asarray(d_prime, dtype=np.float64)
         low, high = np.broadcast_arrays(*rule.criterion_range(d, *self.rates))
@@ -127,7 +127,7 @@ class Outcomes:
         return np.asarray(np.where(self.undetermined, 0.0, np.maximum(2.0 * (self.greatest() - best), 0.0)))
 
     def standard_error(self, rule: Rule) -> Floats:
-        """Of d', from the information at the estimate; nan where the estimate is 0, inf or at a rate of 0 or 1."""
+        """Standard error of d' from the information at the estimate; nan if d' or a rate is at a bound."""
         h, f = self.rates
         d, criterion = self.estimate(rule)
         inner = (h > f) & (h < 1.0) & (f > 0.0) & ~self.undetermined
@@ -149,9 +149,9 @@ class Outcomes:
         return h, f
 
     def profile_interval(self, rule: Rule, level: float) -> tuple[Floats, Floats]:
-        """The d' in [0, inf) whose deviance is at most the chi-square quantile of one degree of freedom.
+        """The d' in [0, inf) whose deviance is at most the chi-square quantile with one degree of freedom.
 
-        The lower end is 0 where 0 is in the interval; the upper end is inf where it is open.
+        The lower end is 0 if the interval contains 0; the upper end is inf if open.
         """
         limit = float(chdtri(1.0, 1.0 - level))
         middle = np.minimum(self.estimate(rule)[0], LARGEST)
@@ -166,25 +166,25 @@ class Outcomes:
         return end(0.0, 0.0), end(LARGEST, np.inf)
 
 
-_CRITERIA = 241  # at which the p value is calculated; 2401 raise it by less than 0.002
+_CRITERIA = 241  # number of criteria for a p value; 2401 raise it by less than 0.002
 _RAREST = 1e-6  # rate at which the range of criteria ends
-_TIE = 1e-7  # deviances closer than this are one
-_SCANNED = 33  # d' of a first look, between 0 and a deviance that no test keeps
-_MOST = 4_000_000  # outcomes; a test takes seconds there, and some fifty are made
-_TEST_HALVINGS = 16  # of what lies between two of them: 1e-5 of d'
+_TIE = 1e-7  # deviances closer than this are equal
+_SCANNED = 33  # points of the first scan of d', up to deviances that every test rejects
+_MOST = 4_000_000  # most outcomes; a test then takes seconds, and some fifty are made
+_TEST_HALVINGS = 16  # between two points of the scan: 1e-5 of d'
 
 
 def binomial(trials: int, log_rate: Floats, log_other: Floats) -> Floats:
-    """Probabilities of 0 to `trials` answers in rows, one for each rate."""
+    """Probabilities of 0 to `trials` answers, one row for each rate."""
     k = np.arange(trials + 1.0)
     ways = gammaln(trials + 1.0) - gammaln(k + 1.0) - gammaln(trials - k + 1.0)
-    # at most one of a rate's logarithms is -inf, and times 0 it is 0
+    # at most one of a rate's logarithms is -inf; 0 times it must be 0
     log_rate, log_other = (np.maximum(x, -1e300)[..., None] for x in (log_rate, log_other))
     return np.asarray(np.exp(ways + k * log_rate + (trials - k) * log_other))
 
 
 def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
-    """Of d', for the outcome that was observed: one of `exact_p_values`."""
+    """The p value of d' for the observed outcome: the largest over all criteria."""
     shape = counts.signals + 1, counts.noises + 1
     deviance = Outcomes.all(counts.signals, counts.noises).deviance(rule, d_prime).reshape(shape)
     beyond = deviance >= deviance[counts.hits, counts.false_alarms] - _TIE
@@ -193,7 +193,7 @@ def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
 
 
 def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
-    """From the smallest to the largest d' in [0, inf) that the exact test keeps; inf where it has no upper end."""
+    """The smallest and largest d' in [0, inf) that the exact test does not reject; inf if open above."""
     outcomes = (counts.signals + 1) * (counts.noises + 1)
     refuse(
         outcomes > _MOST,
@@ -203,7 +203,7 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     if bool(observed.undetermined):
         return 0.0, math.inf
     is_open = exact_p_value(counts, rule, LARGEST) > error
-    # A deviance this large has a p value below any error rate: the chance of each of the outcomes is below
+    # A deviance this large has a p value below the error rate: each outcome has a probability below
     # exp(-deviance/2).
     far = 2.0 * math.log((counts.signals + 1) * (counts.noises + 1) / error)
     grid = np.linspace(0.0, LARGEST, 401)
@@ -228,7 +228,7 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
 
 
 def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
-    """Clopper and Pearson's interval of the proportion correct, carried to d' of an observer without bias."""
+    """Clopper and Pearson's interval of the proportion correct, converted to d' of an unbiased observer."""
     refuse(
         counts.task == "same-different",
         "method must be exact or profile for same-different, got 'proportion'",
@@ -239,7 +239,7 @@ def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float
 
 
 def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tuple[Floats, Floats]:
-    """Of the numbers of hits and of false alarms, in rows, one for each criterion."""
+    """Probabilities of the numbers of hits and of false alarms, one row for each criterion."""
     criteria = np.linspace(*rule.criterion_range(d_prime, _RAREST, 1.0 - _RAREST), _CRITERIA)
     hit, miss, alarm, rejection = rule.log_rates(d_prime, criteria)
     return binomial(signals, hit, miss), binomial(noises, alarm, rejection)
@@ -267,28 +267,28 @@ class DPrime(Result):
     Attributes
     ----------
     task, rule : str
-        As `rule_of` has them.
+        As for `rule_of`.
     estimate : float
-        Of greatest likelihood, in [0, inf]: 0 where there are no more hits than false alarms, inf where the
-        likelihood rises without end.
+        Maximum-likelihood estimate in [0, inf]: 0 if the hit rate is not above the false-alarm rate, inf if
+        the likelihood rises without limit.
     interval : (float, float)
-        Its ends in [0, inf]; inf is an open end.
+        Ends in [0, inf]; inf is an open end.
     level : float
-        Of the interval.
+        Level of the interval.
     method : {"exact", "profile", "proportion"}
-        Of the interval.
+        Method of the interval.
     standard_error : float or None
         From the information at the estimate; None unless the interval excludes 0 and the estimate is finite.
     criterion : float
-        At the estimate; infinite where a rate is 0 or 1, nan where both are, in a perfect score.
+        Criterion at the estimate; infinite if a rate is 0 or 1, nan for a perfect score.
     criterion_meaning : str
-        Its name, unit and direction.
+        Name, unit and direction of the criterion.
     corrected : float
-        d' of the rates after `correction`; with "none" it is the estimate. The interval takes no correction.
+        d' of the rates after `correction`; with "none", the estimate. The interval is not corrected.
     correction : {"none", "log-linear", "half"}
     undetermined : bool
-        Any d' fits as well as any other (one answer always, or no trial of one kind): estimate 0, interval
-        [0, inf).
+        Whether all d' fit equally well (always the same answer, or no trial of one kind): estimate 0,
+        interval [0, inf).
     counts : Counts
     """
 
@@ -310,7 +310,7 @@ class DPrime(Result):
 
     @property
     def open_above(self) -> bool:
-        """The answers set no upper limit."""
+        """Whether the answers set no upper limit."""
         return math.isinf(self.interval[1])
 
     @property
@@ -334,7 +334,7 @@ class DPrime(Result):
         return "\n".join(filter(None, lines))
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: infinite values as None, with `open_above` beside them; with provenance."""
+        """A dict for JSON with provenance; infinite values are None, `open_above` marks an open interval."""
         values = super().to_dict()
         del values["counts"]["task"]
         return {**values, "infinite": math.isinf(self.estimate), "provenance": provenance()}
@@ -356,23 +356,24 @@ def d_prime(
 ) -> DPrime:
     """Estimate d' with an interval on [0, inf).
 
-    hits ~ Binomial(signals, H(d', c)), false alarms ~ Binomial(noises, F(d', c)), the criterion c free.
+    The model is hits ~ Binomial(signals, H(d', c)), false alarms ~ Binomial(noises, F(d', c)), with a free
+    criterion c.
 
     Parameters
     ----------
     counts : Counts
     rule : {"independent-observations", "differencing"}
     level : float, default 0.95
-        Of the interval, in (0, 1).
+        Level of the interval, in (0, 1).
     method : {"exact", "profile", "proportion"}, default "exact"
-        "exact": the d' that the likelihood-ratio test keeps, with its exact distribution at the worst
-        criterion. It holds the truth at least as often as it says. "profile": the same with chi-square's
-        distribution; fast, but short where all or nearly all answers are correct. "proportion" (ABX, two
-        intervals): Clopper and Pearson's interval of the proportion correct, carried to d'. It takes the
-        observer as unbiased, and both kinds of trial together.
+        "exact": d' that the likelihood-ratio test does not reject, by its exact distribution at the worst
+        criterion; the coverage is at least the level. "profile": the same with chi-square's distribution;
+        fast, but too short if nearly all answers are correct. "proportion" (ABX, two intervals): Clopper and
+        Pearson's interval of the proportion correct, converted to d'. It assumes an unbiased observer and
+        pools both kinds of trial.
     correction : {"none", "log-linear", "half"}, default "none"
-        "log-linear": half an answer more in each cell (Hautus 1995). "half": rates of 0 and 1 alone become
-        1/(2n) and 1 - 1/(2n) (Macmillan and Kaplan 1985). For `corrected` alone.
+        Correction of `corrected` only. "log-linear": half an answer more in each cell (Hautus 1995). "half":
+        only rates of 0 and 1 change, to 1/(2n) and 1 - 1/(2n) (Macmillan and Kaplan 1985).
 
     Returns
     -------
@@ -381,14 +382,14 @@ def d_prime(
     Raises
     ------
     ValueError
-        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of
-        same-different, or "exact" of more than 4 million possible outcomes (2000 trials of each kind).
+        If the rule, method or correction is unknown, the level is not in (0, 1), "proportion" is given for
+        same-different, or "exact" for more than 4 million possible outcomes (2000 trials of each kind).
 
     Notes
     -----
-    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and an interval of
-    the kind estimate +- 1.96 standard errors fails (see `docs/psychophysics.md`). "exact" includes 0 unless
-    an exact one-sided test at 1 - level rejects it, "profile" at about half of that.
+    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and intervals such
+    as estimate +- 1.96 standard errors fail (see `docs/psychophysics.md`). "exact" includes 0 unless an exact
+    one-sided test at 1 - level rejects it; "profile" unless one at about half of that does.
 
     References
     ----------
@@ -446,10 +447,10 @@ def score_interval(counts: Counts, level: float = 0.95) -> tuple[float, float]:
 
 
 def binomial_test(counts: Counts) -> float:
-    """The probability of this score or more by chance, 1/2 a trial: an exact one-sided p value.
+    """The exact one-sided p value: the probability of this score or more by chance, 1/2 per trial.
 
-    It holds at any bias where both kinds of trial are equally frequent. Where they are not, an observer who
-    always gives the more frequent answer is above 1/2.
+    It is valid with any bias if both kinds of trial are equally frequent. Otherwise an observer who always
+    gives the more frequent answer is above 1/2.
 
     Examples
     --------
@@ -472,26 +473,26 @@ _SAME_DIFFERENT = (
         "the order of the two materials matters: memory, or a time-order error",
     ),
 )
-_TIES = 1e-7  # relative, of probabilities that are equal but for rounding
+_TIES = 1e-7  # relative difference of probabilities that are equal but for rounding
 
 
 @dataclass(frozen=True)
 class PairCheck:
-    """Two types of trials compared by Fisher's exact test, subject by subject.
+    """Comparison of two types of trials by Fisher's exact test, with each subject's total given.
 
     Attributes
     ----------
     types : (str, str)
     counted : str
-        What is counted of them.
+        The answer that is counted.
     counts : ((int, int), (int, int))
-        How often, and in how many trials, of either type; summed over subjects.
+        (times, trials) of either type, summed over subjects.
     p_value : float
-        Two-sided, given each subject's total.
+        Two-sided.
     smallest : float
         The smallest p value that these totals allow.
     meaning : str
-        Of a difference.
+        Meaning of a difference.
     """
 
     types: tuple[str, str]
@@ -512,21 +513,21 @@ class PairCheck:
 
 
 def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
-    """The checks that a task's types of trials allow.
+    """Comparisons of a task's types of trials.
 
-    Same-different: AA against BB and AB against BA. ABX and two intervals: correct answers where the first
-    and where the second is correct, which differ by a bias to a position.
+    In same-different they are AA against BB and AB against BA. In ABX and two intervals they compare correct
+    answers where the first and where the second is correct, which differ with a bias to a position.
 
     Parameters
     ----------
     counts : Counts or sequence of Counts
-        Of one subject or several, in one task. Subjects may differ: each one's total is taken as given. A
-        type of pair that is not in `by_type` had no trial (a run that was not finished).
+        Of one or several subjects in one task. Subjects may differ, because each total is taken as given. A
+        type missing in `by_type` had no trial (an unfinished run).
 
     Raises
     ------
     ValueError
-        If there are no counts, they are of several tasks, or those of same-different lack `by_type`.
+        If there are no counts, they are of several tasks, or counts of same-different lack `by_type`.
 
     Examples
     --------
@@ -565,7 +566,7 @@ def _check(
     rows: list[tuple[tuple[int, int], tuple[int, int]]],
     meaning: str,
 ) -> PairCheck:
-    # The number of the first type, given each subject's total, is a sum of hypergeometric ones.
+    # Given each subject's total, the number of the first type is a sum of hypergeometric numbers.
     probabilities, least = np.ones(1), 0
     for (n, trials), (m, others) in rows:
         if trials + others:

@@ -1,4 +1,4 @@
-"""One answer as a row of a file with the rules that rows obey, and the JSON beside the file that says what the run is."""
+"""Rows of answers and their rules, and the side-car: JSON beside the file that describes the run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.psychophysics.trial import Phase, Trial
 
 INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
-#: Types of trials and, where the type alone decides, the correct answer.
+#: Types of trials and the correct answer, if the type alone decides it.
 TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
     "same-different": {"AA": "same", "AB": "different", "BA": "different", "BB": "same"},
     "abx": {"AB": "first", "BA": "second"},
@@ -35,29 +35,29 @@ TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
 PHASES: tuple[Phase, ...] = ("practice", "main")
 
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
-#: Columns that each interval has, and the fields that hold them.
+#: Columns of each interval, and the fields that hold them.
 _NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings"}
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a subject answered, and when.
+    """A subject's answer with its times.
 
     Attributes
     ----------
     trial : Trial
     onset : float
-        Of the first interval, from the start of the run [s].
+        Start of the first interval, from the start of the run [s].
     duration : float
-        From there to the end of the last interval [s].
+        From the onset to the end of the last interval [s].
     response : str
         One of the design's answers.
     response_time : float or None
-        From the question [s]; None for a simulated subject.
+        From the question to the answer [s]; None for a simulated subject.
     endings : tuple of str
-        Of each interval: "time", "break-through", "wall", "subject" or "device".
+        For each interval "time", "break-through", "wall", "subject" or "device".
     repeats : int
-        How often the trial was broken off before, as the loop had stalled.
+        How often the trial was repeated because the loop stalled.
 
     Notes
     -----
@@ -85,31 +85,31 @@ class Answer:
 
 @dataclass(frozen=True)
 class Row:
-    """One answer, as a file has it; None where it has n/a or no such column.
+    """An answer in a file; None stands for n/a or a missing column.
 
     Attributes
     ----------
     onset : float
-        Of the first interval, from the start of the run [s].
+        Start of the first interval, from the start of the run [s].
     duration : float or None
-        From there to the end of the last interval [s].
+        From the onset to the end of the last interval [s].
     trial_type, response : str
     correct : bool
     response_time : float or None
-        From the question [s].
+        From the question to the answer [s].
     trial : int
         In its phase, from 1.
     phase : {"practice", "main"}
     block : int
         From 1; practice is block 0.
     level : float or None
-        Of the comparison, as its ratio to the reference's.
+        The comparison's parameter over the reference's.
     stimuli : tuple of str
-        One an interval; empty where the file has none.
+        One per interval; empty if the file has none.
     seeds : tuple of int or None
     endings : tuple of str or None
     repeats : int or None
-        How often the trial was broken off before, as the loop had stalled.
+        How often the trial was repeated because the loop stalled.
     """
 
     onset: float
@@ -147,7 +147,7 @@ class Row:
         return named
 
     def correct_answer(self, answers: Sequence[str]) -> str:
-        """The answer that was correct, of the two."""
+        """The correct one of the two answers."""
         return self.response if self.correct else next(one for one in answers if one != self.response)
 
 
@@ -172,13 +172,13 @@ def as_text(row: Row, task: TaskName, columns: Sequence[str] = ()) -> bytes:
 
 
 class RowReader:
-    """Rows of one file, one after the other, each checked by itself and against those before.
+    """A reader of one file's rows, which checks each by itself and against earlier rows.
 
     Parameters
     ----------
     task : {"same-different", "abx", "2ifc"}
     answers : (str, str)
-        What the file calls the task's answers, in the order of their keys.
+        The file's words for the task's answers, in the order of their keys.
     """
 
     def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
@@ -193,20 +193,20 @@ class RowReader:
 
     @property
     def rows(self) -> list[tuple[int, Row]]:
-        """The rows that were added, with their lines."""
+        """Line numbers and rows that were added."""
         return list(self._before.values())
 
     def add(self, line: int, row: Row) -> None:
-        """Adds a row that those to come are checked against."""
+        """Adds a row, against which later rows are checked."""
         self._before[row.phase, row.trial] = line, row
 
     def parse(self, fields: Mapping[str, str]) -> Row:
-        """The row of a line's fields, which follows those that were added.
+        """The row of a line's fields, checked as the next row.
 
         Raises
         ------
         ValueError
-            If a field is not what it must be, or contradicts another or a row before: with the column.
+            If a field is invalid, or contradicts another field or row; the message names the column.
         """
         found: dict[str, Any] = {}
         for column in columns_of(self.task):
@@ -243,7 +243,7 @@ class RowReader:
 
 
 def _side(row: Row, answer: str) -> bool | None:
-    """Whether more of the parameter is more of what is asked; None where the comparison equals the reference."""
+    """Whether the interval with more of the parameter is correct; None if the two intervals are equal."""
     if row.level is None or row.level == 1.0:
         return None
     comparison = (answer == "first") == (row.trial_type == "CR")
@@ -251,7 +251,7 @@ def _side(row: Row, answer: str) -> bool | None:
 
 
 def _check_place(row: Row, before: Row) -> None:
-    """ValueError unless the row's trial follows the one before; the first follows trial 0."""
+    """Raises ValueError unless the row's trial follows the one before; the first follows trial 0."""
     refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
     in_main = row.phase == "main"
     refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
@@ -265,7 +265,7 @@ def _check_place(row: Row, before: Row) -> None:
 
 
 def _kept(convert: Callable[[str], Any], rule: str, holds: Callable[[Any], bool]) -> Callable[[str], Any]:
-    """A conversion whose values must keep a rule."""
+    """A conversion whose values must obey a rule."""
 
     def kept(text: str) -> Any:
         value = convert(text)
@@ -289,7 +289,7 @@ def _one_of(choices: Sequence[str | None]) -> Callable[[str], Any]:
 
 
 _seconds = _kept(table.number_or_none, "must be at least 0 [s]", lambda value: value is None or value >= 0)
-#: What the text of a column says in every task.
+#: Conversions of the columns that are the same in every task.
 _READ: Mapping[str, Callable[[str], Any]] = {
     "onset": _filled(table.number_or_none),
     "duration": _seconds,
@@ -308,7 +308,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
 
 _FORMAT = 1
 _KEY = "BurrlabRun"
-#: The tables of a protocol whose change makes another run, and such keys of [experiment].
+#: Tables of a protocol, and keys of [experiment], that must not change during a run.
 _TABLES = ("burr", "bone")
 _EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
@@ -331,7 +331,7 @@ _TYPES: Mapping[TaskName, str] = {
     "abx": "The alternatives A and B in the order in which they follow the reference",
     "2ifc": "Reference (R) and comparison (C) in order",
 }
-#: What the columns hold; {} is the number of an interval.
+#: Descriptions of the columns; {} is the number of an interval.
 _COLUMNS = {
     "onset": "Start of the first interval, from the start of the run",
     "duration": "From the onset to the end of the last interval",
@@ -358,31 +358,31 @@ _FIELDS: Mapping[str, tuple[str, type]] = {
 
 @dataclass(frozen=True)
 class SideCar:
-    """What is known of a run before its first trial.
+    """Description of a run, as known before its first trial.
 
     Attributes
     ----------
     subject : str
         BIDS label, without "sub-".
     name : str
-        Of the task in the protocol, a BIDS label.
+        BIDS label of the task in the protocol.
     task : {"same-different", "abx", "2ifc"}
     question : str
-        Put to the subject.
+        The question to the subject.
     design : mapping
-        As its `to_dict` has it.
+        The design's `to_dict`.
     protocol : mapping
         The whole protocol, as JSON.
     seed : int
-        Of the protocol.
+        Seed of the protocol.
     device : str
-        As given to `burrlab session --device`.
+        As for `burrlab session --device`.
     trials : int
-        In all, practice included; of a staircase, at most.
+        Trials in all, practice included; for a staircase, the maximum.
     simulated : mapping or None
-        What simulates the subject; None for a person.
+        Description of a simulated subject; None for a person.
     started : str
-        Wall clock (ISO 8601, UTC) to which onsets count.
+        Start of the run by wall clock (ISO 8601, UTC); onsets count from it.
     provenance : mapping
     """
 
@@ -406,14 +406,14 @@ class SideCar:
 
     @property
     def digest(self) -> str:
-        """sha256 of the protocol."""
+        """SHA-256 of the protocol."""
         return digest(self.protocol)
 
     def differences(self, other: SideCar) -> tuple[str, ...]:
-        """What another run of this subject and task would change: sentences, empty where nothing matters.
+        """Relevant changes in another run of this subject and task, in sentences; empty if none.
 
-        Neither the list of subjects, folder, traces, the settings of the analysis and other tasks, nor the
-        address of a device count.
+        The list of subjects, folder, traces, analysis settings, other tasks and a device's address do not
+        count.
         """
         mine, others = (
             {"subject": one.subject, "simulated subject": one.simulated, **one._shared()}
@@ -422,7 +422,7 @@ class SideCar:
         return _changes("", mine, others)
 
     def differences_across_subjects(self, other: SideCar) -> tuple[str, ...]:
-        """The same for another subject's run of this task, which may differ in who the subject is."""
+        """As `differences`, for another subject's run of this task."""
         return _changes("", self._shared(), other._shared())
 
     def _shared(self) -> dict[str, Any]:
@@ -431,7 +431,7 @@ class SideCar:
             "task": self.name,
             "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
             "device": self.device.partition(":")[0],
-            # Over the network it decides whether a hand feels anything; which port it is does not matter.
+            # Decides whether a hand on the network feels a force; the port number does not matter.
             "force is published": experiment.get("publish") is not None,
             **{key: self.protocol.get(key) for key in _TABLES},
             f"tasks.{self.name}": self.design,
@@ -457,12 +457,12 @@ class SideCar:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SideCar:
-        """The side-car that `to_dict` wrote.
+        """The side-car that `to_dict` described.
 
         Raises
         ------
         ValueError
-            If a key is missing or not what it must be.
+            If a key is missing or invalid.
         """
         refuse(values.get(_KEY) != _FORMAT, f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
         given = {name: _typed(values, key, kind) for key, (name, kind) in _FIELDS.items()}
@@ -481,7 +481,7 @@ class SideCar:
         return car
 
     def _check_against_protocol(self) -> None:
-        """ValueError if design, seed, task or trials, which stand beside the Protocol for readers, contradict it."""
+        """Raises ValueError if design, seed, task or trials contradict the Protocol beside them."""
         experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
         refuse(
             not (isinstance(experiment, dict) and isinstance(tasks, dict)),
@@ -506,12 +506,12 @@ def side_car_path(path: str | os.PathLike[str]) -> Path:
 
 
 def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
-    """The side-car beside a file of answers; None where there is none, or another program's.
+    """The side-car beside a file of answers; None if there is none, or another program's.
 
     Raises
     ------
     ValueError
-        If it is no JSON, or one of this program with a key that is missing or not what it must be.
+        If the file is not JSON, or is a side-car of this program with a missing or invalid key.
     """
     file = side_car_path(path)
     if not file.exists():
@@ -527,13 +527,13 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
 
 
 def digest(protocol: Mapping[str, Any]) -> str:
-    """sha256 of a protocol's JSON, keys in order."""
+    """SHA-256 of a protocol's JSON with sorted keys."""
     text = json.dumps(json_mapping(protocol), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def descriptions(task: TaskName) -> dict[str, Any]:
-    """The descriptions of a task's columns, as BIDS has them, with unit or levels."""
+    """BIDS descriptions of a task's columns, with units or levels."""
     levels = {
         "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
         "response": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},

@@ -1,7 +1,6 @@
 """Designs that find a threshold: up-down staircases, a Bayesian staircase and constant stimuli.
 
-Each says by simulation how well it finds the threshold of a stated observer. `design_of_dict` reads any
-design.
+Each simulates how well it finds the threshold of a given observer. `design_of_dict` reads any design.
 """
 
 from __future__ import annotations
@@ -47,17 +46,17 @@ class Staircased(Comparison):
 
     @abstractmethod
     def track(self) -> StaircaseTrack | AdaptiveTrack:
-        """A new one, at its start."""
+        """A new track, at its start."""
 
     @abstractmethod
     def easy_level(self) -> float:
-        """The level of the practice."""
+        """The level of practice trials."""
 
     def order(self, *, seed: int, subject: str) -> StaircaseOrder:
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
 
     def _measure(self, answers: Answers) -> tuple[float | None, int]:
-        """The difference that a run on an observer finds, and its trials."""
+        """The difference that a run with an observer finds, and the number of trials."""
         track = self.track()
         while (level := track.level()) is not None:
             track.update(answers(abs(math.log(level))))
@@ -66,14 +65,14 @@ class Staircased(Comparison):
 
 
 class StaircaseOrder(Order):
-    """Trials whose levels follow the answers; orders of the intervals and seeds do not.
+    """An order whose levels follow the answers; orders of intervals and seeds do not.
 
-    In every eight trials, from the first on, RC and CR are equally often. The same answers give the same
-    trials again.
+    RC and CR are equally frequent in every eight trials from the first. The same answers give the same
+    trials.
 
     Attributes
     ----------
-    track : Track
+    track : StaircaseTrack or AdaptiveTrack
     """
 
     def __init__(self, design: Staircased, draws: Draws) -> None:
@@ -111,64 +110,64 @@ class StaircaseOrder(Order):
         self._next = None
 
 
-_SMALLEST = 1e-4  # difference, that no step goes below: nobody feels it
+_SMALLEST = 1e-4  # least difference of a level; nobody feels it
 
 
 @dataclass(frozen=True)
 class Staircase(Staircased):
-    """An n-down 1-up staircase on c_e or alpha: more alike after n correct answers in a row, less after each wrong one.
+    """An n-down 1-up staircase on c_e or alpha.
 
-    The difference of a level is |ln level|. A step down divides it by a factor, a step up multiplies it by
-    that factor to the power `up_weight`; the level never crosses 1. Where steps down and up are in balance
-    the proportion correct is
+    The difference of a level is |ln level|. A step down, after n correct answers in a row, divides it by a
+    factor. A step up, after each wrong answer, multiplies it by this factor to the power `up_weight`. The
+    level never crosses 1. Steps down and up balance at the proportion correct
 
         p = (w/(1 + w))^(1/n),    w = up_weight:
 
-    with equal steps 0.707 for n = 2, 0.794 for 3, 0.841 for 4 (Levitt 1971), with n = 1 and w = 3 0.75
-    (Kaernbach 1991). `Comparison` says what is asked, held and felt.
+    with equal steps 0.707 for n = 2, 0.794 for 3, 0.841 for 4 (Levitt 1971); with n = 1 and w = 3, 0.75
+    (Kaernbach 1991). `Comparison` explains what is asked, held and felt.
 
     Parameters
     ----------
     reference : Stimulus
     parameter : {"c_e", "alpha"}
     start : float
-        Level of the first trial and of the practice, well felt: 2, or 0.5 for a staircase below 1.
+        Level of the first trial and of practice, easy to feel: 2, or 0.5 for a staircase below 1.
     down : int
-        n, correct answers in a row that make a step down.
+        n, correct answers in a row for a step down.
     up_weight : float
-        w, of a step up over one down, in the logarithm of the difference.
+        w, a step up over a step down, in the logarithm of the difference.
     coarse_step, step : float
         Factors of the difference before and after the first `discard` reversals, above 1.
     discard : int
-        Reversals that do not count.
+        First reversals, which do not count.
     reversals : int
-        That count, even; the staircase ends after the last.
+        Reversals that count, even; the staircase ends after the last.
     trials : int
-        At most, without practice; a multiple of `blocks`.
+        Most trials, without practice; a multiple of `blocks`.
     limit : float, optional
-        Level that is not passed; by default the square of `start`.
+        Level farthest from 1; by default the square of `start`.
     mode, hold, interval, practice, blocks
-        As `Comparison` has them.
+        As for `Comparison`.
 
     Attributes
     ----------
     target : float
-        p.
+        The proportion correct p.
 
     Raises
     ------
     ValueError
-        If `start` is no ratio or 1, `limit` is not beyond it, a step or weight or number is out of range,
-        `reversals` is odd, the target is at chance, `trials` is no multiple of `blocks`, or what is varied
-        cannot be felt.
+        If `start` is not above 0 or is 1, `limit` is nearer to 1 than `start` or beyond 1, a step, weight or
+        number is out of range, `reversals` is odd, the target is not above chance, `trials` is not a multiple
+        of `blocks`, or the varied parameter cannot be felt.
     TypeError
-        If the reference is no Stimulus, or a number is not whole.
+        If the reference is not a Stimulus, or a number is not whole.
 
     Notes
     -----
-    The mean of the reversals is the target's in the limit of small steps only. In runs of 60 reversals of a
-    Gaussian observer with 2 % lapses it lies within 5 % (of the difference) with steps of 1.1, 4 to 15 %
-    below with steps of 1.4. `power` simulates the staircase at hand.
+    The mean of the reversals equals the target's difference only in the limit of small steps. In runs of 60
+    reversals of a Gaussian observer with 2 % lapses, the mean lies within 5 % (of the difference) with steps
+    of 1.1, and 4 to 15 % below with steps of 1.4. `power` simulates the given staircase.
 
     References
     ----------
@@ -233,7 +232,7 @@ class Staircase(Staircased):
 
     @property
     def target(self) -> float:
-        """Proportion correct at which steps down and up are in balance."""
+        """Proportion correct at which steps down and up balance."""
         return float((self.up_weight / (1.0 + self.up_weight)) ** (1.0 / self.down))
 
     def easy_level(self) -> float:
@@ -243,13 +242,12 @@ class Staircase(Staircased):
         return StaircaseTrack(self)
 
     def threshold(self, levels: Sequence[float], correct: Sequence[bool]) -> StaircaseThreshold:
-        """From the answers of the main phase, in order.
+        """The threshold from the answers of the main phase, in order.
 
         Raises
         ------
         ValueError
-            If `levels` and `correct` differ in number, or the levels are not those that this staircase gives
-            after these answers.
+            If `levels` and `correct` differ in number, or the staircase gives other levels for these answers.
         """
         track = self.track()
         for number, (level, right) in enumerate(zip(*checked_answers(levels, correct), strict=True), 1):
@@ -263,14 +261,14 @@ class Staircase(Staircased):
         return track.threshold()
 
     def power(self, subjects: int = 1) -> str:
-        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        """Lines on how well a given observer's threshold is found, by about a second of simulation."""
         first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
         threshold, where = abs(math.log(self.start)) / 4.0, "a quarter of the start's distance from 1"
         return f"{first}\n{precision(self._measure, threshold, where, subjects, self.target)}"
 
 
 class StaircaseTrack:
-    """Where a staircase stands."""
+    """State of a staircase."""
 
     def __init__(self, design: Staircase) -> None:
         assert design.limit is not None
@@ -309,7 +307,7 @@ class StaircaseTrack:
     def threshold(self) -> StaircaseThreshold:
         counted = self._reversals[self._design.discard :]
         pairs = len(counted) // 2
-        # Means of a peak and a valley: the two together have no bias to either side.
+        # Means of a peak and a valley, which are unbiased together
         middles = np.log(counted[: 2 * pairs]).reshape(pairs, 2).mean(axis=1)
         difference = math.exp(float(middles.mean())) if pairs else None
         return StaircaseThreshold(
@@ -327,20 +325,20 @@ class StaircaseThreshold(Result):
     Attributes
     ----------
     level : float or None
-        Ratio to the reference's parameter, where the difference is the geometric mean of the reversals'; None
-        with fewer than two reversals that count.
+        Ratio to the reference's parameter; its difference is the geometric mean of the reversals'
+        differences. None with fewer than two reversals that count.
     difference : float or None
         |ln level|
     spread : float or None
-        exp of the standard deviation of ln difference between pairs of reversals: a factor. No standard
-        error, as reversals of one staircase depend on one another.
+        Factor: exp of the standard deviation of ln difference between pairs of reversals. Not a standard
+        error, because reversals of one staircase depend on one another.
     target : float
         Proportion correct that the staircase aims at.
     reversals : int
-        That count.
+        Reversals that count.
     trials : int
     at_limit : int
-        Trials at the level that is not passed; where there are any the threshold is too small.
+        Trials at the limit; if there are any, the threshold is too small.
     complete : bool
         Whether the staircase came to its end.
     """
@@ -369,30 +367,29 @@ class StaircaseThreshold(Result):
 
 @dataclass(frozen=True)
 class ConstantStimuli(Comparison):
-    """Comparisons at given levels of c_e or alpha, each equally often, in random order.
+    """Comparisons at given levels of c_e or alpha, all equally frequent, in random order.
 
-    At each level the reference is first as often as second. In each block too where its size allows; else
-    within one. `Comparison` says what is asked, held and felt.
+    At each level the reference comes first as often as second. The same holds in each block if its size
+    allows; otherwise frequencies differ by at most one. `Comparison` explains what is asked, held and felt.
 
     Parameters
     ----------
     reference : Stimulus
     parameter : {"c_e", "alpha"}
     levels : sequence of float
-        Ratios to the reference's parameter, above 0, below or above 1 or both. 1 itself has no correct
-        answer.
+        Ratios to the reference's parameter, above 0, below or above 1 or both. 1 has no correct answer.
     repeats : int
         Trials at each level, even; all trials together are a multiple of `blocks`.
     mode, hold, interval, practice, blocks
-        As `Comparison` has them.
+        As for `Comparison`.
 
     Raises
     ------
     ValueError
-        If there is no level, one is there twice, is no ratio or 1, `repeats` is odd, the trials are no
-        multiple of `blocks`, or what is varied cannot be felt.
+        If there is no level, two levels are equal, a level is not above 0 or is 1, `repeats` is odd, the
+        number of trials is not a multiple of `blocks`, or the varied parameter cannot be felt.
     TypeError
-        If the reference is no Stimulus, or a number is not whole.
+        If the reference is not a Stimulus, or a number is not whole.
 
     Examples
     --------
@@ -423,7 +420,7 @@ class ConstantStimuli(Comparison):
 
     @property
     def trials(self) -> int:
-        """In all, without practice."""
+        """Trials in all, without practice."""
         return len(self.levels) * self.repeats
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
@@ -434,7 +431,7 @@ class ConstantStimuli(Comparison):
         return self.trial(*kind, number, phase, block, draws)
 
     def power(self, subjects: int = 1) -> str:
-        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        """Lines on how well a given observer's threshold is found, by about a second of simulation."""
         differences = [abs(math.log(level)) for level in self.levels]
         threshold = math.sqrt(min(differences) * max(differences))
 
@@ -451,39 +448,38 @@ class ConstantStimuli(Comparison):
 
 @dataclass(frozen=True)
 class AdaptiveStaircase(Staircased):
-    """Levels of c_e or alpha that leave the least expected entropy of threshold, slope and lapse rate.
+    """A Bayesian staircase on c_e or alpha, for threshold, slope and lapse rate.
 
-    After each answer the posterior on a grid of threshold, slope and lapse rate is updated, and the next
-    level is the one whose answer is expected to leave the least entropy (Kontsevich and Tyler 1999; with the
-    lapse rate as in Watson 2017). No draw is in it: the same answers give the same levels. `Comparison` says
-    what is asked, held and felt; `ThresholdPosterior` the prior.
+    Each answer updates the posterior on a grid of threshold, slope and lapse rate. The next level is the one
+    whose answer has the least expected entropy of the posterior (Kontsevich and Tyler 1999; with the lapse
+    rate as in Watson 2017). Nothing is random: the same answers give the same levels. `Comparison` explains
+    what is asked, held and felt; `ThresholdPosterior`, the prior.
 
     Parameters
     ----------
     reference : Stimulus
     parameter : {"c_e", "alpha"}
     levels : (float, float)
-        Ratios nearest to 1 and farthest from it, on one side of 1, between which levels are chosen and the
-        threshold is sought.
+        Ratios nearest to 1 and farthest from it, on one side of 1. They bound the levels and the threshold.
     trials : int
         Without practice; a multiple of `blocks`.
     mode, hold, interval, practice, blocks
-        As `Comparison` has them. The practice is at the farthest level.
+        As for `Comparison`. Practice is at the farthest level.
 
     Raises
     ------
     ValueError
-        If a level is no ratio or 1, the two are not on one side of 1 in this order, a number is out of range,
-        `trials` is no multiple of `blocks`, or what is varied cannot be felt.
+        If a level is not above 0 or is 1, the two are not on one side of 1 in this order, a number is out of
+        range, `trials` is not a multiple of `blocks`, or the varied parameter cannot be felt.
     TypeError
-        If the reference is no Stimulus, or a number is not whole.
+        If the reference is not a Stimulus, or a number is not whole.
 
     Notes
     -----
-    Of 1000 observers drawn from the prior the 95 % intervals held the threshold of 952, 940 and 947 after 30,
-    60 and 120 trials. Of a Gaussian observer with 2 % lapses and a threshold of 1.05, 1.1, 1.2 or 1.5 they
-    held it in 96.5 to 98.4 % of 1000 runs of 60 trials; the difference was found to a factor of 1.26 to 1.31
-    (standard deviation), 2 to 8 % too small.
+    For 1000 observers drawn from the prior, the 95 % intervals held the threshold of 952, 940 and 947 after
+    30, 60 and 120 trials. For a Gaussian observer with 2 % lapses and a threshold of 1.05, 1.1, 1.2 or 1.5
+    they held it in 96.5 to 98.4 % of 1000 runs of 60 trials. The difference was found to a factor of 1.26 to
+    1.31 (standard deviation), 2 to 8 % too small.
 
     References
     ----------
@@ -528,7 +524,7 @@ class AdaptiveStaircase(Staircased):
     def threshold(
         self, levels: Sequence[float], correct: Sequence[bool], *, level: float = 0.95
     ) -> PosteriorThreshold:
-        """From the answers of the main phase; of the credible interval, `level` is the probability.
+        """The threshold from the answers of the main phase, with a credible interval of probability `level`.
 
         Raises
         ------
@@ -548,7 +544,7 @@ class AdaptiveStaircase(Staircased):
         return threshold_of(posterior, side, len(levels), level)
 
     def power(self, subjects: int = 1) -> str:
-        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        """Lines on how well a given observer's threshold is found, by about a second of simulation."""
         middle = math.sqrt(math.prod(abs(math.log(level)) for level in self.levels))
         return (
             f"{self.what}; {self.trials} trials\n"
@@ -557,7 +553,7 @@ class AdaptiveStaircase(Staircased):
 
 
 class AdaptiveTrack:
-    """Where a Bayesian staircase stands."""
+    """State of a Bayesian staircase."""
 
     def __init__(self, design: AdaptiveStaircase) -> None:
         near, far = (math.log(level) for level in design.levels)
@@ -577,7 +573,7 @@ class AdaptiveTrack:
         return threshold_of(self.posterior, self._side, self._trials - self._left, 0.95)
 
 
-#: Answers of an observer: whether right, at a difference |ln level|.
+#: An observer: whether the answer at a difference |ln level| is correct.
 Answers: TypeAlias = Callable[[float], bool]
 
 LAPSE = 0.02
@@ -586,7 +582,9 @@ _D_PRIME = float(rule_of("2ifc", "independent-observations").invert(0.75, 0.25)[
 
 
 def gaussian_correct(difference: float, threshold: float, lapse: float = LAPSE) -> float:
-    """Proportion correct of Gaussian noise on the logarithm, Phi(d'/sqrt 2) with d' = 0.954 at threshold; lapses guess.
+    """Proportion correct with Gaussian noise on the logarithm, and lapses that guess.
+
+    It is Phi(d'/sqrt 2) without lapses, d' = 0.954 at threshold.
 
     Examples
     --------
@@ -598,7 +596,7 @@ def gaussian_correct(difference: float, threshold: float, lapse: float = LAPSE) 
 
 
 def gaussian_difference(proportion: float, threshold: float, lapse: float = LAPSE) -> float:
-    """Where `gaussian_correct` has a proportion."""
+    """The difference at which `gaussian_correct` is this proportion."""
     d_prime = math.sqrt(2.0) * float(ndtri((proportion - 0.5 * lapse) / (1.0 - lapse)))
     return threshold * d_prime / _D_PRIME
 
@@ -610,7 +608,7 @@ def precision(
     subjects: int,
     target: float | None = None,
 ) -> str:
-    """What simulated runs of a stated observer find, in a few lines; `estimate` gives difference and number of trials of one."""
+    """Lines on simulated runs of an observer; `estimate` returns a run's difference and trials."""
     draws = np.random.default_rng(0)
     runs = [
         estimate(lambda difference: draws.random() < gaussian_correct(difference, threshold))
@@ -638,7 +636,7 @@ def precision(
     return "\n".join(lines)
 
 
-#: By the names that files have.
+#: Designs by their names in files.
 DESIGNS: Mapping[str, type[Design]] = {
     design._kind: design for design in (SameDifferent, ABX, ConstantStimuli, Staircase, AdaptiveStaircase)
 }
@@ -650,7 +648,7 @@ def design_of_dict(values: Mapping[str, Any]) -> Design:
     Raises
     ------
     ValueError
-        If the design is unknown, or what it needs is missing or wrong.
+        If the design is unknown, or a value is missing or wrong.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A task that varies a parameter around a reference: each subject's threshold, and the group's."""
+"""Thresholds of each subject and of the group, in a task that varies a parameter around a reference."""
 
 from __future__ import annotations
 
@@ -32,26 +32,26 @@ Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
 
 @dataclass(frozen=True)
 class SubjectThreshold:
-    """One subject.
+    """The threshold of one subject.
 
     Attributes
     ----------
     subject : str
     simulated : bool
     trials : int
-        Answered in the main phase.
+        Answered trials of the main phase.
     planned : int or None
-        Main trials of the design; None where the answers end it, or it is not known.
+        Main trials of the design; None if unknown, or if the answers end it.
     levels : tuple of (float, int, int)
         Ratio to the reference's parameter, correct answers, trials.
     threshold : float or None
         Ratio to the reference's parameter.
     interval : (float, float) or None
-        Of the threshold, where the method has one.
+        None if the method gives no interval.
     said : str
         The estimate in words.
     estimate : StaircaseThreshold, PosteriorThreshold, PsychometricFit or None
-        All of it; None where nothing could be fitted.
+        None if nothing could be fitted.
     """
 
     subject: str
@@ -72,9 +72,9 @@ class SubjectThreshold:
 
 @dataclass(frozen=True)
 class ThresholdTask(TaskResult[SubjectThreshold]):
-    """Constant stimuli or a staircase: a `TaskResult` whose subjects are SubjectThreshold."""
+    """The `TaskResult` of constant stimuli or a staircase; its subjects are SubjectThreshold."""
 
-    subjects: tuple[SubjectThreshold, ...]  # again, since a record is read back by the declared types
+    subjects: tuple[SubjectThreshold, ...]  # declared again: records are read back by the declared types
 
     task: ClassVar[str] = "2ifc"
 
@@ -82,7 +82,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def of_data(
         cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
     ) -> ThresholdTask:
-        """The whole result; it holds incomplete runs only on request."""
+        """The result of the task; incomplete runs are left out unless `incomplete`."""
         design = design_of_dict(data.design) if data.design else None
         results = []
         for one in data.subjects:
@@ -94,10 +94,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
 
     @property
     def group_threshold(self) -> tuple[float, float, float] | None:
-        """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
+        """(threshold, lower end, upper end) of the group, with the subject as the unit, or None.
 
-        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides
-        of 1, or do not differ at all.
+        |ln threshold| is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
+        thresholds, thresholds on both sides of 1, or all equal.
         """
         logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
         if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
@@ -120,8 +120,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         Raises
         ------
         ValueError
-            If there is no such subject, none is given and there are several, or no psychometric function was
-            fitted.
+            If the subject is unknown, is left out among several, or has no fitted psychometric function.
         """
         refuse(
             subject is None and len(self.subjects) != 1,
@@ -135,7 +134,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return axes
 
     def plot_thresholds(self, ax: Axes | None = None) -> Axes:
-        """Each subject's threshold, with its interval where there is one, and the group's.
+        """Each subject's threshold with any interval, and the group's.
 
         Parameters
         ----------
@@ -179,7 +178,7 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
     estimate: Estimate | None
     if isinstance(design, Staircase):
         estimate = reversals = design.threshold(levels, correct)
-        # It may end before its last trial.
+        # A staircase may end before its last trial.
         planned, threshold = None if reversals.complete else planned, reversals.level
     elif isinstance(design, AdaptiveStaircase):
         estimate = posterior = design.threshold(levels, correct, level=level)
@@ -196,7 +195,7 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
 
 
 def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
-    """The psychometric function, or none and why."""
+    """The psychometric function and its text, or None and the reason."""
     known = {}
     if isinstance(design, ConstantStimuli):
         known = {

@@ -1,4 +1,4 @@
-"""What trials and designs are made of: stimuli, intervals, an order, answers and a question."""
+"""The parts of trials and designs: stimuli, intervals, orders, answers and questions."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ MODES: tuple[Mode, ...] = ("probing", "drilling")
 
 @dataclass(frozen=True)
 class Stimulus:
-    """What an interval presents.
+    """The material that an interval presents.
 
     Attributes
     ----------
     name : str
-        As the answers' file has it.
+        As in the answer file.
     material : Material or None
-        To be rendered; None for a real specimen, outside the program.
+        Material to render; None for a real specimen, outside the program.
     """
 
     name: str
@@ -33,15 +33,15 @@ class Stimulus:
 
 @dataclass(frozen=True)
 class Interval:
-    """A stimulus for a time.
+    """One presentation of a stimulus.
 
     Attributes
     ----------
     stimulus : Stimulus
     seed : int
-        Of the erosion; each interval has its own.
+        Seed of the erosion; each interval has its own.
     duration : float or None
-        [s]; None: until the subject ends it.
+        [s]; None if the subject ends the interval.
     """
 
     stimulus: Stimulus
@@ -61,14 +61,14 @@ class Trial:
     block : int
         From 1; practice is block 0.
     trial_type : str
-        Same-different: AA, AB, BA, BB; ABX: AB, BA, the order of the two alternatives after the reference;
-        two intervals: the order of reference (R) and comparison (C), RC or CR.
+        Same-different: AA, AB, BA, BB. ABX: AB, BA, the order of the alternatives after the reference. Two
+        intervals: RC, CR, the order of reference (R) and comparison (C).
     intervals : tuple of Interval
         In the order of presentation.
     correct : str
         The correct answer.
     level : float or None
-        Of the comparison's parameter, as its ratio to the reference's (constant stimuli and staircases).
+        The comparison's parameter over the reference's (constant stimuli and staircases).
     """
 
     number: int
@@ -81,7 +81,7 @@ class Trial:
 
 
 def key_of(name: str) -> str:
-    """The key of a design's parameter in files; a time says its unit."""
+    """The key of a design's parameter in files; times carry their unit."""
     return f"{name}_s" if name in ("interval", "reference_interval") else name
 
 
@@ -97,15 +97,15 @@ def _plain(value: Any) -> Any:
 
 
 class Design(ABC):
-    """A task for one subject, in trials.
+    """A task that one subject does in trials.
 
     Attributes
     ----------
     task : {"same-different", "abx", "2ifc"}
     mode : {"probing", "drilling"}
-        With the burr off, or on.
+        Whether the burr is off or on.
     question : str
-        Put to the subject after the last interval.
+        Asked after the last interval.
     answers : tuple of str
         The possible responses, in the order of their keys 1, 2.
     """
@@ -114,19 +114,19 @@ class Design(ABC):
     mode: Mode
     question: str
     answers: tuple[str, ...]
-    _kind: ClassVar[str]  # in files
-    _derived: ClassVar[tuple[str, ...]] = ()  # properties that files have beside the fields
+    _kind: ClassVar[str]  # the design's name in files
+    _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
 
     @abstractmethod
     def order(self, *, seed: int, subject: str) -> Order:
-        """The trials of one subject, a function of the design, the seed and the subject's name alone."""
+        """The trials of one subject, which depend only on the design, the seed and the subject's name."""
 
     @abstractmethod
     def power(self, subjects: int = 1) -> str:
-        """What the design can show, in a few lines, before anybody has taken part."""
+        """A few lines on what the design can show, before anybody takes part."""
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, and `design_of_dict`; the whole design."""
+        """The whole design, for JSON and `design_of_dict`."""
         names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
         return {
             "design": self._kind,
@@ -135,12 +135,12 @@ class Design(ABC):
 
 
 class Order(ABC):
-    """The trials of one subject, one after the other; a staircase's depend on the answers.
+    """The trials of one subject, in order; those of a staircase depend on the answers.
 
     Attributes
     ----------
     answered : list of (Trial, str)
-        With the responses, in order.
+        Answered trials with their responses, in order.
     """
 
     answered: list[tuple[Trial, str]]
@@ -149,19 +149,19 @@ class Order(ABC):
     @property
     @abstractmethod
     def total(self) -> int:
-        """Trials in all, practice included; of a staircase, at most."""
+        """Trials in all, practice included; for a staircase, the maximum."""
 
     @abstractmethod
     def next(self) -> Trial | None:
-        """The next trial, the same until it is answered; None at the end."""
+        """The next trial, which stays the same until it is answered; None at the end."""
 
     def answer(self, response: str) -> None:
-        """Of the next trial.
+        """Records the response to the next trial.
 
         Raises
         ------
         ValueError
-            If the response is not one of the design's answers, or there is no trial left.
+            If the response is not one of the design's answers, or no trial is left.
         """
         if (trial := self.next()) is None:
             raise ValueError(f"there is no trial left to answer, got {response!r}")

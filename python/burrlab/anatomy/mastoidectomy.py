@@ -199,7 +199,7 @@ class _Plan:
         return np.asarray(self.origin + self.spacing * np.column_stack([np.full(len(z), k), y, z]))
 
     def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
-        """Rows that bring the burr to a stroke: straight if the way is clear, else over it, not turning."""
+        """Rows that bring the burr to a stroke: straight if the way is clear, else lifted and not turning."""
         if here is not None:  # straight, if all of the way is clear
             count = int(np.max(np.abs(there - here) / self.spacing)) + 2
             way = (here + t * (there - here) for t in np.linspace(0.0, 1.0, count))

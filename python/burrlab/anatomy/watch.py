@@ -193,7 +193,7 @@ class Watch:
 
     @classmethod
     def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> Watch:
-        """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if impossible."""
+        """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
         rows = {row["name"]: row for row in settings["structures"]}
         keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
         limits: Any = {limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()}

@@ -157,7 +157,7 @@ Poses are T_world_obj; the world is the bone's own frame (voxel axes, LPS).
 Written by burrlab from a trace: no camera, no images, no orientation of the drill (its quaternion is 0, 0, 0, 1).
 """
 _OWN_AXES = "They count along the axes of the bone, which was not made of slices."
-_STACK_AXES = "They count in the slices that the bone was made of: x is the pixel's column, y its row counted from the lowest, z the slice, all from 0."
+_STACK_AXES = "Of the slices that the bone was made of: x is the pixel's column, y its row counted from the lowest, z the slice, all from 0."
 _VOXEL_README = """voxel_time_stamp: when a group of voxels was removed [s since epoch].
 voxel_removed: (group, x, y, z), indices of the voxels of each group. {axes}
 voxel_color: (group, r, g, b, a), 0 to 255; of the voxel's tissue, without tissues grey of its occupancy before the session.

@@ -72,7 +72,7 @@ def test_without_effects_nothing_is_said_of_them(shown, capsys):
 
 
 def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
-    """Also if a duration ends the replica while it is shown."""
+    """Effects are also reported if a duration ends the replica while it is shown."""
     file = tmp_path / "said.json"
     with leader(60.0) as session:
         assert soon(lambda: session.snapshot()[0].removed > 0)

@@ -140,7 +140,7 @@ def test_leader_and_replica(tmp_path):
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_interrupted_session_is_whole(tmp_path, name):
-    """Its trace is as whole as after Ctrl-C, which ends the leader above."""
+    """The trace is as whole as after Ctrl-C, which ends the leader above."""
     path = tmp_path / "cut.h5"
     run, _ = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
     time.sleep(0.5)

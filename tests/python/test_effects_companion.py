@@ -165,7 +165,7 @@ def test_it_outlives_the_names_of_session_and_companion() -> None:
 @pytest.mark.parametrize("recorded", [False, True])
 @pytest.mark.parametrize("stopped", [False, True])
 def test_it_ends_with_a_session_that_was_never_started(tmp_path: Path, recorded: bool, stopped: bool) -> None:
-    """It ends at once if the session is stopped or gone, without the garbage collector."""
+    """The companion ends at once if the session is stopped or gone, without the garbage collector."""
     made = session(1.0, **({"record": tmp_path / "trace.h5"} if recorded else {}))
     companion = Companion(made, seed=1, rate=100).start()
     assert not companion.wait(0.1)

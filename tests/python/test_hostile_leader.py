@@ -198,6 +198,6 @@ def test_hello_that_no_leader_says(text, message):
 
 
 def test_digest_that_is_none():
-    """It is refused, as a message would quote it."""
+    """The digest is refused, as a message would quote it."""
     with FakeLeader(first=hello(digest=b"\xff" * 32)) as leader:
         assert not _core.Replica("127.0.0.1", leader.port).fetch_hello(0.3)

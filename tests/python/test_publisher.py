@@ -162,7 +162,7 @@ def follow_to_the_end(peer, leader, tick):
 
 @pytest.mark.parametrize("says_so", [True, False])
 def test_replica_that_leaves_without_a_word_is_awaited(says_so):
-    """It may not have read the end and is told again. A replica that says that it leaves is not awaited."""
+    """The replica may have missed the end and is told again. One that says that it leaves is not awaited."""
     with Leader() as leader:
         with connect(leader) as peer:
             ending = threading.Thread(target=lambda: (leader.run_to(100), leader.end()))

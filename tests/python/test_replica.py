@@ -30,7 +30,7 @@ def check_equal(leader, status, digest):
 @lengths(1500)
 @pytest.mark.parametrize(("burrs", "version", "path"), [(1, 2, None), (2, 1, "scalar")])
 def test_replica_in_another_process(burrs, version, path, ticks):
-    """Also on another CPU path than the leader's."""
+    """The replica may use another CPU path than the leader."""
     with Leader(burrs=burrs, header_version=version) as leader:
         replica = ReplicaProcess(leader.port, cpu_path=path)
         leader.run_to(leader.tick + ticks)  # its start may have taken longer than the log

@@ -24,7 +24,7 @@ def test_eyes_differ_but_not_at_the_focus(scene):
 
 
 def test_both_eyes_in_one_window_are_those_of_the_pair(scene):
-    """Also after additions, removals and moves; curves are in neither eye, and all is back afterwards."""
+    """The two agree after additions, removals and moves too. Stereo off gives one picture again."""
     scene.set_stereo(True)
     scene.picture()
     scene.move_burrs([[1.0, -0.5, 1.5]], [True])

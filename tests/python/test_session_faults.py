@@ -275,7 +275,7 @@ def test_numpy_numbers(tmp_path):
 
 @pytest.mark.parametrize("record", [False, True])
 def test_a_session_that_nobody_holds_is_gone_with_its_bones(tmp_path, record):
-    """It is gone at once, without garbage collection: an experiment makes one session after the other."""
+    """The session is gone at once, without garbage collection: experiments make one after the other."""
     gc.disable()
     try:
         run = ended(session(record=tmp_path / "a.h5" if record else None, duration=0.5))

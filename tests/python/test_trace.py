@@ -363,7 +363,7 @@ def test_without_hard_links(file, monkeypatch):
 
 
 def test_longer_than_a_file_can_be(file):
-    """It is refused in a sentence, and no file stays."""
+    """The refusal is one sentence, and no file stays."""
     with pytest.raises(OSError, match=r"could not be made|File too large"):
         writer(file, duration=1e14)
     assert list(file.parent.iterdir()) == []

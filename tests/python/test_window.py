@@ -116,7 +116,7 @@ def test_a_session_is_reported_when_interrupted(screen, how):
 
 @pytest.mark.parametrize("how", ["q", "cross", None])
 def test_a_session_goes_on_without_its_window(screen, how):
-    """It runs to its end, at which an open window closes."""
+    """The session runs to its end, at which an open window closes."""
     shown = Shown(screen, *SESSION, "--effects", "--duration", "8")
     if how is not None:
         shown.close(how)

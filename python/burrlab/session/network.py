@@ -68,7 +68,7 @@ def follow(
     ----------
     host : str
     port : int
-        Of the leader.
+        Port of the leader.
     bone : VoxelBone, optional
         The leader's initial volume; it is copied. Default: made by the leader's recipe.
     volume : path, optional

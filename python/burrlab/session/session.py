@@ -78,7 +78,7 @@ class Session:
     host : str
         Address to listen on; there is no authentication.
     header_version : {1, 2}
-        Of the OpenIGTLink messages sent.
+        Version of the OpenIGTLink messages sent.
     source : mapping, optional
         Recipe of the bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
     wall_clock : bool

@@ -106,7 +106,7 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     view : Viewpoint
         Between the eyes.
     separation : float
-        Of the eyes, for a viewer at 500 mm [mm].
+        Distance of the eyes for a viewer at 500 mm [mm].
     aspect : float
         Width over height of the picture.
     """

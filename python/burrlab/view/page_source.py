@@ -203,7 +203,7 @@ class PageSource:
     title, state, note : str
         Name; state in words; assumptions about the bone.
     radii : tuple of float
-        Of the burrs [mm].
+        Burr radii [mm].
     span : (float, float)
         First and last moment of the charts [s].
     time : float

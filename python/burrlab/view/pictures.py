@@ -227,7 +227,7 @@ def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch
 def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
     """Thickness of removed bone along an axis, at each place across it.
 
-    It sums (pristine minus present level)/255 times the spacing over each column of voxels.
+    The sum of (pristine minus present level)/255 times the spacing over each column of voxels.
 
     Parameters
     ----------

@@ -128,7 +128,7 @@ async def _serve(
         server = _server()
         page = Page(server, source, scene, surgeon=viewpoint, stereo=stereo)
         build_layout(page)
-        secret, end = secrets.token_hex(16), asyncio.Event()  # trame asks for it in small letters
+        secret, end = secrets.token_hex(16), asyncio.Event()  # lower case, as trame needs it
         server.controller.on_server_bind.add(lambda web: _prepare(web, server.protocol, host, secret))
         ready = server.ready
         with _ended_by_signals(end), _own_arguments():

@@ -80,9 +80,9 @@ def mastoidectomy_path(
     phantom : Phantom
     burr : Burr
     layer : float, optional
-        Distance of layers [mm]; default: a quarter of the radius.
+        Distance between layers [mm]; default: a quarter of the radius.
     step : float, optional
-        Distance of strokes in a layer [mm]; default: half the radius.
+        Distance between strokes of a layer [mm]; default: half the radius.
     speed : float
         Speed in a cut [mm/s].
     depth : float, optional

@@ -109,14 +109,14 @@ class Watch:
     Parameters
     ----------
     bone : VoxelBone
-        With tissues; the session's, or the original of its copy.
+        With tissues: the session's, or the bone that it was copied from.
     approach, touch : float or {name: float}
         Distances of the burr's surface to the segmented structure at which an approach and a touch are told
         [mm]. A structure without an entry has the default: 2 and 0 mm, ours.
     injury : float or {name: float}
         Volume removed from the structure above which an injury is told [mm^3]; default 0, the first level.
     hysteresis : float
-        Way beyond a distance that the burr must go before an event is told again [mm]; the default is ours.
+        Distance beyond a limit that the burr must reach before an event is told again [mm]; default ours.
     structures : sequence of str, optional
         Names of tissues; default: all that are critical and have voxels.
     progress : callable, optional

@@ -73,7 +73,7 @@ class TraceWriter:
     duration : float
         Room for ticks, at one tick a period [s]. Recording stops when it is used up.
     digest_every : float
-        Room for digests: interval between two [s].
+        Interval of the digests that there is room for [s].
     on_end : callable, optional
         Called with the reason, from the writer's thread, as soon as recording ends by itself (the ring was
         overrun, the disk is full or fails, no room is left) or the file was deleted, replaced or overwritten.
@@ -211,7 +211,7 @@ class TraceWriter:
         self._thread.start()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Empties the ring, closes the file and compacts it. Further calls do nothing."""
+        """Records the rest of the ring, closes the file and compacts it. Further calls do nothing."""
         if self._stopping is None:
             self._stopping = reason
             self._wake.set()

@@ -57,7 +57,7 @@ class SessionReport:
     network, recording : dict
         Status of publisher and recording; empty without them.
     notes, messages : tuple of str
-        Rights that the system granted and assumptions on the bone's file; messages during the session.
+        Rights granted by the system or not, assumptions on the bone's file; messages during the session.
     anatomy : AnatomyReport or None
         Volume removed of each tissue, and results of the watch; None without tissues.
     """

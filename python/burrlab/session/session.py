@@ -94,8 +94,8 @@ class Session:
         Watch of critical structures of this bone. Its events are told, and kept in the trace
         (docs/anatomy.md).
     on_message : callable, optional
-        Called from another thread with each message, to be read at once; `messages` holds all. It may stop
-        the session, but not wait for its end.
+        Called from another thread with each message, which someone should read at once; `messages` holds all.
+        It may stop the session, but not wait for its end.
 
     Raises
     ------

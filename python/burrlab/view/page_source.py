@@ -353,7 +353,7 @@ class ReplaySource(PageSource):
 
 
 class LiveSource(PageSource):
-    """A running or ended session, or its replica: an own copy of the bone takes over the changed bricks.
+    """A running or ended session, or its replica: a copy of the bone takes over the changed bricks.
 
     Parameters
     ----------

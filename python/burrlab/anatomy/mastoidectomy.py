@@ -86,7 +86,7 @@ def mastoidectomy_path(
     speed : float
         Speed in a cut [mm/s].
     depth : float, optional
-        Depth of the burr's tip below the spine of Henle at which to stop [mm]; default: the whole cavity.
+        Last depth of the burr's tip below the spine of Henle [mm]; default: the whole cavity.
 
     Returns
     -------
@@ -101,8 +101,8 @@ def mastoidectomy_path(
 
     Notes
     -----
-    The burr is taken to go where it is sent, whatever the force. With a spring between device and burr, or a
-    slower burr, less is removed. Layers, strokes and speed are ours.
+    The burr is taken to go where it is sent, whatever the force. A spring between device and burr, or a
+    slower burr, removes less. Layers, strokes and speed are ours.
     """
     layer = burr.radius / 4 if layer is None else layer
     step = burr.radius / 2 if step is None else step

@@ -195,7 +195,7 @@ class Companion:
         return to_balance(self._core.newest()["balance"], self.quantum)
 
     def report(self) -> EffectsReport:
-        """Report of frames: whole time (asking the follower, moving, copying out), and what was given up."""
+        """Frames, their whole time (asking the follower, moving, copying out), and what was given up."""
         return EffectsReport(budget=self.budget, **self._core.newest()["report"])
 
     def __repr__(self) -> str:

@@ -38,7 +38,7 @@ class Effects:
     seed : int, optional
         Default: a random one; the attribute `seed` holds it.
     down, spin : (x, y, z)
-        Direction of gravity; axis that the burrs turn about, right-handed. Both defaults are assumed.
+        Direction of gravity; axis that the burrs turn about, right-handed. Both are assumed.
     camera : Camera, optional
         For `hidden`. Also an attribute, read at each frame.
     nozzle : Nozzle, optional
@@ -224,7 +224,7 @@ class Effects:
         return self._core.hidden(camera, real(center, "center of a burr"), float(real(radius, "radius")))
 
     def report(self) -> EffectsReport:
-        """Report of frames: their time, and what was given up for it."""
+        """Frames, their time, and what was given up."""
         return EffectsReport(budget=self.budget, **self._core.report())
 
     def __repr__(self) -> str:

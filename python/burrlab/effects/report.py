@@ -1,4 +1,4 @@
-"""Reports of the secondary effects: each substance's account, and what was given up for time."""
+"""Reports of secondary effects: accounts of substances, and what was given up for time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class SubstanceBalance:
-    """One substance's account in quanta; a quantum is one level of one voxel, dV/255.
+    """One substance's account in quanta of one level of one voxel, dV/255.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class SubstanceBalance:
 
 @dataclass(frozen=True, repr=False)
 class EffectsReport:
-    """Report of frames: their time, and what was given up for it.
+    """Frames, their time, and what was given up.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class EffectsReport:
     coarse, cut : int
         Frames planned with fewer sub-steps than asked for; frames whose last sub-steps became one.
     skipped : int
-        Frames left out; a late frame stands for them.
+        Frames that late ones stand for.
     crowded, merged : int
         Frames that merged parcels to save time; parcels merged into others, to save time or at the limit.
     sub_steps_least, sub_steps_most : int

@@ -48,9 +48,9 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     Parameters
     ----------
     file : path or file object
-        Columns time_s (increasing); x_mm, y_mm, z_mm (centre of the burr, bone frame); and optionally on (1:
-        the burr turns from this row to the next). Without the column `on` the burr always turns. Lines that
-        begin with # above the column names are comments.
+        Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and optionally on (1:
+        the burr turns from this row to the next). Without `on` it always turns. Lines that begin with #
+        above the column names are comments.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def parse_device(text: str) -> DeviceText:
     Raises
     ------
     ValueError
-        If the text is not of a form that `DeviceText` lists.
+        If the text has another form.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def export_volumetric_drilling(
     path : path-like
         The HDF5 file; an existing file is overwritten.
     burr : int
-        Index of the burr that is the drill. The voxels include bone that another burr removed.
+        Index of the drill. The voxels include bone that another burr removed.
     layout : {"new", "old"}
         New: `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025. Old: as in
         its earlier recordings.
@@ -203,7 +203,7 @@ def export_volumetric_drilling(
     -----
     Groups follow the repository LCSR-SICKKIDS/volumetric_drilling ("New Data Structure Format" and "Old Data
     Structure Format"). A voxel has the colour of its tissue; without tissues, the grey of its occupancy.
-    For a bone made of PNG slices, voxel indices are those of that simulator: column, row counted from the
+    For a bone of PNG slices, indices are those of that simulator: column, row counted from the
     lowest, slice. If the slices were read with `transpose`, the volume's pose turns these axes into the
     bone's. Otherwise the two are mirror images, which no pose can express. For any other bone the indices
     are its own (x, y, z). A trace does not hold stereo images, depth, segmentation, camera poses,

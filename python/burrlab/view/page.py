@@ -223,7 +223,7 @@ class Page:
         self._draw = True
 
     def step(self, ticks: int) -> None:
-        """Goes forward by a number of ticks, or back if it is negative."""
+        """Goes forward by a number of ticks; negative is back."""
         period = self.source.span[1] / max(len(self.source.history.time), 1)
         self._ask(self._wanted + ticks * period)
 

@@ -1,4 +1,4 @@
-"""A block of bone with a nerve in it, for the tests of what is watched."""
+"""A block of bone with a nerve in it, for tests of watches."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def table():
 
 
 def nerve_bone(voxel=0.2):
-    """10 x 10 x 6 mm, top at z = 0: a nerve along y, 0.8 mm wide, from z = -2 to -1; the sinus is the floor below -5."""
+    """10 x 10 x 6 mm, top at z = 0: a nerve along y, 0.8 mm wide, from z = -2 to -1; a sinus below z = -5."""
     shape = tuple(round(side / voxel) for side in (6, 10, 10))
     z, _y, x = ((np.arange(n) + 0.5) * voxel for n in shape)
     numbers = np.zeros(shape, np.uint8)
@@ -38,5 +38,5 @@ def tool(radius=1.0):
 
 
 def straight(points, times, on=None):
-    """A device that goes from point to point, linear between."""
+    """A device that goes from point to point in straight lines."""
     return burrlab.ScriptedDevice(np.asarray(times, float), np.asarray(points, float), on)

@@ -1,4 +1,4 @@
-"""A headless Chromium, spoken to through its DevTools pipe: no port, no package."""
+"""A headless Chromium, driven through its DevTools pipe, without a port or a package."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ os.execv(sys.argv[3], sys.argv[3:])
 _FLAGS = [
     "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--no-sandbox", "--disable-extensions",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
-    # whoever asks for another machine gets none, and the page must work all the same
+    # no other machine can be reached, and the page must still work
     "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
 ]  # fmt: skip
 
 
 def chromium_path():
-    """Of Debian's package or another one; None without."""
+    """Path of Debian's or another Chromium; None without."""
     return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 class Chromium:
-    """One page. What it logs is kept, what fails to load among it: so does whatever another machine is asked for."""
+    """One page. `console` keeps its log with all failed loads, such as requests to other machines."""
 
     def __init__(self, folder, *flags, size=(1280, 800)):
         self.console = []
@@ -125,13 +125,13 @@ class Chromium:
         self.call("Page.navigate", url=url)
 
     def value(self, expression):
-        """Of JavaScript in the page."""
+        """Value of JavaScript in the page."""
         got = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in got, got
         return got["result"].get("value")
 
     def wait(self, expression, seconds=60.0):
-        """Until it is true; its value."""
+        """Waits until an expression is true; returns its value."""
         until = time.monotonic() + seconds
         while not (value := self.value(expression)):
             assert time.monotonic() < until, f"{expression} did not come true in {seconds:g} s"
@@ -155,7 +155,7 @@ class Chromium:
         self.mouse("Released", x, y, buttons=0)
 
     def drag(self, start, stop, steps=10):
-        """With the left button."""
+        """Drags with the left button."""
         self.mouse("Pressed", *start)
         for part in np.linspace(0, 1, steps + 1)[1:]:
             self.mouse("Moved", *(np.add(start, part * np.subtract(stop, start)).tolist()))
@@ -163,6 +163,6 @@ class Chromium:
         self.mouse("Released", *stop, buttons=0)
 
     def screenshot(self):
-        """An array (height, width, 3)."""
+        """The page's picture, (height, width, 3)."""
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)

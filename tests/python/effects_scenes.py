@@ -1,4 +1,4 @@
-"""Bones, tools and cuts that the tests of the secondary effects share."""
+"""Bones, tools and cuts for tests of the secondary effects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ TOOL = burrlab.Burr(2.0), SOLID
 
 
 def bone_with_tissues() -> burrlab.VoxelBone:
-    """12 x 12 x 4 mm at 0.2 mm, top at z = 0; where x > 0 it bleeds."""
+    """12 x 12 x 4 mm at 0.2 mm, top at z = 0; bone at x > 0 bleeds."""
     bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
     rows = [
         burrlab.Tissue(name, label=label, c_e=SOLID.c_e, alpha=SOLID.alpha, bleeds=bleeds)

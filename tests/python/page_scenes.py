@@ -17,20 +17,20 @@ PATH = [(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4]  
 
 
 def nerve_session(path=PATH, **options) -> burrlab.Session:
-    """On the virtual clock, along a path that ends it, with a watch."""
+    """A session with a watch, on the virtual clock, along a path."""
     bone = nerve_bone()
     settings = {"seed": 1, "duration": float(path[1][-1]), "wall_clock": False, **options}
     return burrlab.Session(bone, tool(), straight(*path), watch=Watch(bone, approach=0.5), **settings)
 
 
 def nerve_trace(file: Path) -> Path:
-    """4 s into a nerve."""
+    """Records 4 s of a cut into a nerve."""
     ended(nerve_session(record=file))
     return file
 
 
 class State(dict):
-    """As trame's: attributes, and callables that are told of changes."""
+    """A state like trame's: attributes, and functions called on changes."""
 
     def __init__(self):
         super().__init__()
@@ -43,7 +43,7 @@ class State(dict):
         return lambda call: self.calls.setdefault(name, call)
 
     def tell(self, name, value):
-        """As if a browser had changed it."""
+        """Changes a value as a browser would."""
         self[name] = value
         self.calls[name](**self)
 
@@ -77,7 +77,7 @@ class Camera(SimpleNamespace):
 
 
 class Scene:
-    """Notes what it is asked for; its pictures are grey."""
+    """A scene that notes its calls and draws grey pictures."""
 
     def __init__(self, bone, radii):
         camera = Camera(

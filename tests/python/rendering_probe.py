@@ -1,4 +1,4 @@
-"""Whether this machine can draw without a screen, tried in a process of its own: a failing VTK ends the process."""
+"""Whether this machine draws without a screen, tried in a separate process, as a failing VTK ends it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ assert np.ptp(scene.picture()) > 20
 
 @functools.cache
 def why_not() -> str | None:
-    """What keeps the machine from drawing; None if nothing does."""
+    """Why the machine cannot draw; None if it can."""
     done = subprocess.run([sys.executable, "-c", _TRY], capture_output=True, text=True, timeout=240)
     if done.returncode == 0:
         return None
@@ -27,7 +27,7 @@ def why_not() -> str | None:
 
 
 def need_drawing() -> None:
-    """Skips a test, with the reason, where drawing does not work."""
+    """Skips a test, with the reason, if drawing does not work."""
     reason = why_not()
     if reason is not None:
         pytest.skip(reason)

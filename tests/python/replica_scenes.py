@@ -1,4 +1,4 @@
-"""A published session on the loopback address, and what stands between it and its replicas in the tests."""
+"""A published session on the loopback address, its replicas, and proxies between them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ TOOL = {
 
 
 def soon(condition, seconds=20.0):
-    """Whether the condition comes to hold in this time."""
+    """Whether the condition becomes true within `seconds`."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         if condition():
@@ -35,7 +35,7 @@ def soon(condition, seconds=20.0):
 
 
 class Leader:
-    """A hand, or two, cutting a block at 1 kHz, published on a free port."""
+    """One or two hands that cut a block at 1 kHz, published on a free port."""
 
     def __init__(
         self, *, burrs=1, digest_every=100, source=BLOCK, seed=7, wall_clock=True, ticks=0, **options
@@ -52,7 +52,7 @@ class Leader:
         self.tools = tools
         self.executor = _core.TickExecutor(make_bone(BLOCK), tools, seed)
         devices = [burrlab.HandDevice(start=start, strokes_after=0.0) for start in starts]
-        # On a busy machine threads may wait for seconds; the tests are of what is sent, not of when.
+        # On a busy machine threads may wait for seconds. The tests check content, not times.
         self.loop = _core.HapticLoop(
             self.executor, devices, wall_clock=wall_clock, ticks=ticks, stall_limit=5000.0
         )
@@ -91,7 +91,7 @@ class Leader:
 
 
 class Proxy(socketserver.ThreadingTCPServer):
-    """Passes bytes between replicas and a leader. `pump(source, sink)` passes the leader's; anew for each connection."""
+    """Passes bytes between replicas and a leader; `pump(source, sink)` passes the leader's."""
 
     def __init__(self, port, pump, *, receive_buffer=None):
         super().__init__(("127.0.0.1", 0), None)
@@ -128,7 +128,7 @@ def end_both(sockets):
 
 
 def pass_on(pump, source, sink):
-    """Either end of a connection ends both."""
+    """Passes bytes on until either end closes, then closes both."""
     with contextlib.suppress(OSError):
         pump(source, sink)
     end_both([source, sink])
@@ -150,7 +150,7 @@ def receive_exactly(source, size):
 
 
 def messages_of(source):
-    """Whole messages of a stream."""
+    """Yields the whole messages of a stream."""
     while True:
         header = receive_exactly(source, 58)
         yield header + receive_exactly(source, struct.unpack_from(">Q", header, 42)[0])
@@ -173,7 +173,7 @@ class Dropper:
 
 
 def cutter(source, sink):
-    """Cuts the stream in the middle of a message, once a second."""
+    """Cuts the stream in the middle of a message after a second."""
     end = time.monotonic() + 1.0
     for message in messages_of(source):
         if time.monotonic() >= end:
@@ -183,7 +183,7 @@ def cutter(source, sink):
 
 
 def mangler(source, sink):
-    """Leaves out some bytes of every 200 000, so that the framing is lost."""
+    """Drops some bytes of every 200 000, so that the framing is lost."""
     passed = 0
     while data := source.recv(4096):
         passed += len(data)
@@ -194,7 +194,7 @@ def mangler(source, sink):
 
 
 class Slower:
-    """Passes so many bytes a second."""
+    """Passes `rate` bytes a second."""
 
     def __init__(self, rate):
         self.rate = rate
@@ -219,7 +219,7 @@ print(json.dumps({"waited": ended, "digest": replica.digest(), **replica.status}
 
 
 class ReplicaProcess:
-    """A replica in a process of its own."""
+    """A replica in a separate process."""
 
     def __init__(self, port, seconds=90.0, cpu_path=None):
         environment = dict(os.environ) if cpu_path is None else {**os.environ, "BURRLAB_CPU_PATH": cpu_path}
@@ -236,5 +236,5 @@ class ReplicaProcess:
     def result(self):
         text, _ = self.process.communicate(
             timeout=120
-        )  # later than the replica's own patience, which says what it waits for
+        )  # longer than the replica's own timeout, which gives a reason
         return json.loads(text)

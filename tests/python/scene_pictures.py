@@ -1,4 +1,4 @@
-"""A small scene off screen, and how its pictures differ."""
+"""A small scene off screen, and a comparison of its pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SIZE = (320, 240)
 
 @contextlib.contextmanager
 def open_scene(bone, radii=(1.0,), *, chart=True, **options):
-    """A scene off screen that is closed afterwards."""
+    """A scene off screen, closed afterwards."""
     need_drawing()
     made = Scene(bone, radii, **{"off_screen": True, "size": SIZE, "chart": chart, **options})
     yield made

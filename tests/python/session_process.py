@@ -1,8 +1,9 @@
-"""Real sessions in processes of their own, to be killed: python session_process.py SECONDS.
+"""Real sessions in separate processes, to be killed: python session_process.py SECONDS.
 
-For each folder on its standard input it forks a process that runs a session there and prints "go"; on the next line it kills
-that process and prints "over". The session shows the number of ticks executed in the first eight bytes of FOLDER/ticks, all the time, and its stage (1 loop runs,
-2 recording is being closed, 3 closed) in the ninth.
+For each folder on standard input the program forks a process, which runs a session there, and prints "go".
+On the next line it kills that process and prints "over". The session always shows its number of executed
+ticks in the first eight bytes of FOLDER/ticks, and its stage in the ninth (1 loop runs, 2 recording is being
+closed, 3 closed).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import threading
 import time
 from pathlib import Path
 
-import h5py  # noqa: F401  (now, not in each session)
+import h5py  # noqa: F401  (once, not in each session)
 import numpy as np
 
 import burrlab
@@ -56,6 +57,6 @@ if __name__ == "__main__":
             os._exit(0)
         print("go", flush=True)
         sys.stdin.readline()
-        os.kill(child, signal.SIGKILL)  # not yet waited for: its number is its own
+        os.kill(child, signal.SIGKILL)  # not waited for yet, so the number is still its own
         os.waitpid(child, 0)
         print("over", flush=True)

@@ -1,4 +1,4 @@
-"""Sessions for the tests of traces: records made by contacts, not by the loop or the executor, and a reader of them."""
+"""Records for tests of traces, made by contacts instead of the loop or the executor, and a reader of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SEED = 7
 
 
 def small_bone():
-    """12 x 12 x 4 mm at 0.2 mm, top at z = 0, worn at one place."""
+    """12 x 12 x 4 mm at 0.2 mm, top at z = 0, eroded at one place."""
     bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
     worn = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1)
     for _ in range(50):
@@ -27,13 +27,13 @@ def tools(burrs=1):
 
 
 def path(tick, burr):
-    """A burr that strokes along x and sinks; the second beside it along y."""
+    """Place of a burr that sinks: the first strokes along x, the second along y."""
     s, depth = 2.0 * np.sin(2 * np.pi * tick / 700), min(0.3, 0.0004 * tick)
     return (s, -2.5, 2.0 - depth) if burr == 0 else (2.5, s, 1.5 - depth)
 
 
 def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
-    """n ticks of 1 ms carved into `bone` by one contact a burr, late ticks (k = 3) and a burr at rest among them."""
+    """n ticks of 1 ms that carve `bone`, one contact a burr; some ticks have k = 3 or a burr at rest."""
     contacts = [
         burrlab.BurrContact(bone, burr, material, seed, index)
         for index, (burr, material) in enumerate(tools(burrs))
@@ -59,7 +59,7 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
 
 
 class FakeReader:
-    """Hands out the records it was fed; says that some were lost where told to."""
+    """Returns the records it was fed; reports lost ones at the end if told to."""
 
     def __init__(self, *batches, lost_at_end=False):
         self.batches = list(batches)
@@ -78,14 +78,14 @@ class FakeReader:
 
 
 def writer(file, *batches, burrs=1, reader=None, **options):
-    """A recorder of these batches of records, or of a reader, not yet started."""
+    """A recorder of batches of records, or of a reader, not started."""
     first = int(batches[0]["index"][0]) if batches and len(batches[0]) else 40
     settings = {"seed": SEED, "first_tick": first, **options}
     return burrlab.TraceWriter(file, reader or FakeReader(*batches), small_bone(), tools(burrs), **settings)
 
 
 def record(file, *batches, **options):
-    """The same, run to its end."""
+    """A `writer`, run to its end."""
     made = writer(file, *batches, **options)
     made.start()
     made.stop()
@@ -93,7 +93,7 @@ def record(file, *batches, **options):
 
 
 def recorded(file, *batches, **options):
-    """The trace of that."""
+    """The trace of a `record`."""
     record(file, *batches, **options)
     return burrlab.load_trace(file)
 

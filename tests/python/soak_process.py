@@ -1,8 +1,9 @@
-"""Everything at once, in processes of their own: python soak_process.py lead SCENE FOLDER SECONDS [draw] | follow SCENE PORT.
+"""Everything at once, in separate processes.
 
-SCENE is a file of `keep_scene`. `lead` runs a session on the phantom: watched, recorded, published, effects beside it, and a view that is drawn, if
-asked. It prints its port, begins on a line of standard input, prints what it uses of the machine all the time, and at
-the end what came out. `follow` is a replica of it.
+Usage: python soak_process.py lead SCENE FOLDER SECONDS [draw] | follow SCENE PORT. SCENE is a file of
+`keep_scene`. `lead` runs a session on the phantom: watched, recorded, published, with effects and, if asked,
+a drawn view. It prints its port, begins on a line of standard input, prints its use of the machine while it
+runs, and its results at the end. `follow` is its replica.
 """
 
 from __future__ import annotations
@@ -26,11 +27,11 @@ from burrlab.session.anatomy import replica_events
 from burrlab.session.network import follow
 
 BURR = burrlab.Burr(3.0)
-LOOK = 0.5  # between looks at what is used [s]
+LOOK = 0.5  # between two prints of the use [s]
 
 
 def keep_scene(file):
-    """A phantom and the path through it, made once."""
+    """Writes a phantom and a path through it."""
     head = temporal_bone(0.4, seed=3)
     path = mastoidectomy_path(head, BURR, layer=0.75, speed=40.0)
     file.write_bytes(
@@ -44,7 +45,7 @@ def read_scene(file):
 
 
 def effects_like(at):
-    """Water onto the bone where the cut begins, and a sucker beside it; so few parcels that they are soon at their limit."""
+    """Water onto the beginning of the cut, a sucker beside it, and a low limit of parcels, soon reached."""
     x, y, z = at
     return {
         "seed": 5, "parameters": EffectParameters(most_parcels=2000), "sucker": Sucker((x, y + 4.0, z)),
@@ -57,7 +58,7 @@ def say(**values):
 
 
 def usage():
-    """Of this process: resident memory [MB] without what the allocator keeps after it was freed, open files, threads."""
+    """Resident memory [MB] without freed memory in the allocator, open files and threads of this process."""
     ctypes.CDLL(None).malloc_trim(0)
     pages = int(Path("/proc/self/statm").read_text().split()[1])
     return {

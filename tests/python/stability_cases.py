@@ -1,4 +1,4 @@
-"""Runs of the simulated hand on bone, as the stability tests and docs/stability.md need them.
+"""Runs of the simulated hand on bone, for the stability tests and docs/stability.md.
 
 `python tests/python/stability_cases.py` prints the table of docs/stability.md.
 """
@@ -16,7 +16,7 @@ import burrlab._core as _core
 RADIUS = 3.0
 SPACING = 0.1
 SIZE = (26.0, 12.0, 9.0)  # [mm]
-SWITCH = 2.0  # when a still burr begins to turn: the push has settled [s]
+SWITCH = 2.0  # when a still burr begins to turn, after the push has settled [s]
 HOLE = RADIUS / 3
 GRID = [
     (material, hole, push)
@@ -27,7 +27,7 @@ GRID = [
 
 
 def block(hole: float) -> burrlab.VoxelBone:
-    """Solid bone with its top at z = 0 and, at the origin, a spherical hole of this depth that a burr has cut."""
+    """Solid bone, top at z = 0, with a spherical hole of this depth at the origin, as cut by a burr."""
     origin = (-SIZE[0] / 2 + SPACING / 2, -SIZE[1] / 2 + SPACING / 2, -SIZE[2] + SPACING / 2)
     bone = burrlab.VoxelBone.block(SIZE, SPACING, origin=origin)
     if hole == 0:
@@ -69,15 +69,15 @@ class Run:
     records: np.ndarray
 
     def window(self, start: float, until: float = np.inf) -> slice:
-        """Ticks from a time [s] to another, or to where the burr is a radius deep."""
+        """Ticks from one time [s] to another, or until the burr is a radius deep."""
         deep = np.flatnonzero(RADIUS - self.position[:, 2] > RADIUS)
         last = min(len(self.force), int(until * 1e3 / self.period) if np.isfinite(until) else len(self.force))
         return slice(int(start * 1e3 / self.period), min(last, deep[0]) if len(deep) else last)
 
     def ripple(self, window: slice) -> float:
-        """Force above 20 Hz, peak to peak, of the component where it is largest [N].
+        """Force above 20 Hz, peak to peak, of its largest component [N].
 
-        The filter sees half a second more before the window; 50 ms at the end of what it sees are left out.
+        The filter also sees the half second before the window. The last 50 ms are left out.
         """
         rate = 1e3 / self.period
         before = int(min(window.start, 0.5 * rate))
@@ -85,7 +85,7 @@ class Run:
         return float(np.ptp(passed[before : -int(0.05 * rate)], axis=0).max())
 
     def stiffness(self, tick: int) -> float:
-        """Largest contact stiffness, in any direction, where the bone of this tick carries the push [N/mm]."""
+        """Largest contact stiffness in any direction, where the bone of a tick carries the push [N/mm]."""
         again = executor(self.material, self.hole, self.period)
         again.execute(self.records[:tick])
         x, y, z = self.position[tick - 1]
@@ -114,7 +114,7 @@ def run(
     coupling: float | None = None,
     **hand: object,
 ) -> Run:
-    """The hand pushes on a block; the loop runs on its virtual clock."""
+    """A run of the hand on a block, on the virtual clock."""
     ticks = round(seconds * 1e3 / period)
     device = _core.HandDevice(start=(0, 0, RADIUS - hole + 0.3), push=push, **({"strokes": 0.0} | hand))
     ring = 2.2e-3 * period * ticks + 1  # the loop waits for a reader half a ring behind
@@ -141,7 +141,7 @@ def run(
 
 
 def still(material: str, hole: float, push: float, on: bool, **hand: object) -> tuple[Run, float, float]:
-    """A still push: the run, its ripple [N], and k over the limit, the larger of its window's two ends."""
+    """A still push: (run, ripple [N], k over the limit, the larger at the two ends of the window)."""
     result = run(material, hole, push, 3.5, on=on, on_after=SWITCH, **hand)
     window = result.window(SWITCH + 0.1)
     ratio = max(result.stiffness(t) for t in (window.start, window.stop)) / result.limit

@@ -1,7 +1,7 @@
-"""Everything at once for minutes: what it uses stays what it was, what it makes comes again to the bit, and it ends well.
+"""Everything at once for minutes: use of the machine does not grow, results repeat to the bit, all ends well.
 
-The session is watched, recorded and published, with effects and, where the machine can draw, a view beside it; its
-replicas are processes of their own, stopped and killed on the way.
+The session is watched, recorded and published, with effects and, if the machine can draw, a view. Its
+replicas are separate processes, which are stopped and killed on the way.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SETTLED = 0.3  # part of the run after which nothing may grow
 
 
 class Process:
-    """One of soak_process.py, with all that it said."""
+    """A process of soak_process.py, with all its output."""
 
     def __init__(self, *arguments, errors=None):
         program = Path(__file__).with_name("soak_process.py")
@@ -51,7 +51,7 @@ class Process:
 
     def _read(self):
         for line in self.process.stdout:
-            if line.endswith("\n"):  # a killed process may not come to the end of its line
+            if line.endswith("\n"):  # a killed process may not finish its line
                 self.said.append(json.loads(line))
 
     def begin(self):
@@ -93,7 +93,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def soak(scene, tmp_path_factory):
-    """(folder, leader, its replica, a replica that was killed), after a whole session."""
+    """(folder, leader, replica, killed replica), after a whole session."""
     folder = tmp_path_factory.mktemp("soak")
     draw = [] if why_not() else ["draw"]
     with Process("lead", scene, folder, SECONDS, *draw) as leader:
@@ -113,7 +113,7 @@ def soak(scene, tmp_path_factory):
 
 
 def slope(values):
-    """Of the settled part, by the median of its first and last third [a run]."""
+    """Growth over the settled part: median of its last third minus that of its first."""
     settled = values[int(SETTLED * len(values)) :]
     third = len(settled) // 3
     return float(np.median(settled[-third:]) - np.median(settled[:third]))
@@ -146,9 +146,7 @@ def test_all_accounts_are_exact_at_the_end(soak):
     assert (copy["digests_different"], copy["differing_ticks"], copy["divergences"]) == (0, 0, [])
     assert copy["ended"]
     assert not copy["failed"]
-    if not (
-        end["follower"]["rebuilds"] or copy["by_bricks"]
-    ):  # else ticks were passed over, and are told as that
+    if not (end["follower"]["rebuilds"] or copy["by_bricks"]):  # else ticks were passed over
         assert copy["events"] == end["events"]
 
 
@@ -176,7 +174,7 @@ def test_the_trace_gives_all_of_it_again(scene, soak):
 
 
 def test_the_view_has_taken_all_of_it(soak):
-    """Skipped where nothing can be drawn; the rest was tried without."""
+    """Skipped if nothing can be drawn; the other tests then ran without a view."""
     end = soak[1].said[-1]
     if end["drawn"] is None:
         pytest.skip(why_not())
@@ -184,7 +182,7 @@ def test_the_view_has_taken_all_of_it(soak):
 
 
 def stopped_for_good(leader):
-    """A loop that stood still for seconds ends: nobody knows where the hand is."""
+    """Stops a leader for seconds. Its loop then ends, as the hand's place is unknown."""
     leader.process.send_signal(signal.SIGSTOP)
     time.sleep(3)
     leader.process.send_signal(signal.SIGCONT)
@@ -213,7 +211,7 @@ def test_whatever_ends_it_the_trace_is_whole_to_the_end(name, scene, tmp_path):
             assert replica.status() == 0
             assert replica.said[-1]["digest"] == leader.said[-1]["digest"]
             assert replica.said[-1]["reason"].startswith(reason)
-        else:  # it waits for the leader to come back
+        else:  # the replica waits for the leader to come back
             assert soon(lambda: not replica.said[-1].get("connected", True), 30)
             assert replica.process.poll() is None
     trace = burrlab.load_trace(tmp_path / "trace.h5")

@@ -1,4 +1,4 @@
-"""The first camera of what shows a trace: along the force with which bone was met."""
+"""The first camera on a trace: along the force at the first contact with bone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from burrlab.view.camera import approach_view, surgeon_view, trace_approach
 
 
 def player(tmp_path, start, axis):
-    """Of a hand that pushes along an axis, from outside a block."""
+    """A player of a hand that pushes along an axis, from outside a block."""
     bone = burrlab.VoxelBone.block((40, 40, 40), 0.2, origin=(-3.9, -3.9, -3.9))
     hand = burrlab.HandDevice(start, into=axis, along=np.roll(axis, 1), push=1.0)
     tool, record = (burrlab.Burr(1.5), burrlab.materials["bone"]), tmp_path / "trace.h5"
@@ -39,7 +39,7 @@ def test_along_the_force_at_what_was_touched(tmp_path, axis):
 
 
 def test_as_bone_was_met_and_not_as_it_was_cut_sideways(tmp_path):
-    """Down into a block, and then for long along it."""
+    """The burr goes down into a block, and then long along it."""
     shown = TracePlayer(burrlab.load_trace(nerve_trace(tmp_path / "trace.h5")))
     forces = shown.trace.ticks["burr"]["force_N"].sum(axis=(0, 1))
     assert abs(forces[0]) > 0.4 * np.linalg.norm(forces)
@@ -54,7 +54,7 @@ def test_from_above_where_no_bone_was_touched(tmp_path):
 
 
 def test_a_burr_larger_than_the_bone(tmp_path):
-    """Its centre lies farther from the bone than that is wide, where it touches."""
+    """At contact its centre is farther from the bone than the bone is wide."""
     bone = burrlab.VoxelBone.block((1.2, 1.2, 0.6), 0.2)
     device = burrlab.ScriptedDevice([0.0, 0.1], [(0.5, 0.5, 6.5), (0.5, 0.5, 6.4)])
     tool, record = (burrlab.Burr(6.0), burrlab.materials["bone"]), tmp_path / "trace.h5"

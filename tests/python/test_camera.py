@@ -1,4 +1,4 @@
-"""Where one looks from: the surgeon's view, and two eyes whose pictures can be fused."""
+"""Viewpoints: the surgeon's view, and two eyes whose pictures can be fused."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 
 
 def on_screen(view: Viewpoint, point, aspect=4 / 3, shift=0.0):
-    """Where a point is drawn, -1 to 1 from left to right and from bottom to top, by the definition."""
+    """Place of a point in the picture, -1 to 1 from left to right and from bottom to top, by definition."""
     sight = np.subtract(view.focus, view.position) / view.distance
     right = np.cross(sight, view.up)
     right /= np.linalg.norm(right)
@@ -33,7 +33,7 @@ def test_the_whole_volume_is_seen(block, axis):
     corners = low + np.array(np.meshgrid([0, 20], [0, 30], [0, 10])).reshape(3, -1).T
     drawn = np.array([on_screen(view, corner, aspect=1.0) for corner in corners])
     assert np.abs(drawn).max() < 1.25
-    assert np.abs(drawn).max() > 0.4  # and fills the picture
+    assert np.abs(drawn).max() > 0.4  # the volume fills the picture
     into = np.array((0, 0, -1) if axis is None else axis, float)
     sight = np.subtract(view.focus, view.position) / view.distance
     assert sight @ into / np.linalg.norm(into) == pytest.approx(np.cos(np.deg2rad(28)))

@@ -1,4 +1,4 @@
-"""What session and replica show beside themselves: options, refusals and what is said at the end."""
+"""Views and effects of the commands session and replica: options, refusals and final reports."""
 
 import json
 
@@ -18,7 +18,7 @@ BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 @pytest.fixture
 def shown(monkeypatch):
-    """In place of a page: notes what it would show, until the session has ended."""
+    """Replaces the page: notes its arguments and waits for the session's end."""
     served = {}
 
     def serve(source, **options):
@@ -62,7 +62,7 @@ def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
     assert all(account["exact"] for account in told["balance_mm3"].values())
     assert f"effects at assumed rates, seed 5: {told['frames']} frames of at most" in said
     assert "budget 20 ms: " in said
-    assert max(len(line) for line in str(companion.report()).splitlines()) <= 80  # of a terminal
+    assert max(len(line) for line in str(companion.report()).splitlines()) <= 80  # a terminal's width
     assert f"dust: made {told['balance_mm3']['dust']['made']:.3f}, present " in said
 
 
@@ -72,8 +72,8 @@ def test_without_effects_nothing_is_said_of_them(shown, capsys):
 
 
 def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
+    """Effects are also reported if a duration ends the replica while it is shown."""
     file = tmp_path / "said.json"
-    """Also of one that a duration ends, while it is shown."""
     with leader(60.0) as session:
         assert soon(lambda: session.snapshot()[0].removed > 0)
         where = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects"]

@@ -1,4 +1,4 @@
-"""Devices that need no hardware: the simulated hand, scripts, recordings and mailboxes, in a loop."""
+"""Devices without hardware in a loop: the simulated hand, scripts, recordings and mailboxes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from burrlab.session.exchange import read_script
 
 
 def play(device, ticks=0, *, period=1.0, material="bone"):
-    """The records of a loop on its virtual clock, and why it ended."""
+    """(records of a loop on its virtual clock, reason of its end, bone)"""
     bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
     tools = [(burrlab.Burr(2.0), burrlab.materials[material])]
     executor = _core.TickExecutor(bone, tools, 1, period=period)

@@ -21,7 +21,7 @@ WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 
 
 def carved(frames: int, decisions=None, **options) -> tuple[Effects, burrlab.VoxelBone]:
-    """Effects after frames of 50 ms, each with five ticks of 10 ms of a burr that goes along x; and the bone."""
+    """(effects, bone) after frames of 50 ms, each with five ticks of 10 ms of a burr that goes along x."""
     bone = bone_with_tissues()
     effects = Effects(bone, **{"seed": 1, "nozzle": WATER, **options})
     contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), SOLID, seed=3)
@@ -105,7 +105,7 @@ def test_a_nozzle_waits_for_its_burr() -> None:
 
 
 def test_the_budget_decides_how_fine() -> None:
-    """Little time: fewer sub-steps, then fewer parcels; the account stays exact."""
+    """With little time there are fewer sub-steps, then fewer parcels; the account stays exact."""
     parameters = EffectParameters(most_parcels=50_000, water_parcel=0.01, liquid_friction=1.0)
     nozzle = Nozzle((0, 0, 9), (0, 0, -1), rate=200, burr=None, speed=300)
     reports = []
@@ -121,7 +121,7 @@ def test_the_budget_decides_how_fine() -> None:
 
 
 def test_a_recorded_session_and_one_that_goes_back(tmp_path: Path) -> None:
-    """The same parcels each time; what comes back to its place buries nothing."""
+    """The parcels are the same each time. Bone that is restored buries no parcel."""
     ended(session(1.0, record=tmp_path / "trace.h5"))
     trace, parcels = burrlab.load_trace(tmp_path / "trace.h5"), []
     for _ in range(2):

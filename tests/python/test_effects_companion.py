@@ -1,4 +1,4 @@
-"""The secondary effects beside a running session: its end, rebuilds, being stopped, and what it costs."""
+"""Secondary effects beside a running session: its end, rebuilds, stops, and their cost."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def exact(companion: Companion) -> bool:
 
 
 def ended(companion: Companion) -> bool:
-    """By itself, and not on an error."""
+    """Whether it ended by itself, without an error."""
     return companion.wait(60) and not companion.running and companion.error == ""
 
 
 def test_all_that_was_removed_is_dust() -> None:
-    # Not yet running: what it removes before a companion is made is no dust.
+    # Not running yet: bone removed before the companion is made gives no dust.
     made = session(1.0, wall_clock=True, realtime=False)
     with Companion(made, seed=1, nozzle=WATER, rate=50) as companion, made:
         assert made.wait(60)
@@ -65,7 +65,7 @@ def test_what_was_gone_before_made_no_dust() -> None:
 
 
 def test_on_a_replica_beside_another_consumer() -> None:
-    """What it removes is dust of its own tissues, though somebody else takes what changed as well."""
+    """Removed bone becomes dust of its own tissue, though another consumer takes the changes too."""
     made = session(1.5, wall_clock=True, realtime=False, publish=0)
     replica = follow("127.0.0.1", made.port, bone=bone_with_tissues())
     with Companion(replica, seed=1, nozzle=WATER, rate=50) as companion, made:
@@ -104,9 +104,9 @@ def test_rebuilds_lose_nothing() -> None:
 
 @pytest.mark.parametrize("tick", [0, 70_000])
 def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None:
-    """Also those of a budget that no machine meets, beginning in the middle, and of a bone with ticks behind it."""
+    """With a budget that no machine meets, a start in the middle, and a bone with earlier ticks."""
     sucker = Sucker((0, 2, 1))
-    water = Nozzle(WATER.position, WATER.direction, rate=1000)  # So much that some always hides bone.
+    water = Nozzle(WATER.position, WATER.direction, rate=1000)  # So much that some always hides the burr.
     with session(1.0, wall_clock=True, realtime=False, tick=tick, record=tmp_path / "trace.h5") as made:
         made.wait(0.2)
         with Companion(
@@ -165,7 +165,7 @@ def test_it_outlives_the_names_of_session_and_companion() -> None:
 @pytest.mark.parametrize("recorded", [False, True])
 @pytest.mark.parametrize("stopped", [False, True])
 def test_it_ends_with_a_session_that_was_never_started(tmp_path: Path, recorded: bool, stopped: bool) -> None:
-    """Stopped, or gone: at once, without the garbage collector."""
+    """The companion ends at once if the session is stopped or gone, without the garbage collector."""
     made = session(1.0, **({"record": tmp_path / "trace.h5"} if recorded else {}))
     companion = Companion(made, seed=1, rate=100).start()
     assert not companion.wait(0.1)
@@ -179,7 +179,7 @@ def test_it_ends_with_a_session_that_was_never_started(tmp_path: Path, recorded:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_fork_does_not_wait_for_its_thread() -> None:
-    """Whether it stops the companion, lets go of it or does nothing."""
+    """The fork stops the companion, deletes it or does nothing."""
     program = (
         "import os, sys\n"
         "from effects_scenes import session\n"
@@ -224,7 +224,7 @@ def test_refusals(options: dict, sentence: str) -> None:
 
 @pytest.mark.slow
 def test_twenty_thousand_parcels_beside_the_loop(capsys) -> None:
-    """60 s: the balance is exact whatever the machine does; the times are printed, not held against anything."""
+    """In 60 s the balance is exact on any machine. The times are printed, not tested."""
     path = Path(__file__).parents[1] / "bench" / "effects.py"
     spec = importlib.util.spec_from_file_location("bench_effects", path)
     bench = importlib.util.module_from_spec(spec)

@@ -1,4 +1,4 @@
-"""The secondary effects where numbers are out of all proportion: they end, they stay numbers, and the accounts hold."""
+"""Secondary effects with extreme numbers: they end, values stay finite, and the accounts hold."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from burrlab.effects.effects import Effects
 
 
 def cut():
-    """(bone as it was, what a burr took from it as an update, levels that it took)"""
+    """(bone before a cut, the cut as an update, levels removed)"""
     bone = bone_with_tissues()
     after = bone.copy()
     contact = burrlab.BurrContact(after, *TOOL, seed=1)
@@ -40,7 +40,7 @@ def frames(center=(0.0, 0.0, 1.5), radius=2.0, count=20, parameters=None, **inst
 
 @pytest.mark.parametrize("far", [1e9, 1e100, 1e160, 1e308])
 def test_a_burr_that_its_device_sent_far_away(far) -> None:
-    """The way to it had no length that a number holds, and dust looked for a free place for ever."""
+    """The length of its way overflows a double; the search of dust for a free place must still end."""
     frames((far, 0.0, 1.5))
     frames((-far, far, far), nozzle=Nozzle((0, 0, 3), rate=100, burr=0))
     frames(radius=far)
@@ -51,7 +51,7 @@ def test_a_session_whose_device_jumps_far_away() -> None:
     x = np.array([0.0, 0.5, 1e200, -1e200, 0.5, 0.5])
     device = burrlab.ScriptedDevice(times, np.stack([x, 0 * x, 0 * x + 1.5], axis=1))
     session = burrlab.Session(bone_with_tissues(), TOOL, device, seed=1, realtime=False)
-    with Companion(session, seed=1, rate=50) as companion, session:  # what is gone before makes no dust
+    with Companion(session, seed=1, rate=50) as companion, session:  # bone gone before makes no dust
         assert session.wait(60)
         assert companion.wait(60)
     assert companion.error == ""

@@ -1,4 +1,4 @@
-"""A replica of a leader that says what no leader may: it gives the connection up, says why, and its bone stays as it was."""
+"""A replica of a leader with forbidden messages gives the connection up, says why, and keeps its bone."""
 
 import contextlib
 import json
@@ -42,7 +42,7 @@ def bricks(total, first, *these, tick=0):
 
 
 class FakeLeader:
-    """Says the same to everybody who connects, but to the first, who asks for the hello only; then waits."""
+    """Sends the same to everyone who connects, but only a hello to the first; then waits."""
 
     def __init__(self, *messages, pause=0.0, first=None):
         self.first = hello() if first is None else first
@@ -154,7 +154,7 @@ def test_silence_is_noticed():
 
 
 def test_text_that_is_no_utf8():
-    """Of the end's reason: it is still told, and so is all else of the status."""
+    """In the reason of the end: the reason and the other status are still told."""
     with following(hello(), say("end", struct.pack(">Q32sI", 0, DIGEST, 1) + b"bad \xff end")) as replica:
         assert soon(lambda: replica.status["ended"])
         assert replica.status["reason"] == "bad \ufffd end"
@@ -190,7 +190,7 @@ UNREADABLE = "hello of the leader at .* cannot be read"
     ],
 )
 def test_hello_that_no_leader_says(text, message):
-    """One sentence, whatever it holds."""
+    """Every such hello is refused in one sentence."""
     text = text if isinstance(text, bytes) else json.dumps(text).encode()
     said = say("hello", struct.pack(">IQQ32s", 1, 5, 0, DIGEST) + text)
     with FakeLeader(first=said) as leader, pytest.raises(ValueError, match=message):
@@ -198,6 +198,6 @@ def test_hello_that_no_leader_says(text, message):
 
 
 def test_digest_that_is_none():
-    """It would end up in a sentence."""
+    """The digest is refused, as a message would quote it."""
     with FakeLeader(first=hello(digest=b"\xff" * 32)) as leader:
         assert not _core.Replica("127.0.0.1", leader.port).fetch_hello(0.3)

@@ -42,7 +42,7 @@ def test_it_carves_the_plan(phantom):
 
 
 def test_the_turning_burr_stays_in_the_plan_or_in_the_open(phantom):
-    """Distance from each centre to bone outside the plan, by a transform of its own."""
+    """The distance from each centre to bone outside the plan comes from an independent transform."""
     path = mastoidectomy_path(phantom, BURR, layer=1.0, step=1.5)
     forbidden = (phantom.bone.pristine > 0) & ~phantom.target
     pad = 16
@@ -93,7 +93,7 @@ def test_what_is_refused(phantom, place, burr, options, told):
 
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
 def test_depth_maps_are_not_mirror_images(axis):
-    """What is to the right of whoever looks along the axis, the map's vertical up, is to the right in the map."""
+    """The right of a viewer along the axis, with the map's vertical up, is the right of the map."""
     axes = plot_depth_map(burrlab.VoxelBone.block((2, 2, 2), 0.5), axis=axis)
     across = "xyz".index(axis[-1])
     right, up = (k for k in range(3) if k != across)

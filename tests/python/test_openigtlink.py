@@ -26,7 +26,7 @@ NEWTON = (0x0B << 54) | (1 << 50)
 
 @contextlib.contextmanager
 def serve(messages):
-    """A server on the loopback address that sends these to its first client, then closes; gives its port."""
+    """Port of a loopback server that sends these messages to its first client, then closes."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(20)
 
@@ -100,7 +100,7 @@ def test_array_of_many_dimensions_comes_flat():
 
 
 def test_a_lost_framing_is_left_behind():
-    """Of what else is dropped and counted, tests/cpp/test_message_framer.cpp."""
+    """tests/cpp/test_message_framer.cpp tests what else is dropped and counted."""
     good, framer = _core.encode_transform("burr", (1, 2, 3)), _core.MessageFramer(200)
     assert framer.feed(bytes(58)) == framer.feed(good) == []
     assert framer.broken
@@ -177,7 +177,7 @@ def loop_of(device):
 
 
 def test_example_server_drives_the_burr(build):
-    """Debian's TrackerServer sends 100 poses, then closes: the device connects anew."""
+    """Debian's TrackerServer sends 100 poses, then closes; the device connects again."""
     port = free_port()
     program = build(EXAMPLES / "Tracker" / "TrackerServer.cxx")
     with subprocess.Popen([program, str(port), "200"], stdout=subprocess.DEVNULL) as server:
@@ -188,7 +188,7 @@ def test_example_server_drives_the_burr(build):
             assert soon(lambda: tracker.counters["messages"] >= 100 and tracker.counters["connections"] >= 2)
             loop.stop()
             x, y, z = reader.take()[0]["burr"]["center"][-1, 0]
-            assert x == -z  # it sends (50 cos, 50 sin, 50 cos), RAS
+            assert x == -z  # the server sends (50 cos, 50 sin, 50 cos), RAS
             assert np.hypot(x, y) == pytest.approx(50, abs=1e-4)
             assert tracker.counters["bad_crc"] == 0
         finally:
@@ -225,7 +225,7 @@ def test_pyigtl_reads_poses(pyigtl):
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_pyigtl_drives_the_burr(pyigtl, version):
-    """Its server, header version 1, or 2 with metadata: the ticks use what was sent, rounded once."""
+    """pyigtl's server sends header version 1, or 2 with metadata. Ticks use the sent poses, rounded once."""
     server = pyigtl.OpenIGTLinkServer(port=free_port(), local_server=True)
     device = _core.IgtlDevice("127.0.0.1", server.port, device_name="burr", lost_after=5000)
     bone, loop, reader = loop_of(device)

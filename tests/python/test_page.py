@@ -1,4 +1,4 @@
-"""The page's state without a browser: what is wished is done, and what is said is so."""
+"""The page's state without a browser: wishes are done, and its texts are true."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def page(trace):
 
 
 def turn(page, now, *, shown=True, wanted=None):
-    """One look at what is wished, at a time of the clock; the number of the picture then."""
+    """Does one turn of the page at a time of the clock; returns the number of the picture."""
     if wanted is not None:
         page.state.tell("wanted_s", wanted)
     page._turn(now)
@@ -170,7 +170,7 @@ def test_views_and_slices(page, trace):
 
 
 def test_a_burr_far_away_is_looked_at(tmp_path):
-    """As when a hand lifts it."""
+    """The burr is far away, as when a hand lifts it."""
     ended(nerve_session(([(0, 0, 1.5), (0, 0, 200.0)], [0, 0.5]), record=tmp_path / "trace.h5"))
     page = make_page(page_source(burrlab.load_trace(tmp_path / "trace.h5")))
     turn(page, 1.0, wanted=0.5)
@@ -203,7 +203,7 @@ def test_an_error_is_said_and_the_page_goes_on(page):
         work = asyncio.create_task(page.run())
         page.state.tell("wanted_s", 1.0)
         await asyncio.wait_for(until(lambda: page.state.problem), 20)
-        played = time.monotonic() - begin  # at most, before it failed
+        played = time.monotonic() - begin  # longest time before the failure
         assert page.state.problem == "OSError: the disk is gone"
         assert not page.state.playing
         page.source.go = go
@@ -216,7 +216,7 @@ def test_an_error_is_said_and_the_page_goes_on(page):
 
 
 def test_what_could_not_be_drawn_is_drawn_by_the_next_turn(page):
-    """Of a scene that fails twice, and then no more, nothing is missing."""
+    """A scene that fails twice still draws everything afterwards."""
     seen, failures = [], iter([True, True])
 
     def fails_at_first(bone, bricks):
@@ -234,7 +234,7 @@ def test_what_could_not_be_drawn_is_drawn_by_the_next_turn(page):
     changed = np.argwhere(page.source.bone.density != before) // 8
     assert set(brick_numbers(changed, page.source.bone)) <= set(seen[0])
     turn(page, 5.0, wanted=3.0005)
-    assert len(seen) == 1  # and it is drawn once
+    assert len(seen) == 1  # drawn only once
 
 
 def test_events_of_the_trace(page, trace):
@@ -287,6 +287,6 @@ def test_a_bone_that_rests():
     assert page.state.source_state == "600 mm³ of bone"
     assert rows(page) == {"bone removed": "0.00"}
     assert page.state.charts == page.state.events == []
-    page.look("burr")  # none is there
+    page.look("burr")  # there is no burr
     page.state.tell("slices", True)
     assert page.scene.cuts[-1] == pytest.approx((0, 0, -3))

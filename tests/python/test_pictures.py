@@ -1,4 +1,4 @@
-"""Pictures by matplotlib alone: what they show is where it is, in mm."""
+"""Pictures by matplotlib alone: their content is at its place in mm."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SPACING, ORIGIN = (0.1, 0.2, 0.4), (-1.0, 2.0, 5.0)
 
 @pytest.fixture
 def bone():
-    """Two tissues, full; 30 x 20 x 10 voxels."""
+    """A full bone of two tissues, 30 x 20 x 10 voxels."""
     is_nerve = np.zeros((10, 20, 30), bool)
     is_nerve[4:6, 8:12] = True  # along x
     made = burrlab.VoxelBone(np.full((10, 20, 30), 255, np.uint8), SPACING, ORIGIN)
@@ -35,7 +35,7 @@ def bone():
 
 @pytest.fixture(scope="module")
 def crater():
-    """A block of 6 x 6 x 3 mm, its top at z = 0, with a crater of a burr of 2 mm."""
+    """A block of 6 x 6 x 3 mm, top at z = 0, with the crater of a burr of 2 mm radius."""
     made = burrlab.VoxelBone.block((6, 6, 3), 0.1, origin=(-2.95, -2.95, -2.95))
     carve(made, *((0.0, 0.0, z) for z in np.linspace(2.2, 0.8, 29)), radius=2.0, ticks=60)
     return made
@@ -97,7 +97,7 @@ def test_depth_of_a_crater(crater):
 
 
 def test_depth_is_of_what_one_sees(bone):
-    """Through a hole one sees the far face; from behind the other depth."""
+    """A view through a hole ends at the far face; the view from behind has another depth."""
     levels = np.full((10, 10, 10), 255, np.uint8)
     levels[:, 3, 3] = 0
     assert depth_map(burrlab.VoxelBone(levels, 0.1)).max() == 0  # as it was
@@ -125,7 +125,7 @@ def test_the_map_says_what_it_shows(crater):
     assert whole.get_xlim() == pytest.approx((3.0, -3.0))  # along x, z upwards: y to the left
     assert whole.figure.axes[1].get_ylabel() == "bone removed along x [mm]"
     mirrored = {axis for axis in AXES if plot_depth_map(crater, axis=axis).xaxis_inverted()}
-    # by the definition: to the right is across the line of sight and upwards
+    # by definition, right is perpendicular to the line of sight and to up
     expected = set()
     for axis in AXES:
         sight = np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1)
@@ -137,10 +137,10 @@ def test_the_map_says_what_it_shows(crater):
 
 def test_a_gif_keeps_the_colour_of_what_is_small(tmp_path):
     shades = np.linspace(0, 255, 640).astype(np.uint8)
-    frame = np.tile((shades[:, None] * [1.0, 0.96, 0.85]).astype(np.uint8), (480, 1, 1))  # as shaded bone
+    frame = np.tile((shades[:, None] * [1.0, 0.96, 0.85]).astype(np.uint8), (480, 1, 1))  # like shaded bone
     colours = [(244, 214, 49), (70, 90, 200), (91, 123, 91), (200, 120, 255)]
     for i, colour in enumerate(colours):
-        frame[10 : 10 + 18, 20 * i : 20 * i + 18] = colour  # as a swatch of the legend
+        frame[10 : 10 + 18, 20 * i : 20 * i + 18] = colour  # like a swatch of the legend
     assert write_video(tmp_path / "a.gif", [frame], fps=10) == 1
     with Image.open(tmp_path / "a.gif") as film:
         seen = np.asarray(film.convert("RGB")).astype(int)

@@ -1,4 +1,4 @@
-"""The player: any moment of a trace, to the bit, whichever way it was reached."""
+"""The player: any moment of a trace to the bit, reached in any way."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOMENTS = (0, 1, 249, 250, 251, 777, 1500, 2999, 3000)  # executed ticks
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    """(trace, digest at each moment), made by contacts: none of the code that plays it."""
+    """(trace, digest at each moment), made by contacts, independent of the player."""
     file = tmp_path_factory.mktemp("player") / "session.h5"
     digests = {}
     for moment in MOMENTS:
@@ -94,7 +94,7 @@ def test_burrs_force_and_depth_are_the_recorded_ones(scene):
 
 
 def test_prepares_beside_seeks(scene):
-    player = play(scene, every=0.02, memory=0.1)  # states are given up meanwhile
+    player = play(scene, every=0.02, memory=0.1)  # states are dropped meanwhile
     done = []
     thread = threading.Thread(target=player.prepare, args=(done.append,))
     thread.start()
@@ -110,7 +110,7 @@ def test_prepares_beside_seeks(scene):
 
 @pytest.mark.parametrize("states", [1.5, 2.5, 3.5, 4.5, 100])
 def test_given_up_states_take_no_change_with_them(states):
-    """Every tick changes two other bricks: what went with a state would be missed."""
+    """Every tick changes two other bricks, so that a change lost with a state is found."""
     bone = burrlab.VoxelBone.block((12.8, 1.6, 1.6), 0.2)
     history = BrickHistory(bone.copy(), int(states * 2 * 512))
     everything = np.arange(8, dtype=np.uint32)
@@ -120,7 +120,7 @@ def test_given_up_states_take_no_change_with_them(states):
         bricks = np.sort(rng.choice(8, 2, replace=False)).astype(np.uint32)
         _core.restore_bricks(bone, bricks, np.full((2, 512), 255 - tick, np.uint8))
         history.add(tick, bricks, bone)
-        assert history.last == tick  # to which the next changes refer
+        assert history.last == tick  # the next changes refer to it
         known[tick] = _core.read_bricks(bone, everything)
         kept = sorted({history.at_or_before(at) for at in range(tick + 1)})
         assert len(kept) == len(history)
@@ -131,7 +131,7 @@ def test_given_up_states_take_no_change_with_them(states):
 
 
 def test_a_burr_that_moves_on_while_states_are_given_up(tmp_path):
-    """Bricks that one state changed and the next ones did not."""
+    """One state changes bricks that the next ones do not change."""
     bone, moments = small_bone(), {0: small_bone().digest()}
     records = np.zeros(600, _core.record_dtype)
     contact = burrlab.BurrContact(bone, *tools()[0], SEED)

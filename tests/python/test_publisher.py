@@ -1,4 +1,4 @@
-"""What standard OpenIGTLink peers get of a session, and what hostile ones do to it: nothing."""
+"""Standard OpenIGTLink peers get a session's poses and forces; hostile peers do not disturb it."""
 
 import contextlib
 import random
@@ -37,7 +37,7 @@ def replica_word(leader, holds, tick):
 
 
 def receive(peer, ticks, burrs=1):
-    """Messages of so many ticks."""
+    """Messages of a number of ticks."""
     framer, messages = _core.MessageFramer(), []
     while len(messages) < 2 * burrs * ticks:
         messages += framer.feed(peer.recv(4096))
@@ -51,7 +51,7 @@ def records_of(leader):
 
 
 def in_ras(centers):
-    """Positions as they are sent: x and y turned round, in 32 bits."""
+    """Positions as they are sent: x and y negated, in 32 bits."""
     return (centers * (-1, -1, 1)).astype(np.float32)
 
 
@@ -121,7 +121,7 @@ def test_replica_that_takes_nothing_is_cut_off():
 
 
 def test_replica_is_told_what_the_protocol_says():
-    """Hello first, then ticks in their order, digests between them, the end last, each under its name."""
+    """The hello comes first, then ticks in order with digests between, the end last, each under its name."""
     with Leader() as leader, connect(leader) as peer:
         leader.run_to(150)
         peer.sendall(replica_word(leader, 1, 0))
@@ -153,7 +153,7 @@ def test_replica_is_told_what_the_protocol_says():
 
 
 def follow_to_the_end(peer, leader, tick):
-    """As a replica that holds the bone at this tick, until it has read the end."""
+    """Acts as a replica that holds the bone at a tick, until it has read the end."""
     peer.sendall(replica_word(leader, 1, tick))
     for data in messages_of(peer):
         if name_of(data) == "burrlab_end":
@@ -162,7 +162,7 @@ def follow_to_the_end(peer, leader, tick):
 
 @pytest.mark.parametrize("says_so", [True, False])
 def test_replica_that_leaves_without_a_word_is_awaited(says_so):
-    """It may not have read the end, and is told again; one that says that it leaves is not waited for."""
+    """The replica may have missed the end and is told again. One that says that it leaves is not awaited."""
     with Leader() as leader:
         with connect(leader) as peer:
             ending = threading.Thread(target=lambda: (leader.run_to(100), leader.end()))
@@ -216,7 +216,7 @@ def test_malformed_input_is_counted(data, counter):
 
 
 class Attack:
-    """Threads that throw bytes at a port until told to end."""
+    """Threads that send random bytes to a port until told to end."""
 
     def __init__(self, leader):
         self.leader, self.ending, self.connections = leader, threading.Event(), 0
@@ -291,9 +291,9 @@ def test_a_thousand_connections():
 
 
 def test_libopenigtlink_decodes_all(build, tmp_path):
-    """Debian's library beside a running session: each pose and force of 1000 ticks and more.
+    """Debian's library gets each pose and force of 1000 ticks and more of a running session.
 
-    A loaded machine may keep the peer waiting for over 100 ticks: here only after 1000 is something left out.
+    A loaded machine may keep the peer waiting for over 100 ticks, so here data are left out only after 1000.
     """
     with Leader(thin_after=1000) as leader:
         with (tmp_path / "out").open("w") as out:
@@ -319,7 +319,7 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
 
 
 def test_example_client_of_libopenigtlink(build, tmp_path):
-    """The example ReceiveClient, as Debian ships it: it prints a line for each TRANSFORM that it could unpack."""
+    """Debian's example ReceiveClient prints a line for each TRANSFORM that it can unpack."""
     program = build(EXAMPLES / "Receiver" / "ReceiveClient.cxx")
     with Leader(thin_after=1000) as leader, (tmp_path / "out").open("w") as out:
         peer = subprocess.Popen(

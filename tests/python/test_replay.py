@@ -1,4 +1,4 @@
-"""Replay: equal where it is, and the first difference where it is not."""
+"""Replay: equal traces are found equal, and others give the first difference."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TICKS = 5000
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    """(file, digest at the end) of two burrs, made by contacts: none of the code that replays it."""
+    """(file, digest at the end) of two burrs, made by contacts, independent of the replay."""
     file = tmp_path_factory.mktemp("replay") / "session.h5"
     bone = small_bone()
     begun = bone.digest()
@@ -67,7 +67,7 @@ def test_equal_in_several_threads_at_once(session, trace):
 
 
 def test_equal_in_a_process_on_another_path(session):
-    """By the command, of which the environment chooses the path."""
+    """Through the command, with its CPU path from the environment."""
     run = subprocess.run(
         [sys.executable, "-m", "burrlab", "replay", str(session[0]), "--json", "-"], capture_output=True, text=True,
         env={**os.environ, "BURRLAB_CPU_PATH": "scalar", "PYTHONPATH": os.pathsep.join(sys.path)},

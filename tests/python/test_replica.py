@@ -1,4 +1,7 @@
-"""Two machines: a replica holds the leader's bone to the bit, whatever the network does. Two seconds each; `slow` half a minute."""
+"""A replica holds the leader's bone to the bit, whatever the network does.
+
+The tests take two seconds each; those marked slow take half a minute.
+"""
 
 import random
 
@@ -11,12 +14,12 @@ from burrlab.session.network import follow, make_bone
 
 
 def lengths(short):
-    """The short one always, half a minute on demand [ticks]."""
+    """Lengths [ticks]: always `short`, and half a minute if slow tests run."""
     return pytest.mark.parametrize("ticks", [short, pytest.param(30_000, marks=pytest.mark.slow)])
 
 
 def check_equal(leader, status, digest):
-    """The leader has ended: the replica knows, and holds the same bone."""
+    """Asserts that the replica knows of the leader's end and holds the same bone."""
     due = {"ended": True, "failed": False, "reason": "done", "tick": leader.tick, "digests_different": 0,
            "differing_ticks": 0, "divergences": []}  # fmt: skip
     assert {name: status[name] for name in due} == due
@@ -27,10 +30,10 @@ def check_equal(leader, status, digest):
 @lengths(1500)
 @pytest.mark.parametrize(("burrs", "version", "path"), [(1, 2, None), (2, 1, "scalar")])
 def test_replica_in_another_process(burrs, version, path, ticks):
-    """Also on another path of the processor than the leader."""
+    """The replica may use another CPU path than the leader."""
     with Leader(burrs=burrs, header_version=version) as leader:
         replica = ReplicaProcess(leader.port, cpu_path=path)
-        leader.run_to(leader.tick + ticks)  # it may have taken longer to start than the log is
+        leader.run_to(leader.tick + ticks)  # its start may have taken longer than the log
         leader.end()
     result = replica.result()
     check_equal(leader, result, result["digest"])
@@ -51,13 +54,13 @@ def test_killed_and_restarted_replica_catches_up(ticks):
         leader.end()
     result = replica.result()
     check_equal(leader, result, result["digest"])
-    # What is missing is in the log of 10 s, or comes as bricks.
+    # Missing ticks are in the log of 10 s; otherwise bricks come.
     if 0.6 * ticks > 10_000:
         assert result["by_bricks"] == 1
 
 
 def followed_through(pump, ticks):
-    """Status of a replica that followed so many ticks through a proxy, and holds the leader's bone."""
+    """Status of a replica that followed `ticks` through a proxy and holds the leader's bone."""
     with Leader() as leader, Proxy(leader.port, pump) as proxy:
         replica = follow("127.0.0.1", proxy.port)
         leader.run_to(ticks)
@@ -71,7 +74,7 @@ def followed_through(pump, ticks):
 @pytest.mark.parametrize(("pump", "least"), [(Dropper(0.01, random.Random(1)), 1), (cutter, 2), (mangler, 2)])
 @lengths(3000)
 def test_proxy_that_breaks_the_stream(pump, least, ticks):
-    """By messages that are left out, by cuts, by bytes that are left out."""
+    """The proxy drops messages, cuts the stream, or drops bytes."""
     status = followed_through(pump, ticks)
     assert status["faults"] >= least
     assert status["most_missed"] <= 100
@@ -136,7 +139,7 @@ def test_bricks_are_there_after_the_end():
         leader.run_to(1000)
         waiting_proxy = Proxy(leader.port, Slower(40_000))
         with waiting_proxy as proxy:
-            slow = follow("127.0.0.1", proxy.port)  # keeps the end from being over at once
+            slow = follow("127.0.0.1", proxy.port)  # keeps the leader's end from finishing at once
             leader.loop.stop()
             leader.follower.stop()
             late.start(make_bone(leader.hello["source"]), leader.tools, 7)
@@ -150,7 +153,7 @@ def test_bricks_are_there_after_the_end():
 
 @lengths(3000)
 def test_slow_replica_is_cut_off_and_comes_back(ticks):
-    """The stream needs 190 kB a second; the proxy passes less, and holds little."""
+    """The stream needs 190 kB a second; the proxy passes less and buffers little."""
     with (
         Leader(most_behind=30_000, log=0.5) as leader,
         Proxy(leader.port, Slower(60_000), receive_buffer=4096) as proxy,
@@ -169,7 +172,7 @@ def test_slow_replica_is_cut_off_and_comes_back(ticks):
 
 
 def test_rebuilt_follower_sends_bricks():
-    """Ticks that the follower passed over are no more to be had: its replicas take the bone."""
+    """Ticks that the follower passed over cannot be sent, so its replicas take the bone."""
     with Leader() as leader:
         replica = follow("127.0.0.1", leader.port)
         leader.run_to(500)

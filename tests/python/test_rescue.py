@@ -1,4 +1,4 @@
-"""A bone that cannot be kept as asked at the end of a session: its exact state is kept elsewhere."""
+"""A bone that cannot be saved as asked at a session's end is saved elsewhere, in its exact state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5",
 
 
 def full(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk with no room for the first files that are kept."""
+    """Makes saving fail for the first `after` files, as on a full disk."""
     kept, tried = burrlab.save_bone, []
 
     def save(place: str, bone: burrlab.VoxelBone, tick: int, **told: str) -> None:
@@ -105,7 +105,7 @@ def test_a_trace_that_is_not_whole_is_said_and_what_can_be_is_kept(
 def test_a_result_that_cannot_be_written(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The bone is kept and the report told all the same, and the sentence names the file."""
+    """The bone is kept, the report is told, and the message names the file."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     result, kept = tmp_path / "result.png", tmp_path / "bone.h5"
     result.symlink_to("/dev/full")

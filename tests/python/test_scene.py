@@ -1,4 +1,4 @@
-"""The scene drawn: what is put into it is seen, and it follows sessions and traces."""
+"""The drawn scene shows its content, and follows sessions and traces."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_burr_is_drawn_where_it_is_and_as_large(scene):
 
 
 def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
-    """Its rim, a circle of its radius about its centre, and nothing within."""
+    """Only its rim is drawn, a circle of its radius about its centre."""
     hidden = [[0.5, 0.0, -1.2]]
     before = scene.picture()
     scene.move_burrs(hidden, [True])

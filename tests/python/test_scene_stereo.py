@@ -1,4 +1,4 @@
-"""Both eyes: as a pair of pictures, and side by side in one window."""
+"""Both eyes, as a pair of pictures and side by side in one window."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_eyes_differ_but_not_at_the_focus(scene):
 
 
 def test_both_eyes_in_one_window_are_those_of_the_pair(scene):
-    """Also with what was added, removed and moved meanwhile; curves are in neither, and all is back afterwards."""
+    """The two agree after additions, removals and moves too. Stereo off gives one picture again."""
     scene.set_stereo(True)
     scene.picture()
     scene.move_burrs([[1.0, -0.5, 1.5]], [True])

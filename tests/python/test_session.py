@@ -1,4 +1,4 @@
-"""A whole session: its ends, its clock, what follows it, and what it leaves behind."""
+"""Whole sessions: ends, clocks, followers, and results."""
 
 import re
 import time
@@ -24,7 +24,7 @@ def session(device=None, **options):
 
 
 class TestVirtualClock:
-    """The same on every machine."""
+    """Sessions with the same result on every machine."""
 
     def test_repeats_to_the_bit(self):
         digests = []
@@ -45,7 +45,7 @@ class TestVirtualClock:
         assert cut.removed > 0.1
 
     def test_a_coarse_burr_is_told(self):
-        """README: below 7.5 voxels of radius the result says so."""
+        """As README says, a result tells of a radius below 7.5 voxels."""
         for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
             bone = burrlab.VoxelBone.block((16, 16, 4), spacing)
             device = burrlab.ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
@@ -53,7 +53,7 @@ class TestVirtualClock:
             assert [text for text in run.report().messages if "coarse" in text] == told
 
     def test_goes_on_from_a_saved_bone(self, tmp_path):
-        """Two halves with the tick index kept give the bone of one run."""
+        """Two halves with a continued tick index give the bone of one run."""
         time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
         whole = ended(session(burrlab.ScriptedDevice(time_, position), record=tmp_path / "whole.h5"))
         positions = burrlab.load_trace(tmp_path / "whole.h5").array("device_position_mm")
@@ -111,7 +111,7 @@ class TestWallClock:
         }  # fmt: skip
 
     def test_python_does_not_delay_the_loop(self):
-        """Nothing that holds the interpreter stops a tick."""
+        """A call that holds the interpreter stops no tick."""
         box = burrlab.MailboxDevice(lost_after=60_000.0)
         box.put((0, 0, 2.8))
         with session(box, wall_clock=True) as run:
@@ -124,14 +124,14 @@ class TestWallClock:
         box = burrlab.MailboxDevice()
         run = session(box, wall_clock=True)
         with run:
-            assert not run.wait(0.2)  # waits for a first position
+            assert not run.wait(0.2)  # the session waits for a first position
             assert run.ticks == 0
             for _ in range(100):
                 box.put((0, 0, 2.8), on=False)
                 time.sleep(0.002)
             assert box.force[2] > 0.1
             assert run.running
-            assert run.wait(10)  # no one puts any more
+            assert run.wait(10)  # no further positions come
         assert run.failed
         assert run.reason.startswith("device 0 was lost: its last position is 1")
         assert run.messages[-1] == run.reason
@@ -141,13 +141,13 @@ class TestWallClock:
 class TestSafety:
     @staticmethod
     def pressed(depth, **options):
-        """The burr's last record and the session, after it stood still so deep in the bone [mm]."""
+        """The burr's last record, after it stood still at a depth in the bone [mm]."""
         script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
         run = ended(session(script, **options))
         return run.follower.take(run.follower.view())["newest"]["burr"][0]
 
     def test_force_limit(self):
-        """Pressed deep: the force sent stays at the limit, the model's does not."""
+        """Pressed deep, the force sent stays at the limit; the model's exceeds it."""
         record = self.pressed(1.0, force_limit=2.0)
         assert np.linalg.norm(record["sent"]) == pytest.approx(2.0)
         assert np.linalg.norm(record["force"]) > 2.0
@@ -160,7 +160,7 @@ class TestSafety:
         assert sent[-1, 2] > 1.0
 
     def test_coupling_softens(self):
-        """A still burr: the spring's and the bone's forces balance, and the burr is off the device."""
+        """For a still burr, spring and bone forces balance, and burr and device are apart."""
         burr = self.pressed(0.5, coupling=1.0)
         offset = burr["center"] - burr["device_position"]
         np.testing.assert_allclose(burr["sent"], 1.0 * offset, atol=1e-9)

@@ -1,4 +1,4 @@
-"""What goes wrong around a session: callbacks, threads, resources and exits; whoever waits for its end gets it."""
+"""Faults around a session: callbacks, threads, resources and exits. Waiting for its end always returns."""
 
 import gc
 import json
@@ -22,7 +22,7 @@ import burrlab.session.recorder as trace_writer
 
 
 def run_here(program, *arguments, **environment):
-    """A program in a process of its own, beside these tests."""
+    """Runs a program in a separate process, in the folder of these tests."""
     return subprocess.run(
         [sys.executable, "-c", program, *map(str, arguments)], cwd=os.path.dirname(__file__), capture_output=True,
         text=True, timeout=60, env={**os.environ, **environment}, check=False,
@@ -56,7 +56,7 @@ def test_a_fork_ends_no_session_of_its_parent():
     sys.platform != "linux" or shutil.which("cc") is None, reason="needs Linux and a C compiler"
 )
 def test_a_sleep_that_ends_early_is_no_tick(tmp_path):
-    """As when something stands between the program and the system's clock: no deadline is due, k would be 0."""
+    """A library that returns early from the clock's sleep leaves no deadline due; k would be 0."""
     (tmp_path / "early.c").write_text(
         "int clock_nanosleep(int c, int f, const void* t, void* r) { return 0; }"
     )
@@ -108,7 +108,7 @@ class TestCallback:
 
 class TestEnds:
     def test_force_that_falls_on_the_way_in(self):
-        """Through a plate thinner than the burr k = dF/dH is negative: no warning, and no end of the housekeeping."""
+        """In a plate thinner than the burr, k = dF/dH is negative. No warning comes; housekeeping goes on."""
         plate = burrlab.VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
         script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
         run = ended(burrlab.Session(plate, TOOL, script, seed=1, realtime=False))
@@ -136,7 +136,10 @@ class TestEnds:
         assert run.wait(20)
 
     def test_full_disk_on_the_virtual_clock(self, tmp_path, monkeypatch):
-        """The loop waits neither for a recorder that has given up nor for a reader that nobody holds; 40 s are more than half the ring."""
+        """The loop waits neither for a recorder that has given up nor for a deleted reader.
+
+        40 s are more than half the ring.
+        """
         run = session(duration=40.0, record=tmp_path / "a.h5")
         _core.RecordReader(run.loop)
 
@@ -149,7 +152,7 @@ class TestEnds:
         assert run.ticks == 40_000
 
     def test_interrupted_start(self, tmp_path, monkeypatch):
-        """Ctrl-C between the loop's start and the follower's: nothing runs on."""
+        """After Ctrl-C between the loop's start and the follower's, nothing runs on."""
         run = session(wall_clock=True, realtime=False, record=tmp_path / "a.h5", publish=0)
 
         class Interrupted:
@@ -176,7 +179,7 @@ class TestEnds:
         short.stop()
 
     def test_program_that_forgets(self, tmp_path):
-        """The interpreter ends while a session runs: no crash, no hang, and a whole trace."""
+        """If the interpreter ends while a session runs, it does not crash or hang, and the trace is whole."""
         done = run_here(
             "import sys, time; from test_session import session\n"
             "run = session(wall_clock=True, record=sys.argv[1], publish=0, realtime=False).start(); time.sleep(0.3)",
@@ -215,7 +218,7 @@ class TestDevices:
         ended(session(hand, duration=0.1))
 
     def test_second_session_feels_the_bone(self):
-        """A device halted at the end of a session gives force again in the next."""
+        """A device stopped at the end of a session gives force again in the next."""
         hand, digests = burrlab.HandDevice(), []
         for _ in range(2):
             run = ended(session(hand, duration=2.0))
@@ -242,7 +245,7 @@ class TestDevices:
 
 class TestResources:
     def test_port_is_free_after_a_refusal(self, tmp_path):
-        """Even while the exception is kept, as notebooks do."""
+        """The port is free even while the exception is kept, as notebooks do."""
         (tmp_path / "old.h5").write_text("mine")
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
@@ -272,7 +275,7 @@ def test_numpy_numbers(tmp_path):
 
 @pytest.mark.parametrize("record", [False, True])
 def test_a_session_that_nobody_holds_is_gone_with_its_bones(tmp_path, record):
-    """At once, not when the garbage is next collected: an experiment holds one session after the other."""
+    """The session is gone at once, without garbage collection: experiments make one after the other."""
     gc.disable()
     try:
         run = ended(session(record=tmp_path / "a.h5" if record else None, duration=0.5))

@@ -1,4 +1,4 @@
-"""Metrics of a session against motions and forces whose figures are known."""
+"""Metrics of sessions whose motions and forces are known."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import burrlab._core as _core
 
 
 def trace_of(tmp_path, center, *, period=1.0, **columns):
-    """A trace with these centres and columns of the first burr, by their names in a record."""
+    """A trace with these centres and columns of the first burr, by their record names."""
     records = np.zeros(len(center), _core.record_dtype)
     records["index"], records["k"], records["burrs"] = np.arange(len(center)), 1, 1
     burr = records["burr"][:, 0]
@@ -113,7 +113,7 @@ def test_removed_volume_is_the_bones_own(tmp_path):
 
 
 def test_a_late_tick_moves_no_faster(tmp_path):
-    """Positions belong to the time that ticks stand for: lost deadlines change no speed."""
+    """Positions belong to the time that ticks stand for, so lost deadlines change no speed."""
     whole = stroking(10, 1.0, 8.0)
     k = np.ones(len(whole), dtype=int)
     keep = np.ones(len(whole), dtype=bool)

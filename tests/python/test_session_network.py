@@ -1,4 +1,4 @@
-"""Recipes and hellos, and what is refused with a sentence."""
+"""Recipes and hellos, and their refusals."""
 
 import json
 import socket
@@ -147,6 +147,6 @@ def test_replica_is_started_once(leader):
 
 
 def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
-    """A replica is seldom run in the leader's folder."""
+    """The path is absolute, as a replica seldom runs in the leader's folder."""
     monkeypatch.chdir(tmp_path)
     assert volume_recipe("here.nrrd", 0, 1)["path"] == str(tmp_path / "here.nrrd")

@@ -1,4 +1,4 @@
-"""Stability of the loop with a simulated hand: what holds under the passivity limit, and what happens above it."""
+"""Stability of the loop with a simulated hand, below and above the passivity limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def check_still(material, hole, push, on):
     if ratio < 0.8:
         assert ripple < RIPPLE
         assert result.energy[2000:].max() < result.energy[2000] + 1e-3  # nothing given after the approach
-        assert np.allclose(before, push, rtol=0.015)  # the push has come, within what is left after 2 s
+        assert np.allclose(before, push, rtol=0.015)  # the push has settled, but for the rest after 2 s
     return ratio
 
 
@@ -54,7 +54,7 @@ def test_little_damping_cycles_at_1_khz_and_not_at_10(on):
     assert most > 10.0  # the loop feeds the hand
     assert at_10_khz < 0.005
     assert least < 0.01
-    assert last < 0  # it takes from the hand
+    assert last < 0  # the loop takes from the hand
 
 
 @pytest.mark.parametrize(("push", "damping"), [(0.3, 5.0), (1.0, 2.0)])
@@ -74,7 +74,7 @@ def test_an_encoder_flickers_by_one_step_times_k(hole, push, friction):
     step = 0.03
     result = run("bone", hole, push, on=False, encoder_step=step, friction=friction)
     flicker, k = np.ptp(result.force[3000:, 2]), result.stiffness(3000)
-    held = hole == 0 and friction > 0  # on softer bone friction holds it still
+    held = hole == 0 and friction > 0  # on flat, softer bone friction holds it still
     assert held or k > _core.encoder_limit(friction, step)
     assert flicker == (0.0 if held else pytest.approx(step * k, rel=0.05))
 
@@ -86,8 +86,8 @@ def test_strokes_over_flat_bone_are_quiet():
 
 
 def test_slow_strokes_that_cut_are_quiet_and_fast_ones_are_shaken_by_the_groove():
-    # At 1.4 a second the burr leaves the pits that it digs where it turns as a mass on a spring would: the same
-    # at 10 kHz, without energy from the loop.
+    # At 1.4 strokes a second the burr leaves the pits that it digs at its turning points, as a mass on a
+    # spring would. It does the same at 10 kHz, without energy from the loop.
     slow = run("bone", 0.0, 1.0, strokes=0.35, on=True)
     assert slow.ripple(slow.window(2.0)) < RIPPLE
     khz, khz10 = (run("bone", 0.0, 1.0, strokes=1.4, on=True, period=period) for period in (1.0, 0.1))
@@ -121,8 +121,9 @@ def test_the_filter_keeps_40_hz_and_drops_5():
 @pytest.mark.parametrize("delay", [0, 1, 3])
 @pytest.mark.parametrize("virtual", [0.0, 0.7, -0.7])
 def test_the_limit_follows_from_the_general_condition(delay, virtual):
-    # Colgate and Schenkel: b > T/2/(1 - cos wT) Re{(1 - e^-jwT) H(e^jwT)} at every w up to the Nyquist frequency,
-    # here for H = (K + B (1 - z^-1)/T) z^-delay: exactly our limit with a delay or a virtual damping, below it with both.
+    # Colgate and Schenkel: b > T/2/(1 - cos wT) Re{(1 - e^-jwT) H(e^jwT)} at every w up to the Nyquist
+    # frequency. For H = (K + B (1 - z^-1)/T) z^-delay this is exactly our limit with a delay or a virtual
+    # damping, and below it with both.
     period, k = 1e-3, 3000.0
     w = np.linspace(1e-3, np.pi, 200001)
     z = np.exp(1j * w)

@@ -1,4 +1,4 @@
-"""Distance to structures: search and field against the definition, against spheres and planes, and at their borders."""
+"""Distance to structures: search and field against the definition, spheres and planes, and at borders."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_plane_and_a_sphere(spacing) -> None:
     )  # a field is exact on planes
     far = np.linalg.norm(at - (4.5, 4.5, 6), axis=1)
     off = sphere.of_sphere(at, 0.5) - np.maximum(far - 1.5, 0.0) + 0.5
-    # A sphere of voxels is that much of a sphere.
+    # A sphere of voxels differs from a sphere by this much.
     assert np.abs(off).max() < np.linalg.norm(spacing) + 0.03
 
 

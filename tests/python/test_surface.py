@@ -1,4 +1,4 @@
-"""The surface in blocks: closed, without seams, the same after an update as made anew."""
+"""The surface in blocks: closed, without seams, and the same after an update as after a rebuild."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ def ball():
 
 
 def noise(seed, shape=(40, 35, 66)):
-    """Levels without any order: every kind of cell."""
+    """Random levels, which give every kind of cell."""
     return np.random.default_rng(seed).integers(0, 256, shape).astype(np.uint8)
 
 
 def joined(mesh):
-    """(number of different vertices, triangles of them)."""
+    """(number of different vertices, triangles of their numbers)"""
     unique, number = np.unique(mesh.points, axis=0, return_inverse=True)
     return len(unique), number.reshape(-1)[mesh.triangles]
 
 
 def directed_edges(triangles):
-    """Of each triangle its three, (3 t, 2)."""
+    """Three directed edges of each triangle, (3 t, 2)."""
     return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
 
 
@@ -58,8 +58,8 @@ def test_a_ball_is_closed_with_its_area_and_volume():
     vertices, triangles = joined(mesh)
     edges = directed_edges(triangles)
     different, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
-    assert (uses == 2).all()  # closed, across the borders of 27 blocks
-    assert len(np.unique(edges, axis=0)) == len(edges)  # and turned the same way all over
+    assert (uses == 2).all()  # closed across the borders of 27 blocks
+    assert len(np.unique(edges, axis=0)) == len(edges)  # all triangles turn the same way
     assert vertices - len(different) + len(triangles) == 2  # Euler characteristic of a ball
     points = mesh.points.astype(float)
     a, b, c = (points[mesh.triangles[:, i]] for i in range(3))
@@ -70,7 +70,7 @@ def test_a_ball_is_closed_with_its_area_and_volume():
 
 
 def test_vertices_and_normals_of_a_ball_are_where_they_should_be():
-    """Of equal voxels and of unequal ones."""
+    """With equal and with unequal voxel sides."""
     z, y, x = np.indices((40, 80, 80))
     away = np.sqrt(((x - 40) * 0.1) ** 2 + ((y - 40) * 0.1) ** 2 + ((z - 20) * 0.2) ** 2) - 3.0  # [mm]
     levels = np.rint(np.clip(0.5 - away / 0.2, 0, 1) * 255).astype(np.uint8)
@@ -99,7 +99,7 @@ def test_neighbours_share_vertices_and_normals_to_the_bit(make):
 
 
 def test_borders_are_covered_by_both_sides():
-    """Every edge that one block uses once is used once by a neighbour: no gap."""
+    """Every edge that one block uses once is used once by a neighbour, so there is no gap."""
     surface = Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1))
     _, triangles = joined(surface.merged())
     edges = directed_edges(triangles).astype(np.int64)
@@ -168,7 +168,7 @@ def test_blocks_of_a_brick(brick, blocks):
 
 
 def test_every_voxel_changes_no_other_block():
-    """The mapping against the extraction: blocks that change with a voxel are among those of its brick."""
+    """Blocks whose extraction changes with a voxel are among the blocks of its brick."""
     levels = noise(3, (72, 40, 40))
     bone = burrlab.VoxelBone(levels, 0.1)
     before = surface_blocks(bone)

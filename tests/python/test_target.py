@@ -1,4 +1,4 @@
-"""What was removed against a region: exact sums by tissue."""
+"""Comparison of removed bone with a region: exact sums by tissue."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SHAPE = (9, 10, 12)
 
 
 def carved() -> tuple[VoxelBone, np.ndarray, np.ndarray]:
-    """A bone of random levels and two tissues, a region, and the numbers of the tissues."""
+    """(a bone of random levels and two tissues, a region, tissue numbers)"""
     random = np.random.default_rng(7)
     bone = VoxelBone(random.integers(0, 256, SHAPE).astype(np.uint8), (0.2, 0.3, 0.5), (1.0, 2.0, 3.0))
     rows = [Tissue(name, label=k, c_e=1.0, alpha=0.1) for k, name in enumerate(("bone", "nerve", "unseen"))]
@@ -115,7 +115,7 @@ def test_bad_targets_are_refused(target, onto, told):
 
 
 def test_a_target_on_other_voxels_is_brought_onto_the_bone():
-    """Halves of the bone's voxels, a part of them, in a turned volume: the region is the same."""
+    """The region is the same from half as large voxels, from a part of them, and in a turned volume."""
     bone, region, _ = carved()
     expected = compare_with_target(bone, region).to_dict()
     turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
@@ -128,7 +128,7 @@ def test_a_target_on_other_voxels_is_brought_onto_the_bone():
 
 
 def drilled_session(bone, record, tick=0):
-    """The bone after a session, and the session's last tick."""
+    """(bone after a session, its last tick)"""
     device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
     with burrlab.Session(bone, tool(), device, seed=1, tick=tick, wall_clock=False, record=record) as session:
         session.wait()
@@ -137,7 +137,7 @@ def drilled_session(bone, record, tick=0):
 
 @pytest.fixture
 def metrics(capsys):
-    """What the command says of a trace: its JSON, or its text and status."""
+    """Output of the command for a trace: its JSON, or its status and text."""
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 
     def run(*words):
@@ -148,7 +148,7 @@ def metrics(capsys):
 
 
 def test_command_line(tmp_path, metrics):
-    """A trace of a bone and a target in a file, which a second program could have drawn."""
+    """With a trace of a bone and a target in a file, as from another program."""
     bone, record = nerve_bone(), tmp_path / "session.h5"
     region = np.zeros(bone.shape, bool)
     region[-5:] = True

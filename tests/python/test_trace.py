@@ -1,4 +1,4 @@
-"""Traces: what is recorded comes back to the bit, whatever ended the recording."""
+"""Traces: recorded values come back to the bit, whatever ended the recording."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_a_digest_waits_for_its_ticks(file, records):
 
 
 class Full:
-    """Lets so many bytes through into the file, a part of a row at last, and then fails as a full disk does."""
+    """Writes a number of bytes to the file, the last row in part, and then fails like a full disk."""
 
     def __init__(self, room):
         self.room, self.write = room, trace_writer._write
@@ -205,7 +205,7 @@ def test_a_count_that_cannot_be_written_does_not_count(file, records, monkeypatc
 
 
 def test_a_limit_of_the_system_ends_recording(file):
-    """A real write beyond a real limit (RLIMIT_FSIZE), in a process of its own."""
+    """A separate process writes beyond a real limit (RLIMIT_FSIZE)."""
     script = textwrap.dedent("""
         import resource, sys
         from session_scenes import *
@@ -338,7 +338,7 @@ def test_a_file_that_is_not_whole_has_not_its_name(file, monkeypatch):
 
 
 def test_a_file_that_comes_between(file, monkeypatch):
-    """Another session takes the name while this one makes its file: its trace stays."""
+    """Another session takes the name while this one makes its file; the other's trace stays."""
     create = trace_writer.create
 
     def slow(*args, **settings):
@@ -363,7 +363,7 @@ def test_without_hard_links(file, monkeypatch):
 
 
 def test_longer_than_a_file_can_be(file):
-    """Said in a sentence, and nothing of it stays."""
+    """The refusal is one sentence, and no file stays."""
     with pytest.raises(OSError, match=r"could not be made|File too large"):
         writer(file, duration=1e14)
     assert list(file.parent.iterdir()) == []

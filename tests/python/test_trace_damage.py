@@ -1,4 +1,4 @@
-"""Files that are no trace, or no more: each is told in one sentence, and none gives a wrong value."""
+"""Files that are not a trace, or a damaged one: each is refused in one sentence, none gives a wrong value."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
     ],
 )  # fmt: skip
 def test_content_that_no_session_wrote(file, records, change):
-    """Refused in a sentence that names the file."""
+    """The file is refused in a sentence that names it."""
     record(file, records[:20])
     with h5py.File(file, "r+") as trace:
         change(trace)

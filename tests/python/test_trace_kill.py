@@ -1,4 +1,4 @@
-"""Sessions that are killed: every trace there is opens with plain h5py and replays bit for bit to its end."""
+"""Killed sessions: every trace opens with plain h5py and replays bit for bit to its end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def tell(nursery, word, answer):
 
 
 def kill(nursery, folder, after):
-    """Starts a session and kills it `after` seconds after its trace is there; (ticks executed by then, stage)."""
+    """Starts a session and kills it `after` seconds after its trace exists; (ticks executed, stage)."""
     (folder / "ticks").write_bytes(bytes(9))
     tell(nursery, str(folder), "go")
     end = time.monotonic() + 60
@@ -52,7 +52,7 @@ def kill(nursery, folder, after):
 
 
 def examine(file):
-    """The trace, after all that must hold of it."""
+    """The trace, after all its checks."""
     with h5py.File(file, "r") as plain:
         rows = plain["ticks"][: plain["recorded"][()]]
     np.testing.assert_array_equal(rows["index"], np.arange(len(rows)))
@@ -65,7 +65,7 @@ def examine(file):
 
 
 def killed(nursery, folder, times, random, capsys, title):
-    """Prints how many ticks were lost: that is not held against 100 ms, other processes of the machine decide it."""
+    """Kills sessions and prints the number of lost ticks, which other processes decide: it is not tested."""
     lost, stages = [], [0, 0, 0, 0]
     for i in range(times):
         here = folder / str(i)
@@ -119,7 +119,7 @@ def test_a_hundred_killed_sessions(nursery, tmp_path, capsys, load):
 
 
 def test_a_kill_between_any_two_writes(tmp_path, monkeypatch):
-    """The file as a kill would leave it, before and after every single write and in the middle of each."""
+    """Checks the file as a kill would leave it before, in the middle of, and after every single write."""
     records = make_records(small_bone(), 300)
     file, copy = tmp_path / "session.h5", tmp_path / "copy.h5"
     real, counts = trace_writer._write, []

@@ -16,7 +16,7 @@ import burrlab.session.recorder as trace_writer
 
 
 def two_hands(folder, seconds, voxel):
-    """A trace of two simulated hands that cut one block, on the virtual clock; (trace, digest of the loop's bone)."""
+    """(trace, digest of the loop's bone) of two simulated hands that cut one block, on the virtual clock."""
     bone = burrlab.VoxelBone.block((30, 30, 10), voxel, origin=(-14.9, -14.9, -9.9))
     tools = [(burrlab.Burr(3.0), burrlab.materials["bone"]), (burrlab.Burr(2.0), burrlab.materials["bone"])]
     devices = [

@@ -1,4 +1,4 @@
-"""Films: how long they last."""
+"""Films: their duration."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from burrlab.view.film import write_video
 
 @pytest.mark.parametrize("fps", [1.0, 7.0, 24.0, 29.97, 35.0, 45.0, 50.0])
 def test_a_gif_lasts_as_long_as_its_frames(tmp_path, fps):
-    """Though each is shown for whole hundredths of a second; none for less than browsers do."""
+    """Each frame lasts whole hundredths of a second, none less than browsers show it."""
     frames = [np.full((16, 16, 3), 50 * (i % 4), np.uint8) for i in range(60)]
     assert write_video(tmp_path / "a.gif", frames, fps=fps) == 60
     shown = []

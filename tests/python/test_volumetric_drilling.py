@@ -180,7 +180,7 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     planes = (gone.swapaxes(1, 2) if turned else gone)[:, ::-1]  # slice, row from the lowest, column
     if box is None:
         assert set(map(tuple, removed[:, :0:-1])) == set(map(tuple, np.argwhere(planes)))
-    # As that simulator loads them: the lowest row first (its library's reader of PNG files).
+    # That simulator loads the lowest row first (its library's reader of PNG files).
     stack = np.stack(
         [np.asarray(Image.open(name))[::-1] for name in sorted((tmp_path / "slices").glob("*.png"))]
     )
@@ -188,7 +188,7 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     np.testing.assert_array_equal(stack[z, y, x], colors[:, 1:])
     assert len(np.unique(colors[:, 1:], axis=0)) == 2  # bone and nerve
     assert pose[3:].tolist() == pytest.approx([0, 0, 0.5**0.5, 0.5**0.5] if turned else [0, 0, 0, 1])
-    if turned:  # where the volume's pose puts the voxels, there the drill is
+    if turned:  # the volume's pose puts the voxels where the drill is
         there = 0.25 * (removed[:, 1:] - (np.array(stack.shape[2::-1]) - 1) / 2)
         there = 1000 * pose[:3] + there @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # that quarter turn
         drill = path[np.rint((stamps[removed[:, 0]] - trace.provenance["started_unix_s"]) * 1e3).astype(int)]

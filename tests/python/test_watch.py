@@ -27,7 +27,7 @@ TIMES = [0.0, 0.6, 1.0, 1.3, 1.6]
 
 
 def run(path=None, *, bone=None, watch=LIMITS, devices=None, tools=None, **options):
-    """A session that has not begun; of limits, its watch is made here."""
+    """A session that has not begun; a watch given as limits is made here."""
     bone = nerve_bone() if bone is None else bone
     return burrlab.Session(
         bone, tool() if tools is None else tools, straight(DOWN, TIMES) if devices is None else devices, seed=3,
@@ -44,7 +44,7 @@ def ran(*given, **options):
 
 
 def lost_of(trace, tissue):
-    """Volume lost by a tissue in each tick [mm^3], from a replay that looks at the bone after each."""
+    """Volume lost by a tissue in each tick [mm^3], from a replay tick by tick."""
     bone = trace.bone()
     executor = _core.TickExecutor(bone, list(trace.tools), trace.seed, tick=trace.first_tick)
     masses = [bone.mass_of(tissue)]
@@ -141,7 +141,7 @@ def test_the_report_tells_what_is_more_than_a_graze(recorded) -> None:
     assert said in str(deep)
     told = deep.to_dict()
     assert (told["touched_s"], told["injured_from_mm3"]["nerve"]) == ({"nerve": time}, 0.1)
-    assert "injury" in {event["kind"] for event in told["events"]}  # exact, as ever
+    assert "injury" in {event["kind"] for event in told["events"]}  # events stay exact
     small = replace(deep, watched=replace(deep.watched, removed=deep.watched.removed // 1000))
     assert (small.injured(), "injured [mm^3], from 0.1 on: nothing" in str(small)) == ({}, True)
     assert limited.injured() == {"nerve": limited.removed["nerve"]}  # by the watch's own limit, 0.05 mm^3
@@ -182,7 +182,7 @@ def test_a_killed_session_keeps_its_events(tmp_path) -> None:
             session.wait(0.05)
             if len(burrlab.load_trace(path).events) == 1:
                 break
-        early.write_bytes(path.read_bytes())  # all that a kill would have left
+        early.write_bytes(path.read_bytes())  # the file as a kill would leave it
     trace = burrlab.load_trace(early)
     assert trace.watched is None
     assert AnatomyReport.recorded(trace) is None

@@ -1,4 +1,4 @@
-"""What a watch refuses, and what a trace without one does."""
+"""Refusals of a watch, and traces without one."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
 
 
 def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:
-    """A bone with tissues, saved in the middle of its life: session, trace, replay and replica begin there."""
+    """Session, trace, replay and replica begin with a saved, partly removed bone with tissues."""
 
     def session(bone, first, last, **options):
         device = straight([(0, 0, first), (0, 0, last)], [0, 0.3])

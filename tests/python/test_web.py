@@ -1,4 +1,4 @@
-"""What a page can show beside a trace, and what it refuses; without a browser or a renderer."""
+"""Pages of sessions, replicas and effects, and their refusals, without a browser or a renderer."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 
 def turned(page):
-    """The page after one look at what is new, which a browser shows."""
+    """The page after one turn, whose picture a browser shows."""
     page._turn(0.0)
     page.shown()
     return page
@@ -82,7 +82,7 @@ def test_beside_a_replica():
 
 def test_parcels_of_a_companion():
     session = nerve_session()
-    with Companion(session, seed=1) as companion, session:  # what is gone before makes no dust
+    with Companion(session, seed=1) as companion, session:  # bone gone before makes no dust
         session.wait()
         assert companion.wait(30)
         page = make_page(page_source(session, companion))
@@ -135,7 +135,7 @@ def test_refused_sources(trace):
 
 
 def test_refused_ports(capsys, tmp_path):
-    """A taken one also before anything else is done on the command line."""
+    """The command line refuses a taken port before anything else is done."""
     pytest.importorskip("trame", reason="needs the extra viz3d")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
@@ -147,7 +147,7 @@ def test_refused_ports(capsys, tmp_path):
                 OSError,
                 r"cannot listen on 192\.0\.2\.1:0: ",
                 {"host": "192.0.2.1"},
-            ),  # an address for documents
+            ),  # an address for documentation
         ):
             with pytest.raises(kind, match=sentence):
                 serve(nerve_bone(), **place)
@@ -167,7 +167,7 @@ def test_refused_in_an_event_loop():
 
 
 async def talk(host, path, origin, secret, calls):
-    """(status of the page, of its WebSocket, answers to hello and calls, the page) by a page that really listens."""
+    """(status of the page, of its WebSocket, answers to hello and calls, page) from a page that listens."""
     import aiohttp
     import msgpack
     from wslink.chunking import UnChunker, generate_chunks

@@ -1,4 +1,4 @@
-"""The page in a real headless Chromium, served as a user does; with and without WebGL."""
+"""The page in a real headless Chromium, served as by a user, with and without WebGL."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def trace(tmp_path_factory):
 
 
 class Served:
-    """`burrlab ... --web` beside the test; its address."""
+    """`burrlab ... --web` beside the test, and its address."""
 
     def __init__(self, *arguments):
         self.process = subprocess.Popen(
@@ -57,7 +57,7 @@ class Served:
         raise AssertionError("".join(self.said))
 
     def end(self, number=signal.SIGINT):
-        """(exit code, what it says after a signal)."""
+        """(exit code, output after a signal)"""
         self.process.send_signal(number)
         rest, _ = self.process.communicate(timeout=60)
         return self.process.returncode, rest
@@ -76,7 +76,7 @@ def served(trace):
 
 
 def settled(page):
-    """Number of the picture once none has come for a while."""
+    """Number of the newest picture, once none has come for a second."""
     last, since = None, time.monotonic()
     while time.monotonic() - since < 1.0:
         now = page.value(f"{_IMAGE}.dataset.number")
@@ -93,7 +93,7 @@ def opened(page, address):
 
 
 def bone_part(page):
-    """What is seen of the bone now."""
+    """The present picture of the bone."""
     x, y, width, height = map(round, page.box(".burrlab-view"))
     return page.screenshot()[y : y + height, x : x + width]
 
@@ -104,7 +104,7 @@ def middle(page):
 
 
 def to_time(page, part):
-    """Clicks at a part of the time line; what the clock says then [s]."""
+    """Clicks at a part of the time line; returns the clock's time [s]."""
     x, y, width, height = page.box(".v-slider__container")
     before = page.value("document.querySelector('.burrlab-clock').innerText")
     page.click(x + part * width, y + height / 2)
@@ -114,7 +114,7 @@ def to_time(page, part):
 
 
 def press(page, words):
-    """The button that says them."""
+    """Clicks the button with these words."""
     page.value(f"[...document.querySelectorAll('.v-btn')].find(b => b.innerText === {words!r}).click()")
 
 
@@ -201,7 +201,7 @@ def test_events_slices_wheel_and_presets(served, trace, tmp_path):
             assert np.abs(now - last).mean() > 2, name
             last = now
         nothing_amiss(page)
-        assert served.end(signal.SIGTERM) == (0, "")  # beside a browser that looks on
+        assert served.end(signal.SIGTERM) == (0, "")  # while a browser still shows the page
     assert shutil.which("ps") is None or not children(served.process.pid)
 
 
@@ -211,13 +211,13 @@ def test_two_browsers_and_one_that_goes(served, tmp_path):
         with Chromium(tmp_path / "two", *_NO_WEBGL) as two:
             opened(two, served.address)
             at = to_time(two, 0.5)
-            assert clock(one) == at  # the same page: whoever reaches it works it
+            assert clock(one) == at  # one page for all browsers
         assert to_time(one, 0.8) > at
         nothing_amiss(one)
 
 
 def test_beside_a_session_and_a_replica(tmp_path):
-    """Live in two pages with effects, one of them for both eyes; Ctrl-C ends each with its page, and the trace is whole."""
+    """Two live pages with effects, one in stereo; Ctrl-C ends each with its page, and the trace is whole."""
     file = tmp_path / "session.h5"
     session = Served("session", "--device", "hand", "--effects", "--record", file, "--publish", 0)
     replica = None
@@ -250,7 +250,7 @@ def test_beside_a_session_and_a_replica(tmp_path):
 
 
 def halves_differ(picture):
-    """By how much the left half is not the right one, in the mean."""
+    """Mean difference between the left and the right half."""
     half = picture.shape[1] // 2
     return np.abs(picture[:, :half].astype(int) - picture[:, -half:]).mean()
 

@@ -1,4 +1,4 @@
-"""Real windows on a virtual screen: seen, turned by a mouse, and closed in every way."""
+"""Real windows on a virtual screen are seen, turned by a mouse, and closed in every way."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Shown:
             raise
 
     def wait_for(self, condition, seconds=30.0):
-        """The first picture of the screen of which it holds."""
+        """The first picture of the screen that meets a condition."""
         end = time.monotonic() + seconds
         while not condition(picture := self.screen.picture()):
             assert time.monotonic() < end, "the window does not come to show it"
@@ -64,7 +64,7 @@ class Shown:
             self.process.send_signal(getattr(signal, how))
 
     def end(self, seconds=60):
-        """(exit status, what it said)."""
+        """(exit status, output)"""
         try:
             said, _ = self.process.communicate(timeout=seconds)
         except subprocess.TimeoutExpired:
@@ -91,7 +91,7 @@ def test_the_mouse_turns_the_bone(screen, trace, options):
     shown = Shown(screen, "view", trace, *options)
     time.sleep(1.0)
     before = screen.picture()
-    screen.drag((1000 if options else 500, 400), (150, 60))  # over the right eye's picture, too
+    screen.drag((1000 if options else 500, 400), (150, 60))  # in stereo, over the right eye's picture
     turned = shown.wait_for(lambda picture: differing(picture, before) > 0.02)
     if options:
         half = 768
@@ -116,7 +116,7 @@ def test_a_session_is_reported_when_interrupted(screen, how):
 
 @pytest.mark.parametrize("how", ["q", "cross", None])
 def test_a_session_goes_on_without_its_window(screen, how):
-    """To its end, when the window closes with it."""
+    """The session runs to its end, at which an open window closes."""
     shown = Shown(screen, *SESSION, "--effects", "--duration", "8")
     if how is not None:
         shown.close(how)

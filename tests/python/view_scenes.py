@@ -10,7 +10,7 @@ import burrlab
 
 
 def carve(bone, *centers, radius=1.0, ticks=100, seed=1):
-    """Bricks (z, y, x) that a burr changes which stands at each of these places [mm] for so many ticks."""
+    """Bricks (z, y, x) changed by a burr that stands at each of `centers` [mm] for `ticks`."""
     before = bone.density.copy()
     contact = burrlab.BurrContact(bone, burrlab.Burr(radius), burrlab.materials["bone"], seed)
     contact.run(np.repeat(np.array(centers, float), ticks, axis=0), 1.0)
@@ -28,7 +28,7 @@ def cortex_and_nerve(bone, is_nerve):
 
 
 def parcels(count, seed=1):
-    """As the effects give them, around the origin."""
+    """Parcels as the effects give them, around the origin."""
     rng = np.random.default_rng(seed)
     made = np.zeros(
         count, [("position", "f8", 3), ("radius", "f8"), ("dust", "i8"), ("blood", "i8"), ("water", "i8")]
@@ -39,7 +39,7 @@ def parcels(count, seed=1):
 
 
 def write_trace(file, ticks=400):
-    """Writes it; returns its digest at the end."""
+    """Writes a trace; returns the bone's digest at its end."""
     bone = small_bone()
     record(file, make_records(bone, ticks))
     return bone.digest()
@@ -52,6 +52,6 @@ def read(path):
 
 
 def frames_in(path):
-    """Pictures in a GIF."""
+    """Number of pictures in a GIF."""
     with Image.open(path) as film:
         return film.n_frames

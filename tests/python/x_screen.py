@@ -1,4 +1,4 @@
-"""A virtual screen with what is shown on it, and hands: Xvfb, its framebuffer, and xdotool."""
+"""A virtual screen, its picture, and mouse and keys: Xvfb, its framebuffer, and xdotool."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 
 
 def need_screen() -> None:
-    """Skips a test, with the reason, where there is no virtual screen."""
+    """Skips a test, with the reason, without a virtual screen."""
     pytest.importorskip("pyvista", reason="needs the extra viz3d")
     for program in ("Xvfb", "xdotool"):
         if shutil.which(program) is None:
@@ -23,7 +23,7 @@ def need_screen() -> None:
 
 
 class Screen:
-    """A screen of its own; a context manager.
+    """A virtual screen; a context manager.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ class Screen:
         read, write = os.pipe()
         self.process = subprocess.Popen(
             ["Xvfb", "-displayfd", str(write), "-screen", "0", "1700x900x24", "-fbdir", str(folder), "-nolisten", "tcp",
-             "-noreset"],  # else it begins anew after each client that is the last one, and refuses those that come meanwhile
+             "-noreset"],  # else it restarts after its last client, and refuses others meanwhile
             pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         os.close(write)
         with os.fdopen(read) as said:
             self.name = f":{said.readline().strip()}"
-        # A test that drew without a screen in this process has told VTK so.
+        # An earlier test may have set VTK to draw without a screen.
         kept = os.environ.keys() - {"WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW"}
         self.environment = {**{name: os.environ[name] for name in kept}, "DISPLAY": self.name}
 
@@ -54,7 +54,7 @@ class Screen:
         self.process.wait(20)
 
     def picture(self) -> np.ndarray:
-        """What is shown now, (height, width, 3), of Xvfb's file in the format of xwd."""
+        """The present picture, (height, width, 3), from Xvfb's file in xwd format."""
         data = (self.folder / "Xvfb_screen0").read_bytes()
         header = np.frombuffer(data, ">u4", 25)
         width, height, line = int(header[4]), int(header[5]), int(header[12])
@@ -63,7 +63,7 @@ class Screen:
         return rows[:, : 4 * width].reshape(height, width, 4)[:, :, 2::-1].copy()
 
     def do(self, *arguments: object) -> str:
-        """xdotool; what it says."""
+        """Runs xdotool; returns its output."""
         done = subprocess.run(
             ["xdotool", *map(str, arguments)],
             env=self.environment,
@@ -74,7 +74,7 @@ class Screen:
         return done.stdout.strip()
 
     def drag(self, start: tuple[int, int], way: tuple[int, int]) -> None:
-        """With the left button, in ten steps."""
+        """Drags with the left button in ten steps."""
         self.do("mousemove", *start, "mousedown", 1)
         for _ in range(10):
             self.do("mousemove_relative", "--", way[0] // 10, way[1] // 10)
@@ -82,7 +82,7 @@ class Screen:
         self.do("mouseup", 1)
 
     def window(self, seconds: float = 60.0) -> int:
-        """The number of the window that is shown, once one is."""
+        """Number of the window, once one is shown."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if found := self.do("search", "--onlyvisible", "--name", "burrlab"):
@@ -91,7 +91,7 @@ class Screen:
         raise AssertionError("no window")
 
     def close_window(self, window: int) -> None:
-        """As a click on the cross of its frame does: asks it to close."""
+        """Asks a window to close, as a click on the cross of its frame does."""
         library = ctypes.CDLL(ctypes.util.find_library("X11"))
         library.XOpenDisplay.restype = ctypes.c_void_p
         library.XInternAtom.restype = ctypes.c_ulong

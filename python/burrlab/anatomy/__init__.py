@@ -1,4 +1,4 @@
-"""Anatomy: tissues, phantoms, and the distance to what must not be touched."""
+"""Anatomy: tissues, phantoms, and distances to critical structures."""
 
 from burrlab.common.face import face
 

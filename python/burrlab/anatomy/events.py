@@ -1,4 +1,4 @@
-"""What a watch saw: tables at known places in a trace, and events that print as a sentence."""
+"""Results of a watch: tables at known places in a trace, and events that print as a sentence."""
 
 from __future__ import annotations
 
@@ -47,7 +47,8 @@ DOSE_DTYPE = _renamed(_core.watch_dose_dtype, _DOSE)
 
 @dataclass(frozen=True, eq=False)
 class Watched:
-    """What a watch has seen. `events` (n,) EVENT_DTYPE; `doses` (burrs, structures) DOSE_DTYPE; `removed` levels a tissue."""
+    """Results of a watch: `events` (n,) EVENT_DTYPE, `doses` (burrs, structures) DOSE_DTYPE, `removed` levels
+    by tissue."""
 
     events: NDArray[np.void]
     doses: NDArray[np.void]
@@ -58,7 +59,7 @@ class Watched:
 
     @classmethod
     def of(cls, seen: Mapping[str, Any], removed: NDArray[np.int64]) -> Watched:
-        """What `AnatomyWatch.seen` gives, bit for bit."""
+        """The results of `AnatomyWatch.seen`, bit for bit."""
         return cls(
             _read_only(seen["events"].view(EVENT_DTYPE)), _read_only(seen["doses"].view(DOSE_DTYPE)), removed,
             seen["gaps"], seen["ticks_passed_over"], seen["events_lost"],
@@ -71,7 +72,7 @@ class Watched:
 
 
 def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> dict[str, h5py.Dataset]:
-    """Makes the group of a watch and its datasets but `events`; there is no event yet."""
+    """Makes the group of a watch and its datasets except `events`."""
     group = file.create_group(GROUP)
     group.create_dataset("settings", data=np.bytes_(settings.encode()))
     structures = len(json.loads(settings)["structures"])
@@ -85,9 +86,9 @@ def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> di
 
 
 class WatchWriter:
-    """Writes events as they come, and the sums at the end; OSError where the disk does not take them.
+    """Writes events as they come, and the sums at the end. OSError if the disk fails.
 
-    `places` says where in the file the bytes of each dataset of the watch go.
+    `places` are the byte offsets of the watch's datasets in the file.
     """
 
     def __init__(self, places: Mapping[str, int]) -> None:
@@ -119,7 +120,7 @@ class WatchWriter:
         _write(file, np.uint64(self._recorded), self._places["events_recorded"])
 
     def finish(self, file: int) -> None:
-        """Writes the sums, and then the flag that says that they are there."""
+        """Writes the sums, and then the flag that they are there."""
         if (sums := self._sums) is not None:
             parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
             for name, values in {**parts, "summed": np.uint8(1)}.items():
@@ -127,7 +128,7 @@ class WatchWriter:
 
 
 def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | None, NDArray[np.void]]:
-    """(settings, what was seen if the session came to its end, events); empty without a watch."""
+    """(settings, results if the session came to its end, events); empty without a watch."""
     if GROUP not in file:
         return {}, None, np.zeros(0, EVENT_DTYPE)
     group = file[GROUP]
@@ -167,26 +168,26 @@ def _write(file: int, values: Any, at: int) -> None:
 
 @dataclass(frozen=True)
 class AnatomyEvent:
-    """Something that happened near a structure.
+    """An event near a structure.
 
     Attributes
     ----------
     kind : {"approach", "touch", "injury", "away"}
     tick : int
-        Its index.
+        Tick index.
     structure : str
     burr : int or None
         None: an injury in ticks that were passed over.
     on : bool
-        The burr turned.
+        Whether the burr turned.
     distance : float
-        Of the burr's surface [mm]; infinite where nobody looked.
+        Distance of the burr's surface [mm]; infinite if not looked at.
     force : float
         Magnitude of the model's force [N].
     removed : float
-        From the structure since the session began, by all burrs [mm^3].
+        Removed from the structure since the session began, by all burrs [mm^3].
     center : (float, float, float)
-        Of the burr [mm].
+        Burr centre [mm].
     """
 
     kind: str
@@ -210,7 +211,7 @@ class AnatomyEvent:
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, units in the names; None where there is no number."""
+        """A dict for JSON, units in the names; None where there is no number."""
         return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __str__(self) -> str:

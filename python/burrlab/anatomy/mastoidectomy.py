@@ -1,4 +1,4 @@
-"""A scripted mastoidectomy: the burr's way through a planned cavity, layer by layer."""
+"""A scripted mastoidectomy: the burr's path through a planned cavity, layer by layer."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from burrlab.common.table import by_value
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Voxels on which a way is planned are at least this large [burr radii].
+#: Least size of the voxels on which a path is planned [burr radii].
 COARSE = 0.1
-#: Speed between two cuts over that in a cut, and how far the burr is lifted off the bone for it [mm]; ours.
+#: Ratio of the speed between cuts to that in a cut, and lift off the bone between cuts [mm]; ours.
 RAPID, LIFT = 3.0, 1.0
 
 
 @by_value
 @dataclass(frozen=True)
 class BurrPath:
-    """Places of the burr's centre in time, and whether the burr turns there.
+    """The burr's centre over time, and whether the burr turns.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class BurrPath:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Duration [s]."""
         return float(self.time[-1])
 
     def device(self) -> ScriptedDevice:
@@ -71,26 +71,28 @@ def mastoidectomy_path(
     speed: float = 20.0,
     depth: float | None = None,
 ) -> BurrPath:
-    """Cuts the planned cavity of a phantom from the surface down, in layers: parallel strokes, then once along the edge.
+    """A burr's path through the planned cavity of a phantom, in layers from the surface down.
+
+    A layer has parallel strokes, and then one round along its edge.
 
     Parameters
     ----------
     phantom : Phantom
     burr : Burr
     layer : float, optional
-        Between layers [mm]; default a quarter of the radius.
+        Distance between layers [mm]; default: a quarter of the radius.
     step : float, optional
-        Between strokes of a layer [mm]; default half the radius.
+        Distance between strokes of a layer [mm]; default: half the radius.
     speed : float
-        In a cut [mm/s].
+        Speed in a cut [mm/s].
     depth : float, optional
-        Of the burr's tip below the spine of Henle at which to stop [mm]; default the whole cavity.
+        Last depth of the burr's tip below the spine of Henle [mm]; default: the whole cavity.
 
     Returns
     -------
     BurrPath
-        The burr never turns where it would touch bone outside the planned cavity, to within a voxel. What it
-        cannot reach without, corners that are sharper than it, is left.
+        The burr never turns where it would touch bone outside the planned cavity, to within a voxel. So it
+        leaves corners that are sharper than itself.
 
     Raises
     ------
@@ -99,8 +101,8 @@ def mastoidectomy_path(
 
     Notes
     -----
-    A burr that goes where it is sent, whatever the force: with a spring between device and burr, or a slower
-    burr, less is removed. Layers, strokes and speed are ours.
+    The burr is taken to go where it is sent, whatever the force. A spring between device and burr, or a
+    slower burr, removes less. Layers, strokes and speed are ours.
     """
     layer = burr.radius / 4 if layer is None else layer
     step = burr.radius / 2 if step is None else step
@@ -120,7 +122,7 @@ def mastoidectomy_path(
     refuse(not rows, f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
     center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     length = np.linalg.norm(np.diff(center, axis=0), axis=1)
-    # ScriptedDevice wants times that increase, also where a point comes twice.
+    # ScriptedDevice needs increasing times, even where a point comes twice.
     taken = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
     on[-1] = False
     flip = np.array([plan.sign, 1.0, 1.0])
@@ -129,10 +131,10 @@ def mastoidectomy_path(
 
 @dataclass(frozen=True)
 class _Plan:
-    """Where the burr's centre may be, in a frame whose x grows with depth."""
+    """Allowed places of the burr's centre, in a frame whose x grows with depth."""
 
-    room: Floats  # from the burr's surface to what is not to be cut (z, y, x), of its centre [mm]
-    cuts: Mask  # where it may be and reaches planned bone
+    room: Floats  # (z, y, x) of the centre: distance of the burr's surface to what must not be cut [mm]
+    cuts: Mask  # where the centre may be and the burr reaches planned bone
     spacing: Floats  # (x, y, z)
     origin: Floats
     sign: float
@@ -155,7 +157,7 @@ class _Plan:
         origin = start + spacing * [n // 2 for n in thin]
         spacing = spacing * thin
         refuse(not target.any(), "phantom must hold some of the planned cavity, got a box with none of it")
-        # The burr needs room beside the bone too, and above it.
+        # The burr needs room beside and above the bone too.
         pad = math.ceil(2.0 * radius / spacing[0]) + 2
         target, bone = (np.pad(a, ((0, 0), (0, 0), (pad, 0))) for a in (target, bone))
         origin[0] -= pad * spacing[0]
@@ -175,7 +177,7 @@ class _Plan:
         return float(self.room[z, y, x])
 
     def strokes(self, x: float, step: float) -> list[Floats]:
-        """Polylines (n, 3) along which the burr cuts at that depth: to and fro along y, then around."""
+        """Polylines (n, 3) along which the burr cuts at depth x: to and fro along y, then around."""
         k = round((x - self.origin[0]) / self.spacing[0])
         if not 0 <= k < self.room.shape[2] or not self.cuts[:, :, k].any():
             return []
@@ -197,8 +199,8 @@ class _Plan:
         return np.asarray(self.origin + self.spacing * np.column_stack([np.full(len(z), k), y, z]))
 
     def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
-        """Rows that bring the burr to a stroke: straight where the way is clear, else up and over without turning."""
-        if here is not None:  # straight, where all of the way is clear
+        """Rows that bring the burr to a stroke: straight if the way is clear, else lifted and not turning."""
+        if here is not None:  # straight, if all of the way is clear
             count = int(np.max(np.abs(there - here) / self.spacing)) + 2
             way = (here + t * (there - here) for t in np.linspace(0.0, 1.0, count))
             if all(self._room_at(place) > 0 for place in way):
@@ -211,6 +213,6 @@ class _Plan:
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """Begin and end of each run of at least two."""
+    """Begin and end of each run of at least two true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]

@@ -1,4 +1,4 @@
-"""What burrs did near critical structures: how near, how long and with what force, and which tissues they removed."""
+"""Reports on burrs near critical structures: distance, time and force, and the tissues removed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-#: Distances that time is counted within [mm], and those that force is looked at within [mm].
+#: Distances within which time is counted [mm], and within which force is looked at [mm].
 WITHIN: tuple[float, ...] = tuple(_core.dose_edges)
 NEAR: tuple[float, ...] = tuple(_core.dose_near)
 
@@ -42,17 +42,17 @@ class Dose:
     closest : float
         Smallest distance of the burr's surface [mm]; infinite if it never came within the field's reach.
     closest_tick : int or None
-        When it was there first.
+        First tick at this distance.
     closest_center : (float, float, float) or None
-        Of the burr then [mm].
+        Burr centre then [mm].
     time_within, turning_within : dict
         Distance [mm] -> time that the surface was at most so far [s]; the second with the burr on.
     touching : float
         Time at most `touch` away [s].
     removed : float
-        From the structure by this burr [mm^3].
+        Removed from the structure by this burr [mm^3].
     mean_force, peak_force : dict
-        Distance [mm] -> magnitude of the model's force, mean over the time and largest there [N]; NaN and 0
+        Distance [mm] -> mean over time and largest magnitude of the model's force within it [N]; NaN and 0
         without time.
     """
 
@@ -87,12 +87,12 @@ class Dose:
         )  # fmt: skip
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, units in the names; None where there is no number."""
+        """A dict for JSON, units in the names; None where there is no number."""
         return cast("dict[str, Any]", _CODEC.plain(self))
 
 
 def dose_table(doses: Sequence[Dose]) -> str:
-    """Two lines a burr and structure, as text: what came near with what force, and for how long."""
+    """Text with two lines for each burr and structure: distance and force, then times."""
     width = max([len(d.structure) for d in doses] + [9]) + 2
     shown = WITHIN[1:]
     lines = [
@@ -118,7 +118,7 @@ def dose_table(doses: Sequence[Dose]) -> str:
 def dose_figure(
     doses: Sequence[Dose], colours: Mapping[str, tuple[int, int, int]], figure: Figure | None = None
 ) -> list[Axes]:
-    """Time within a distance, a line a structure (dashed: the second burr), and forces near it."""
+    """Charts of time within a distance, a line a structure (dashed: second burr), and of forces near it."""
     figure = new_figure(6.4, 5.6) if figure is None else figure
     top, bottom = figure.subplots(2, 1)
     for d in doses:
@@ -142,32 +142,32 @@ def dose_figure(
     bottom.invert_yaxis()
     bottom.set(xlabel="force [N]", xlim=(0, None))
     if doses:
-        # above the bars, since there may be bars all over
+        # above the bars, which may fill the chart
         bottom.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return [tidy(axes) for axes in (top, bottom)]
 
 
-#: Least that the report calls a touch [s] and an injury [mm^3]; ours. A hand does not answer to a shorter
-#: contact. A segmentation knows its surface to half a voxel: at 0.2 mm a dent of that depth h, by a burr of R
-#: = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
+#: Least time that the report calls a touch [s], and least volume for an injury [mm^3]; ours. A hand does not
+#: answer to a shorter contact. A segmentation knows its surface to half a voxel: at 0.2 mm a dent of that
+#: depth h, by a burr of R = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
 TOUCH_TIME, INJURY_VOLUME = 0.1, 0.1
 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class AnatomyReport:
-    """What burrs did near critical structures, and which tissues they removed.
+    """Report on burrs near critical structures, and on the tissues removed.
 
     Attributes
     ----------
     structures : tuple of str
-        That were watched; none without a watch.
+        Watched structures; none without a watch.
     settings : dict
-        Of the watch.
+        Settings of the watch.
     tissues : tuple of str
     watched : Watched
-        The numbers behind it all, as a trace keeps them.
+        The numbers behind the report, as a trace keeps them.
     period : float
-        Of the loop [ms].
+        Loop period [ms].
     voxel_volume : float
         [mm^3]
     """
@@ -189,7 +189,7 @@ class AnatomyReport:
         period: float,
         voxel_volume: float,
     ) -> AnatomyReport:
-        """The report of what a watch with these settings saw in a bone of these tissues. Empty settings mean that there was none."""
+        """The report of a watch with these settings in a bone of these tissues. Empty settings: no watch."""
         return cls(
             tuple(row["name"] for row in settings.get("structures", ())), dict(settings), tuple(t.name for t in tissues),
             watched, period, voxel_volume, {t.name: t.colour for t in tissues},
@@ -197,7 +197,7 @@ class AnatomyReport:
 
     @classmethod
     def recorded(cls, trace: Any) -> AnatomyReport | None:
-        """What the session itself said; None if it had no watch or did not come to its end."""
+        """The report of the session itself; None if it had no watch or did not come to its end."""
         if not hasattr(trace, "watched"):
             raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
         if trace.watched is None or trace.tissues is None:
@@ -227,7 +227,7 @@ class AnatomyReport:
         return {name: n * (self.voxel_volume / 255.0) for name, n in zip(self.tissues, levels, strict=True)}
 
     def touched(self, *, least: float = TOUCH_TIME) -> dict[str, float]:
-        """Time that burrs were within `touch` of structures, by name, where that is at least so long [s].
+        """Time that burrs were within `touch` of structures, by name, if at least `least` [s].
 
         Parameters
         ----------
@@ -237,24 +237,24 @@ class AnatomyReport:
         Raises
         ------
         ValueError
-            If it is negative or not finite.
+            If `least` is negative or not finite.
         """
         times = (self.watched.doses["touching"].sum(axis=0) * (self.period / 1000.0)).tolist()
         return _from(zip(self.structures, times, strict=True), dict.fromkeys(self.structures, least))
 
     def injured(self, *, least: float | None = None) -> dict[str, float]:
-        """Volume removed from watched structures, by name, where it is at least so much [mm^3].
+        """Volume removed from watched structures, by name, if at least `least` [mm^3].
 
         Parameters
         ----------
         least : float, optional
-            [mm^3], from 0. Default: of each structure the watch's own limit where that is above 0, else 0.1,
-            which is ours; events and doses have every injury, to the level.
+            [mm^3], from 0. Default: the watch's limit for the structure if above 0, else 0.1, which is ours.
+            Events and doses have every injury, to the level.
 
         Raises
         ------
         ValueError
-            If it is negative or not finite.
+            If `least` is negative or not finite.
         """
         from_ = self._injury_volumes if least is None else dict.fromkeys(self.structures, least)
         return _from(((name, self.removed[name]) for name in self.structures), from_)
@@ -265,7 +265,7 @@ class AnatomyReport:
         return {row["name"]: float(row["injury_mm3"]) or INJURY_VOLUME for row in rows}
 
     def dose(self, structure: str, burr: int = 0) -> Dose:
-        """What a burr did beside a structure.
+        """The dose of a burr beside a structure.
 
         Raises
         ------
@@ -290,11 +290,11 @@ class AnatomyReport:
         return self.settings == other.settings and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
     def table(self) -> str:
-        """Doses as text, a line a structure."""
+        """Doses as text."""
         return dose_table(self.doses)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, units in the names; None where there is no number."""
+        """A dict for JSON, units in the names; None where there is no number."""
         return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __str__(self) -> str:
@@ -327,7 +327,7 @@ class AnatomyReport:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Time that the burr's surface spent within a distance of each structure, and the force there."""
+        """Charts of the time within a distance of each structure, and of the force there."""
         return dose_figure(self.doses, self.colours, figure)
 
 
@@ -342,7 +342,7 @@ def _told(values: Mapping[str, float]) -> str:
 
 
 def nothing_watched(burrs: int, removed: NDArray[np.int64] | Sequence[int]) -> Watched:
-    """What is known without a watch: the levels removed of each tissue."""
+    """Results without a watch: only the levels removed of each tissue."""
     return Watched(
         np.zeros(0, EVENT_DTYPE), np.zeros((burrs, 0), DOSE_DTYPE), np.asarray(removed, dtype=np.int64)
     )

@@ -1,4 +1,4 @@
-"""What was removed against what was to be removed, by tissue."""
+"""Comparison of the removed bone with a target, by tissue."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-#: Voxels that are read at a time, which bounds the memory.
+#: Voxels read at a time, to bound the memory.
 AT_A_TIME = 4_000_000
 _PARTS = ("overlap", "missed", "excess")
 _COLOURS = ("#009E73", "#E69F00", "#D55E00")
@@ -36,7 +36,7 @@ class TargetComparison:
     Attributes
     ----------
     tissues : tuple of str
-        Those of which there is anything in the region or removed; "bone" where the bone has no tissues.
+        Tissues in the region or removed; "bone" if the bone has no tissues.
     overlap : ndarray
         Removed inside the region, by tissue [mm^3 of solid bone], as `VoxelBone.removed`.
     missed : ndarray
@@ -44,7 +44,7 @@ class TargetComparison:
     excess : ndarray
         Removed outside [mm^3].
     volume : float
-        Of the region, whatever is in it [mm^3].
+        Volume of the region, whatever is in it [mm^3].
     """
 
     tissues: tuple[str, ...]
@@ -74,7 +74,7 @@ class TargetComparison:
         return 2.0 * float(self.overlap.sum()) / (self.planned + self.removed)
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, units in the names."""
+        """A dict for JSON, units in the names."""
         return cast("dict[str, Any]", _CODEC.plain(self))
 
     def table(self) -> str:
@@ -135,21 +135,20 @@ def compare_with_target(
 ) -> TargetComparison:
     """Overlap, missed and excess volume of what was removed from a bone.
 
-    With q the level of a voxel now and p its pristine one, in units of 255 levels: overlap = sum of p - q
-    over the region, missed = sum of q over the region, excess = sum of p - q over the rest. Sums of whole
-    numbers, exact.
+    With q the present and p the pristine level of a voxel, in units of 255 levels: overlap = sum of p - q
+    over the region, missed = sum of q over the region, excess = sum of p - q over the rest. The sums are
+    exact, of whole numbers.
 
     Parameters
     ----------
     bone : VoxelBone
-        As it is now; its pristine levels tell what it was.
+        The bone after removal; its pristine levels are its state before.
     target : ndarray of bool, shape (z, y, x), or LabelVolume
-        The region that was to be removed; of a label volume all voxels that are not 0, on the bone's own
-        grid.
+        The region to remove. In a label volume: all voxels that are not 0, on the bone's own grid.
     onto : bool
-        Bring a label volume on the voxels of the bone first, as `LabelVolume.on`: a plan drawn in a CT of
-        which the bone is made with finer voxels, or one that covers a part of it. Its axes must be those of
-        the volume that the bone is of.
+        Bring a label volume onto the bone's voxels first, as `LabelVolume.on` does: a plan drawn in a CT with
+        coarser voxels, or one that covers a part of the bone. Its axes must be those of the volume that the
+        bone was made of.
 
     Returns
     -------
@@ -158,8 +157,8 @@ def compare_with_target(
     Raises
     ------
     ValueError
-        If the target has not the bone's shape or grid, is not of bool, has labels below 0 or more than 64 of
-        them, or there is no bone in it.
+        If the target does not have the bone's shape or grid, is not of bool, has labels below 0 or more than
+        64 labels, or holds no bone.
 
     Examples
     --------
@@ -211,7 +210,7 @@ def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> 
             labels is None, "target must be a LabelVolume to be brought onto the bone's voxels, got an array"
         )
         target = cast("LabelVolume", target)
-        # The bone's voxels in the target's own coordinates, one zero seen from all of them.
+        # The bone's grid in the target's coordinates, filled with one broadcast zero.
         grid = replace(
             target, labels=np.broadcast_to(np.uint8(0), bone.shape), spacing=np.array(bone.spacing),
             origin=target.patient_point(np.array(bone.origin)), path="the bone",
@@ -233,7 +232,7 @@ def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> 
 def _check_grid(bone: VoxelBone, target: Any) -> None:
     spacing, origin = np.asarray(target.spacing), np.asarray(target.bone_point(target.origin))
     step = np.asarray(bone.spacing)
-    # A hundredth of a voxel: what headers lose by rounding.
+    # Tolerance: a hundredth of a voxel, for rounding in headers.
     far = np.abs(spacing - step) * np.array(bone.shape[::-1]) > 0.01 * step
     far |= np.abs(origin - bone.origin) > 0.01 * step
     refuse(

@@ -1,4 +1,4 @@
-"""What is watched in a session: critical structures, fields of the distance to them, and when nearness is told."""
+"""The watch of a session: critical structures, distance fields, and the limits for events."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ MARGIN = 15.0  # about the structure [mm]
 def structure_distances(
     bone: VoxelBone, tissues: Sequence[int], progress: Callable[[float], object] | None = None
 ) -> list[StructureDistance]:
-    """The distance to each of some structures.
+    """Distance fields of structures, one each.
 
     Parameters
     ----------
     bone : VoxelBone
         With tissues.
     tissues : sequence of int
-        Their numbers.
+        Tissue numbers.
     progress : callable, optional
         Called with the part done, 0 to 1, after each.
 
     Raises
     ------
     ValueError
-        If the bone has no tissues, a number is not of one, or no voxel carries it.
+        If the bone has no tissues, a number is not of a tissue, or no voxel carries it.
 
     Notes
     -----
-    Nodes lie 0.4 mm apart and reach 15 mm beyond the box around the structure. A node near a voxel of it is
-    marked; the Euclidean distance transform of the marks is wrong by at most half a diagonal of the nodes'
-    cell and half a diagonal of a voxel. Nodes that may be nearer than 8 mm are then searched among the
-    voxels, exactly.
+    Nodes lie 0.4 mm apart and reach 15 mm beyond the box around the structure. A node near a voxel of the
+    structure is marked. The Euclidean distance transform of the marks errs by at most half a diagonal of the
+    nodes' cell plus half a diagonal of a voxel. For nodes that may be nearer than 8 mm, a search among the
+    voxels then gives the exact distance.
     """
     searches = [StructureSearch(bone, tissue) for tissue in tissues]
     numbers = bone.tissue_numbers
@@ -77,7 +77,7 @@ def _field(
 
 
 def _estimate(empty: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Distance of each node to the nearest that is not empty [mm]; slice by slice, which saves memory."""
+    """Distance of each node to the nearest that is not empty [mm]; slice by slice, to save memory."""
     nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
     estimate = np.empty(empty.shape, np.float32)
     y, x = np.ogrid[: empty.shape[1], : empty.shape[2]]
@@ -96,7 +96,7 @@ _APPROACH, _TOUCH, _INJURY, _HYSTERESIS = 2.0, 0.0, 0.0, 0.5  # ours
 
 @dataclass(frozen=True)
 class Limits:
-    """When nearness to a structure is told: distances of the burr's surface [mm], volume removed [mm^3]."""
+    """Limits for events at a structure: distances of the burr's surface [mm], volume removed [mm^3]."""
 
     approach: float
     touch: float
@@ -104,20 +104,19 @@ class Limits:
 
 
 class Watch:
-    """Critical structures of a bone, with fields of the distance to them; for `Session(..., watch=...)`.
+    """Critical structures of a bone, with distance fields, for `Session(..., watch=...)`.
 
     Parameters
     ----------
     bone : VoxelBone
-        With tissues; the session's, or one that it is a copy of.
+        With tissues: the session's, or the bone that it was copied from.
     approach, touch : float or {name: float}
-        Distances of the burr's surface to a structure as segmented, at which its approach and a touch are
-        told [mm]. A structure without an entry has the default: 2 and 0 mm, ours.
+        Distances of the burr's surface to the segmented structure at which an approach and a touch are told
+        [mm]. A structure without an entry has the default: 2 and 0 mm, ours.
     injury : float or {name: float}
-        An injury is told once more than this was removed from the structure [mm^3]; default 0, the first
-        level.
+        Volume removed from the structure above which an injury is told [mm^3]; default 0, the first level.
     hysteresis : float
-        That the burr goes beyond a distance before it can be told again [mm]; the default is ours.
+        Distance beyond a limit that the burr must reach before an event is told again [mm]; default ours.
     structures : sequence of str, optional
         Names of tissues; default: all that are critical and have voxels.
     progress : callable, optional
@@ -132,13 +131,13 @@ class Watch:
     Raises
     ------
     ValueError
-        If the bone has no tissues or no critical one, there is no tissue of a name, no voxel of a structure,
-        or the limits are out of order: 0 <= touch <= approach, approach + hysteresis + radius at most 15 mm.
+        If the bone has no tissues or no critical one, a name is not a tissue's, a structure has no voxel, or
+        the limits are out of order: 0 <= touch <= approach, approach + hysteresis + radius at most 15 mm.
 
     Notes
     -----
-    A structure is all voxels that carry its label, as boxes, whatever bone was or is in them.
-    `docs/anatomy.md` has the definitions and the errors.
+    A structure is all voxels with its label, as boxes, whatever bone was or is in them. `docs/anatomy.md` has
+    the definitions and the errors.
 
     Examples
     --------
@@ -194,7 +193,7 @@ class Watch:
 
     @classmethod
     def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> Watch:
-        """The watch that had these settings, on an equal bone. ValueError, KeyError or TypeError where they are none."""
+        """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
         rows = {row["name"]: row for row in settings["structures"]}
         keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
         limits: Any = {limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()}
@@ -203,7 +202,7 @@ class Watch:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """For JSON, units in the names."""
+        """The settings for JSON, units in the names."""
         rows = [
             {"name": name, "approach_mm": limit.approach, "touch_mm": limit.touch, "injury_mm3": limit.injury}
             for name, limit in zip(self.structures, self.limits, strict=True)
@@ -212,7 +211,7 @@ class Watch:
                 "voxel_volume_mm3": self._voxel_volume}  # fmt: skip
 
     def core(self, radii: Sequence[float]) -> AnatomyWatch:
-        """A watch of the core for burrs of these radii [mm], which has seen nothing. ValueError where limits are out of order."""
+        """A new watch of the core for burrs of these radii [mm]. ValueError if limits are out of order."""
         rows = [
             (distance, limit.approach, limit.touch, limit.injury, self.hysteresis)
             for distance, limit in zip(self._distances, self.limits, strict=True)
@@ -220,7 +219,7 @@ class Watch:
         return AnatomyWatch(rows, [float(radius) for radius in radii])
 
     def distance(self, centers: ArrayLike, structure: str, *, radius: float = 0.0) -> NDArray[np.float64]:
-        """Distance of the surface of a sphere to a structure, as the events have it.
+        """Distance of the surface of a sphere to a structure, as in events.
 
         Parameters
         ----------
@@ -233,7 +232,7 @@ class Watch:
         Returns
         -------
         ndarray, shape (...)
-            [mm], at least -radius; infinite farther from the structure than its field reaches.
+            [mm], at least -radius; infinite beyond the structure's field.
 
         Raises
         ------
@@ -252,7 +251,7 @@ class Watch:
 
 
 def check_structure(structure: str, structures: Sequence[str]) -> None:
-    """ValueError unless a structure is one of those that are watched."""
+    """ValueError unless the structure is watched."""
     refuse(
         structure not in structures, f"structure must be one of {', '.join(structures)}, got '{structure}'"
     )

@@ -1,4 +1,4 @@
-"""The secondary effects beside a running session, or on a replica of one."""
+"""Secondary effects beside a running session, or on a replica of one."""
 
 from __future__ import annotations
 
@@ -28,37 +28,35 @@ DEFAULT_BUDGET = 0.020  # [s]
 
 
 class Companion:
-    """Runs effects in a thread of their own, fed by the session's follower or a replica; the loop is not
-    touched.
+    """Runs effects in their own thread, fed by the session's follower or a replica; the loop is untouched.
 
     Parameters
     ----------
     session : Session or Replica
-        A session started or not, a replica started. Bone that is gone by now made no dust, so a companion
-        that is to see all of it is made first.
+        A session, started or not, or a started replica. Bone that is gone already makes no dust. For all
+        dust, make the companion before the session starts.
     rate : float
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
-        Of a frame [s]; None: it takes what it takes.
+        Time limit of a frame [s]; None: no limit.
     realtime : bool
-        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because
-        other programs run; only with a budget that is at most half of a period. `realtime_notes` says what
-        was granted.
+        Asks for a priority above ordinary threads and below the loop's, so that other programs do not delay
+        frames. Only with a budget of at most half a period. `realtime_notes` says what was granted.
     camera : Camera, optional
         For `hidden_fraction`.
     nozzle, sucker, parameters, seed, down, spin
-        As in `Effects`. A nozzle that moves with a burr gives no water before the first tick.
+        As for `Effects`. A nozzle that moves with a burr gives no water before the first tick.
 
     Raises
     ------
     ValueError
-        If the rate or the budget is out of range, the replica was not started, or it is started twice.
+        If rate or budget is out of range, the replica was not started, or the companion is started twice.
 
     Notes
     -----
-    It ends by itself one frame after the session has ended, so that all that was removed has become dust, or
-    when a session that was never started is gone. A session
-    on a virtual clock is followed on the wall clock all the same.
+    A companion ends by itself one frame after the session, when all removed bone has become dust. It also
+    ends when a session that was never started is gone. It keeps the wall clock even if the session has a
+    virtual clock.
 
     Examples
     --------
@@ -109,17 +107,17 @@ class Companion:
         self.set_sucker(sucker)
 
     def start(self) -> Companion:
-        """Starts its thread. ValueError the second time."""
+        """Starts the thread. ValueError the second time."""
         self._core.start()
         return self
 
     def stop(self) -> None:
-        """Ends it after the current frame. Further calls do nothing, nor does a call in a fork."""
+        """Ends the thread after the current frame. Further calls, and calls in a fork, do nothing."""
         if self._process == os.getpid():
             self._core.stop()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Waits until it has ended, at most so long [s]; returns whether it has. Can be interrupted."""
+        """Waits at most `seconds` [s] for the thread's end; returns whether it came. Can be interrupted."""
         left = float("inf") if seconds is None else seconds
         while left > 0 and not self._core.wait(min(left, 0.1)):
             left -= 0.1
@@ -149,24 +147,23 @@ class Companion:
 
     @property
     def error(self) -> str:
-        """The error that ended it; empty if none did."""
+        """The error that ended the thread; empty if none did."""
         return self._core.error
 
     @property
     def realtime_notes(self) -> list[str]:
-        """A sentence for each thing that the system was asked for, granted or not; empty before the first
-        frame."""
+        """A sentence for each right asked of the system, granted or not; empty before the first frame."""
         return self._core.realtime_notes
 
     @property
     def first_tick(self) -> int:
-        """Tick of the bone that it began with."""
+        """Tick of the bone at the companion's beginning."""
         return self._core.first_tick
 
     @property
     def frames(self) -> list[FrameRecord]:
-        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes
-        them again."""
+        """(seconds, tick, decision) of all frames so far; `effects_of(player, effects, frames=...)` repeats
+        them."""
         return self._core.frames
 
     @property
@@ -175,7 +172,7 @@ class Companion:
         return self._core.quantum
 
     def newest(self) -> dict[str, Any]:
-        """Values of one frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's
+        """Values of the newest frame: frame (made so far), tick, parcels, balance, removed (levels by tissue
         number), bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
         raw = self._core.newest()
         raw["balance"] = to_balance(raw["balance"], self.quantum)
@@ -190,8 +187,7 @@ class Companion:
 
     @property
     def hidden(self) -> float:
-        """Part of burr 0 that is hidden in the newest frame; nan without a camera or before the first
-        tick."""
+        """Hidden part of burr 0 in the newest frame; nan without a camera or before the first tick."""
         return float(self._core.newest()["hidden"])
 
     def balance(self) -> dict[str, SubstanceBalance]:
@@ -199,7 +195,7 @@ class Companion:
         return to_balance(self._core.newest()["balance"], self.quantum)
 
     def report(self) -> EffectsReport:
-        """Frames, what they took in all (asking the follower, moving, copying out) and what was given up."""
+        """Frames, their whole time (asking the follower, moving, copying out), and what was given up."""
         return EffectsReport(budget=self.budget, **self._core.newest()["report"])
 
     def __repr__(self) -> str:
@@ -208,6 +204,6 @@ class Companion:
 
 
 def _nobody_starts(loop: HapticLoop, follower: Follower) -> None:
-    """Ends what waits for the start of a session that is gone."""
+    """Ends the wait for the start of a session that is gone."""
     if not loop.started:
         follower.stop()

@@ -16,35 +16,36 @@ from burrlab.common.check import real, refuse, require_type, whole
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.player import TracePlayer
 
-#: (merge_to, sub_steps, done): what the clock decided in a frame.
+#: (merge_to, sub_steps, done): the clock's decision in a frame.
 Decision = tuple[int, int, int]
-#: (seconds, tick, decision): what a companion's frame was made of.
+#: (seconds, tick, decision): inputs of a companion's frame.
 FrameRecord = tuple[float, int, Decision]
 BurrAt = tuple[ArrayLike, float]
 
 
 class Effects:
-    """What a burr leaves in the field of view: dust, blood, water, paste.
+    """Dust, blood, water and paste in the field of view.
 
-    Parcels carry integer quanta of mass, one level of one voxel, so that for each substance, after every
-    frame, made = present + sucked + drained exactly.
+    Parcels carry integer quanta of mass; a quantum is one level of one voxel. For each substance, after
+    every frame, made = present + sucked + drained exactly.
 
     Parameters
     ----------
     bone : VoxelBone
-        Its levels are copied; bone that is gone by then made no dust. Blood needs tissues that bleed.
+        Its levels are copied. Bone that is gone by then makes no dust. Blood needs tissues that bleed.
     parameters : EffectParameters, optional
-        Defaults are assumed.
+        The default values are assumed.
     seed : int, optional
-        None draws one; `seed` tells it.
+        Default: a random one; the attribute `seed` holds it.
     down, spin : (x, y, z)
-        Direction of gravity; axis that the burrs turn about, right-handed. Both assumed.
+        Direction of gravity; axis that the burrs turn about, right-handed. Both are assumed.
     camera : Camera, optional
-        For `hidden`. An attribute too, read at each frame.
+        For `hidden`. Also an attribute, read at each frame.
     nozzle : Nozzle, optional
     sucker : Sucker, optional
     budget : float, optional
-        Of a frame [s]; without it nothing depends on the clock, and the same frames give the same parcels.
+        Time limit of a frame [s]. Without it nothing depends on the clock: the same frames give the same
+        parcels.
 
     Raises
     ------
@@ -93,7 +94,7 @@ class Effects:
 
     @property
     def nozzle(self) -> Nozzle | None:
-        """The nozzle; another one counts from the next frame on."""
+        """The nozzle. A new one counts from the next frame on."""
         return self._core.nozzle
 
     @nozzle.setter
@@ -102,7 +103,7 @@ class Effects:
 
     @property
     def sucker(self) -> Sucker | None:
-        """The sucker; another one counts from the next frame on."""
+        """The sucker. A new one counts from the next frame on."""
         return self._core.sucker
 
     @sucker.setter
@@ -122,20 +123,20 @@ class Effects:
         Parameters
         ----------
         dt_s : float
-            That it stands for [s], at most 10.
+            Time that the frame stands for [s], at most 10.
         update : mapping, optional
-            What changed of the bone since the last frame, as `Follower.take` gives it: `bricks` (n, 3) (z, y,
+            Changes of the bone since the last frame, as `Follower.take` returns them: `bricks` (n, 3) (z, y,
             x), or their numbers (n,), and `density`, 512 levels each.
         burrs : list of (center, radius)
-            Where the burrs are [mm].
+            Places and radii of the burrs [mm].
         decision : (merge_to, sub_steps, done), optional
-            That of the same frame of another run, in place of the clock's.
+            Decision of the same frame in another run, in place of the clock's.
 
         Returns
         -------
         (int, int, int)
-            The decision: parcels at most before it moved them, sub-steps planned, sub-steps after which the
-            rest was made in one.
+            The decision: most parcels before they move, sub-steps planned, sub-steps after which the rest
+            was made in one.
 
         Raises
         ------
@@ -158,7 +159,7 @@ class Effects:
 
     @property
     def hidden(self) -> float:
-        """Part of burr 0 that is hidden in the newest frame; nan without a camera or a burr."""
+        """Hidden part of burr 0 in the newest frame; nan without a camera or a burr."""
         return self._hidden
 
     def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
@@ -170,7 +171,8 @@ class Effects:
 
     @property
     def parcels(self) -> NDArray[np.void]:
-        """A copy: position, velocity (3,) [mm], [mm/s], radius [mm], dust, blood, water [quanta], age [s]."""
+        """A copy of the parcels: position (3,) [mm], velocity (3,) [mm/s], radius [mm], dust, blood, water
+        [quanta], age [s]."""
         return self._core.parcels()
 
     @property
@@ -180,13 +182,13 @@ class Effects:
 
     @property
     def removed(self) -> list[int]:
-        """Levels removed since the beginning, by tissue's number; a single one without tissues; empty before
-        any."""
+        """Levels removed since the beginning, by tissue number; one value without tissues; empty before any
+        removal."""
         return self._core.removed
 
     @property
     def bleeding(self) -> float:
-        """Rate of all wounds now [mm^3/s]."""
+        """Present rate of all wounds [mm^3/s]."""
         return self._core.bleeding
 
     @property
@@ -199,7 +201,7 @@ class Effects:
         return to_balance(self._core.balance(), self.quantum)
 
     def hidden_fraction(self, camera: Camera, burr: BurrAt) -> float:
-        """Part of a burr's projected disc that parcels before it hide, 0 to 1.
+        """Part of a burr's projected disc that parcels in front of it hide, 0 to 1.
 
         Parameters
         ----------
@@ -210,8 +212,8 @@ class Effects:
         Returns
         -------
         float
-            The disc is sampled on 64 x 64 points of its frame; light passes a parcel as its opacity lets it.
-            nan where the burr is not in the picture.
+            Sampled at 64 x 64 points of the disc's frame, with the parcels' opacity. nan if the burr is not
+            in the picture.
 
         Raises
         ------
@@ -222,7 +224,7 @@ class Effects:
         return self._core.hidden(camera, real(center, "center of a burr"), float(real(radius, "radius")))
 
     def report(self) -> EffectsReport:
-        """Frames, what they took and what was given up."""
+        """Frames, their time, and what was given up."""
         return EffectsReport(budget=self.budget, **self._core.report())
 
     def __repr__(self) -> str:
@@ -249,15 +251,15 @@ def effects_of(
     Parameters
     ----------
     player : TracePlayer
-        Goes on from where it is; its bone now must be the one that `effects` was made with.
+        Begins at its present time, where its bone must be the one that `effects` was made with.
     effects : Effects
         Without a budget the same trace gives the same parcels.
     rate : float
         Frames a second of the trace [Hz].
     frames : list of (seconds, tick, decision), optional
-        `Companion.frames` of the session that was recorded, in place of the rate: with the companion's seed,
-        parameters, nozzle and sucker its parcels come out again, to the bit. What was changed while it ran
-        must be changed here too, between two frames.
+        `Companion.frames` of the recorded session, in place of the rate. With the companion's seed,
+        parameters, nozzle and sucker they give its parcels again, to the bit. Changes made during the session
+        must be made here too, between the same frames.
 
     Yields
     ------
@@ -291,7 +293,7 @@ def effects_of(
     return _made(player, effects, again)
 
 
-#: Bricks that changed, seconds that a frame stands for, what the clock decided.
+#: Bricks that changed, seconds that a frame stands for, the clock's decision.
 _Move = tuple[NDArray[np.uint32], float, Decision | None]
 
 

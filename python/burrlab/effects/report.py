@@ -1,4 +1,4 @@
-"""Reports of the secondary effects: each substance's account, and what was given up for time."""
+"""Reports of secondary effects: accounts of substances, and what was given up for time."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 @dataclass(frozen=True)
 class SubstanceBalance:
-    """One substance's account, in quanta: one level of one voxel, dV/255.
+    """One substance's account in quanta of one level of one voxel, dV/255.
 
     Attributes
     ----------
     made : int
-        By the burr, a wound or the nozzle.
+        Made by the burr, a wound or the nozzle.
     present : int
-        In parcels, added up anew.
+        In parcels; summed up anew.
     sucked : int
         Taken up by the sucker.
     drained : int
-        Gone out of the box around the volume.
+        Left the box around the volume.
     quantum : float
         [mm^3]
     """
@@ -32,11 +32,11 @@ class SubstanceBalance:
 
     @property
     def exact(self) -> bool:
-        """made = present + sucked + drained."""
+        """Whether made = present + sucked + drained."""
         return self.made == self.present + self.sucked + self.drained
 
     def volumes(self) -> dict[str, float]:
-        """The same in mm^3."""
+        """The account in mm^3."""
         return {name: getattr(self, name) * self.quantum for name in ("made", "present", "sucked", "drained")}
 
     def __str__(self) -> str:
@@ -46,30 +46,29 @@ class SubstanceBalance:
 
 @dataclass(frozen=True, repr=False)
 class EffectsReport:
-    """Frames, what they took and what was given up.
+    """Frames, their time, and what was given up.
 
     Attributes
     ----------
     frames : int
-        Made so far.
+        Frames made so far.
     budget : float or None
-        Of a frame [s].
+        Time limit of a frame [s].
     over_budget : int
         Frames that took longer, on the wall clock.
     coarse, cut : int
         Frames planned with fewer sub-steps than asked for; frames whose last sub-steps became one.
     skipped : int
-        Frames that one that came late stood for besides itself.
+        Frames that late ones stand for.
     crowded, merged : int
-        Frames that merged parcels to save time; parcels that went into others, to save time or at the limit.
+        Frames that merged parcels to save time; parcels merged into others, to save time or at the limit.
     sub_steps_least, sub_steps_most : int
     sub_steps_mean : float
-        Of a frame.
+        Sub-steps of a frame.
     parcels_most : int
-        At the end of a frame.
+        Most parcels at the end of a frame.
     wall_ms, cpu_ms : dict
-        p50, p90, p99, p999 and max of what a frame took [ms]: on the wall clock, and of its thread's CPU
-        time.
+        p50, p90, p99, p999 and max of a frame's time [ms]: on the wall clock, and its thread's CPU time.
     """
 
     frames: int

@@ -1,4 +1,4 @@
-"""What a session, a replica, or a trace that is executed again did to tissues and near critical structures."""
+"""Anatomy reports of a session, of a replica, and of a trace that is executed again."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from burrlab.session.trace import Trace, check_trace
 
 
 class SessionAnatomy:
-    """What a follower saw of tissues and watched structures; each event is told once.
+    """Collects what a follower sees of tissues and watched structures. Each event is told once.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class SessionAnatomy:
     tools : sequence of (Burr, Material)
     watch : Watch or None
     period : float
-        Of the loop [ms].
+        Loop period [ms].
 
     Raises
     ------
@@ -56,14 +56,14 @@ class SessionAnatomy:
             follower.set_watch(watch.core([burr.radius for burr, _ in tools]))
 
     def watched(self, known: int = 0) -> Watched:
-        """What was seen until now; of the events all but the first `known`."""
+        """All that was seen so far, without the first `known` events."""
         removed = self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64)
         if self.watch is None:
             return nothing_watched(self._burrs, removed)
         return Watched.of(self._follower.watched(known), removed)
 
     def news(self) -> tuple[NDArray[np.void], list[str]]:
-        """(events since the last call, sentences about them); the end of a nearness has no sentence."""
+        """(events since the last call, sentences about them). An "away" event has no sentence."""
         if self.watch is None:
             return np.zeros(0, EVENT_DTYPE), []
         rows = self.watched(self._told).events
@@ -72,25 +72,25 @@ class SessionAnatomy:
         return rows, [str(event) for event in events if event.kind != "away"]
 
     def report(self) -> AnatomyReport | None:
-        """None without tissues."""
+        """The report so far; None without tissues."""
         if self._tissues is None:
             return None
         settings = {} if self.watch is None else self.watch.settings
         return AnatomyReport.of(self.watched(), self._tissues, settings, self._period, self._voxel_volume)
 
 
-_TOLD = 5  # faults and divergences told, the last ones
+_TOLD = 5  # how many of the last faults and divergences are told
 
 
 def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
-    """What a replica did, for a reader: where it ended, what it compared, how it was connected.
+    """A replica's status as text: its end, its comparisons, its connections.
 
     Parameters
     ----------
     status : mapping
         `Replica.status` with the bone's `digest`.
     interrupted : bool
-        By its user.
+        Whether its user interrupted it.
     """
     how = "interrupted" if interrupted else "failed" if status["failed"] else "ended"
     why = "" if interrupted else f" ({status['reason']})"
@@ -115,7 +115,7 @@ def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
 
 
 def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:
-    """What happened near watched structures but for the first `known` events; none without a watch."""
+    """Events near watched structures, without the first `known`; none without a watch."""
     settings = json.loads(replica.hello).get("watch")
     if not settings:
         return []
@@ -125,24 +125,24 @@ def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:
 
 
 def replica_report(replica: Replica) -> AnatomyReport | None:
-    """What the burrs of a leader did near its watched structures, as a replica saw it.
+    """The anatomy report of a leader's burrs, as a replica saw them.
 
     Parameters
     ----------
     replica : Replica
-        That `follow` gave.
+        As `follow` returns it.
 
     Returns
     -------
     AnatomyReport or None
-        None where the bone has no tissues. It equals the leader's where the replica saw every tick and the
-        bone was whole before the first: `removed` counts from the bone's pristine state, for a replica may
-        come later.
+        None if the bone has no tissues. The report equals the leader's if the replica saw every tick and the
+        bone was pristine before the first: `removed` counts from the pristine bone, since a replica may join
+        late.
 
     Raises
     ------
     TypeError
-        If `replica` is none.
+        If `replica` is not a Replica.
     """
     if not isinstance(replica, Replica):
         raise TypeError(f"replica must be a Replica, got {type(replica).__name__}")
@@ -161,20 +161,20 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     return AnatomyReport.of(watched, bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume)
 
 
-_BATCH = 2000  # ticks between two looks at the keyboard
+_BATCH = 2000  # ticks between two checks for Ctrl-C
 
 
 def anatomy_report(
     trace: Trace, *, watch: Watch | None = None, progress: Callable[[float], object] | None = None
 ) -> AnatomyReport:
-    """Executes a trace again and watches: what the session recorded, to the bit, or what another watch would have seen.
+    """The report of a trace that is executed again: to the bit the session's own, or that of another watch.
 
     Parameters
     ----------
     trace : Trace
         On a bone with tissues.
     watch : Watch, optional
-        Made of `trace.bone()`; default: the session's own, or, without one, all critical structures.
+        Watch of `trace.bone()`. Default: the session's own; without one, all critical structures.
     progress : callable, optional
         Called with the part done, 0 to 1.
 
@@ -185,7 +185,8 @@ def anatomy_report(
     Raises
     ------
     ValueError
-        If the bone has no tissues, the watch is of another bone, or the trace holds what no session executes.
+        If the bone has no tissues, the watch is of another bone, or the trace holds values that no session
+        executes.
     TypeError
         If `trace` is not a trace.
     """

@@ -1,4 +1,4 @@
-"""Devices from text and CSV files, and the export of a trace to the layout of the simulator volumetric_drilling."""
+"""Devices from text and CSV files, and the export of a trace for the simulator volumetric_drilling."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ SCRIPT = csv_text.Table(
 
 
 def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
-    """A device that follows the way in a CSV file.
+    """A device that follows the path in a CSV file.
 
     Parameters
     ----------
     file : path or file object
-        Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and, optional, on (1:
-        the burr turns from this row to the next; without the column it always does). Lines that begin with #
+        Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and optionally on (1:
+        the burr turns from this row to the next). Without `on` it always turns. Lines that begin with #
         above the column names are comments.
 
     Returns
@@ -59,8 +59,8 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     Raises
     ------
     ValueError
-        If a column is missing, a field is no finite number, `on` is not 0 or 1, or the times do not increase:
-        with the file, and the line and column where there is one.
+        If a column is missing, a field is not a finite number, `on` is not 0 or 1, or the times do not
+        increase. The message names the file, and line and column where possible.
     OSError
         If the file cannot be opened.
     """
@@ -78,16 +78,16 @@ DeviceKind = Literal["hand", "scripted", "igtl"]
 
 @dataclass(frozen=True)
 class DeviceText:
-    """hand, scripted:FILE or igtl:HOST:PORT, taken apart.
+    """The parts of a device text: hand, scripted:FILE or igtl:HOST:PORT.
 
     Attributes
     ----------
     kind : {"hand", "scripted", "igtl"}
     file : str
-        Of a script.
+        Script to follow.
     host : str
     port : int
-        Of an OpenIGTLink server.
+        OpenIGTLink server.
     """
 
     kind: DeviceKind
@@ -97,12 +97,12 @@ class DeviceText:
 
 
 def parse_device(text: str) -> DeviceText:
-    """A device from its text.
+    """The parts of a device text.
 
     Raises
     ------
     ValueError
-        If the text is none of these.
+        If the text has another form.
 
     Examples
     --------
@@ -123,12 +123,12 @@ def parse_device(text: str) -> DeviceText:
 
 
 def parse_address(text: str) -> tuple[str, int]:
-    """Host and port.
+    """Host and port of a text HOST:PORT.
 
     Raises
     ------
     ValueError
-        If the text is no HOST:PORT with a port of 1 to 65535.
+        If the text is not HOST:PORT with a port of 1 to 65535.
     """
     host, colon, port = text.rpartition(":")
     refuse(
@@ -142,7 +142,7 @@ _DATA_EVERY = 20  # [ms] between the rows of `data`, the layout's synchronised s
 _GROUP = 20  # ticks whose voxels share a time stamp
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)  # quaternion (x, y, z, w)
 _QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)  # about z, from x to y
-#: Where the groups of the old layout lie in the new one.
+#: Name of each old group in the new layout.
 _NEW = {
     "metadata": "metadata_v3", "data": "vision_data/continuous_data",
     "voxels_removed": "physics_data/intermittent_data/voxels_removed",
@@ -181,12 +181,12 @@ def export_volumetric_drilling(
     ----------
     trace : Trace
     path : path-like
-        The HDF5 file; one of that name is overwritten.
+        The HDF5 file; an existing file is overwritten.
     burr : int
-        The burr that is the drill; bone removed by another is in the voxels too.
+        Index of the drill. The voxels include bone that another burr removed.
     layout : {"new", "old"}
-        `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025, or that of its
-        earlier recordings.
+        New: `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025. Old: as in
+        its earlier recordings.
     progress : callable, optional
         Called with the part done, 0 to 1.
 
@@ -197,18 +197,18 @@ def export_volumetric_drilling(
     TypeError
         If `trace` is not a trace.
     OSError
-        If the file cannot be written, or the slices of which the bone is a box are not there.
+        If the file cannot be written, or the slices that the bone was cropped from are missing.
 
     Notes
     -----
-    Groups after the repository LCSR-SICKKIDS/volumetric_drilling ("New Data Structure Format" and "Old Data
-    Structure Format"). Voxels have the colour of their tissue, without tissues the grey of their occupancy.
-    Of a bone made of PNG slices their indices are those of that simulator: column, row counted from the
-    lowest, slice; and the volume's pose turns its axes into the bone's, where the slices were read with
-    `transpose`. Else they are mirror images of one another, which no pose says. Of any other bone the indices
-    are its own (x, y, z). Without a counterpart, and left out: stereo images, depth, segmentation, camera
-    poses, intrinsics, extrinsics and baseline, torques (zeros), the drill's orientation. `burr_size` is the
-    diameter in whole millimetres, as there.
+    Groups follow the repository LCSR-SICKKIDS/volumetric_drilling ("New Data Structure Format" and "Old Data
+    Structure Format"). A voxel has the colour of its tissue; without tissues, the grey of its occupancy.
+    For a bone of PNG slices, indices are those of that simulator: column, row counted from the
+    lowest, slice. If the slices were read with `transpose`, the volume's pose turns these axes into the
+    bone's. Otherwise the two are mirror images, which no pose can express. For any other bone the indices
+    are its own (x, y, z). A trace does not hold stereo images, depth, segmentation, camera poses,
+    intrinsics, extrinsics, baseline, torques (written as zeros) or the drill's orientation. `burr_size` is
+    the diameter in whole millimetres, as there.
     """
     check_trace(trace)
     refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")
@@ -225,7 +225,7 @@ def export_volumetric_drilling(
             return file.create_group(_NEW[name] if layout == "new" else name)
 
         if layout == "new":
-            file.create_group("vision_data/intermittent_data")  # empty there too
+            file.create_group("vision_data/intermittent_data")  # empty in the simulator's files too
         about = group("metadata")
         volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
         volume.attrs["units"] = "mm^3, millimeters cubed"
@@ -243,11 +243,11 @@ def export_volumetric_drilling(
 
 @dataclass(frozen=True)
 class _Grid:
-    """The voxels of that simulator: those of the slices that a bone was made of, or the bone's own."""
+    """The exported voxel grid: that of the slices the bone was made of, or the bone's own."""
 
-    turned: bool | None  # the slices were transposed; None of no slices
-    sizes: NDArray[np.int64]  # of all slices (x, y, z), as they were read
-    first: NDArray[np.int64]  # place of the bone's first voxel there
+    turned: bool | None  # whether the slices were transposed; None without slices
+    sizes: NDArray[np.int64]  # of the whole stack (x, y, z), as it was read
+    first: NDArray[np.int64]  # index of the bone's first voxel in the stack
 
     @classmethod
     def of(cls, trace: Trace) -> _Grid:
@@ -255,7 +255,7 @@ class _Grid:
         sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
         try:
             told = json.loads(trace.source)
-            told = told.get("grey", told)  # on whose voxels the bone is
+            told = told.get("grey", told)  # the bone has this volume's voxels
             path = str(told.get("path") or told.get("labels") or "")
         except (ValueError, AttributeError, RecursionError):
             return cls(None, sizes, first)
@@ -269,7 +269,7 @@ class _Grid:
         return cls(turned, sizes, first)
 
     def indices(self, found: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(x, y, z) there of places (z, y, x) in the bone, shape (n, 3)."""
+        """Indices (x, y, z) in this grid of voxels (z, y, x) of the bone, shape (n, 3)."""
         x, y, z = (found[:, ::-1] + self.first).T
         if self.turned is None:
             return np.column_stack([x, y, z])
@@ -327,10 +327,13 @@ def _write_voxels(
 
 
 def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """(n, 3) indices (z, y, x), in order, of voxels that fell below half since the last call; marks them in `gone`."""
+    """Sorted indices (z, y, x), shape (n, 3), of voxels that fell below half since the last call.
+
+    Marks them in `gone`.
+    """
     bricks = take_changed_bricks(bone)
     now, before = (read_bricks(one, bricks).astype(np.int16) for one in (bone, start))
-    brick, voxel = np.nonzero(2 * now < before)  # beyond the bone both are 0
+    brick, voxel = np.nonzero(2 * now < before)  # both are 0 outside the bone
     counts = [-(-n // 8) for n in bone.shape]
     corner, within = np.unravel_index(bricks[brick], counts), np.unravel_index(voxel, (8, 8, 8))
     found: NDArray[np.int64] = np.unique(8 * np.column_stack(corner) + np.column_stack(within), axis=0)

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CUTOFF = 10.0  # [Hz] of the low pass that positions go through; a hand moves a burr more slowly
-HYSTERESIS = 1.0  # [mm] that a stroke is at least long
+CUTOFF = 10.0  # [Hz] of the low pass on positions; a hand moves a burr more slowly
+HYSTERESIS = 1.0  # [mm], least length of a stroke
 THRESHOLD = 2.0  # [N]
-_FEWEST = 64  # samples below which a motion is not analysed
+_FEWEST = 64  # samples that the analysis of a motion needs
 
-#: Attribute, key with unit, what it is.
+#: Attribute, key with unit, label.
 _TABLE = [
     ("duration", "duration_s", "session [s]"), ("contact", "contact_s", "burr on bone [s]"),
     ("cutting", "cutting_s", "removing bone [s]"), ("removed", "removed_mm3", "removed [mm^3]"),
@@ -46,42 +46,42 @@ _TABLE = [
 
 @dataclass(frozen=True, repr=False, eq=False)
 class SessionMetrics:
-    """Figures of one burr in one session; NaN where the session is too short to say.
+    """Measures of one burr in one session; NaN where the session is too short.
 
     Attributes
     ----------
     duration, contact, cutting : float
-        Of the session, with bone inside the sphere, and of the ticks that removed bone [s].
+        Time of the session, with bone inside the sphere, and of the ticks that removed bone [s].
     removed : float
         Volume of solid bone [mm^3].
     removal_rate : float
-        Of it, in a second of cutting [mm^3/s].
+        Volume removed in a second of cutting [mm^3/s].
     path : float
         Length of the smoothed path of the burr's centre [mm].
     mean_speed, peak_speed : float
         [mm/s]
     strokes : int
-        One way: there and back are two.
+        Strokes in one direction: there and back are two.
     stroke_rate : float
-        Of strokes from first to last contact [1/s].
+        Strokes a second from first to last contact [1/s].
     mean_force, rms_force : float
-        Of the force sent, over the time in contact [N].
+        Mean and RMS of the force sent, over the time in contact [N].
     peak_force : float
         [N]
     threshold : float
         [N]
     over_threshold : float
-        Time with more force than that [s].
+        Time with more force than `threshold` [s].
     rms_jerk : float
-        Of the smoothed path [mm/s^3].
+        RMS jerk of the smoothed path [mm/s^3].
     normalised_jerk : float
         sqrt(1/2 int j^2 dt T^5/L^2), T the duration and L the path length.
     burr : int
     series : dict
-        Time, force, speed and removed volume for the figure: `time` [s], `force` [N], `removed` [mm^3] a
-        tick, `motion_time` [s] and `speed` [mm/s].
+        For the figure. One value a tick: `time` [s], `force` [N] and, summed up, `removed` [mm^3]. Smoothed
+        motion: `motion_time` [s] and `speed` [mm/s].
     anatomy : AnatomyReport or None
-        What the session recorded of all its burrs near watched structures; None where it did not.
+        Recorded report of all burrs near watched structures; None if there is none.
     """
 
     duration: float
@@ -106,7 +106,7 @@ class SessionMetrics:
     anatomy: AnatomyReport | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON, units in the names; None where there is no number."""
+        """A dict for JSON, units in the names; None where there is no number."""
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
         return {**_CODEC.plain(self), **anatomy}
 
@@ -125,7 +125,7 @@ class SessionMetrics:
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Force, speed and removed volume over time, one above the other; below them what was near structures."""
+        """Charts of force, speed and removed volume over time, and below them the anatomy report."""
         near = self.anatomy is not None and bool(self.anatomy.structures)
         figure = new_figure(6.4, 11.2 if near else 6.4) if figure is None else figure
         parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(8, 7))[:, 0] if near else [figure]
@@ -152,15 +152,15 @@ _CODEC = Codec(keys={SessionMetrics: _KEYS})
 def session_metrics(
     trace: Trace, *, burr: int = 0, threshold: float = THRESHOLD, hysteresis: float = HYSTERESIS
 ) -> SessionMetrics:
-    """How a burr was handled.
+    """The metrics of one burr in a session.
 
     Parameters
     ----------
     trace : Trace
     burr : int
-        Its index.
+        Index of the burr.
     threshold : float
-        Of the force [N]; the default is ours.
+        Force threshold [N]; the default is ours.
     hysteresis : float
         Least length of a stroke [mm]; the default is ours.
 
@@ -178,12 +178,12 @@ def session_metrics(
     Notes
     -----
     Time is the sum of the periods that the ticks stand for. Positions are the burr's centres, at 1 kHz at
-    most, through a Butterworth low pass of second order at 10 Hz run forwards and backwards (no delay). A
-    stroke is a run between two reversals of the smoothed motion along its main axis, the first principal
-    component of the positions in contact (of all, if there is no contact); a reversal counts once the burr
-    has come back by the hysteresis, so that neither tremor nor a pause makes one. Normalised jerk is that of
-    Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it compares sessions
-    of like length and task.
+    most. A Butterworth low pass of second order at 10 Hz, run forwards and backwards, smooths them without
+    delay. A stroke is a run between two reversals of the smoothed motion along its main axis. This axis is
+    the first principal component of the positions in contact, or of all if there is no contact. A reversal
+    counts once the burr has come back by the hysteresis: tremor and pauses make none. Normalised jerk is
+    that of Teulings et al. 1997 (Exp. Brain Res. 114). It grows with the number of strokes, so it compares
+    only sessions of like length and task.
     """
     check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
@@ -221,7 +221,7 @@ def _mean(values: Array, step: Array, where: NDArray[np.bool_]) -> float:
 
 
 def _uniform(time: Array, center: Array, period: float) -> tuple[Array, Array]:
-    """Smoothed positions on a uniform grid of 1 ms, or of the period if that is longer; empty if too short."""
+    """Smoothed positions, every 1 ms, or every period if that is longer; empty if too short."""
     grid = max(period, 1.0) / 1000.0
     count = int((time[-1] - time[0]) / grid + 1e-6) + 1 if len(time) else 0
     if count < _FEWEST:
@@ -247,7 +247,7 @@ def _motion(center: Array, time: Array) -> tuple[Array, Array, float]:
 def _strokes(
     center: Array, grid: Array, time: Array, touching: NDArray[np.bool_], hysteresis: float
 ) -> tuple[int, float]:
-    """(number of strokes from first to last contact, or in all if there is none; the time between [s])"""
+    """(strokes from first to last contact, or in all if there is no contact; the time between [s])"""
     if not len(grid):
         return 0, 0.0
     met = np.interp(grid, time, touching.astype(float)) > 0.5

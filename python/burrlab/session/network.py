@@ -1,4 +1,4 @@
-"""Two machines: publishing a session, and a replica that holds the same bone (docs/network.md)."""
+"""Publishing a session, and following it with a replica on another machine (docs/network.md)."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ def open_publisher(
     header_version: int = 1,
     **options: Any,
 ) -> Publisher:
-    """A publisher of a follower that is not yet started.
+    """A publisher for a follower that has not started.
 
     Parameters
     ----------
     follower : Follower
     hello : mapping
-        What replicas need: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
-        shape), and source, the bone's recipe. The provenance of a session is one.
+        Data for replicas: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
+        shape), and source, the bone's recipe. The provenance of a session holds them.
     host, port, header_version, options
         As for `Publisher`.
 
     Raises
     ------
     ValueError
-        If the hello lacks something or is not JSON, the address cannot be listened on, or an option is out of
+        If the hello is incomplete or not JSON, the address cannot be listened on, or an option is out of
         range.
     """
     port = whole("port", port, 2**16, "2^16")
@@ -62,24 +62,24 @@ def follow(
     volume: str | os.PathLike[str] | None = None,
     timeout: float = 10.0,
 ) -> Replica:
-    """A replica of a published session; it follows from now on.
+    """A started replica of a published session.
 
     Parameters
     ----------
     host : str
     port : int
-        Of the leader.
+        Port of the leader.
     bone : VoxelBone, optional
-        Its initial volume, copied; without it made by the leader's recipe.
+        The leader's initial volume; it is copied. Default: made by the leader's recipe.
     volume : path, optional
-        Where the volume of the leader's recipe lies on this machine, if elsewhere.
+        Path of the recipe's volume on this machine, if it differs.
     timeout : float
-        For the leader to answer [s].
+        Time for the leader to answer [s].
 
     Returns
     -------
     Replica
-        Its `wait`, `status`, `digest`, `snapshot` and `take` say how it goes; `stop` ends it.
+        `wait`, `status`, `digest`, `snapshot` and `take` tell its state; `stop` ends it.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def follow(
         period = 1e3 / float(hello["rate_Hz"])
         recipe = dict(hello.get("source") or {})
         refuse(scheme not in ("layer", "cell"), "scheme must be layer or cell")
-        if bone is None:  # names of files, which refusals quote
+        if bone is None:  # file names, which error messages quote
             check_texts(recipe)
     except _UNREADABLE as error:
         raise ValueError(
@@ -126,7 +126,7 @@ def follow(
 
 
 def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]]) -> AnatomyWatch | None:
-    """The leader's watch on the bone here; None where it has none."""
+    """The leader's watch on the bone here; None if the leader has none."""
     if not settings or bone.tissues is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""A recorded session at any of its moments: bone, burrs, force and depth, by way of kept states of the bone."""
+"""A recorded session at any moment: bone, burrs, force and depth. Kept states of the bone make seeks fast."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _tick = operator.itemgetter(0)
 class BrickHistory:
     """States of a bone, each kept as the bricks that changed since the one before.
 
-    Where the states take more room than `memory`, every second one is given up, as often as needed. What is
-    left still reaches back to the beginning, in wider steps. Safe to use from several threads.
+    If the states exceed `memory`, every second one is dropped, as often as needed. The others still reach
+    back to the beginning, in wider steps. Several threads may use it.
 
     Parameters
     ----------
     initial : VoxelBone
-        The bone at tick 0; kept, not copied, and never changed.
+        The bone at tick 0. It is not copied and must not change.
     memory : int
         For levels [bytes].
     """
@@ -38,8 +38,8 @@ class BrickHistory:
     def __init__(self, initial: VoxelBone, memory: int) -> None:
         self._initial, self._memory = initial, memory
         self._states: list[_State] = [(0, np.empty(0, np.uint32), np.empty((0, 512), np.uint8))]
-        self.bytes = self.thinned = 0  #: that the kept levels take; how often every second state was given up
-        self.lock = threading.RLock()  # for several calls on one set of states
+        self.bytes = self.thinned = 0  #: of the kept levels; how often every second state was dropped
+        self.lock = threading.RLock()  # held over several calls on one set of states
         self._bits = np.zeros(int(np.prod([-(-n // 8) for n in initial.shape])), bool)
 
     def __len__(self) -> int:
@@ -52,7 +52,7 @@ class BrickHistory:
         return self._states[-1][0]
 
     def at_or_before(self, tick: int) -> int:
-        """Tick of the newest state that is not after a tick."""
+        """Tick of the newest state at or before a tick."""
         with self.lock:
             return self._states[self._behind(tick) - 1][0]
 
@@ -62,7 +62,7 @@ class BrickHistory:
             return next((state[0] for state in self._states[self._behind(tick) :]), None)
 
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
-        """Keeps the state at a tick that is later than the newest one; `bricks` are all that changed since that one."""
+        """Keeps the state at a tick after the newest one; `bricks` are all that changed since then."""
         with self.lock:
             if tick <= self.last:
                 return
@@ -73,7 +73,7 @@ class BrickHistory:
                 self._weigh()
 
     def changed_between(self, one: int, other: int) -> NDArray[np.uint32]:
-        """Bricks that may differ between the bone at two ticks, in order; up to the newest state."""
+        """Sorted bricks that may differ between the bone at two ticks, up to the newest state."""
         low, high = min(one, other), max(one, other)
         with self.lock:
             last = bisect.bisect_left(self._states, high, key=_tick) + 1
@@ -98,31 +98,31 @@ class BrickHistory:
         return levels
 
     def _behind(self, tick: int) -> int:
-        """Place of the first state after a tick."""
+        """Index of the first state after a tick."""
         return bisect.bisect_right(self._states, tick, key=_tick)
 
     def _weigh(self) -> None:
         self.bytes = sum(levels.nbytes for _, _, levels in self._states)
 
     def _thin(self) -> None:
-        """Gives up every second state; never the newest, to which the changes since then refer."""
+        """Drops every second state, but never the newest: later changes refer to it."""
         states = self._states
         self._states = states[:1]
         self.thinned += 1
         for i in range(1 + len(states) % 2, len(states), 2):
             (_, older, left), (tick, bricks, levels) = states[i - 1 : i + 1]
-            only = ~np.isin(older, bricks)  # all of the first state, which holds none
+            only = ~np.isin(older, bricks)  # empty for the first state, which holds no brick
             both = np.concatenate([older[only], bricks])
             order = np.argsort(both)
             self._states.append((tick, both[order], np.concatenate([left[only], levels])[order]))
 
 
 def _union(parts: list[NDArray[np.uint32]]) -> NDArray[np.uint32]:
-    """All of their numbers, sorted, each once."""
+    """All brick numbers, sorted, each once."""
     return np.unique(np.concatenate([*parts, np.empty(0, np.uint32)]))
 
 
-_BATCH = 250  # ticks between two looks at the keyboard
+_BATCH = 250  # ticks between two checks for Ctrl-C
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ class Burrs:
     radii : ndarray, shape (n,)
         [mm]
     on, touching : ndarray, shape (n,), bool
-        The burr turns; bone lies in the sphere.
+        Whether the burr turns; whether bone lies in the sphere.
     """
 
     centers: NDArray[np.float64]
@@ -146,14 +146,14 @@ class Burrs:
 
 
 def unknown_burrs(radii: Sequence[float] | NDArray[np.float64]) -> Burrs:
-    """Burrs of these radii [mm] whose places are not known."""
+    """Burrs of these radii [mm] at unknown places."""
     n = len(radii)
     return Burrs(np.full((n, 3), np.nan), np.array(radii, float), np.zeros(n, bool), np.zeros(n, bool))
 
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What the burrs met, tick by tick, for charts.
+    """Force and depth of the burrs, tick by tick, for charts.
 
     Attributes
     ----------
@@ -171,8 +171,8 @@ class History:
 class TracePlayer:
     """Random access to a trace: its bone at any moment, to the bit.
 
-    Ticks are executed as `replay` does it. On the way the bone's state is kept every so often, as the bricks
-    that changed, so that a seek costs what `every` costs to execute, and a copy of what differs.
+    Ticks are executed as in `replay`. On the way the bone's state is kept at intervals, as the bricks that
+    changed. A seek then costs the execution of `every`, and a copy of the bricks that differ.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class TracePlayer:
     every : float
         Between kept states [s].
     memory : float
-        For kept states [MB]; where it does not suffice they lie further apart.
+        For kept states [MB]. If it does not suffice, they lie further apart.
 
     Raises
     ------
@@ -199,12 +199,12 @@ class TracePlayer:
         burr = trace.ticks["burr"]
         self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
         self._every = max(1, round(every * 1000.0 / trace.period))
-        self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # which never changes: no copy
+        self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # no copy: this bone never changes
         self._walk = _Walk(trace, self._kept, self._every)
 
     @property
     def bone(self) -> VoxelBone:
-        """The bone as it is at `time`: one object throughout, which `seek` changes."""
+        """The bone at `time`: always the same object, which `seek` changes."""
         return self._walk.bone
 
     @property
@@ -229,12 +229,12 @@ class TracePlayer:
 
     @property
     def time(self) -> float:
-        """Since the trace's start [s]."""
+        """Time since the trace's start [s]."""
         return float(self.history.time[self.done - 1]) if self.done else 0.0
 
     @property
     def burrs(self) -> Burrs:
-        """The burrs after the last executed tick; before the first tick they are where it begins."""
+        """The burrs after the last executed tick; before the first tick, at that tick's centres."""
         radii = np.array([burr.radius for burr, _ in self.trace.tools])
         if not self.ticks:
             return unknown_burrs(radii)
@@ -259,7 +259,7 @@ class TracePlayer:
 
     @property
     def prepared(self) -> float:
-        """Part of the trace whose states are kept, 0 to 1: seeking there is fast."""
+        """Part of the trace whose states are kept, 0 to 1. Seeks there are fast."""
         with self._kept.lock:
             step = self._every << self._kept.thinned
             return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
@@ -270,7 +270,7 @@ class TracePlayer:
         return len(self._kept), self._kept.bytes
 
     def seek(self, seconds: float) -> NDArray[np.uint32]:
-        """Goes to a time: all ticks that end until then are executed.
+        """Goes to a time: executes all ticks that end by then.
 
         Parameters
         ----------
@@ -280,7 +280,7 @@ class TracePlayer:
         Returns
         -------
         ndarray, shape (n,), uint32
-            Numbers of the bricks that changed since the last call, in order.
+            Sorted numbers of the bricks that changed since the last call.
 
         Raises
         ------
@@ -295,8 +295,8 @@ class TracePlayer:
         return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
 
     def seek_tick(self, tick: int) -> NDArray[np.uint32]:
-        """Goes to the moment before the tick of this index, which counts as `tick`, `Trace.digests` and
-        `Companion.first_tick` do. Returns what `seek` returns. ValueError if the trace does not reach it."""
+        """Goes to the moment before a tick; returns what `seek` returns. The index counts as `tick`,
+        `Trace.digests` and `Companion.first_tick` do. ValueError if the trace does not reach it."""
         first = self.trace.first_tick
         refuse(
             not first <= tick <= first + self.ticks,
@@ -309,7 +309,7 @@ class TracePlayer:
     ) -> bool:
         """Executes the whole trace once on a bone of its own, so that every later seek is fast.
 
-        It may run in a thread beside seeks. Until it returns it needs one more bone besides the kept states.
+        It may run in a thread beside seeks. Until it returns, it needs memory for one more bone.
 
         Parameters
         ----------
@@ -355,7 +355,7 @@ class _Walk:
     def go(self, done: int) -> NDArray[np.uint32]:
         """Moves to the state after `done` ticks; returns the bricks that changed."""
         changed: list[NDArray[np.uint32]] = []
-        with self._kept.lock:  # another walk may give up states
+        with self._kept.lock:  # another walk may drop states
             key = self._kept.at_or_before(done)
             if done < self.done or key > self.done:
                 bricks = _union([self._kept.changed_between(key, self.done), *self._since])
@@ -368,7 +368,7 @@ class _Walk:
         return _union(changed)
 
     def _execute(self, done: int) -> NDArray[np.uint32]:
-        """Executes ticks up to `done` or the next kept state, whichever comes first; returns the bricks that changed."""
+        """Executes ticks up to `done` or the next kept state; returns the bricks that changed."""
         step = self._every << self._kept.thinned
         key = self._kept.after(self.done)
         if key is None:

@@ -1,4 +1,4 @@
-"""Recording: a thread that takes the loop's records and writes them into a trace, as bytes at known places."""
+"""Recording: a thread writes the loop's records into a trace, as bytes at known places."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _OVERWRITTEN = "was overwritten"
 
 
 class Reader(Protocol):
-    """What records come from: a `RecordReader` of a loop."""
+    """A source of records, such as a loop's `RecordReader`."""
 
     def take(self, most: int = ...) -> tuple[NDArray[np.void], bool]:
         """(records since the last call, whether some were lost before the next)"""
@@ -52,32 +52,31 @@ class TraceWriter:
     reader : RecordReader
         Made before the loop was started.
     bone : VoxelBone
-        The bone before the first tick; it is written at once, and not used later.
+        The bone before the first tick; it is written at once and not used later.
     tools : list of (Burr, Material)
         One a burr, in index order.
     seed : int
-        Of the session.
+        Seed of the session.
     period : float
-        Of the loop [ms].
+        Loop period [ms].
     scheme : {"layer", "cell"}
     first_tick : int
-        Ticks executed on this bone before.
+        Ticks executed earlier on this bone.
     devices : sequence of str
-        Names, one a burr.
+        Device names, one a burr.
     source : str
         Where the volume comes from.
     note : mapping, optional
-        What else is worth keeping, as safety parameters; JSON.
+        Further JSON data to keep, such as safety parameters.
     watch : mapping, optional
-        Settings of a watch; JSON. Its bone has tissues.
+        Settings of a watch, as JSON data; its bone has tissues.
     duration : float
-        Length that there is room for, at one tick a period [s]; recording stops there.
+        Room for ticks, at one tick a period [s]. Recording stops when it is used up.
     digest_every : float
-        Between digests that there is room for [s].
+        Interval of the digests that there is room for [s].
     on_end : callable, optional
-        Called with the reason, from the writer's thread, at once when recording ends by itself: the ring was
-        overrun, the disk is full or fails, there is no room left; and when the file was deleted, replaced or
-        overwritten.
+        Called with the reason, from the writer's thread, as soon as recording ends by itself (the ring was
+        overrun, the disk is full or fails, no room is left) or the file was deleted, replaced or overwritten.
 
     Raises
     ------
@@ -91,9 +90,9 @@ class TraceWriter:
 
     Notes
     -----
-    The file is finished before the first tick but for its rows. Every 20 ms the rows that came are written at
-    their place, and after them their count: whatever moment the process is killed at, the rows that the count
-    speaks of are whole. `docs/trace.md` says what holds and what does not.
+    Before the first tick the file is complete except for its rows. Every 20 ms new rows are written at their
+    place, and then their count. Whenever the process is killed, all counted rows are whole. `docs/trace.md`
+    says what holds and what does not.
     """
 
     def __init__(
@@ -126,14 +125,14 @@ class TraceWriter:
         note_text, watch_text = json_text("note", note), json_text("watch", watch) if watch else ""
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")
-        with new_part(self.path) as part:  # a kill while the file is made leaves none of this name
+        with new_part(self.path) as part:  # a kill meanwhile leaves no file of this name
             try:
                 self._places, places = create(
                     part, bone, tools, seed=seed, period=period, scheme=scheme, first_tick=first_tick,
                     devices=devices, source=source, note=note_text, watch=watch_text, capacity=rows,
                     digest_capacity=digests,
                 )  # fmt: skip
-            except (RuntimeError, ValueError) as error:  # as HDF5 says that a limit is too small
+            except (RuntimeError, ValueError) as error:  # raised by HDF5 if a limit is too small
                 raise OSError(f"{self.path} could not be made: {error}") from None
             except OSError as error:
                 if error.filename != os.fspath(part):
@@ -145,8 +144,7 @@ class TraceWriter:
         self._row_bytes, self._room, self._digest_room = row_dtype(self._burrs).itemsize, rows, digests
         self._recorded = self._digests_recorded = 0
         self._ended, self._warning = "", ""
-        #: Where the content of a file is that was deleted or replaced while it was written; empty where none
-        #: was.
+        #: Path of the content of a file that was deleted or replaced during recording; else empty.
         self.rescued = ""
         self._complete = False
         self._pending: list[tuple[int, str]] = []
@@ -169,7 +167,7 @@ class TraceWriter:
 
     @property
     def complete(self) -> bool:
-        """Whether recording ended with the session, every tick is in the file, and the file is where it was made."""
+        """Whether recording ended with the session, and the file holds every tick and is in its place."""
         return self._complete
 
     @property
@@ -178,7 +176,7 @@ class TraceWriter:
         return self._warning
 
     def add_digest(self, tick: int, digest: str) -> None:
-        """Keeps the digest that the bone had after `tick` executed ticks; from any thread.
+        """Keeps the bone's digest after `tick` executed ticks. Any thread may call it.
 
         Raises
         ------
@@ -193,13 +191,13 @@ class TraceWriter:
             self._pending.append((tick, digest))
 
     def add_events(self, events: NDArray[np.void]) -> None:
-        """Keeps events of a watch, in their order; from any thread. ValueError if the trace has none."""
+        """Keeps events of a watch, in order. Any thread may call it. ValueError if the trace has no watch."""
         if self._watch is None:
             raise ValueError("events must be of a trace with a watch")
         self._watch.add(events)
 
     def set_watched(self, watched: Watched) -> None:
-        """Takes all that a watch saw, which `stop` writes. ValueError if the trace has no watch."""
+        """Takes the results of a watch, for `stop` to write. ValueError if the trace has no watch."""
         if self._watch is None:
             raise ValueError("what was watched must be of a trace with a watch")
         self._watch.set_sums(watched)
@@ -213,7 +211,7 @@ class TraceWriter:
         self._thread.start()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Takes what is left in the ring, closes the file and compacts it. Further calls do nothing."""
+        """Records the rest of the ring, closes the file and compacts it. Further calls do nothing."""
         if self._stopping is None:
             self._stopping = reason
             self._wake.set()
@@ -222,7 +220,7 @@ class TraceWriter:
             else:
                 self._run()
             self._finish_file()
-            self._on_end = None  # a session's own method: the two would keep each other, and two bones, alive
+            self._on_end = None  # a session's method: this cycle would keep two bones alive
 
     def __enter__(self) -> TraceWriter:
         self.start()
@@ -240,10 +238,10 @@ class TraceWriter:
             while not self._ended:
                 if not lost and (lost := self._lost()) and self._on_end is not None:
                     self._on_end(f"{self.path} {lost} while the session is recorded")
-                if lost == _OVERWRITTEN:  # what is there now is another's, and left alone
+                if lost == _OVERWRITTEN:  # the content is now another's: left alone
                     self._ended = lost
                     break
-                last = self._stopping is not None  # before the ring is emptied
+                last = self._stopping is not None  # read before the ring is emptied
                 self._empty_ring(last)
                 self._write_digests()
                 self._write_watch(last)
@@ -254,7 +252,7 @@ class TraceWriter:
         except Exception as error:  # a thread must not die in silence: the session is told
             self._end(f"recording failed: {error}")
         finally:
-            self._reader = None  # a loop on a virtual clock would wait for it
+            self._reader = None  # a loop on a virtual clock would wait for the reader
         if not self._complete and self._on_end is not None and lost != _OVERWRITTEN:
             self._on_end(self._ended)
 
@@ -299,7 +297,7 @@ class TraceWriter:
         return self._put(np.uint64(count).tobytes(), self._places[name])[1]
 
     def _write_digests(self) -> None:
-        """Digests of bones whose ticks are in the file; the others wait."""
+        """Writes the digests whose ticks are in the file; the others wait."""
         last = self._first + self._recorded
         with self._lock:
             ready = [d for d in self._pending if d[0] <= last]
@@ -328,15 +326,14 @@ class TraceWriter:
         self._complete = complete
         before = "" if complete else f"recording ended before tick {self._first + self._recorded}: "
         text = before + reason
-        # These pages exist since the file was made; where a file system wants room even so, `ended` still
-        # says it.
+        # The file has these pages already. If the file system wants room even so, `ended` still tells it.
         with contextlib.suppress(OSError):
             _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places["ended"])
             _write(self._file, np.uint8(complete).tobytes(), self._places["complete"])
         self._ended = text
 
     def _lost(self) -> str:
-        """What others did to the file, as text; empty if it is in its place with its beginning unchanged."""
+        """Text on what others did to the file; empty if it is in place with its beginning unchanged."""
         try:
             if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
                 return "was replaced"
@@ -345,7 +342,7 @@ class TraceWriter:
         return "" if os.pread(self._file, len(self._head), 0) == self._head else _OVERWRITTEN
 
     def _finish_file(self) -> None:
-        """Compacts the file; where another is in its place, the content that is still open goes elsewhere."""
+        """Compacts the file; if another is in its place, the still open content is saved elsewhere."""
         try:
             if lost := self._lost():
                 self._complete = False
@@ -378,7 +375,7 @@ def _write(file: int, data: bytes | memoryview, at: int) -> int:
 
 
 def _name(part: Path, path: Path) -> None:
-    """Gives a file its name, unless another has it by now."""
+    """Gives a file its name, unless that name is taken."""
     try:
         os.link(part, path)
     except FileExistsError:

@@ -1,4 +1,4 @@
-"""A recorded session executed again, and held against what it gave."""
+"""Replay of a recorded session, compared with its record."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from burrlab.common.records import Codec
 from burrlab.common.table import by_value
 from burrlab.session.trace import Trace, check_trace, to_records, to_rows
 
-#: What the model gives, and is compared: to the bit.
+#: Columns that the model gives. They are compared to the bit.
 COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguous")
-_BATCH = 2000  # ticks between two looks at the keyboard
+_BATCH = 2000  # ticks between two checks for Ctrl-C
 
 
 @by_value
 @dataclass(frozen=True)
 class Difference:
-    """The first value that a replay gave otherwise. `burr` is None for a digest; its tick counts executed ticks."""
+    """The first value that differs in a replay. For a digest `burr` is None and `tick` counts ticks done."""
 
     tick: int
     burr: int | None
@@ -47,17 +47,17 @@ class Replay:
     Attributes
     ----------
     ticks : int
-        Executed and compared.
+        Ticks executed and compared.
     digests : int
-        Compared.
+        Digests compared.
     difference : Difference or None
-        The first one; replay ends with the batch it lies in.
+        The first one; replay ends with its batch.
     bone : VoxelBone
-        As it is then.
+        The bone at the end.
     tick : int
-        Its tick index.
+        Tick index of that bone.
     cpu_path : str
-        Of this replay.
+        CPU path of this replay.
     """
 
     ticks: int
@@ -69,11 +69,11 @@ class Replay:
 
     @property
     def equal(self) -> bool:
-        """Every force, penetration and removed level has the recorded bits, and every digest is the recorded one."""
+        """Whether all compared values have the recorded bits, and all digests are as recorded."""
         return self.difference is None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON; what is not finite is spelt "nan" or "inf"."""
+        """A dict for JSON. Values that are not finite are spelt "nan" or "inf"."""
         plain: dict[str, Any] = _CODEC.plain(self)
         return plain
 
@@ -99,9 +99,9 @@ _CODEC = Codec(
 def replay(
     trace: Trace, *, progress: Callable[[float], object] | None = None, until: int | None = None
 ) -> Replay:
-    """Executes all ticks of a trace on its initial volume and compares what they give.
+    """Executes all ticks of a trace on its initial volume and compares the results.
 
-    Device, hand, coupling and network are not run again: the centres are those that the session used.
+    Device, hand, coupling and network are not run again: the burr's centres are the recorded ones.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def replay(
     Raises
     ------
     ValueError
-        If `until` is not a tick of the trace, or the trace holds what no session executes, as a centre that
-        is not finite.
+        If `until` is not a tick of the trace, or the trace holds a value that no session executes, such as a
+        centre that is not finite.
     TypeError
         If `trace` is not a trace.
     """
@@ -154,7 +154,7 @@ def replay(
 
 
 def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> TickExecutor:
-    """An executor of the ticks of a trace: on a new bone, or on a given one on which `done` ticks were executed."""
+    """An executor of a trace's ticks: on a new bone, or on a given one after `done` ticks."""
     return TickExecutor(
         trace.bone() if bone is None else bone, list(trace.tools), trace.seed, period=trace.period,
         scheme=trace.scheme, tick=trace.first_tick + done,
@@ -162,7 +162,7 @@ def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> T
 
 
 def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
-    """Records with all that the model gives blanked out, so that nothing recorded can pass for replayed."""
+    """Records without the model's results, so that no recorded value can pass for a replayed one."""
     blank = np.zeros_like(rows)
     for name in ("index", "k"):
         blank[name] = rows[name]

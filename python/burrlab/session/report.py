@@ -1,4 +1,4 @@
-"""The report of a session: its counts and times, while it runs and after it."""
+"""The report of a session: its counts and times, during and after it."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class SessionReport:
     state : str
         "running", or why it ended.
     ticks, late, missed, dropped : int
-        Ticks executed; of them with k > 1; deadlines without a tick of their own; periods that none stood
+        Ticks executed; those with k > 1; deadlines without a tick of their own; periods that no tick stands
         for.
     times : dict
         For each of `tick_time`, `wall_time`, `jitter`, `lateness`: p50, p99, p99.9, max [us], nan without
         ticks.
     histograms : dict
-        The counts behind them, over `edges` [us].
+        Counts of these times, over `edges` [us].
     follower : dict
         tick, behind [ticks], most_behind_s, rebuilds, differing, first_difference.
     stability : list of dict
@@ -55,11 +55,11 @@ class SessionReport:
     energy : list of (float, float)
         One a burr: energy given to the hand minus taken from it, and the largest so far [mJ].
     network, recording : dict
-        What the publisher and the recording say; empty without them.
+        Status of publisher and recording; empty without them.
     notes, messages : tuple of str
-        What the system granted and what was assumed of the bone's file; what was said during the session.
+        Rights granted by the system or not, assumptions on the bone's file; messages during the session.
     anatomy : AnatomyReport or None
-        Volume removed of each tissue, and what was watched; None without tissues.
+        Volume removed of each tissue, and results of the watch; None without tissues.
     """
 
     state: str
@@ -90,7 +90,7 @@ class SessionReport:
         anatomy: AnatomyReport | None = None,
         notes: Sequence[str] = (),
     ) -> SessionReport:
-        """The report of these parts, now."""
+        """The present report of these parts."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
         found: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
         recording = {} if writer is None else {
@@ -117,7 +117,7 @@ class SessionReport:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the histograms, ready for JSON, with units in the names; what is unknown is None."""
+        """A dict for JSON without the histograms, units in the names; unknown values are None."""
         plain: dict[str, Any] = Codec().plain({
             "state": self.state, "ticks": self.ticks, "late": self.late, "missed": self.missed, "dropped": self.dropped,
             "times_us": self.times, "follower": self.follower, "stability": self.stability,
@@ -185,7 +185,7 @@ class SessionReport:
             if counts.any():
                 counts, edges = _coarser(counts, edges)
                 axes.stairs(counts, edges, color=FORCE, fill=True)
-                axes.set(xscale="log", yscale="log", ylim=(0.5, 40 * counts.max()))  # room for the names
+                axes.set(xscale="log", yscale="log", ylim=(0.5, 40 * counts.max()))  # room for the labels
                 for i, q in enumerate(_QUANTILES):
                     value = self.times[name][_key(q)]
                     axes.axvline(value, color=REFERENCE, linewidth=0.8, linestyle="--")
@@ -197,7 +197,7 @@ class SessionReport:
 
 
 def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:
-    """Bins of a width that the eye can tell apart, from the first to the last that holds something."""
+    """Wider bins, which the eye can tell apart, from the first to the last that is not empty."""
     width = 4
     counts = counts.reshape(-1, width).sum(axis=1)
     edges = np.append(edges[:-1:width], edges[-1])

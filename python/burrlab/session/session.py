@@ -1,4 +1,4 @@
-"""A haptic session: devices, the loop, its follower, a trace and a publisher, started and ended together."""
+"""A haptic session: devices, loop, follower, trace and publisher start and end together."""
 
 from __future__ import annotations
 
@@ -37,39 +37,39 @@ from burrlab.session.trace import json_text
 Tool = tuple[Burr, Material]
 
 _EXACT = 2**53  # ticks are told to replicas as float64
-_LEAST_RATE = 20.0  # a stall is told from a period by it [Hz]
-_COARSE = 7.5  # voxels of a radius, as the tick has them
-_LOOK = 0.05  # [s] between two looks of the housekeeping thread
-_PATIENCE = 2.0  # with devices that have given no position [s]
+_LEAST_RATE = 20.0  # [Hz], so that a stall differs from a period
+_COARSE = 7.5  # voxels a radius; with fewer a message says so
+_LOOK = 0.05  # [s] between two rounds of the housekeeping thread
+_PATIENCE = 2.0  # [s], before devices without a position are reported
 
 
 class Session:
-    """A burr, or two, driven by devices through a bone in real time.
+    """One or two burrs, driven by devices through a bone in real time.
 
     Parameters
     ----------
     bone : VoxelBone
-        It is copied; `snapshot` gives the bone as it becomes.
+        It is copied; `snapshot` returns its present state.
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device
         serves one session at a time.
     seed : int, optional
-        None draws one; the attribute `seed` holds it.
+        Default: a random one; the attribute `seed` holds it.
     rate : float
         Rate of the loop [Hz], up to 10 000; on the wall clock at least 20.
     scheme : {"layer", "cell"}
         See `BurrContact`.
     tick : int
-        Ticks executed on this bone before, as `load_bone` gives them.
+        Ticks executed earlier on this bone, as `load_bone` returns them.
     duration : float, optional
         The session ends after duration times rate ticks [s]. Without a duration it ends when it is stopped or
         a device ends.
     force_limit, slew_limit : float
         Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
     coupling : float, optional
-        Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
+        Stiffness of a spring between device and burr [N/mm]. Default: the burr is where the device is.
     record : path, optional
         A new file for the complete trace (docs/trace.md).
     publish : int, optional
@@ -78,9 +78,9 @@ class Session:
     host : str
         Address to listen on; there is no authentication.
     header_version : {1, 2}
-        Of the OpenIGTLink messages sent.
+        Version of the OpenIGTLink messages sent.
     source : mapping, optional
-        How others make the same bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
+        Recipe of the bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
     wall_clock : bool
         Keep absolute deadlines. Otherwise periods follow one another as fast as possible, with the same
         result on every machine.
@@ -89,13 +89,13 @@ class Session:
     cpu : int, optional
         Number of the processor that the loop is kept on.
     digest_every : float
-        Between digests [s].
+        Time between digests [s].
     watch : Watch, optional
-        Of critical structures of this bone: what happens near them is told, and kept in the trace
+        Watch of critical structures of this bone. Its events are told, and kept in the trace
         (docs/anatomy.md).
     on_message : callable, optional
-        Called with each sentence that someone should read at once, from another thread; all are in
-        `messages`. It may stop the session, but not wait for its end.
+        Called from another thread with each message, which someone should read at once; `messages` holds all.
+        It may stop the session, but not wait for its end.
 
     Raises
     ------
@@ -155,7 +155,7 @@ class Session:
         )
         self.seed = secrets.randbits(64) if seed is None else whole("seed", seed, 2**64, "2^64")
         tick = whole("tick", tick, _EXACT, "2^53")
-        # NumPy's numbers are welcome, and JSON knows Python's only.
+        # The numbers may be NumPy's; JSON knows only Python's.
         rate, force_limit = float(real(rate, "rate")), float(real(force_limit, "force_limit"))
         slew_limit = float(real(slew_limit, "slew_limit"))
         coupling = None if coupling is None else float(real(coupling, "coupling"))
@@ -215,7 +215,7 @@ class Session:
                 )  # fmt: skip
             except BaseException:
                 if self._publisher is not None:
-                    self._publisher.stop()  # an exception that is kept would keep the port
+                    self._publisher.stop()  # an exception that is kept would hold the port
                 raise
         self._digests = 0
         self._warned: set[int] = set()
@@ -223,16 +223,16 @@ class Session:
         self._saying = threading.local()
         self._process = os.getpid()
         self._done = threading.Event()
-        self._housekeeper: threading.Thread | None = None  # it holds the session, so not before the start
+        self._housekeeper: threading.Thread | None = None  # made at the start, as it keeps the session alive
 
     def start(self) -> Session:
-        """Starts all threads; once. ValueError the second time, or if a device serves another session."""
+        """Starts all threads. ValueError the second time, or if a device serves another session."""
         refuse(
             self._loop.started or self._done.is_set(),
             "session must be started once: it has been started or stopped",
         )
         _to_stop.add(self)  # a session that is never stopped would outlive the interpreter
-        # Registered last it runs first, before what writing a trace needs is gone.
+        # Registered last, it runs first: later handlers remove what writing a trace needs.
         atexit.unregister(_stop_all)
         atexit.register(_stop_all)
         try:
@@ -248,13 +248,16 @@ class Session:
             for i, (burr, _) in enumerate(self.tools):
                 if (voxels := burr.radius / self._largest_spacing) < _COARSE:
                     self._say(f"coarse: the radius of burr {i} is {voxels:.3g} voxels, below {_COARSE}")
-        except BaseException as error:  # Ctrl-C as well: else the loop would run on
+        except BaseException as error:  # Ctrl-C too: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise
         return self
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Until the session has ended and its trace is whole, at most so long [s]; whether it has. Can be interrupted."""
+        """Waits at most `seconds` [s] for the session's end and its whole trace; returns whether they came.
+
+        Can be interrupted.
+        """
         left = float("inf") if seconds is None else float(real(seconds, "seconds"))
         while not self._done.is_set() and left > 0:
             self._done.wait(min(left, 0.1))
@@ -262,14 +265,14 @@ class Session:
         return self._done.is_set()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Ends the session, and waits until all ticks are followed, recorded and published. Further calls do nothing.
+        """Ends the session and waits until all ticks are followed, recorded and published.
 
-        Called by `on_message` it does not wait. In a fork it does nothing: the session is the parent's.
+        Further calls do nothing. Called by `on_message`, it does not wait. In a fork it does nothing.
         """
         if self._process != os.getpid():  # a fork has no threads to wait for
             return
         self._loop.stop(reason)
-        if getattr(self._saying, "now", False):  # maybe in the thread that would be waited for
+        if getattr(self._saying, "now", False):  # this may be the thread to wait for
             return
         if self._housekeeper is not None and self._housekeeper.ident is not None:
             self._housekeeper.join()
@@ -293,12 +296,12 @@ class Session:
 
     @property
     def failed(self) -> bool:
-        """It ended on a lost device, a stall or a value that is not finite."""
+        """Whether the session ended on a lost device, a stall or a value that is not finite."""
         return self._loop.failed
 
     @property
     def ticks(self) -> int:
-        """Executed in this session."""
+        """Ticks executed in this session."""
         return self._loop.counts.ticks
 
     @property
@@ -313,7 +316,7 @@ class Session:
 
     @property
     def follower(self) -> Follower:
-        """The follower, which gives the newest record, bricks that changed, snapshots and stiffness."""
+        """The follower: newest record, changed bricks, snapshots and stiffness."""
         return self._follower
 
     @property
@@ -326,14 +329,14 @@ class Session:
         return self._follower.snapshot()
 
     def report(self) -> SessionReport:
-        """The report of the session as it is now."""
+        """The report of the session so far."""
         return SessionReport.of(
             self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
             told_notes(self.provenance["source"]),
         )  # fmt: skip
 
     def anatomy(self) -> AnatomyReport:
-        """What the burrs did near watched structures so far, and which tissues they removed.
+        """The report so far on watched structures and removed tissues.
 
         Raises
         ------
@@ -356,7 +359,7 @@ class Session:
         self._saying.now = True
         try:
             self._on_message(text)
-        except BaseException as error:  # it must not end what it is told of, not even by sys.exit
+        except BaseException as error:  # on_message must not end the session, not even by sys.exit
             if not isinstance(error, Exception) and threading.current_thread() is threading.main_thread():
                 raise  # Ctrl-C
             self.messages.append(f"on_message failed: {error!r}")
@@ -364,7 +367,7 @@ class Session:
             self._saying.now = False
 
     def _keep_house(self) -> None:
-        """Looks after the parts while the loop runs, and ends them after it."""
+        """Serves the parts while the loop runs, then ends them."""
         waited, well = 0.0, True
         while not self._loop.wait(_LOOK):
             try:
@@ -389,8 +392,8 @@ class Session:
             last.callback(self._done.set)
             if self._publisher is not None:
                 last.callback(self._publisher.stop)
-            self._loop.stop()  # it has ended, and now lets go of its devices
-            self._follower.stop()  # where nothing was started it tells those who look at it
+            self._loop.stop()  # the loop has ended; this releases its devices
+            self._follower.stop()  # even if nothing was started, this tells those who wait
             if self._loop.started:
                 reason = self._loop.reason
                 self._hand_digests()
@@ -441,7 +444,7 @@ def _stop_all() -> None:
 
 
 def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
-    """A function that calls the method while its object lives, and does not keep that object alive."""
+    """A function that calls a method without keeping its object alive."""
     weak = weakref.WeakMethod(method)
 
     def call(text: str) -> None:
@@ -452,7 +455,7 @@ def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
 
 
 def _listed(given: Any, is_one: Callable[[object], bool], rule: str) -> list[Any]:
-    """One thing or several as a list; TypeError in a sentence with the rule where one is of another kind."""
+    """One item or several as a list; TypeError with the rule if one is of another kind."""
     found = [given] if is_one(given) else given
     if not isinstance(found, Sequence) or not all(map(is_one, found)):
         raise TypeError(f"{rule}, got {given!r}")

@@ -1,4 +1,4 @@
-"""The trace of a session: an HDF5 file whose structure is finished before the first tick, made and read back."""
+"""The trace of a session, made and read: an HDF5 file whose structure is complete before the first tick."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 FORMAT, FORMAT_VERSION = "burrlab trace", 2  # 2: with tissues; a trace without them is written as 1
 ENDED_LENGTH = 400  # bytes of the sentence that says why recording ended
 
-#: Column of the file and field of a record, (name, type, field).
+#: Name and type of a column of the file, and field of a record.
 _TICK = [("index", "<u8", "index"), ("k", "<u4", "k"), ("time_s", "<f8", "time"), ("cpu_time_us", "<f8", "cpu_time")]  # fmt: skip
 _BURR = [
     ("center_mm", "<f8", (3,), "center"), ("radius_mm", "<f8", (), "radius"), ("material", "<u4", (), "material"),
@@ -76,7 +76,7 @@ def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]
 
 
 def json_text(name: str, value: Mapping[str, Any] | None, **options: Any) -> str:
-    """A mapping as JSON; ValueError where JSON does not hold it."""
+    """A mapping as JSON; ValueError if JSON cannot hold it."""
     try:
         return json.dumps(dict(value or {}), allow_nan=False, **options)
     except (TypeError, ValueError) as error:
@@ -99,18 +99,17 @@ def create(
     capacity: int,
     digest_capacity: int,
 ) -> tuple[dict[str, int], dict[str, int]]:
-    """Makes the file with all of its structure; no tick yet.
+    """Makes the file without ticks; returns byte offsets of its datasets and of those of the watch.
 
-    The tables are allocated at once and never filled: on file systems with sparse files they take room only
-    as they are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of
-    memory. Returns where the bytes of each dataset go, and those of the watch; `note` and `watch` are JSON,
-    "" for no watch.
+    The tables are allocated at once and never filled. On file systems with sparse files they take room only
+    as they are written. Each dataset begins at a multiple of 64 bytes, so that no count crosses a memory
+    page. `note` and `watch` are JSON; "" means no watch.
     """
     row = row_dtype(len(tools))
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     check_folder(path)
     path.touch()
-    os.truncate(path, min(size, 2**63 - 1))  # too long for a file: libhdf5 does not survive it
+    os.truncate(path, min(size, 2**63 - 1))  # fails if too long for a file; libhdf5 would crash
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:
         now = time.time()
         put_attributes(file, {
@@ -127,7 +126,7 @@ def create(
                 "device": devices[i] if i < len(devices) else "",
             })  # fmt: skip
         file.create_dataset("note", data=np.bytes_(note.encode()))
-        names = {  # what says how recording ended lies before the tables, where the file is never too long for it
+        names = {  # before the tables, so that a limit of the file's length cannot stop `ended`
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
             "ended": file.create_dataset("ended", data=np.bytes_(b""), dtype=f"S{ENDED_LENGTH}"),
@@ -161,7 +160,7 @@ def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5p
 
 
 def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
-    """Writes the rows there are to `part`, compressed, with all else of the file."""
+    """Writes the recorded rows, compressed, and the rest of the file to `part`."""
     import h5py
 
     with h5py.File(recorded, "r") as raw, new_hdf5(part) as file:
@@ -194,41 +193,41 @@ _LONGEST = 1000  # characters of a name
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Trace:
-    """All that is needed to run a session again bit for bit, and what it gave.
+    """A recorded session: all inputs to run it again bit for bit, and its results.
 
     Attributes
     ----------
     path : Path
     ticks : ndarray, shape (n,)
-        A row a tick, with a compound `burr` a burr; read-only. `docs/trace.md` lists the columns.
+        A row a tick, with one compound `burr` a burr; read-only. `docs/trace.md` lists the columns.
     tools : tuple of (Burr, Material)
         One a burr, in index order.
     devices : tuple of str
-        Their devices' names.
+        Device names, one a burr.
     seed : int
     period : float
-        Of the loop [ms].
+        Loop period [ms].
     scheme : {"layer", "cell"}
     first_tick : int
-        Ticks executed on the bone before.
+        Ticks executed earlier on the bone.
     digests : tuple of (int, str)
         (ticks executed, digest of the bone then).
     ended : str
         Why recording ended; empty if the session was killed, or goes on.
     complete : bool
-        Recording ended with the session.
+        Whether recording ended with the session.
     source : str
         Where the volume comes from.
     note : dict
-        What the session added, as safety parameters.
+        Further data of the session, such as safety parameters.
     provenance : dict
         Versions, machine, CPU path and start of the recording.
     watch : dict
         Settings of the watch; empty without one.
     events : ndarray, shape (n,)
-        What the watch told of, a row each; read-only. `docs/trace.md` lists the columns.
+        Events of the watch, a row each; read-only. `docs/trace.md` lists the columns.
     watched : Watched or None
-        What the watch saw in all; None without one, or if the session was killed.
+        All results of the watch; None without a watch, or if the session was killed.
     """
 
     path: Path
@@ -256,7 +255,7 @@ class Trace:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on what was assumed on the way to the bone, as `source` tells them."""
+        """Sentences in `source` on assumptions about the bone."""
         return told_notes(self.source)
 
     @property
@@ -289,7 +288,7 @@ class Trace:
         return self._bone.copy()
 
     def time(self) -> NDArray[np.float64]:
-        """Session time at the end of each tick: the sum of the periods they stand for [s], shape (n,)."""
+        """Session time at the end of each tick, the sum of the periods so far [s], shape (n,)."""
         return np.cumsum(self.ticks["k"], dtype=np.float64) * (self.period / 1000.0)
 
     def array(self, name: str, burr: int = 0) -> NDArray[Any]:
@@ -298,7 +297,7 @@ class Trace:
         Parameters
         ----------
         name : str
-            Of a tick's column, or of a burr's.
+            Column of a tick or of a burr.
         burr : int
             Index of the burr.
 
@@ -320,7 +319,7 @@ class Trace:
         raise ValueError(f"name must be one of {names}, got '{name}'")
 
     def frame(self, burr: int = 0) -> pandas.DataFrame:
-        """One burr's ticks as a pandas DataFrame, the tick's index as its index; vectors as _x, _y, _z before the unit.
+        """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit.
 
         Raises
         ------
@@ -362,20 +361,20 @@ class Trace:
 
 
 def check_trace(trace: Trace) -> None:
-    """TypeError unless it is a `Trace`; a file's name is an easy mistake."""
+    """TypeError unless `trace` is a `Trace`; a file's name is an easy mistake."""
     if not isinstance(trace, Trace):
         raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
 
 
 def load_trace(path: str | os.PathLike[str]) -> Trace:
-    """Reads a trace: finished, of a session that was killed, or of one that still runs.
+    """The trace in a file: of a session that ended, was killed, or still runs.
 
     All rows are read into memory, about 200 bytes a tick and burr.
 
     Raises
     ------
     ValueError
-        If the file is no trace, one of a newer format, or damaged.
+        If the file is not a trace, has a newer format, or is damaged.
     OSError
         If it cannot be read.
     """
@@ -402,7 +401,7 @@ def _read(file: h5py.File, path: Path) -> Trace:
         f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 bits "
         "and its scheme layer or cell",
     )
-    # Digests and events come first: they are written after the ticks they speak of.
+    # Digests and events are read first, as they are written after their ticks.
     watch, watched, events = read_watch(file, len(tools))
     digests = read_dataset(file, "digests", int(read_dataset(file, "digests_recorded")))
     ended = bytes(read_dataset(file, "ended")).rstrip(b"\0").decode(errors="replace")

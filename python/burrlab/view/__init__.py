@@ -1,4 +1,4 @@
-"""What the surgeon sees: surface, scene, pictures, film, page. pyvista is imported only where it is used."""
+"""The surgeon's view: surface, scene, pictures, film, page. pyvista is imported only where it is used."""
 
 from burrlab.common.face import face
 

@@ -1,4 +1,4 @@
-"""What a scene draws, as VTK actors: surface, burrs, parcels, legend, scale bar, curves, slices."""
+"""VTK actors of a scene: surface, burrs, parcels, legend, scale bar, curves, slices."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from burrlab.view.surface import Block, Surface, SurfaceBlock
 
 
 def configure(thing: Any, **settings: Any) -> Any:
-    """Calls setters of a VTK object and returns it: Color=(r, g, b) is SetColor(r, g, b),
-    InterpolationToPhong=() has none."""
+    """Calls setters of a VTK object and returns it: Color=(r, g, b) is SetColor(r, g, b), and
+    InterpolationToPhong=() is SetInterpolationToPhong()."""
     for name, value in settings.items():
         getattr(thing, f"Set{name}")(*value if isinstance(value, tuple) else (value,))
     return thing
@@ -26,7 +26,7 @@ def configure(thing: Any, **settings: Any) -> Any:
 
 @functools.cache
 def vtk_class(name: str) -> Any:
-    """The class of VTK of this name."""
+    """The VTK class of this name."""
     from vtkmodules import vtkCommonCore, vtkCommonDataModel, vtkRenderingCore
 
     modules = (vtkCommonCore, vtkCommonDataModel, vtkRenderingCore)
@@ -34,12 +34,12 @@ def vtk_class(name: str) -> Any:
 
 
 def new(name: str, **settings: Any) -> Any:
-    """A VTK object of the class of this name, configured."""
+    """A configured VTK object of the class of this name."""
     return configure(vtk_class(name)(), **settings)
 
 
 def vtk_array(values: NDArray[Any], name: str | None = None, *, deep: bool = True) -> Any:
-    """An array for VTK; unless it is deep it shares its memory where types allow."""
+    """An array for VTK. Unless `deep`, it shares memory where types allow."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
 
     made = numpy_to_vtk(np.ascontiguousarray(values), deep=deep)
@@ -71,7 +71,7 @@ class Lines:
         self.mesh = new("vtkPolyData", Points=self._points, **{"Polys" if filled else "Lines": made})
 
     def place(self, points: ArrayLike) -> Lines:
-        """Puts all points, (n, 2) or (n, 3)."""
+        """Places all points, (n, 2) or (n, 3)."""
         at = np.asarray(points, np.float32)
         self._points.SetData(vtk_array(np.pad(at, ((0, 0), (0, 3 - at.shape[1])))))
         self.mesh.Modified()
@@ -79,8 +79,7 @@ class Lines:
 
 
 def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
-    """A block as vtkPolyData with normals and colours; its arrays are shared, not copied, where types
-    allow."""
+    """A block as vtkPolyData with normals and colours. Arrays are shared, not copied, where types allow."""
     from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
 
     cells = new("vtkCellArray")
@@ -113,7 +112,7 @@ class BlockActors:
         )
 
     def replace(self, surface: Surface, blocks: Iterable[Block]) -> None:
-        """Takes over these blocks of the surface, also those that are gone."""
+        """Takes over these blocks of the surface, including those that are gone."""
         for block in blocks:
             made = surface.blocks.get(block)
             actor = self.actors.get(block)
@@ -131,7 +130,7 @@ class BlockActors:
 ON, OFF = (0.78, 0.80, 0.84), (0.50, 0.52, 0.56)
 _OUTLINE = (0.30, 0.78, 1.0)
 _DASHES = 36
-_IN_FRONT = -66000.0  # of VTK's offset of depths: before all else
+_IN_FRONT = -66000.0  # VTK's depth offset that puts lines before all else
 
 
 class BurrActors:
@@ -145,7 +144,7 @@ class BurrActors:
     radii : sequence of float
         [mm]
     outline : bool
-        Draw the rim of each as a dashed line through whatever lies before it.
+        Draw the rim of each as a dashed line through everything in front of it.
     """
 
     def __init__(self, plotter: Any, module: Any, radii: Sequence[float], *, outline: bool) -> None:
@@ -157,11 +156,11 @@ class BurrActors:
                 sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
                 specular_power=40, render=False, reset_camera=False,
             )  # fmt: skip
-            self.balls.append(configure(ball, Visibility=False))  # until its place is known
+            self.balls.append(configure(ball, Visibility=False))  # hidden until its place is known
         self.rims = [_Rim(plotter.renderer) for _ in self.radii] if outline else []
 
     def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None) -> None:
-        """Puts the centres (burrs, 3) [mm]; those that do not turn are darker."""
+        """Places the centres (burrs, 3) [mm]. Burrs that do not turn are darker."""
         self.centers = centers
         for i, (actor, center) in enumerate(zip(self.balls, centers, strict=True)):
             known = bool(np.isfinite(center).all())
@@ -213,7 +212,7 @@ _STRENGTH = {"dust": 1.0, "blood": 3.0, "water": 0.5}  # blood colours what it m
 
 
 def parcel_colours(parcels: NDArray[np.void]) -> NDArray[np.uint8]:
-    """Red, green, blue of every parcel, (n, 3): the mean of what it holds, blood weighing most.
+    """Red, green, blue of every parcel, (n, 3): the mean of its contents, blood weighing most.
 
     Raises
     ------
@@ -229,7 +228,7 @@ def parcel_colours(parcels: NDArray[np.void]) -> NDArray[np.uint8]:
     return mixed
 
 
-#: A disc that is darker towards its rim, as a ball lit from the eye.
+#: A disc that is darker towards its rim, like a ball lit from the eye.
 _BALL = """//VTK::Color::Impl
 float away = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
 if (away > 1.0) discard;
@@ -250,13 +249,13 @@ class ParcelActor:
             Emissive=False,
             SplatShaderCode=_BALL,
         )
-        # of the shape in which a disc of radius 1 lies; a triangle before VTK 9.6
+        # scale of the shape around a disc of radius 1; before VTK 9.6 a triangle
         bound = {"BoundScale": 1.0} if hasattr(self.mapper, "SetBoundScale") else {"TriangleScale": 2.0}
         self.actor = new("vtkActor", Mapper=configure(self.mapper, **bound), Visibility=False)
         renderer.AddActor(self.actor)
 
     def replace(self, parcels: NDArray[np.void] | None) -> None:
-        """Draws these instead; None or an empty array: nothing."""
+        """Draws these parcels instead; None or an empty array: nothing."""
         self.actor.SetVisibility(parcels is not None and len(parcels) > 0)
         if parcels is None:
             return
@@ -273,7 +272,7 @@ _TEXT = (0.92, 0.93, 0.95)
 
 
 def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
-    """Numbers of the tissues that hold bone, critical ones or those at the surface."""
+    """Numbers of the tissues that hold bone and are critical or at the surface."""
     if bone.tissues is None:
         return []
     at_surface: set[int] = set()
@@ -287,7 +286,7 @@ def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
 
 
 class Legend:
-    """Colour and name of every tissue, at the upper left; nothing without tissues."""
+    """Colour and name of every shown tissue, at the upper left; nothing without tissues."""
 
     def __init__(self, renderer: Any, bone: VoxelBone, surface: Surface) -> None:
         self.renderer, self.ground, self.rows = renderer, Ground(renderer), []
@@ -296,7 +295,7 @@ class Legend:
             assert table is not None
             tissue = table[number]
             colour = tuple(part / 255 for part in tissue.colour)
-            # a box: the letter cannot be told from what lies behind it
+            # a box: the letter has the colour of its background
             row = (
                 new("vtkTextActor", Input="M"),
                 new("vtkTextActor", Input=tissue.name + (" (critical)" if tissue.critical else "")),
@@ -326,25 +325,24 @@ class Legend:
 
 
 def font_size(height: int) -> int:
-    """Size of all words in a view of this height [pixel]."""
+    """Font size in a view of this height [pixel]."""
     return max(11, int(height / 52))
 
 
 class Ground:
-    """A dark, translucent rectangle behind words, in pixels."""
+    """A dark, translucent rectangle behind text, in pixels."""
 
     def __init__(self, renderer: Any) -> None:
         self.lines = Lines([range(4)], filled=True).place(np.zeros((4, 2)))
         flat_actor(renderer, self.lines.mesh, Color=(0.04, 0.05, 0.07), Opacity=0.62).SetLayerNumber(0)
 
     def place(self, left: float, low: float, right: float, high: float) -> None:
-        """Puts its edges."""
+        """Places its edges."""
         self.lines.place([(left, low), (right, low), (right, high), (left, high)])
 
 
 class ScaleBar:
-    """A bar of a round length, true at the distance of the camera's focus, below a note on the bone if there
-    is one."""
+    """A bar of a round length, true at the distance of the camera's focus, below any note on the bone."""
 
     def __init__(self, renderer: Any, note: str = "") -> None:
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note
@@ -384,7 +382,7 @@ _SPAN = 10.0  # of the time axis [s]
 
 
 class SceneChart:
-    """Two small charts over each other; hidden until there are values.
+    """Two small charts, one above the other; hidden until there are values.
 
     Parameters
     ----------
@@ -432,7 +430,7 @@ class SceneChart:
             chart.x_range = (float(t[kept][0]), float(max(t[-1], t[kept][0] + 1e-3)))
             most = max(least, float(np.nanmax(y, initial=0.0)))
             chart.y_range = (0.0, 1.15 * most)
-            mark = round_value(most)  # VTK would leave only the zero in a low chart
+            mark = round_value(most)  # else VTK shows only the zero in a low chart
             chart.y_axis.tick_locations = [0.0, mark]
             chart.y_axis.tick_labels = ["0", f"{mark:g}"]
 
@@ -443,7 +441,7 @@ def round_value(most: float) -> float:
     return float(power * max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)))
 
 
-_SHARE = 0.26  # of the window's width
+_SHARE = 0.26  # of the panels in the window's width
 _BURR, _CROSS, _SLICE_TEXT = (0.2, 0.73, 0.93), (0.85, 0.87, 0.9), (0.92, 0.93, 0.95)
 
 
@@ -518,7 +516,7 @@ class _Panel:
         )
         width, height = self.renderer.GetSize()
         aspect = width / height if height else 1.0
-        # the words have a strip of their own below
+        # the text has a strip of its own below
         strip = min(2.2 * self.text.GetTextProperty().GetFontSize() / max(height, 1), 0.4)
         scale = 0.51 * max((top - bottom) / (1 - strip), (right - left) / aspect)
         middle, low = (left + right) / 2, (bottom + top) / 2 - scale * strip
@@ -543,7 +541,7 @@ class _Panel:
 
 
 def _draw_lines(actor: Any, lines: Sequence[NDArray[np.float64]]) -> None:
-    """Puts lines of (x, y) just in front of a slice."""
+    """Draws lines of (x, y) just in front of a slice."""
     ends = np.cumsum([0, *map(len, lines)])
     drawn = Lines(range(first, last) for first, last in itertools.pairwise(ends))
     points = np.concatenate([*lines, np.zeros((0, 2))])

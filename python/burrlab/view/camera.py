@@ -1,4 +1,4 @@
-"""Cameras: viewpoints, the two eyes of a stereo pair, and the way of a trace into the bone."""
+"""Viewpoints, the two eyes of a stereo pair, and the approach of a trace to the bone."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from burrlab.session.player import TracePlayer
 _ANGLE = 30.0  # of the view, top to bottom [degree]
 _TILT = 28.0  # between approach and line of sight [degree]
 _DOWN = (0.0, 0.0, -1.0)
-_VIEWER = 500.0  # distance of a viewer for whom a separation of the eyes is given [mm]
+_VIEWER = 500.0  # distance of the viewer for whom the separation of the eyes is given [mm]
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A camera: where it is, what it looks at, what is up [mm], and its angle from bottom to top [degree]."""
+    """A camera: position, focus, up direction [mm], and angle from bottom to top [degree]."""
 
     position: tuple[float, ...]
     focus: tuple[float, ...]
@@ -41,26 +41,25 @@ def surgeon_view(
     width: float | None = None,
     tilt: float = _TILT,
 ) -> Viewpoint:
-    """The view of a surgeon: at the entry, along the axis of the approach, tilted so that depth is seen.
+    """A surgeon's view: at the entry, along the axis of the approach, tilted to show depth.
 
     Parameters
     ----------
     bone : VoxelBone
     entry : (x, y, z), optional
-        What is looked at [mm]; default: the middle of the volume's face where the axis enters.
+        Point looked at [mm]; default: the middle of the volume's face where the axis enters.
     axis : (x, y, z), optional
         Direction of the approach, into the bone; default: downwards, (0, 0, -1). Up in the view is z, or y
         where the approach is along z.
     width : float, optional
-        That the view holds at the entry from top to bottom, and from side to side where it is square [mm];
-        default: the whole volume.
+        Height of the view at the entry, and its width if it is square [mm]; default: the whole volume.
     tilt : float
-        Between approach and line of sight [degree].
+        Angle between approach and line of sight [degree].
 
     Raises
     ------
     ValueError
-        If the axis is zero, the entry farther away than the bone is wide, or a value is not finite.
+        If the axis is zero, the entry is farther away than the bone is wide, or a value is not finite.
     """
     into = _unit("axis", _DOWN if axis is None else axis)
     spacing, shape = np.array(bone.spacing), np.array(bone.shape[::-1])
@@ -107,9 +106,9 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     view : Viewpoint
         Between the eyes.
     separation : float
-        For a viewer at 500 mm [mm].
+        Distance of the eyes for a viewer at 500 mm [mm].
     aspect : float
-        Width by height of the picture.
+        Width over height of the picture.
     """
     sight = _unit("sight", np.subtract(view.focus, view.position))
     right = _unit("right", np.cross(sight, view.up))
@@ -137,14 +136,13 @@ def _tuple(values: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-#: When a burr has just met bone, and the force is along the normal: later it cuts sideways too [ms].
+#: Time after first contact in which the force is along the normal; later the burr cuts sideways too [ms].
 _MEETING = 250.0
 
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """The middle of where bone was touched [mm], the direction in which it was met, and a width that holds it
-    all [mm]."""
+    """The middle of the contacts [mm], the direction of approach, and a width that holds them all [mm]."""
 
     entry: NDArray[np.float64]
     axis: NDArray[np.float64]
@@ -152,7 +150,7 @@ class Approach:
 
 
 def trace_approach(player: TracePlayer) -> Approach | None:
-    """The approach of all burrs of a trace, along the first forces on them; None where none touched bone."""
+    """The approach of all burrs of a trace, along the first forces on them; None if none touched bone."""
     burr = player.trace.ticks["burr"]
     touched = burr["touching"] > 0
     if not touched.any():
@@ -168,8 +166,8 @@ def trace_approach(player: TracePlayer) -> Approach | None:
 
 
 def approach_view(bone: VoxelBone, approach: Approach | None, *, width: float | None = None) -> Viewpoint:
-    """The view of a surgeon along an approach; without one, from above at the whole volume. `width` [mm]
-    replaces its own."""
+    """A surgeon's view along an approach; without one, of the whole volume from above. `width` [mm] replaces
+    the approach's."""
     if approach is None:
         return surgeon_view(bone, width=width)
     return looking_at(approach.entry, approach.axis, approach.width if width is None else width)

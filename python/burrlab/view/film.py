@@ -1,4 +1,4 @@
-"""A recorded session as a scene at any of its moments, and films of it: MP4 by ffmpeg, GIF by Pillow."""
+"""A recorded session as a scene at any moment, and films of it: MP4 by ffmpeg, GIF by Pillow."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class TraceView:
     ----------
     trace : Trace or TracePlayer
     effects : Effects, optional
-        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's
-        beginning to its end.
+        Effects of the trace's initial bone, without a frame yet. Dust, blood and water are made here for the
+        whole trace.
     slices : bool
         Show slices through the first burr's centre.
     **options
-        Of the `Scene`, but that burrs are outlined.
+        Options of the `Scene`; by default burrs are outlined.
 
     Attributes
     ----------
@@ -67,8 +67,8 @@ class TraceView:
         self.go(self.player.time)
 
     def go(self, seconds: float) -> int:
-        """Shows a time of the trace [s]; returns the number of blocks that were made anew. ValueError if it
-        has no such time."""
+        """Shows a time of the trace [s]; returns the number of blocks made anew. ValueError outside the
+        trace."""
         return self._replay.show_in(self.scene, self._replay.go(seconds), slices=self.slices, curves=True)
 
     def frames(
@@ -87,7 +87,7 @@ class TraceView:
         fps : float
             [1/s]
         speed : float
-            Of the trace's time over the film's.
+            The trace's time over the film's.
         start, stop : float
             Part of the trace [s]; default: all.
         stereo : bool
@@ -126,7 +126,7 @@ def write_video(
     ----------
     path : path-like
     frames : iterable of ndarray, shape (height, width, 3), uint8
-        All of one size; taken one by one, so that a film need not fit into memory. GIF keeps them all.
+        All of one size. An MP4 takes them one by one and need not fit into memory; a GIF keeps them all.
     fps : float
         Frames a second [1/s], from 1 to 240, or to 50 for GIF, which counts in 0.01 s.
 
@@ -212,7 +212,7 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
                 try:
                     encoder.stdin.write(even.tobytes())
                 except BrokenPipeError:
-                    break  # its exit status and what it said follow
+                    break  # its exit status and message follow
                 count += 1
         except BaseException:
             if encoder is not None:
@@ -236,8 +236,7 @@ def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
     # grey
     pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
     if pictures:
-        # whole hundredths of a second, some one longer than others, so that the film lasts as long as it
-        # should
+        # whole hundredths of a second; some frames have one more, so that the film keeps its length
         ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
         shown = np.diff(ends).tolist()  # [ms]
         duration = shown if len(shown) > 1 else shown[0]

@@ -19,19 +19,19 @@ from burrlab.view.scene import Scene, SceneWindow
 class LiveView:
     """A scene that follows a session or a replica.
 
-    The loop is never asked: the follower's copy of the bone says which bricks changed, and the scene's own
-    copy of the bone takes them over.
+    The loop is never asked. The follower's copy of the bone tells which bricks changed, and the scene's own
+    copy takes them over.
 
     Parameters
     ----------
     source : Session or Replica
-        A replica must have been started, and nothing else may take what changed of it.
+        A replica must have been started, and nothing else may take its changes.
     effects : optional
-        Whatever has `parcels`: dust, blood and water, drawn as they are at each step.
+        Any object with `parcels`: dust, blood and water, drawn as they are at each step.
     slices : bool
         Show slices through the first burr's centre.
     **options
-        Of the `Scene`.
+        Options of the `Scene`.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class LiveView:
     bone : VoxelBone
         The scene's copy.
     tick : int
-        Ticks that are shown.
+        Ticks shown.
 
     Raises
     ------
@@ -60,7 +60,7 @@ class LiveView:
         self.scene = Scene(self.bone, self._live.radii, **{"note": self._live.note, **options})
 
     def step(self) -> int:
-        """Takes over what changed since the last step; returns the number of blocks that were made anew."""
+        """Takes over the changes since the last step; returns the number of blocks made anew."""
         bricks = self._live.go(0.0)
         self.tick = self._live.tick
         return self._live.show_in(self.scene, bricks, slices=self.slices, curves=True)
@@ -73,7 +73,7 @@ class LiveView:
         seconds : float
             [s]
         fps : float
-            [1/s]; a frame that comes late is followed at once by the next, none is made twice.
+            [1/s]. After a late frame the next follows at once; no frame is made twice.
 
         Raises
         ------
@@ -90,12 +90,12 @@ class LiveView:
                 return
 
     def run(self, *, rate: float = 20.0) -> None:
-        """Shows it in the window until the session ends or the window is closed; in the main thread.
+        """Shows the scene in its window, in the main thread, until the session ends or the window is closed.
 
         Parameters
         ----------
         rate : float
-            Of the steps [1/s].
+            Rate of the steps [1/s].
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The page of a scene: its words, curves and cameras, what a browser may wish, and its Vuetify components."""
+"""The page of a scene: its texts, curves and cameras, a browser's wishes, and its Vuetify components."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ def polyline(
 ) -> str:
     """Points "x,y x,y ..." in a chart of 1000 x 100, y downwards.
 
-    Of many ticks each column keeps its least and largest value, so that no peak is lost.
+    With many ticks each column keeps its least and largest value, so that no peak is lost.
 
     Parameters
     ----------
     time, values : ndarray, shape (n,)
         Times in order.
     span : (first, last)
-        Of the time axis.
+        Ends of the time axis.
     most : float
         End of the value axis, which begins at 0.
     """
@@ -81,7 +81,7 @@ def numbers(source: PageSource) -> list[dict[str, str]]:
 
 
 def tissues(bone: VoxelBone) -> list[dict[str, Any]]:
-    """Rows of the tissues that are critical or of which something was removed."""
+    """Rows of the tissues that are critical or were removed in part."""
     if bone.tissues is None:
         return []
     removed = [bone.removed_of(i) for i in range(len(bone.tissues))]
@@ -104,13 +104,13 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
 
 
 def values(source: PageSource) -> list[list[str]]:
-    """Present values of the charts' curves: for each chart a text a burr."""
+    """Present values of the charts' curves: one text for each chart and burr."""
     force = np.linalg.norm(source.force, axis=1)
     return [[f"{value:.{places}f}" for value in now] for now, places in ((force, 2), (source.depth, 3))]
 
 
 def events(source: PageSource) -> list[dict[str, Any]]:
-    """Rows of what happened, and where its mark is in the charts."""
+    """Rows of the events, with the place of each mark in the charts."""
     first, last = source.span
     return [
         {"time_s": event.time, "clock": f"{event.time:.2f} s", "text": event.text, "colour": event.colour,
@@ -124,7 +124,7 @@ _ZOOM = 1.15  # a step of the wheel
 
 
 def move(camera: Any, right: float, up: float) -> None:
-    """Moves a camera across its line of sight, in parts of the picture's height: what is at the focus follows
+    """Moves a camera across its line of sight, in parts of the picture's height. Bone at the focus follows
     the mouse."""
     position, focus = np.array(camera.position), np.array(camera.focal_point)
     sight = focus - position
@@ -148,15 +148,15 @@ PRESETS = ("surgeon", "burr", *_AXES)
 
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-_PERIOD = 0.04  # between two looks at what is wished [s]
-_PATIENCE = 2.0  # a browser that has not shown a picture by then is not waited for [s]
-_REST = 0.3  # after which a picture at rest is drawn once more, smoother [s]
+_PERIOD = 0.04  # between two looks at the wishes [s]
+_PATIENCE = 2.0  # longest wait for a browser to show a picture [s]
+_REST = 0.3  # before a picture at rest is drawn once more, smoother [s]
 _QUALITY = {False: 80, True: 92}  # of the JPEG pictures, in motion and at rest
 _MOST = 2560, 1600  # of a picture [pixel]
 
 
 class Page:
-    """Shows a source's bone in a scene, and says beside it what happens.
+    """Shows a source's bone in a scene, with its numbers and events beside it.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ class Page:
         Not yet started.
     source : PageSource
     scene : Scene
-        Of the source's bone, off screen.
+        Scene of the source's bone, off screen.
     surgeon : Viewpoint, optional
         The first preset; default: along the forces of a trace, else from above.
     stereo : bool
@@ -187,10 +187,10 @@ class Page:
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
-        self._smooth, self._drawn = False, 0.0  # the newest picture, and when
+        self._smooth, self._drawn = False, 0.0  # whether the newest picture is smooth, and its time
         self._drag = np.zeros(2)
         self._drag_moves, self._wheel = False, 0.0
-        self._changed: list[NDArray[np.uint32]] = []  # bricks, and not yet drawn
+        self._changed: list[NDArray[np.uint32]] = []  # bricks that are not drawn yet
         first, last = source.span
         self.state.update({
             "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
@@ -223,12 +223,12 @@ class Page:
         self._draw = True
 
     def step(self, ticks: int) -> None:
-        """Goes so many ticks on, or back."""
+        """Goes forward by a number of ticks; negative is back."""
         period = self.source.span[1] / max(len(self.source.history.time), 1)
         self._ask(self._wanted + ticks * period)
 
     def seek(self, part: float) -> None:
-        """Goes to that part of the charts' time axis, 0 to 1."""
+        """Goes to a part of the charts' time axis, 0 to 1."""
         first, last = self.source.span
         self._ask(first + min(max(float(part), 0.0), 1.0) * (last - first))
 
@@ -237,16 +237,16 @@ class Page:
         self._ask(float(seconds))
 
     def drag(self, right: float, up: float, moves: bool) -> None:
-        """Turns the bone, or moves it: the mouse went so far, in parts of the picture's height."""
+        """Turns or moves the bone by a way of the mouse, in parts of the picture's height."""
         self._drag += float(right), float(up)
         self._drag_moves = bool(moves)
 
     def wheel(self, steps: float) -> None:
-        """Zooms by so many steps of the wheel; positive is nearer."""
+        """Zooms by steps of the wheel; positive is nearer."""
         self._wheel += float(steps)
 
     def shown(self, width: int = 0, height: int = 0) -> None:
-        """Notes that a browser shows the newest picture, and the size of its place if that has changed."""
+        """Notes that a browser shows the newest picture, and its size if that has changed."""
         self._on_way = -_PATIENCE
         if width and height:
             size = tuple(int(min(max(n, 64), most)) for n, most in zip((width, height), _MOST, strict=True))
@@ -255,7 +255,7 @@ class Page:
                 self._draw = True
 
     def draw(self) -> None:
-        """Draws once more, as for a window of another size."""
+        """Draws once more, as after a change of the window's size."""
         self._draw = True
 
     async def run(self) -> None:
@@ -264,7 +264,7 @@ class Page:
             begin = time.monotonic()
             try:
                 self._turn(begin)
-            except Exception as error:  # the page says it; the server goes on
+            except Exception as error:  # the page shows the error; the server goes on
                 with self.state as state:
                     state.problem, state.playing = f"{type(error).__name__}: {error}", False
             await asyncio.sleep(max(0.005, _PERIOD - (time.monotonic() - begin)))
@@ -277,10 +277,10 @@ class Page:
                 state.prepared = prepared
             if prepared == 100:
                 self._switch()
-        if not self.state.distances and (rows := source.distances()):  # their fields are made meanwhile
+        if not self.state.distances and (rows := source.distances()):  # the fields are made in the background
             with self.state as state:
                 state.distances = rows
-        if source.kind == "live":  # every moment for the curves, whatever is drawn of them
+        if source.kind == "live":  # the curves need every moment, drawn or not
             self._changed.append(source.go(now))
         if now - self._on_way < _PATIENCE:
             return
@@ -291,7 +291,7 @@ class Page:
             if self._wanted >= source.span[1]:
                 self._ask(source.span[1])
                 self.state.playing = False
-        with self.state:  # words and picture of one moment arrive together
+        with self.state:  # texts and picture of one moment arrive together
             if source.kind == "live" or self._wanted != self._sent:
                 self._advance(self._wanted)
                 self._draw = True
@@ -315,13 +315,13 @@ class Page:
             self._wheel, self._draw = 0.0, True
 
     def _advance(self, seconds: float) -> None:
-        """Brings bone, burrs and words to a moment."""
+        """Brings bone, burrs and texts to a moment."""
         source, state = self.source, self.state
         first, last = source.span
         self._changed.append(source.go(min(max(seconds, first), last)))
         self._changed = [np.unique(np.concatenate(self._changed))]
         source.show_in(self.scene, self._changed[0], parcels=state.effects)
-        self._changed = []  # not before: what failed is drawn by the next turn
+        self._changed = []  # only now: after a failure the next turn draws them
         if state.slices:
             self._cut()
         self._sent = seconds
@@ -380,10 +380,10 @@ class Page:
 
 
 def _number(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) <= 1e6  # NaN is none
+    return type(value) in (int, float) and abs(value) <= 1e6  # false for NaN
 
 
-#: What a browser may change of the page's state, and to what.
+#: State that a browser may change, with a check of the new value.
 WISHES: dict[str, Callable[[Any], bool]] = {
     "wanted_s": _number, "speed": lambda value: _number(value) and value in SPEEDS,
     **dict.fromkeys(("playing", "slices", "stereo", "effects"), lambda value: type(value) is bool),
@@ -394,8 +394,8 @@ def restrict(handler: Any) -> None:
     """Restricts a handler of wslink to the calls that the page makes, with arguments of their kinds; others
     do nothing.
 
-    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as
-    well.
+    Otherwise trame would let a browser end the server, and change all that other browsers show, scripts
+    included.
     """
     calls = handler.functionMap
     core, change = calls["trame.state.update"]
@@ -413,7 +413,7 @@ def restrict(handler: Any) -> None:
                 await trigger(core, name, arguments, {})
 
     def none(*_: Any, **__: Any) -> None:
-        """Ignores what trame's page tells of itself."""
+        """Ignores the reports of trame's page on itself."""
 
     handler.functionMap = {
         "trame.state.get": calls["trame.state.get"],
@@ -453,8 +453,8 @@ html, body { overflow: hidden !important; }
 .burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
 .burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
 """
-# What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is
-# another.
+# Attributes that trame's widgets do not name. A drag is told in parts of the height, and the picture's size
+# when it changes.
 _PICTURE = [
     ':src="picture"', ':data-number="picture_number"', 'alt="the bone and the burr"', 'draggable="false"',
     """@pointerdown.prevent="$event.currentTarget.setPointerCapture($event.pointerId)" """,
@@ -470,7 +470,7 @@ _COLOURS = ("#ffb454", "#6cb6ff")  # of the burrs' curves
 
 
 def build_layout(page: Page) -> None:
-    """Makes the page's template; before the server is started."""
+    """Makes the page's template, before the server is started."""
     from trame.ui.vuetify3 import VAppLayout
     from trame.widgets import client, html
     from trame.widgets import vuetify3 as v3
@@ -540,7 +540,7 @@ def _side(page: Page, html: Any) -> None:
                     if look is not None:
                         html.Td(text, **look)
                         continue
-                    with html.Td():  # behind a mark in the row's colour
+                    with html.Td():  # after a mark in the row's colour
                         html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
                         html.Span(text)
 

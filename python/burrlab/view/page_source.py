@@ -1,4 +1,4 @@
-"""What scenes and pages show: a trace, a running session or its replica, or a bone, each at one moment."""
+"""Sources of scenes and pages: a trace, a running session or its replica, or a bone, each at one moment."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from burrlab.view.camera import Approach, trace_approach
 from burrlab.view.scene import Scene
 from burrlab.view.surface import brick_numbers
 
-_KINDS = {  # what is said of an event, and its colour
+_KINDS = {  # text and colour of an event
     "approach": ("approach to", "#ffb454"),
     "touch": ("touch of", "#ff7b72"),
     "injury": ("injury of", "#ff7b72"),
@@ -36,7 +36,7 @@ _KINDS = {  # what is said of an event, and its colour
 
 @dataclass(frozen=True)
 class PageEvent:
-    """Something that happened: when [s], in words, and the colour of its mark."""
+    """An event: its time [s], its text, and the colour of its mark."""
 
     time: float
     text: str
@@ -44,15 +44,15 @@ class PageEvent:
 
 
 class StructureDistances:
-    """Distance of the nearest burr's surface to each critical structure of a bone; its fields are made in the
-    background.
+    """Distance of the nearest burr's surface to each critical structure of a bone; the distance fields are
+    made in the background.
 
     Parameters
     ----------
     bone : VoxelBone
-        One without critical tissues gives no rows.
+        A bone without critical tissues gives no rows.
     settings : mapping, optional
-        Of the watch that looked at it; default: one of all critical tissues.
+        Settings of the bone's watch; default: a watch of all critical tissues.
     """
 
     def __init__(self, bone: VoxelBone, settings: Mapping[str, Any] | None = None) -> None:
@@ -61,20 +61,19 @@ class StructureDistances:
         self._bone, self._settings = bone, settings
 
     def open(self) -> None:
-        """Starts the work; the bone must rest until this returns."""
+        """Starts the work. The bone must not change until this returns."""
         tissues = self._bone.tissues
         if tissues is not None and (self._settings or any(tissue.critical for tissue in tissues)):
-            self._bone = self._bone.copy()  # the other goes on changing
+            self._bone = self._bone.copy()  # the original goes on changing
             self._thread.start()
 
     def close(self) -> None:
-        """Waits for its end."""
+        """Waits for the end of the work."""
         if self._thread.ident is not None:
             self._thread.join()
 
     def rows(self, burrs: Burrs) -> list[dict[str, Any]]:
-        """name, colour, value [mm] and near (below the approach's limit), a structure each; empty until it is
-        ready."""
+        """A row a structure: name, colour, value [mm], near (within the approach limit). Empty at first."""
         watch = self._watch
         known = np.isfinite(burrs.centers).all(axis=1)
         if watch is None or not known.any():
@@ -98,7 +97,7 @@ class StructureDistances:
 
 
 def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
-    """The event of a row of a trace's or a watch's events."""
+    """The page's event of a row of a trace's or a watch's events."""
     kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
     what, colour = _KINDS[kind]
     text = f"{what} {structures[int(row['structure'])]}"
@@ -106,14 +105,14 @@ def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEven
     return PageEvent(time, f"{text}, {distance:.2f} mm" if told else text, colour)
 
 
-#: What is drawn of a parcel, as finely as it is seen: within 0.03 mm, and shares of 255.
+#: Drawn fields of a parcel, as precise as the eye can see: within 0.03 mm, and shares of 255.
 _DTYPE = np.dtype([("position", "f2", 3), ("radius", "f2"), ("dust", "u1"), ("blood", "u1"), ("water", "u1")])
 _SUBSTANCES = ("dust", "blood", "water")
-_RATE = 20.0  # frames of a second of the trace that are made [Hz]
+_RATE = 20.0  # frames made for a second of the trace [Hz]
 
 
 class ParcelHistory:
-    """Frames of a trace's parcels in bounded memory: every second frame is dropped where they take more.
+    """Frames of a trace's parcels in bounded memory: if they take more, every second frame is dropped.
 
     Parameters
     ----------
@@ -128,7 +127,7 @@ class ParcelHistory:
         self._trace, self._effects, self._memory = trace, effects, memory * 1e6
         self._duration = float(trace.duration)
         self._lock = threading.Lock()
-        self._frames: list[NDArray[np.void]] = []  # at the ends of `_every` frames of effects, each
+        self._frames: list[NDArray[np.void]] = []  # one after each `_every` frames of effects
         self._every, self._made = 1, 0
 
     @property
@@ -164,7 +163,7 @@ class ParcelHistory:
         return True
 
     def at(self, seconds: float) -> NDArray[np.void] | None:
-        """The newest kept frame at or before this time [s]; None where there is none yet."""
+        """The newest kept frame at or before a time [s]; None if there is none yet."""
         with self._lock:
             i = int(seconds * _RATE / self._every + 1e-6)
             if not 0 < i <= len(self._frames):
@@ -183,28 +182,28 @@ def _drawn(parcels: NDArray[np.void]) -> NDArray[np.void]:
 
 #: What a page can show.
 Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
-_SHOWN = 30.0  # of a session, in the charts [s]
+_SHOWN = 30.0  # time of a session in the charts [s]
 _CURVE_POINTS = 600  # of a scene's curves
 
 
 class HasParcels(Protocol):
-    """Whatever has parcels, such as `burrlab.effects.Effects` and `Companion`."""
+    """An object with parcels, such as `burrlab.effects.Effects` and `Companion`."""
 
     @property
     def parcels(self) -> NDArray[np.void]: ...
 
 
 class PageSource:
-    """A bone at a moment, and the way to other moments. This class itself is a bone that rests.
+    """A bone at a moment, and the way to other moments. This class itself is a bone that does not change.
 
     Attributes
     ----------
     kind : str
         replay, live or still.
     title, state, note : str
-        Its name; a word or sentence on it; what is assumed of the bone.
+        Name; state in words; assumptions about the bone.
     radii : tuple of float
-        Of the burrs [mm].
+        Burr radii [mm].
     span : (float, float)
         First and last moment of the charts [s].
     time : float
@@ -229,7 +228,7 @@ class PageSource:
 
     @property
     def history(self) -> History:
-        """Time, force and depth until the moment, or longer."""
+        """Time, force and depth, until the moment or longer."""
         return History(np.zeros(0), np.zeros((0, len(self.radii))), np.zeros((0, len(self.radii))))
 
     @property
@@ -239,7 +238,7 @@ class PageSource:
 
     @property
     def parcels(self) -> NDArray[np.void] | None:
-        """Dust, blood and water at the moment; None where there are no effects."""
+        """Dust, blood and water at the moment; None if there are no effects."""
         return None
 
     @property
@@ -249,23 +248,22 @@ class PageSource:
         return centers[0] if len(centers) and bool(np.isfinite(centers[0]).all()) else None
 
     def approach(self) -> Approach | None:
-        """The way into the bone; None if that is not known."""
+        """The approach to the bone; None if it is not known."""
         return None
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
-        """Goes to that moment [s], or to the newest one of a session; returns numbers of the bricks that
-        changed."""
+        """Goes to a moment [s], or to the newest one of a session; returns numbers of the changed bricks."""
         return np.empty(0, np.uint32)
 
     def distances(self) -> list[dict[str, Any]]:
-        """Rows for the page: name, colour, value [mm], whether it is near."""
+        """Rows for the page: name, colour, value [mm], near."""
         return self._distances.rows(self.burrs)
 
     def open(self) -> None:
         """Begins the work in the background."""
 
     def close(self) -> None:
-        """Ends it."""
+        """Ends the work in the background."""
         self._distances.close()
 
     def show_in(
@@ -277,8 +275,7 @@ class PageSource:
         slices: bool = False,
         curves: bool = False,
     ) -> int:
-        """Shows the moment in a scene; these bricks changed. Returns the number of blocks that were made
-        anew."""
+        """Shows the moment in a scene, where `bricks` changed; returns the number of blocks made anew."""
         blocks = scene.update(self.bone, bricks) if len(bricks) else 0
         scene.move_burrs(self.burrs.centers, self.burrs.on.tolist())
         scene.set_parcels(self.parcels if parcels else None)
@@ -294,7 +291,7 @@ class PageSource:
 
 
 class ReplaySource(PageSource):
-    """A trace, prepared in the background while it can already be looked at."""
+    """A trace, which can be looked at while it is prepared in the background."""
 
     kind = "replay"
 
@@ -356,19 +353,19 @@ class ReplaySource(PageSource):
 
 
 class LiveSource(PageSource):
-    """A running or ended session, or its replica: a bone of its own takes over the bricks that changed.
+    """A running or ended session, or its replica: a copy of the bone takes over the changed bricks.
 
     Parameters
     ----------
     source : Session or Replica
-        A replica must have been started, and nothing else may take what changed of it.
+        A replica must have been started, and nothing else may take its changes.
     effects : optional
-        Whatever has `parcels`.
+        Any object with `parcels`.
 
     Attributes
     ----------
     tick : int
-        Ticks that are shown.
+        Ticks shown.
 
     Raises
     ------
@@ -386,7 +383,7 @@ class LiveSource(PageSource):
             self._take, about = source.take, json.loads(source.hello)
         else:
             raise TypeError(f"source must be a Session or a Replica, got {type(source).__name__}")
-        bone, self.tick = source.snapshot()  # after the view was made: nothing is missed
+        bone, self.tick = source.snapshot()  # after the view is made: nothing is missed
         watch = about.get("watch")
         super().__init__(bone, [float(tool["radius_mm"]) for tool in about["tools"]], watch)
         self._source, self._effects, self.has_effects = source, effects, effects is not None
@@ -449,8 +446,7 @@ class LiveSource(PageSource):
 
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:
-    """The source of what is to be shown. TypeError if that is of another kind, or the effects do not go with
-    it."""
+    """The page source of an object. TypeError if it cannot be shown, or the effects do not go with it."""
     if isinstance(source, Trace | TracePlayer):
         if not isinstance(effects, Effects | None):
             raise TypeError(f"effects of a trace must be Effects, got {effects!r}")

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 #: Plane -> (axis across it, axis to the right, axis upwards) of (x, y, z).
 PLANES = {"xy": (2, 0, 1), "xz": (1, 0, 2), "yz": (0, 1, 2)}
-#: Where bone was and is no more.
+#: Colour of removed bone.
 REMOVED = (92, 44, 40)
 _EMPTY = (16, 18, 24)
 
@@ -43,11 +43,11 @@ class SliceImage:
         Row 0 is at the bottom.
     levels : ndarray, shape (rows, columns), uint8
     tissues : ndarray, shape (rows, columns), uint8, or None
-        Numbers; None without tissues.
+        Tissue numbers; None without tissues.
     extent : tuple
         Left, right, bottom, top: outer faces of the voxels [mm].
     position : float
-        Of the plane's voxel centres along the axis across it [mm].
+        Place of the plane's voxel centres along the axis across it [mm].
     """
 
     plane: str
@@ -58,7 +58,7 @@ class SliceImage:
     position: float
 
     def burr_radius(self, center: ArrayLike, radius: float) -> float:
-        """Radius of the circle that a sphere cuts out of the plane [mm]; 0 if it does not meet it."""
+        """Radius of the circle that a sphere cuts out of the plane [mm]; 0 if they do not meet."""
         away = float(np.asarray(center, float)[PLANES[self.plane][0]]) - self.position
         return float(np.sqrt(max(radius**2 - away**2, 0.0)))
 
@@ -70,7 +70,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     ----------
     bone : VoxelBone
     point : (x, y, z)
-        In the bone frame [mm]; beyond the volume its outermost plane is taken.
+        In the bone frame [mm]; outside the volume its outermost plane is taken.
     plane : str
         "xy", "xz" or "yz".
 
@@ -105,7 +105,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     # (z, y, x) without the axis across is (upwards, to the right) for all three planes
     palette = tissue_palette(bone)
     colour = np.asarray(BONE) if numbers is None else palette[numbers].astype(float)
-    # half full is drawn as full, as the surface is: soft tissue keeps its colour
+    # half full is drawn as full, like the surface, so that soft tissue keeps its colour
     now, lost = (np.minimum(part[..., None] / 127.5, 1.0) for part in (levels, pristine - levels))
     pixels = now * colour + (1 - now) * (lost * np.asarray(REMOVED) + (1 - lost) * np.asarray(_EMPTY))
     left, low = (origin[a] - spacing[a] / 2 for a in (right, up))
@@ -137,9 +137,9 @@ def plot_slices(
     point : (x, y, z)
         In the bone frame [mm].
     radii : sequence of float
-        Of burrs, drawn as the circles that they cut out of each plane [mm].
+        Radii of burrs, drawn as the circles that they cut out of each plane [mm].
     centers : array_like, shape (burrs, 3), optional
-        Their centres [mm]; default: the first at `point`.
+        Burr centres [mm]; default: one burr at `point`.
     note : str
         A few words on the bone, above the slices.
     figure : Figure, optional
@@ -225,15 +225,15 @@ def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch
 
 
 def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
-    """Thickness of bone that was removed along an axis, at each place across it.
+    """Thickness of removed bone along an axis, at each place across it.
 
-    The sum over a column of voxels of (pristine minus present level)/255 times the spacing.
+    The sum of (pristine minus present level)/255 times the spacing over each column of voxels.
 
     Parameters
     ----------
     bone : VoxelBone
     axis : str
-        Direction in which one looks: "x", "-x", "y", "-y", "z" or "-z"; its sign changes nothing.
+        Direction of view: "x", "-x", "y", "-y", "z" or "-z"; its sign changes nothing.
 
     Returns
     -------
@@ -251,16 +251,16 @@ def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float6
 
 
 def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray[np.float64]:
-    """Depth of a crater as one sees it: from the surface as it was to the surface as it is, along an axis.
+    """Depth of a crater as seen along an axis: from the pristine surface to the present one.
 
-    The surface is where the level first reaches `level`, between voxel centres linearly. Where one sees
-    through, the far face of the volume takes its place.
+    The surface is where the level first reaches `level`, linear between voxel centres. Where no surface is
+    left, the far face of the volume takes its place.
 
     Parameters
     ----------
     bone : VoxelBone
     axis : str
-        Direction in which one looks: "x", "-x", "y", "-y", "z" or "-z".
+        Direction of view: "x", "-x", "y", "-y", "z" or "-z".
     level : int
         Occupancy level at the surface, 1 to 255.
 
@@ -285,8 +285,7 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray
 
 
 def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Present and pristine levels in slabs of whole columns, so that a large volume is never copied at
-    once."""
+    """Present and pristine levels in slabs of whole columns, so that no large volume is copied at once."""
     along = 1 if across == 2 else 0  # the first of the two axes that are left
     for begin in range(0, bone.shape[along], 32):
         start, size = [0, 0, 0], list(bone.shape)
@@ -325,20 +324,20 @@ def plot_depth_map(
     crop: bool = True,
     note: str = "",
 ) -> Axes:
-    """The crater as a map, with contours: `depth_map`, or `removed_thickness`.
+    """A map of the crater with contours: `depth_map`, or `removed_thickness`.
 
     Parameters
     ----------
     bone : VoxelBone
     axis : str
-        Direction in which one looks.
+        Direction of view.
     thickness : bool
-        How much bone was removed, air cells left out; else the depth that one sees.
+        Thickness of removed bone, air cells left out; else the depth seen.
     ax : Axes, optional
     contours : int
-        About so many lines of equal depth, at round values; 0: none.
+        Approximate number of lines of equal depth, at round values; 0: none.
     crop : bool
-        Show only where something was removed, with a margin; else all.
+        Show only the part with removed bone, with a margin; else all.
     note : str
         A few words on the bone, in the title.
 
@@ -382,7 +381,7 @@ def plot_depth_map(
     )
     if lines is not None:
         bar.add_lines(lines)  # on the map their numbers would hide a small crater
-    if axis in ("x", "-y", "z"):  # seen from behind, so that left is left for whoever looks
+    if axis in ("x", "-y", "z"):  # seen from behind: left is the viewer's left
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")

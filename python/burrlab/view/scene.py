@@ -1,5 +1,4 @@
-"""The scene of a bone in a pyvista plotter: off a screen, in a window that Ctrl-C ends, for one eye or
-both."""
+"""The scene of a bone in a pyvista plotter: off screen or in a window that Ctrl-C ends, in mono or stereo."""
 
 from __future__ import annotations
 
@@ -31,7 +30,7 @@ from burrlab.view.actors import (
 from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 from burrlab.view.surface import Surface, tissue_palette
 
-#: Debian packages, one line of which is enough where there is no screen.
+#: Debian packages for drawing without a screen; either choice is enough.
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri, or libosmesa6"
 
 
@@ -41,7 +40,7 @@ def pyvista() -> Any:
     Raises
     ------
     ImportError
-        If it is not installed; the sentence says how to get it.
+        If it is not installed; the message says how to get it.
     """
     try:
         import pyvista as module
@@ -51,7 +50,7 @@ def pyvista() -> Any:
 
 
 def prepare_off_screen() -> None:
-    """Chooses how VTK draws without a screen; on other systems than Linux it does by itself.
+    """Chooses how VTK draws without a screen on Linux; on other systems VTK chooses itself.
 
     Raises
     ------
@@ -92,17 +91,17 @@ def viewpoint_of(plotter: Any) -> Viewpoint:
 class StereoEyes:
     """A renderer for each eye, drawn in place of a plotter's own renderer.
 
-    The own renderer still holds what is drawn, the camera between the eyes, and the view's place in the
+    The plotter's renderer still holds the actors, the camera between the eyes, and the view's place in the
     window.
 
-    Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone
-    which is nearer. The scale bar stays, since that plane is where it is true.
+    Legend and curves are left out: both eyes would see them in the plane of the focus, drawn over nearer
+    bone. The scale bar stays, since it is true in that plane.
 
     Parameters
     ----------
     plotter : pyvista.Plotter
     note : str
-        As of `Scene`.
+        As for `Scene`.
     """
 
     def __init__(self, plotter: Any, note: str = "") -> None:
@@ -125,8 +124,8 @@ class StereoEyes:
         self.on = False
 
     def set(self, separation: float, *, swap: bool = False) -> None:
-        """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the
-        left, for crossed eyes. ValueError if the separation is negative or not finite."""
+        """Sets the distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]. `swap` puts the
+        right eye on the left, for crossed eyes. ValueError if the separation is negative or not finite."""
         refuse(
             not (np.isfinite(separation) and separation >= 0),
             f"separation must be zero or positive and finite, got {separation}",
@@ -146,7 +145,7 @@ class StereoEyes:
             renderer.SetDraw(on)
 
     def one_by_one(self, separation: float, *, swap: bool = False) -> Iterator[None]:
-        """Shows each eye in turn over the whole view, then all as before. ValueError as `set`."""
+        """Shows each eye in turn over the whole view, then restores the view. ValueError as in `set`."""
         before = self.on, self.separation, self.swap
         try:
             self.set(separation, swap=swap)
@@ -196,15 +195,15 @@ class StereoEyes:
         self._shared = now
 
 
-_SLOW = 0.04  # of a drawing: then nothing is drawn that is only nicer [s]
-_AGAIN = 0.5  # after which it is drawn though nothing is known to have changed, as when another window lay over it [s]
+_SLOW = 0.04  # time of a drawing from which on it is simplified [s]
+_AGAIN = 0.5  # time between drawings without a known change: another window may have lain over this one [s]
 
 
 class SceneWindow:
-    """Opens the window of a scene, in the main thread; a context manager.
+    """A context manager that opens the window of a scene, in the main thread.
 
-    Within it Ctrl-C is raised by `turn` only: what is raised in a function that VTK calls, and pyvista has
-    some, is printed and forgotten.
+    Within it only `turn` raises KeyboardInterrupt. Raised in a function of pyvista that VTK calls, it would
+    be printed and forgotten.
 
     Parameters
     ----------
@@ -219,7 +218,7 @@ class SceneWindow:
         self._interrupted, self._held = False, list[int]()
         scene.plotter.show(interactive_update=True, auto_close=False)
         self._events = scene.plotter.iren
-        self._events.interactor.EnableRenderOff()  # else each move of a mouse that waits is drawn by itself
+        self._events.interactor.EnableRenderOff()  # else each waiting move of the mouse is drawn by itself
 
     def __enter__(self) -> SceneWindow:
         if threading.current_thread() is threading.main_thread():
@@ -238,8 +237,8 @@ class SceneWindow:
         self._interrupted = True
 
     def turn(self, *, draw: bool = False) -> bool:
-        """Does what mouse, keys and the window's frame asked for since the last call, and draws if that or
-        the caller needs it; whether the window is still open. KeyboardInterrupt after Ctrl-C."""
+        """Handles mouse, keys and the window's frame since the last call, and draws if they or the caller
+        need it. Returns whether the window is still open. KeyboardInterrupt after Ctrl-C."""
         self._events.process_events()
         if self._interrupted:
             raise KeyboardInterrupt
@@ -261,17 +260,17 @@ _GROUND, _SKY = (0.055, 0.065, 0.085), (0.20, 0.23, 0.28)
 
 
 class Scene:
-    """What the surgeon sees of a bone.
+    """The surgeon's view of a bone.
 
     Parameters
     ----------
     bone : VoxelBone
     radii : sequence of float
-        Of the burrs [mm].
+        Burr radii [mm].
     off_screen : bool
         Draw to pictures only; else in a window.
     size : (width, height)
-        Of window and pictures [pixel].
+        Size of window and pictures [pixel].
     level : int
         Occupancy level at the bone's surface, 1 to 255.
     legend : bool
@@ -281,7 +280,7 @@ class Scene:
     stereo : bool
         Both eyes side by side in the window, as `set_stereo` does.
     outline : bool
-        Draw each burr's rim as a dashed line through the bone before it. A surgeon does not see that.
+        Draw each burr's rim as a dashed line through the bone before it. A surgeon does not see this line.
     note : str
         A few words on the bone, above the scale bar.
 
@@ -293,7 +292,7 @@ class Scene:
     Raises
     ------
     ValueError
-        If a radius is not positive, the size is not, or the level is not from 1 to 255.
+        If a radius is not positive, the size is below 16 pixels, or the level is not from 1 to 255.
     ImportError
         If pyvista is not installed.
     OSError
@@ -354,23 +353,23 @@ class Scene:
 
     @property
     def viewpoint(self) -> Viewpoint:
-        """Viewpoint of the camera now."""
+        """Present viewpoint of the camera."""
         return viewpoint_of(self.plotter)
 
     def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> int:
-        """Takes over what changed of a bone; not drawn before the next picture or `render`.
+        """Takes over the changes of a bone; the next picture or `render` draws them.
 
         Parameters
         ----------
         bone : VoxelBone
             Of the same shape, not to be changed by another thread meanwhile.
         bricks : array_like, shape (n,) or (n, 3), optional
-            That changed, by number or place (z, y, x); None: all.
+            Changed bricks, by number or place (z, y, x); None: all.
 
         Returns
         -------
         int
-            Blocks that were made anew.
+            Number of blocks made anew.
 
         Raises
         ------
@@ -385,7 +384,7 @@ class Scene:
         return len(blocks)
 
     def move_burrs(self, centers: ArrayLike, on: Sequence[bool] | None = None) -> None:
-        """Puts the burrs' centres, (burrs, 3) [mm]; those that do not turn are darker.
+        """Places the burrs' centres, (burrs, 3) [mm]. Burrs that do not turn are darker.
 
         Raises
         ------
@@ -402,7 +401,7 @@ class Scene:
             self.panels.move_burrs(places, self.radii)
 
     def set_parcels(self, parcels: NDArray[np.void] | None) -> None:
-        """Dust, blood and water as the effects give them; None: nothing.
+        """Shows dust, blood and water as the effects give them; None: nothing.
 
         Raises
         ------
@@ -412,7 +411,7 @@ class Scene:
         self.parcels.replace(parcels)
 
     def set_slices(self, point: ArrayLike | None) -> None:
-        """Shows slices through a point [mm] in three panels beside the view; None: takes them away.
+        """Shows slices through a point [mm] in three panels beside the view; None removes them.
 
         Raises
         ------
@@ -428,7 +427,7 @@ class Scene:
             self.panels = None
 
     def set_curves(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
-        """Force [N] and penetration depth [mm] over time [s], in a chart."""
+        """Shows force [N] and penetration depth [mm] over time [s] in a chart."""
         if self.chart is not None:
             self.chart.replace(time, force, depth)
 
@@ -449,7 +448,7 @@ class Scene:
         return self._eyes is not None and self._eyes.on
 
     def set_stereo(self, on: bool, separation: float = 62.0, *, swap: bool = False) -> None:
-        """Draws both eyes, each in its half of the view, without legend and curves; parameters as of
+        """Draws both eyes, each in its half of the view, without legend and curves. Parameters as for
         `stereo_picture`."""
         if on:
             self._stereo_eyes().set(separation, swap=swap)
@@ -462,13 +461,13 @@ class Scene:
         return self._eyes
 
     def picture(self) -> NDArray[np.uint8]:
-        """The picture of the scene as it is now, (height, width, 3)."""
+        """The present picture of the scene, (height, width, 3)."""
         self.render()
         pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
         return pixels
 
     def screenshot(self, path: str | os.PathLike[str]) -> None:
-        """Writes what is seen now as PNG.
+        """Writes the present picture as PNG.
 
         Raises
         ------
@@ -480,13 +479,12 @@ class Scene:
     def stereo_picture(self, separation: float = 62.0, *, swap: bool = False) -> NDArray[np.uint8]:
         """Left and right eye's pictures side by side, (height, 2 width, 3), without legend and curves.
 
-        The eyes look in parallel, with shifted frustums, so that nothing is skewed and what lies at the focus
-        has no parallax.
+        The eyes look in parallel, with shifted frustums. Nothing is skewed, and the focus has no parallax.
 
         Parameters
         ----------
         separation : float
-            Of the eyes, for a viewer at 500 mm; scaled to the camera's distance [mm].
+            Distance of the eyes for a viewer at 500 mm, scaled to the camera's distance [mm].
         swap : bool
             Right eye on the left, for crossed eyes.
 
@@ -514,15 +512,14 @@ class Scene:
         _write_png(path, self.stereo_picture(separation, swap=swap))
 
     def show(self) -> None:
-        """Opens the window, to orbit in with the mouse, until it is closed, by its frame, q or Ctrl-C:
-        KeyboardInterrupt."""
+        """Opens the window until its frame, q or Ctrl-C (KeyboardInterrupt) closes it. The mouse orbits the
+        bone."""
         with SceneWindow(self) as window:
             while window.turn():
                 time.sleep(1 / 60)
 
     def draw_fast(self) -> None:
-        """Draws without multi-sampling and backs of the surface, in a quarter of a software renderer's
-        time."""
+        """Draws without multi-sampling and back faces, in a quarter of a software renderer's time."""
         self.plotter.render_window.SetMultiSamples(0)
         self.actors.property.BackfaceCullingOn()
 

@@ -19,9 +19,9 @@ _BRICK = 8
 
 Block = tuple[int, int, int]  # (z, y, x)
 
-#: What a freshly cut surface is mixed with, and how much of it where all is gone.
+#: Colour mixed into a freshly cut surface, and its share where all is gone.
 _CUT, _CUT_SHARE = (255, 236, 214), 0.45
-#: Bone without tissues.
+#: Colour of bone without tissues.
 BONE = (227, 218, 201)
 
 
@@ -40,7 +40,7 @@ class SurfaceBlock:
     tissues : ndarray, shape (v,), uint8
         Number of the nearest solid voxel's tissue; 0 without tissues.
     lost : ndarray, shape (v,), uint8
-        Most levels that one of the eight voxels around has lost: above 0 on a surface that was cut.
+        Most levels lost by one of the eight voxels around; above 0 on a cut surface.
     """
 
     points: NDArray[np.float32]
@@ -77,8 +77,8 @@ def surface_blocks(
 ) -> dict[Block, SurfaceBlock]:
     """The surface where the level passes from below `level` to at least `level`, by surface nets.
 
-    A vertex lies in the middle of the surface's crossings of a cell's edges, where a cell is a cube of eight
-    voxel centres. Beyond the volume there is nothing, so that the surface is closed.
+    A cell is a cube of eight voxel centres. A vertex lies in the middle of the surface's crossings of a
+    cell's edges. There is no bone outside the volume, so that the surface is closed.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def surface_blocks(
 
 
 def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
-    """Bricks as (z, y, x), shape (n, 3), from their numbers, shape (n,), or from places as they are.
+    """Places (z, y, x) of bricks, shape (n, 3), from their numbers, shape (n,); places stay as they are.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
 
 
 def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
-    """The inverse of `brick_places`; numbers stay as they are. ValueError as there."""
+    """The inverse of `brick_places`; numbers stay as they are. ValueError as in `brick_places`."""
     counts = tuple(-(-n // _BRICK) for n in bone.shape)
     z, y, x = brick_places(bricks, bone).T
     numbers: NDArray[np.uint32] = ((z * counts[1] + y) * counts[2] + x).astype(np.uint32)
@@ -158,7 +158,7 @@ def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
 
 
 def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
-    """Blocks whose surface depends on a voxel of these bricks, in order.
+    """Sorted blocks whose surface depends on a voxel of these bricks.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
 
 
 class Surface:
-    """The blocks of a bone, kept up to date with it.
+    """The surface blocks of a bone, kept up to date with it.
 
     Parameters
     ----------
@@ -201,19 +201,19 @@ class Surface:
         self.blocks = surface_blocks(bone, level=level)
 
     def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> list[Block]:
-        """Makes the blocks anew that depend on changed bricks; None: all.
+        """Renews the blocks that depend on changed bricks; None: all.
 
         Parameters
         ----------
         bone : VoxelBone
             Of the same shape.
         bricks : array_like, shape (n,) or (n, 3), optional
-            That changed, by number or place (z, y, x).
+            Changed bricks, by number or place (z, y, x).
 
         Returns
         -------
         list of (z, y, x)
-            Blocks that were made anew or are gone.
+            Blocks renewed or gone.
 
         Raises
         ------

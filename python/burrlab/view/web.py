@@ -42,18 +42,18 @@ def serve(
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
 
-    Its address holds a secret, which is drawn anew each time. Those who have the address see the page and can
-    work it; all others get nothing. By default it can be reached from this machine only. The page takes
-    nothing from any other place.
+    The address holds a secret, which is drawn anew each time. Those who have the address can see and work the
+    page; all others get nothing. By default only this machine can reach it. The page loads nothing from
+    elsewhere.
 
     Parameters
     ----------
     source : Trace, TracePlayer, Session, Replica or VoxelBone
         A trace is replayed, with a time line; a session or a started replica is shown live, and goes on when
-        the page ends; a bone rests.
+        the page ends; a bone does not change.
     effects : Effects or Companion, optional
-        Dust, blood and water: of a trace, those that effects of its initial bone give, made in the
-        background; of a session or a replica, those of a companion that runs beside it.
+        Dust, blood and water. For a trace: effects of its initial bone, made in the background. For a session
+        or a replica: a companion that runs beside it.
     host : str
         Address to listen on.
     port : int
@@ -61,31 +61,31 @@ def serve(
     open_browser : bool
         Open the page in the system's browser.
     size : (width, height)
-        Of the picture until a browser says its own [pixel].
+        Size of the picture until a browser tells its own [pixel].
     level : int
         Occupancy level at the bone's surface, 1 to 255.
     viewpoint : Viewpoint, optional
-        The first camera; default: of a trace, along the forces that the burr met, else from above.
+        The first camera; default: for a trace, along the forces that the burr met, else from above.
     stereo : bool
         Begin with both eyes side by side; the page has a switch for it.
     note : str
-        A few words on the bone, above the scale bar; default: of a trace, a session or a replica, what its
-        notes assume.
+        A few words on the bone, above the scale bar; default: the assumptions in the notes of a trace, a
+        session or a replica.
     on_ready : callable, optional
         Called with the page's address; default: it is printed.
 
     Raises
     ------
     TypeError
-        If the source is none of these, or the effects do not go with it.
+        If the source is of another kind, or the effects do not go with it.
     ValueError
         If the port is not from 0 to 65535, or size or level is out of range.
     OSError
-        If the port is taken, or the address is not one of this machine.
+        If the port is taken, the address is not one of this machine, or no library draws without a screen.
     ImportError
         If pyvista or trame is not installed.
     RuntimeError
-        If there is no library to draw without a screen, or an event loop runs already.
+        If an event loop runs already.
     """
     shown = page_source(source, effects)
     refuse(not 0 <= port <= 65535, f"port must be from 0 to 65535, got {port!r}")
@@ -95,7 +95,7 @@ def serve(
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
-    """ImportError without trame, OSError where a port cannot be had, RuntimeError where an event loop runs."""
+    """ImportError without trame, OSError if the port cannot be had, RuntimeError if an event loop runs."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:
@@ -128,7 +128,7 @@ async def _serve(
         server = _server()
         page = Page(server, source, scene, surgeon=viewpoint, stereo=stereo)
         build_layout(page)
-        secret, end = secrets.token_hex(16), asyncio.Event()  # trame asks for it in small letters
+        secret, end = secrets.token_hex(16), asyncio.Event()  # lower case, as trame needs it
         server.controller.on_server_bind.add(lambda web: _prepare(web, server.protocol, host, secret))
         ready = server.ready
         with _ended_by_signals(end), _own_arguments():
@@ -158,13 +158,13 @@ async def _serve(
 def _server() -> Any:
     from trame.app import get_server
 
-    os.environ["WSLINK_READY_MSG"] = ""  # else a word on standard output
+    os.environ["WSLINK_READY_MSG"] = ""  # else it prints a word
     os.environ.setdefault("WSLINK_WS_COMPRESS", "0")  # pictures are compressed already
     return get_server(f"burrlab-{uuid.uuid4()}", client_type="vue3")
 
 
 def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
-    """Serves below the secret only, to those who use the address listened on, and restricts their calls."""
+    """Serves only paths below the secret, only at the address listened on, and restricts the calls."""
     from aiohttp.web import HTTPForbidden, json_response
     from yarl import URL
 
@@ -188,7 +188,7 @@ def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
 
     web.app.router.resolve = below
     web.app.router.add_post("/paraview/", launch)
-    protocol.updateSecret(secret)  # in the place of trame's own, which everybody knows
+    protocol.updateSecret(secret)  # replaces trame's own, which everybody knows
     for handler in web._ws_handlers:
         restrict(handler)
 
@@ -199,12 +199,11 @@ def _named(host: str, port: int) -> str:
 
 @contextlib.contextmanager
 def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
-    """Lets Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
+    """Lets Ctrl-C and SIGTERM end the page in order, if this is the main thread."""
     loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
         handler = signal.getsignal(number)
-        # Windows' event loops take no handlers, and no system's do outside the main thread: Ctrl-C stays as
-        # it is there.
+        # Event loops take no handlers on Windows, nor outside the main thread: there Ctrl-C stays as it is.
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop.add_signal_handler(number, end.set)
             before[number] = handler

@@ -294,9 +294,7 @@ def new_volume(
 ) -> Iterator[Path]:
     """A new file, complete and on disk, that replaces the target at the end; errors as `write_volume`."""
     ending = ending_of(target, f"one of {', '.join(ENDINGS)}")
-    if any(
-        LPS_ASSUMED in note for note in volume.notes
-    ):  # the new file says so too
+    if any(LPS_ASSUMED in note for note in volume.notes):  # the new file says so too
         key = _NIFTI_NOTES if ending.startswith(".nii") else _ASSUMED
         known = fields.get(key, "").removeprefix(LPS_ASSUMED).strip()
         fields = {**fields, key: f"{LPS_ASSUMED} {known}".strip()[:79]}

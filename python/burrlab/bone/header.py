@@ -271,7 +271,7 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
             f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(said)}",
         )
         origin = turn * origin
-    kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK's writer obeys these
+    kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
     header = Header(shape, spacing, origin, direction, tuple(notes), kept, layers)
     return header, _nrrd_layout(fields, end, name)
 

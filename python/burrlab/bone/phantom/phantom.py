@@ -216,7 +216,7 @@ def temporal_bone(
     mirrored = side == "left"
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
-    width = float(np.sqrt(np.mean(spacing**2)))  # voxel width along a normal, root mean square over directions
+    width = float(np.sqrt(np.mean(spacing**2)))  # along a normal, root mean square over directions
     levels, numbers = np.empty((2, *grid.shape), dtype=np.uint8)
     target = np.empty(grid.shape, dtype=np.bool_)
     layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))

@@ -18,7 +18,7 @@ def _leave(*_: object) -> None:
 
 
 def started() -> None:
-    """From here on Ctrl-C is a KeyboardInterrupt again."""
+    """Makes Ctrl-C a KeyboardInterrupt again."""
     if _signal.getsignal(_signal.SIGINT) is _leave:
         _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 

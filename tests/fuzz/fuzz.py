@@ -37,9 +37,7 @@ MEMORY, PATIENCE = 2 << 30, 10.0  # more than this is a finding [bytes], [s]
 LONGEST = 20_000  # longest sentence [characters]: it may quote a name
 CONTROL = re.compile(r"[\0-\x08\x0a-\x1f\x7f\ud800-\udfff]")  # a sentence has none, and no second line
 ONE_CHILD = 200_000  # inputs per child
-STATE = struct.Struct(
-    "<Qdd"
-)  # number of the input, start of its reading (0: none is read) and time left [s]
+STATE = struct.Struct("<Qdd")  # number of the input, start of its reading (0: none is read) and time left [s]
 
 
 def files_in(place: Path) -> Files:

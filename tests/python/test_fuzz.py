@@ -1,4 +1,4 @@
-"""Readers under hostile files (tests/fuzz): earlier findings and one second more each; and the test itself."""
+"""Readers under hostile files (tests/fuzz): earlier findings and one second more; and the test itself."""
 
 import re
 import shutil

@@ -1,4 +1,4 @@
-"""From a measured curve to fitted constants, to voxel descents that match the data."""
+"""From a measured curve to fitted constants to voxel descents on the data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import burrlab
 
 @pytest.mark.parametrize("name", ["specimen_a.csv", "specimen_b.csv"])
 def test_voxel_descents_at_the_fitted_values_lie_on_the_data(shared_data, burr, name):
-    """The mean of three repeats with 8 % scatter has an error of 4.6 %; the fit's error adds to it."""
+    """The mean of three repeats with 8 % scatter has an error of 4.6 %; the fit's own adds to it."""
     curve = burrlab.VelocityCurve.from_csv(shared_data / "measurements" / name)
     fit = burrlab.fit(curve, burr)
     forces = np.unique(curve.force)[2::3]
@@ -23,7 +23,7 @@ def test_voxel_descents_at_the_fitted_values_lie_on_the_data(shared_data, burr, 
     means = np.array([np.exp(np.mean(np.log(curve.velocity[curve.force == f]))) for f in forces])
     # Five standard errors of a mean: one false alarm in a million.
     np.testing.assert_allclose(np.log(descents.velocity / means), 0.0, atol=5 * 0.08 / np.sqrt(3))
-    # Their mean lies on the curve.
+    # On average they sit on the line.
     assert abs(np.mean(np.log(descents.velocity / fit.velocity(forces)))) < 0.03
 
 

@@ -1,4 +1,4 @@
-"""Imports follow docs/architecture.md: only to rooms on the left, at the top, with modules named in full."""
+"""The plan of the house holds: imports lead only to rooms on the left, stand at the top, and name modules in full."""
 
 from __future__ import annotations
 

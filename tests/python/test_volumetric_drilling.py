@@ -1,4 +1,4 @@
-"""The export has the layout that volumetric_drilling documents and records."""
+"""The export against the layout that volumetric_drilling documents and records."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NEW = "physics_data/intermittent_data/voxels_removed/"
 
 
 def flat(file):
-    """Datasets of a file by their names."""
+    """The datasets of a file by their names."""
     found = {}
     file.visititems(
         lambda name, item: found.update({name: item[()]} if isinstance(item, h5py.Dataset) else {})
@@ -180,7 +180,7 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     planes = (gone.swapaxes(1, 2) if turned else gone)[:, ::-1]  # slice, row from the lowest, column
     if box is None:
         assert set(map(tuple, removed[:, :0:-1])) == set(map(tuple, np.argwhere(planes)))
-    # As the simulator loads them: its PNG reader has the lowest row first.
+    # As that simulator loads them: the lowest row first (its library's reader of PNG files).
     stack = np.stack(
         [np.asarray(Image.open(name))[::-1] for name in sorted((tmp_path / "slices").glob("*.png"))]
     )
@@ -188,8 +188,8 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     np.testing.assert_array_equal(stack[z, y, x], colors[:, 1:])
     assert len(np.unique(colors[:, 1:], axis=0)) == 2  # bone and nerve
     assert pose[3:].tolist() == pytest.approx([0, 0, 0.5**0.5, 0.5**0.5] if turned else [0, 0, 0, 1])
-    if turned:  # the drill is where the volume's pose puts the voxels
+    if turned:  # where the volume's pose puts the voxels, there the drill is
         there = 0.25 * (removed[:, 1:] - (np.array(stack.shape[2::-1]) - 1) / 2)
-        there = 1000 * pose[:3] + there @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # a quarter turn
+        there = 1000 * pose[:3] + there @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # that quarter turn
         drill = path[np.rint((stamps[removed[:, 0]] - trace.provenance["started_unix_s"]) * 1e3).astype(int)]
         assert np.linalg.norm(there - drill, axis=1).max() < 2.2

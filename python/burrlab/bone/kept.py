@@ -160,7 +160,7 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
     greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
     refuse(
         np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0,
-        f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}",
+        f"map must rise from 0 with the grey value, so that removed bone has a grey value, got {mapping.text}",
     )
     levels = np.arange(256) / 255.0
     last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
@@ -218,7 +218,7 @@ def coded(
             low, high = sorted(slope * float(end) + inter for end in (least, most))
             held += f", {low:g} to {high:g}"
         raise ValueError(
-            f"{grey} that {name} can hold, for what was removed to have one: it holds {held}, got {greys[beyond][0]:g}"
+            f"{grey} that {name} can hold, for removed bone: it holds {held}, got {greys[beyond][0]:g}"
         )
     return found[:-1].astype(kind)
 

@@ -343,7 +343,7 @@ class Palette:
             told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
         refuse(
             self.unknown == "refuse",
-            f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
+            f"{name}: {many}: {told}; clipped sums of overlapping structures, or blends from scaling? unknown=LABEL "
             "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty",
         )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"

@@ -596,7 +596,7 @@ def save_drilled(
 
     The file is written as by `write_volume`, with the original's fields beyond its geometry: keys and values
     of NRRD, the description of NIfTI, further fields of MetaImage. DICOM slices are derived images of a new
-    series in the same study: UIDs, image type and derivation are new, all else is copied from the originals.
+    series in the same study: UIDs, image type and derivation are new, all else that still holds is copied.
 
     Beside `NAME` lies the bone, `NAME.<digest>.bone.h5` (in a folder, `bone.h5`), as `save_bone` writes it.
     The bone is written first, under the digest of its volume: after an interruption the old pair or the new

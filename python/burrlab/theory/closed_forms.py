@@ -88,8 +88,7 @@ def settled_immersion(immersion: Array, force: Array, setpoint: float, *, span: 
     Returns
     -------
     float or None
-        [mm]; None if the centred mean of the force is not within 5 % of the set-point at the end, or the
-        record is shorter than the span.
+        [mm]; None if the record is shorter than `span`, or its mean force ends more than 5 % off.
     """
     if len(force) < span:
         return None

@@ -1,4 +1,4 @@
-"""Ctrl-C while a command's modules load ends it at once: status 130, and not a word of what was being loaded."""
+"""Ctrl-C while the modules of a command load ends it at once, with status 130 and no traceback."""
 
 import _signal  # type: ignore[import-not-found]  # "signal" itself loads others
 import os
@@ -6,9 +6,9 @@ import sys
 
 
 def _is_command() -> bool:
-    """Whether what runs is `burrlab` or `python -m burrlab`; not a program that imports it."""
+    """Whether `burrlab` or `python -m burrlab` runs, not a program that imports burrlab."""
     arguments: list[str] = getattr(sys, "argv", None) or [""]
-    if arguments[0] == "-m":  # while the package of -m is looked for
+    if arguments[0] == "-m":  # Python still looks for the package of -m
         return sys.orig_argv[-len(arguments)].removeprefix("-m") == "burrlab"
     return os.path.splitext(os.path.basename(arguments[0]))[0] == "burrlab"
 
@@ -18,7 +18,7 @@ def _leave(*_: object) -> None:
 
 
 def started() -> None:
-    """From here on Ctrl-C is a KeyboardInterrupt again."""
+    """Makes Ctrl-C a KeyboardInterrupt again."""
     if _signal.getsignal(_signal.SIGINT) is _leave:
         _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 

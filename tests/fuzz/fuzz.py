@@ -3,10 +3,11 @@
     python tests/fuzz/fuzz.py [TARGET ...] [--seconds 600] [--seed 1] [--out build/fuzz]
     python tests/fuzz/fuzz.py TARGET --only tests/fuzz/found/TARGET/NAME
 
-An input is a folder of a few files: a seed (readers.py), changed (mutations.py). A reader takes it, or refuses it by ValueError
-or OSError with one sentence. All else is a finding: another error, no sentence, a signal or an exit, more than 10 s or 2 GB,
-words on stdout or stderr. A child process reads the inputs, in memory; findings are kept in build/fuzz/TARGET, smaller where
-that is easy, with what they led to in NAME.txt. What was ever found is in found/TARGET, and is read first.
+An input is a folder of a few files: a seed (readers.py) with changes (mutations.py). A reader accepts it, or
+refuses it by a ValueError or OSError with one sentence. Anything else is a finding: another error, no
+sentence, a signal or an exit, more than 10 s or 2 GB, text on stdout or stderr. A child process reads the
+inputs from memory. build/fuzz/TARGET keeps the findings, made smaller if possible, and NAME.txt their effect.
+Earlier findings are in found/TARGET and are read first.
 """
 
 from __future__ import annotations
@@ -33,12 +34,10 @@ from readers import PACKAGE, TARGETS
 
 FOUND = Path(__file__).parent / "found"
 MEMORY, PATIENCE = 2 << 30, 10.0  # more than this is a finding [bytes], [s]
-LONGEST = 20_000  # of a sentence: it may quote a name [characters]
+LONGEST = 20_000  # longest sentence [characters]: it may quote a name
 CONTROL = re.compile(r"[\0-\x08\x0a-\x1f\x7f\ud800-\udfff]")  # a sentence has none, and no second line
-ONE_CHILD = 200_000  # inputs
-STATE = struct.Struct(
-    "<Qdd"
-)  # number of the input, since when it is read (0: none is), and the time left [s]
+ONE_CHILD = 200_000  # inputs per child
+STATE = struct.Struct("<Qdd")  # number of the input, start of its reading (0: none is read) and time left [s]
 
 
 def files_in(place: Path) -> Files:
@@ -77,7 +76,7 @@ class Child:
         os.dup2(1, 2)
 
     def outcome(self, files: Files) -> tuple[str, str]:
-        """Name of the finding, "" for none; and what was raised where, "" for nothing."""
+        """Name of the finding, "" for none; and the error with its place, "" for none."""
         put(files, self.work / "input")
         os.chdir(self.work / "input")
         begun, name, told = time.monotonic(), "", ""
@@ -105,7 +104,7 @@ class Child:
         return name, told
 
     def smaller(self, files: Files, name: str) -> Files:
-        """The same finding in fewer bytes, as far as 3 s go."""
+        """The same finding in fewer bytes, within 3 s."""
         until = time.monotonic() + 3.0
         for part in sorted(files):
             size = len(files[part])
@@ -119,19 +118,19 @@ class Child:
 
     def run(self, seed: int, found: list[Files], out: Path) -> None:
         made, left = inputs(self.work / "seeds"), self.left
-        for files in made:  # with it comes what readers import, before memory is counted
+        for files in made:  # also loads the readers' imports before memory is counted
             if told := self.outcome(files)[1]:
                 (self.work / "where").write_text(f"a seed is refused, {first(files)}: {told}")
                 raise SystemExit(2)
         self.left = left
         size = address_space()
         resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, -1))
-        grows = not any(name.endswith(".h5") for name in made[0])  # no library changes broken HDF5
+        grows = not any(name.endswith(".h5") for name in made[0])  # no library can change broken HDF5
         corpus, ways, last = [*made, *(found if grows else [])], {""}, self.number + ONE_CHILD
         while self.number < len(found) or (
             self.left > 0
             and self.number < last
-            and address_space() < size + MEMORY // 4 * 3  # what libraries keep
+            and address_space() < size + MEMORY // 4 * 3  # libraries keep memory
         ):
             begun, r, again = time.monotonic(), Random(f"{seed} {self.number}"), self.number < len(found)
             files = found[self.number] if again else changed(r, r.choice(corpus), r.choice(corpus))
@@ -140,14 +139,14 @@ class Child:
             if name and not (out / name).exists():
                 keep(self.smaller(files, name), out, name, told)
             if told not in ways and not name and grows and len(files[first(files)]) < 100_000:
-                corpus.append(files)  # another way through the reader
+                corpus.append(files)  # it took another way through the reader
             ways.add(told)
             self.number += 1
         os.pwrite(self.state, STATE.pack(self.number, 0.0, self.left), 0)
 
 
 def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[str]]:
-    """Number of inputs, and names of the findings, each with its input in `out`."""
+    """Number of inputs, and names of the findings; their inputs are in `out`."""
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
         work, left, number = Path(folder), seconds, 0
         for place, write in enumerate(TARGETS[target][1]):
@@ -162,7 +161,7 @@ def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[st
                 number, begun, left = STATE.unpack((work / "state").read_bytes())
                 if begun and time.monotonic() - begun > PATIENCE:
                     hangs = True
-                    child.send_signal(signal.SIGABRT)  # says where
+                    child.send_signal(signal.SIGABRT)  # faulthandler writes where
                     time.sleep(0.5)
                     child.kill()
             number, begun, left = STATE.unpack((work / "state").read_bytes())

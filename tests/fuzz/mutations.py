@@ -1,4 +1,4 @@
-"""Inputs of the fuzz test, changed: as bytes, as text, and as what a format packs or signs."""
+"""Changes inputs of the fuzz test: as bytes, as text, and within packed or signed content."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ import numpy as np
 from burrlab._core import crc64
 from burrlab.psychophysics.side_car import digest
 
-Files = dict[str, bytes]  # by their names in the folder of an input
-LARGEST = 1 << 22  # of a file [bytes]
+Files = dict[str, bytes]  # contents by names in the folder of an input
+LARGEST = 1 << 22  # largest file [bytes]
 
 _EDGES = [0, 1, 2, 127, 128, 255, 256, *(2**n - k for n in (15, 16, 31, 32, 63, 64) for k in (0, 1))]
 _WORDS = ["nan", "inf", "-inf", "1e400", "1e-400", "-1", "0", "-0.0", "1e300", "99", "10000", "2147483648", "0x10", "1_0", "\u0661",
@@ -65,7 +65,7 @@ def _bytes(r: Random, data: bytes, other: bytes = b"") -> bytes:
 
 
 def _text(r: Random, data: bytes, other: bytes = b"") -> bytes:
-    """Numbers, fields and lines of a text, or of the head of a file that begins with one."""
+    """Changes numbers, fields and lines of a text, or of the text at the head of a file."""
     place, head = re.compile(r.choice(_PLACES)), min(len(data), r.choice((600, 4096, LARGEST)))
     one, two = (place.search(data, r.randrange(head)) or re.match(b"", b"") for _ in range(2))
     words = [b"\xff\xfe", b"\xed\xa0\x80", *re.findall(rb"[\w.+-]+", other[:999])]
@@ -76,7 +76,7 @@ def _text(r: Random, data: bytes, other: bytes = b"") -> bytes:
 
 
 def _json(r: Random, data: bytes, other: bytes = b"") -> bytes:
-    """A key or a value, of one of several lines; a protocol is signed again."""
+    """Changes a key or a value in one line, and signs a protocol again."""
     lines = data.splitlines() if b"\n{" in data else [data]
     place = r.randrange(len(lines))
     holders: list[Any] = [root := [json.loads(lines[place])]]
@@ -98,7 +98,7 @@ def _json(r: Random, data: bytes, other: bytes = b"") -> bytes:
 
 
 def _packed(r: Random, data: bytes, other: bytes = b"") -> bytes:
-    """What gzip or zlib has packed, changed and packed again; or much of nothing behind it."""
+    """Changes content packed by gzip or zlib and packs it again, or appends very many zeros."""
     begins = (match.end() for match in re.finditer(rb"^|\n\r?\n|LOCAL\r?\n", data))
     start = next(at for at in begins if data[at : at + 2] in (b"\x1f\x8b", b"x\x9c", b"x\x01", b"x\xda"))
     pack = gzip.compress if data[start] == 0x1F else zlib.compress
@@ -108,7 +108,7 @@ def _packed(r: Random, data: bytes, other: bytes = b"") -> bytes:
 
 
 def _png(r: Random, data: bytes, other: bytes = b"") -> bytes:
-    """Chunks, with their checksums."""
+    """Changes chunks, with right checksums."""
     chunks, at = [], 8
     while at < len(data):
         end = at + 8 + int.from_bytes(data[at : at + 4], "big")
@@ -125,7 +125,7 @@ def _png(r: Random, data: bytes, other: bytes = b"") -> bytes:
 
 
 def _hdf5(r: Random, data: bytes, other: bytes = b"") -> bytes:
-    """Attributes, datasets and links, by the library, so that its checksums are right."""
+    """Changes attributes, datasets and links by the library, which writes right checksums."""
 
     def otherwise(old: Any) -> Any:
         text = old.decode() if isinstance(old, bytes) else old
@@ -162,7 +162,7 @@ def _hdf5(r: Random, data: bytes, other: bytes = b"") -> bytes:
 
 
 def _messages(r: Random, data: bytes, other: bytes = b"") -> bytes:
-    """OpenIGTLink: heads and bodies, with the lengths and checksums of these."""
+    """Changes heads and bodies of OpenIGTLink messages, with right lengths and checksums."""
     messages, at = [], 0
     while at < len(data):
         end = at + 58 + int.from_bytes(data[at + 42 : at + 50], "big")
@@ -184,7 +184,7 @@ _CHANGES: list[tuple[str, list[Callable[[Random, bytes, bytes], bytes]]]] = [
 
 
 def first(files: Files) -> str:
-    """The file that is read, and may lead to the others."""
+    """The file that is read; it may refer to the others."""
     return min(files, key=lambda name: (name.count("/"), name))
 
 
@@ -194,8 +194,8 @@ def changed(r: Random, files: Files, others: Files) -> Files:
     for _ in range(r.choice((1, 1, 1, 2, 3))):
         name = r.choice((first(new), r.choice(sorted(new))))
         steps.append((name, r.choice(next(ways for ending, ways in _CHANGES if re.search(ending, name)))))
-    for name, way in sorted(steps, key=lambda step: step[1] is _bytes):  # the last, for it breaks structure
-        with contextlib.suppress(Exception):  # it is broken already
+    for name, way in sorted(steps, key=lambda step: step[1] is _bytes):  # _bytes last: it breaks structure
+        with contextlib.suppress(Exception):  # the file may be broken already
             new[name] = way(r, new[name], r.choice(sorted(others.values())))[:LARGEST]
     if len(new) > 1 and r.random() < 0.05:
         del new[r.choice(sorted(new))]

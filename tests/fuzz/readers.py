@@ -1,4 +1,4 @@
-"""What the fuzz test reads: every public reader, with seeds that it takes, by writers of the package and scenes of other tests."""
+"""Targets of the fuzz test: every public reader, with seeds from writers and scenes of other tests."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def _poses(version: int) -> Seed:
     return lambda at: (at / "in.igtl").write_bytes(b"".join([*poses, *others, poses[0]]))
 
 
-#: Name: what reads, given the first file of an input in its folder; what writes the files of a seed into a folder.
+#: Name: the reader, called with the first file of an input in its folder, and writers of seeds into a folder.
 TARGETS: dict[str, tuple[Callable[[str], object], list[Seed]]] = {
     "nrrd": (_volume, [
         _image("in.nrrd"), _image("in.nrrd", useCompression=True), _image("in.nhdr"),

@@ -12,7 +12,7 @@ RIGHT, BACK = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 def write_slice(
     path, pixels, position, *, series, number=1, spacing=(0.5, 0.25), rows=RIGHT, columns=BACK, **changes
 ):
-    """One slice; `spacing` is PixelSpacing: between rows, between columns. A change of None deletes the element."""
+    """Writes a slice; `spacing` is PixelSpacing (rows, columns). A change of None deletes the element."""
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID = CTImageStorage
     meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[str(path), series])
@@ -41,7 +41,7 @@ def write_slice(
 def write_series(
     folder, values, *, series="1.2.3.4", step=0.75, first=(1.0, 2.0, 3.0), names=None, **options
 ):
-    """Values (z, y, x) as slices `step` apart; `names` are of the files."""
+    """Writes values (z, y, x) as slices `step` apart; `names` are file names."""
     folder.mkdir(exist_ok=True)
     rows, columns = options.get("rows", RIGHT), options.get("columns", BACK)
     normal = np.cross(rows, columns)

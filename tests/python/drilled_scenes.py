@@ -22,7 +22,7 @@ SHAPE = (14, 16, 18)
 
 
 def greys(kind: str = "i2") -> np.ndarray:
-    """Bone of random grey values, some above what counts as solid, under a layer of air."""
+    """Random grey values of bone, some above that of solid, under a layer of air."""
     values = np.random.default_rng(5).integers(150, 1500, SHAPE)
     values[10:] = -1000 if kind[0] != "u" else 0
     return values.astype(kind)
@@ -40,7 +40,7 @@ def drilled(volume: Volume) -> VoxelBone:
 
 
 def kept(path: Path, like: Volume, tick: int = 0) -> tuple[VoxelBone, Volume, DrilledVolume]:
-    """A bone drilled in a volume and saved: geometry, voxels of which nothing or all was removed, and exact state come back."""
+    """A bone drilled in a volume and saved; checks geometry, untouched and empty voxels, and exact state."""
     bone = drilled(like)
     assert check_drilled(path, like, MAP) is None
     save_drilled(path, bone, like, mapping=MAP, tick=tick)
@@ -50,7 +50,7 @@ def kept(path: Path, like: Volume, tick: int = 0) -> tuple[VoxelBone, Volume, Dr
     untouched = np.rint(like.values) if again.values.dtype.kind == "i" else like.values
     np.testing.assert_array_equal(again.values[whole], untouched[whole])
     gone = again.values[(bone.density == 0) & ~whole]
-    assert ((gone > 195) & (gone <= 200)).all()  # to a step of what is stored
+    assert ((gone > 195) & (gone <= 200)).all()  # within a step of the stored numbers
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), tick, MAP)
     return bone, again, loaded
 
@@ -69,7 +69,7 @@ def nrrd(path: Path, values: np.ndarray, encoding: str = "raw", endian: str = "l
 
 
 def nifti(path: Path, values: np.ndarray, slope: float = 0.0, inter: float = 0.0) -> Path:
-    """NIfTI-1 by its definition, with an extension, a description and codes that are not usual."""
+    """A NIfTI-1 file by its definition, with an extension, a description and unusual codes."""
     code = {"i2": 4, "u2": 512, "f4": 16}[values.dtype.str[1:]]
     head = bytearray(352)
     struct.pack_into("<i", head, 0, 348)
@@ -108,7 +108,7 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
 
 
 def as_text(path: Path) -> Path:
-    """The values of a file of `greys` as text."""
+    """A file of `greys` with its values as text."""
     head = path.read_bytes()[: -greys().nbytes].replace(b"encoding: raw", b"encoding: ascii")
     text = " ".join(map(str, greys().ravel())).encode() + b"\n"
     path.write_bytes(head.replace(b"BinaryData = True", b"BinaryData = False") + text)
@@ -116,7 +116,7 @@ def as_text(path: Path) -> Path:
 
 
 def with_axis(path: Path) -> Path:
-    """A first axis of 1, which is none."""
+    """A file with a first axis of size 1, which is ignored."""
     content = path.read_bytes()
     for old, new in ((b"dimension: 3", b"dimension: 4"), (b"sizes: ", b"sizes: 1 "),
                      (b"directions: ", b"directions: none "), (b"kinds: ", b"kinds: vector ")):  # fmt: skip
@@ -142,7 +142,7 @@ MAKERS = {
 
 
 def stack(folder: Path, planes: np.ndarray, mode: str | None = None, name: str = "plane00{}.png") -> Path:
-    """Slices of the planes, from number 0."""
+    """A folder of slices of the planes, from number 0."""
     folder.mkdir(exist_ok=True)
     for k, plane in enumerate(planes):
         image = Image.fromarray(np.asarray(plane))

@@ -21,7 +21,7 @@ TABLE = default_tissues({1: "bone", 4: "facial nerve"})
 
 
 def anatomy_bone(*given, **options) -> VoxelBone:
-    """Of `labelled_bone`, without its notes."""
+    """The bone of `labelled_bone`, without its notes."""
     return labelled_bone(*given, **options).bone
 
 
@@ -47,7 +47,7 @@ def label_file(path: Path, like: Volume) -> Path:
 
 
 def coloured(folder: Path) -> Path:
-    """Slices and their YAML file, the number of a row along x as the simulator's converter writes them."""
+    """Slices and their YAML file, with rows numbered along x, as the simulator's converter writes them."""
     colour = {
         0: (0, 0, 0, 0),
         1: (*VOLUMETRIC_DRILLING["Bone"], 255),
@@ -62,7 +62,7 @@ def coloured(folder: Path) -> Path:
 
 
 def write_files(folder: Path) -> None:
-    """ct.nrrd, labels.nii.gz, a.seg.nrrd, slices and their v.yaml, and the table t.csv."""
+    """Writes ct.nrrd, labels.nii.gz, a.seg.nrrd, slices with v.yaml, and the table t.csv."""
     write_volume(folder / "ct.nrrd", volume())
     label_file(folder / "labels.nii.gz", volume())
     seg_nrrd(folder / "a.seg.nrrd", labels(), FIELDS)

@@ -1,4 +1,4 @@
-"""Air cells: the sizes asked for, walls where a slow look finds them, closed."""
+"""Air cells: given sizes, walls as in a slow calculation, closed cells."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FALSE_ALARM = 1e-6
 
 
 def cube(side: float) -> Callable[[float], np.ndarray]:
-    """Points of cubic lattices in a box of that side [mm], which the steps used here fill."""
+    """Points of cubic lattices in a box of that side [mm], a multiple of the steps used here."""
 
     def points(step: float) -> np.ndarray:
         places = (np.arange(round(side / step)) + 0.5) * step
@@ -29,7 +29,7 @@ def cube(side: float) -> Callable[[float], np.ndarray]:
 
 @lru_cache(maxsize=4)
 def filled(cells: AirCells, seed: int) -> tuple[Honeycomb, np.ndarray]:
-    """A honeycomb in a box, and its diameters counted on a lattice of its own."""
+    """A honeycomb in a box, and its diameters counted on another lattice."""
     box = cube(8 * cells.median_diameter)
     found, step = honeycomb(cells, box, seed), 8 * cells.median_diameter / 55
     count = np.bincount(found.owners(box(step)), minlength=len(found.sites))
@@ -40,7 +40,7 @@ def filled(cells: AirCells, seed: int) -> tuple[Honeycomb, np.ndarray]:
     ("cells", "seed"), [(AirCells(2.0, 1.4), 5), (AirCells(3.0, 1.2, 0.4), 6), (AirCells(2.5, 1.55), 7)]
 )
 def test_sizes_follow_the_distribution_asked_for(cells, seed):
-    """Drawn sizes alone would pass; the counted ones also carry what the weights leave undone."""
+    """Drawn sizes alone would pass; counted ones also have the errors of the weights."""
     found, diameter = filled(cells, seed)
     normal = np.log(diameter / cells.median_diameter) / math.log(cells.geometric_deviation)
     assert stats.kstest(normal, "norm").pvalue > FALSE_ALARM
@@ -49,7 +49,7 @@ def test_sizes_follow_the_distribution_asked_for(cells, seed):
     off = np.log(diameter / found.drawn)
     assert np.quantile(np.abs(off), 0.95) < 0.15
     assert abs(off.mean()) < 0.02
-    # The mean and the deviation of n logarithms, 4.9 standard errors: one false alarm in a million each.
+    # Mean and deviation of n logarithms within 4.9 standard errors: one false alarm in a million each.
     sigma, n = math.log(cells.geometric_deviation), len(diameter)
     median, deviation = found.moments
     assert abs(math.log(median / cells.median_diameter)) < 4.9 * sigma / math.sqrt(n)
@@ -62,7 +62,7 @@ def test_the_distribution_test_can_fail():
 
 
 def test_walls_are_where_all_pairs_say():
-    """Distance from the nearest plane of equal power between the owner and any other cell."""
+    """The distance is that to the nearest plane of equal power between the owner and any other cell."""
     found, _ = filled(AirCells(3.0, 1.2, 0.4), 6)
     side = np.linspace(5.0, 9.0, 16)
     grid = Grid(side, side + 2.0, side - 1.0)
@@ -82,7 +82,7 @@ def test_walls_are_where_all_pairs_say():
 
 
 def test_cells_are_closed():
-    """In voxels half as thick as the walls no air of one cell touches that of another."""
+    """In voxels half as thick as the walls, the air of two cells never touches."""
     phantom = temporal_bone(0.15, seed=3, size=(6, 6, 6), corner=(3, 10, -8))
     air, parts = ndimage.label(phantom.bone.density < 128)
     x, y, z = (

@@ -1,4 +1,4 @@
-"""Arrays that a voxel bone hands out: read-only copies of the whole, and copies of a box."""
+"""Arrays of a voxel bone: read-only copies of the whole, and copies of a box."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_arrays_are_read_only_copies_that_outlive_their_bone(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["density", "pristine"])
 def test_no_array_leads_back_into_the_bone(name: str, eroded_bone: VoxelBone) -> None:
-    """Whoever makes a copy writeable changes the copy alone."""
+    """A copy that is made writeable changes alone."""
     bone = eroded_bone
     digest, mass = bone.digest(), bone.mass
     for array in (getattr(bone, name), bone.read((0, 0, 0), bone.shape, pristine=name == "pristine")):
@@ -42,7 +42,7 @@ def test_no_array_leads_back_into_the_bone(name: str, eroded_bone: VoxelBone) ->
 
 
 def test_arrays_stay_as_they_were(eroded_bone: VoxelBone) -> None:
-    """A tick, a write and a reset change the bone, not what was handed out before."""
+    """A tick, a write and a reset change the bone, not earlier copies."""
     bone = eroded_bone
     present, pristine = bone.density, bone.pristine
     before = present.copy(), pristine.copy()
@@ -61,7 +61,7 @@ def test_arrays_stay_as_they_were(eroded_bone: VoxelBone) -> None:
     [((0, 0, 0), (20, 30, 30)), ((7, 8, 9), (2, 1, 8)), ((19, 29, 29), (1, 1, 1)), ((3, 0, 5), (17, 16, 3))],
 )
 def test_read_is_a_part_of_the_dense_arrays(start: tuple[int, int, int], size: tuple[int, int, int]) -> None:
-    """And these are the levels given; the dent's centre lies in every box."""
+    """Both are the levels given; the dent's centre lies in every box."""
     levels = np.random.default_rng(1).integers(0, 256, (20, 30, 30)).astype(np.uint8)
     bone = VoxelBone(levels, 0.1)
     center = [0.1 * (a + n / 2) for a, n in zip(start[::-1], size[::-1], strict=True)]

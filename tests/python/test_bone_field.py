@@ -1,4 +1,4 @@
-"""Inhomogeneous bone: moments and correlation of the field, independence of the grid, and the scatter it predicts."""
+"""Inhomogeneous bone: moments and correlation of the field, independence of the grid, predicted scatter."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Z = 4.9
 
 
 def sparse(field, n, seed, lags=(0.0, 0.0, 0.0)):
-    """Occupancies at n^3 places 5 L apart (correlation 4e-6), and at those places moved by the lags (x, y, z)."""
+    """Occupancies at n^3 places 5 L apart (correlation 4e-6), and at these places moved by lags (x, y, z)."""
     at = 5 * field.correlation_length * np.arange(n)
     grids = [np.concatenate([at, at + lag]) if lag else at for lag in lags]
     values = field.levels(*grids, seed=seed) / 255
@@ -36,7 +36,7 @@ def velocity(burr, material, force, specimen, seed=1):
 
 @pytest.mark.parametrize(("mean", "contrast"), [(0.8, 0.1), (0.8, 0.45), (0.3, 0.5), (0.5, 0.2)])
 def test_mean_deviation_and_distribution_are_those_asked_for(mean, contrast):
-    """False-alarm rate 1e-6 a check."""
+    """False-alarm rate: 1e-6 per check."""
     field = BoneField(mean, contrast, 0.4)
     values, _ = sparse(field, 16, seed=11)
     sd, n = mean * contrast, values.size
@@ -56,7 +56,7 @@ def test_mean_deviation_and_distribution_are_those_asked_for(mean, contrast):
     ("contrast", "direction"), [(0.1, (1, 0, 0)), (0.4, (0, 1, 0)), (0.1, (0, 0, 1)), (0.4, (1, 1, 1))]
 )
 def test_correlation_is_the_one_defined_in_every_direction(contrast, direction):
-    """False-alarm rate 1e-6 a lag."""
+    """False-alarm rate: 1e-6 per lag."""
     field = BoneField(0.8, contrast, 0.5)
     for distance in (0.25, 0.5, 1.0):
         lags = distance * np.array(direction) / np.linalg.norm(direction)
@@ -66,7 +66,7 @@ def test_correlation_is_the_one_defined_in_every_direction(contrast, direction):
 
 
 def test_correlation_of_the_occupancy_by_its_double_integral():
-    """A beta distribution skews the correlation: the Hermite series against the integral itself."""
+    """A beta distribution skews the correlation: the Hermite series agrees with the integral."""
     field = BoneField(0.8, 0.4, 1.0)
     total = 0.2 / (0.8 * 0.16) - 1
     node, weight = np.polynomial.hermite_e.hermegauss(80)
@@ -83,7 +83,7 @@ def test_correlation_of_the_occupancy_by_its_double_integral():
 
 
 def test_same_seed_same_bone_and_others_are_unrelated():
-    """False-alarm rate 1e-6 a pair."""
+    """False-alarm rate: 1e-6 per pair."""
     field = BoneField()
     first = sparse(field, 12, seed=7)[0]
     assert np.array_equal(first, sparse(field, 12, seed=7)[0])
@@ -98,7 +98,7 @@ def test_field_depends_on_position_alone():
     whole = field.levels(x, y, z, seed=3)
     for cut in (np.s_[5:9, 17:38, 0:3], np.s_[39:40, 1:2, 20:40]):
         assert np.array_equal(field.levels(x[cut[2]], y[cut[1]], z[cut[0]], seed=3), whole[cut])
-    # A voxel of three times the size has its centre where every third fine one has.
+    # Voxels of three times the size have the centres of every third fine voxel.
     assert np.array_equal(field.levels(x[1::3], y[1::3], z[1::3], seed=3), whole[1::3, 1::3, 1::3])
     assert field.levels([], y, z, seed=3).shape == (40, 40, 0)
 
@@ -155,7 +155,7 @@ def test_a_field_longer_than_the_block_is_one_level(burr, bone):
 
 @pytest.mark.parametrize("length", [0.25, 0.6])
 def test_velocity_in_one_bone_does_not_depend_on_the_voxel(burr, bone, length):
-    """Measured: 0.2 mm within 1.4 % of 0.1 mm, though the bones differ by more."""
+    """Measured: 0.2 mm is within 1.4 % of 0.1 mm, and bones differ by more."""
     field = BoneField(0.8, 0.2, length)
     pairs = [
         [velocity(burr, bone, 2.0, field.specimen(burr, voxel, seed=seed)) for voxel in (0.1, 0.2)]
@@ -239,8 +239,8 @@ def test_one_descent_can_be_rerun_by_itself(burr, bone):
 
 
 def test_scatter_grows_with_contrast_and_correlation_length():
-    """The same normal fields at both contrasts; variances at both lengths are 14 times apart, and 3e-8 the chance that 22
-    and 22 degrees of freedom bring them into the wrong order."""
+    """Both contrasts use the same normal fields. Variances at the two lengths differ by a factor of 14: the
+    chance of a wrong order with 22 and 22 degrees of freedom is 3e-8."""
     options = {"repeats": 12, "voxel": 0.25}
     weak, strong = (predict(BoneField(0.8, c, 0.5), **options) for c in (0.1, 0.2))
     assert 1.7 < strong.pooled / weak.pooled < 2.3
@@ -273,7 +273,10 @@ def normal_scatter(rng, sd=0.05, shape=(3, 5)):
 
 
 def test_intervals_and_p_values_are_honest():
-    """Of 1000 predictions from normal ln v: coverage of both intervals and rejections; false-alarm rate 1e-6 each."""
+    """Coverage of both intervals and rejections in 1000 predictions from normal ln v.
+
+    The false-alarm rate is 1e-6 each.
+    """
     rng = np.random.default_rng(1)
     one = pooled = rejected = 0
     for _ in range(1000):
@@ -342,7 +345,7 @@ def test_prediction_parameters_are_checked(options, message):
 @pytest.mark.slow
 @pytest.mark.parametrize(("contrast", "length"), [(0.1, 0.25), (0.1, 1.0), (0.2, 0.5)])
 def test_scatter_does_not_depend_on_voxel_or_tick(burr, bone, contrast, length):
-    """The same bones at 0.1 and 0.2 mm, 1 and 0.5 ms: measured, standard deviations within 5 %."""
+    """Measured in the same bones at 0.1 and 0.2 mm, 1 and 0.5 ms: standard deviations agree within 5 %."""
     field = BoneField(0.8, contrast, length)
     fine, coarse = (
         predicted_scatter(burr, bone, [0.5, 1.0, 2.0], field, voxel=voxel, dt=dt, seed=5)

@@ -1,4 +1,4 @@
-"""Small files that say or hold far too much, and damaged ones that hang a library: a sentence, little memory, in no time."""
+"""Small files that claim or unpack far too much, and damaged ones: one sentence, little memory and time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from burrlab.common.files import attributes
 from burrlab.volume import write_dicom
 
 resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
-#: Evaluates expressions, each in a fork that has 10 s and 2 GB more; prints how it ended and what it took [MB].
+#: Evaluates expressions, each in a fork with limits of 10 s and 2 GB more; prints results and memory [MB].
 CHILD = """
 import json, os, resource, signal, sys
 import h5py, numpy as np, burrlab, burrlab.common.check, burrlab.bone.slices
@@ -57,7 +57,7 @@ for line in sys.stdin:
 
 
 def evaluated(*expressions, how=""):
-    """How each ends in a process of its own, and how much memory it takes [MB]."""
+    """Result of each expression in a process of its own, and the memory it takes [MB]."""
     done = subprocess.run(
         [sys.executable, "-c", CHILD, how], input="\n".join(expressions), capture_output=True, text=True, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"},
@@ -69,7 +69,7 @@ def evaluated(*expressions, how=""):
 
 @cache
 def zeros(bits):
-    """200 MB of them, of a gzip or zlib stream."""
+    """200 MB of zeros as a gzip or zlib stream."""
     packer = zlib.compressobj(9, zlib.DEFLATED, bits)
     return b"".join(packer.compress(bytes(1 << 20)) for _ in range(200)) + packer.flush()
 
@@ -102,7 +102,7 @@ def laughs(first, each):
 
 
 def dicom(path, side, syntax, content):
-    """Of 8 bits, encapsulated: no length says how much there is."""
+    """Writes a slice of 8 bits with encapsulated pixels, which have no length."""
     pydicom = pytest.importorskip("pydicom", reason="makes the slice, extra `dev`")
     from dicom_series import write_slice
 
@@ -116,7 +116,7 @@ def dicom(path, side, syntax, content):
 
 
 def bone(path, side):
-    """Of one chunk that holds 200 MB; others are absent."""
+    """Writes a bone with one chunk that unpacks to 200 MB; the other chunks are absent."""
     with h5py.File(path, "w", libver=("v110", "v110")) as file:
         file.attrs.update({"format": "burrlab bone", "format_version": 1})
         table = file.create_dataset("density", (side,) * 3, "u1", chunks=(64,) * 3, compression="gzip")
@@ -124,7 +124,7 @@ def bone(path, side):
 
 
 def trace(path):
-    """Of ticks that are absent."""
+    """Writes a trace whose ticks are absent."""
     record(path, make_records(small_bone(), 20, first=40))
     with h5py.File(path, "r+", libver=("v110", "v110")) as file:
         kind = file["ticks"].dtype
@@ -165,7 +165,7 @@ BOMBS = [
 
 
 def test_bombs(tmp_path):
-    """200 MB, or terabytes, that a small file makes, and headers that end the process of a library."""
+    """Small files that unpack to 200 MB or terabytes, and headers that make a library end the process."""
     expressions = []
     for k, (name, content, reader, _) in enumerate(BOMBS):
         path = tmp_path / f"{k}" / name
@@ -197,7 +197,7 @@ def test_more_voxels_than_memory():
 
 
 def test_what_reading_takes(tmp_path):
-    """At most three times the array that it gives, and some."""
+    """Reading takes at most three times the memory of the array, plus a margin."""
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     values = np.random.default_rng(1).integers(0, 900, (100, 320, 320)).astype(np.int16)  # 20 MB
     volume = Volume(values, (1, 1, 1), (0, 0, 0), np.eye(3), "made")
@@ -213,13 +213,13 @@ def test_what_reading_takes(tmp_path):
     for path, (found, peak) in zip(paths, evaluated(*calls), strict=True):
         assert found.startswith(("Volume", "(VoxelBone")), found
         size = values.size / 1e6 * {".h5": 1, ".nii": 4}.get(path.suffix, 2)
-        # 40 MB, of the 300 that it may take: 10 come and go by chance.
+        # Margin 40 MB, with a limit near 300 MB: 10 MB vary by chance.
         assert peak < 3 * size + 40, (path, peak, size)
 
 
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
-    """A bone and a trace, as they are written, and as earlier versions wrote them."""
+    """A bone and a trace, in the present format and in that of earlier versions."""
     folder = tmp_path_factory.mktemp("files")
     burrlab.save_bone(folder / "bone.h5", small_bone(), 5)
     record(folder / "trace.h5", make_records(small_bone(), 30, first=40))
@@ -256,7 +256,7 @@ def test_files_of_earlier_versions(files):
 
 @pytest.mark.parametrize(("name", "step"), [("bone", 32), ("trace", 96)])
 def test_zeros_anywhere_do_not_hang(files, name, step):
-    """All that describes the data has a checksum, or is a stream that has one: told as damage, or without effect."""
+    """Metadata and streams have checksums: zeros are reported as damage, or have no effect."""
     path, damaged = files / f"{name}.h5", files / f"damaged_{name}.h5"
     content = path.read_bytes()
     assert content[8] == 3
@@ -300,7 +300,7 @@ def test_refusals_are_short():
 
 @pytest.mark.parametrize("encoding", ["text", "hex"])
 def test_values_in_several_files(tmp_path, encoding):
-    """As a list and as a pattern, behind lines and bytes that are no values."""
+    """Files in a list or a pattern, with values after lines and bytes that are skipped."""
     volume, head = (
         a_volume(),
         "NRRD0004\ntype: int16\nendian: big\ndimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n",

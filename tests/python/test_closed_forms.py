@@ -1,4 +1,4 @@
-"""Moments (Eq. 1) and force (Eqs. 2, 3) of simple bodies against their closed forms, at any place in the grid."""
+"""Moments (Eq. 1) and force (Eqs. 2, 3) of simple bodies equal closed forms, anywhere in the grid."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ BURR = burrlab.Burr(RADIUS)
 BONE = burrlab.materials["bone"]
 Floats = NDArray[np.float64]
 
-# Ripple: standard deviation over sub-voxel positions, of the mean; measured with the coverage fraction
-# 0.08 % and 0.02 %, with a test of voxel centres 1.5 % and 0.35 %.
+# Ripple: standard deviation over sub-voxel positions, relative to the mean. Measured with the coverage
+# fraction: 0.08 % and 0.02 %; with a test of voxel centres: 1.5 % and 0.35 %.
 RIPPLE = {0.2: 1.5e-3, 0.1: 4e-4}
 BIAS = 5e-3
 POSITIONS = 256
 
 
 def cap(depth: float) -> tuple[float, float]:
-    """m_0 [mm^3] and axial m_1 [mm^4] of a spherical cap, the axis pointing from the centre into it."""
+    """m_0 [mm^3] and axial m_1 [mm^4] of a spherical cap; the axis points from the centre into it."""
     r, h = RADIUS, depth
     return math.pi * h**2 * (r - h / 3), math.pi / 4 * (2 * r * h - h**2) ** 2
 
 
 def slab_moments(top: float, bottom: float) -> tuple[float, float]:
-    """The same of the part of the sphere at heights bottom..top from its centre."""
+    """m_0 and m_1 of the part of the sphere at heights bottom..top from its centre."""
     upper, lower = cap(RADIUS - bottom), cap(RADIUS - top)
     return upper[0] - lower[0], upper[1] - lower[1]
 
 
 def force_of(m0: float) -> float:
-    """Eqs. 2, 3: the force on the axis [N]."""
+    """Force on the axis by Eqs. 2, 3 [N]."""
     u = burrlab.penetration(m0, RADIUS) / RADIUS
     return BONE.c_e * RADIUS**2 * u**1.5
 
@@ -65,14 +65,14 @@ def test_moments_of_a_half_space(u: float, scheme: str) -> None:
         m0, m1 = burrlab.moments(bone, BURR, (x, y, RADIUS - depth), scheme=scheme)
         values.append((m0, m1[2]))
         assert np.all(np.abs(m1[:2]) < 5e-3 * expected_m1)
-    # the sharp surface of the burr cuts a cap that is one and a half voxels deep only to a few per cent
+    # for a cap of one and a half voxels the burr's sharp surface is exact to a few per cent only
     tolerance = max(5e-3, 0.25 * (voxel / depth) ** 2)
     np.testing.assert_allclose(np.mean(values, axis=0), (expected_m0, -expected_m1), rtol=tolerance)
 
 
 @pytest.mark.parametrize(("top", "bottom"), [(-2.0, -2.6), (0.5, -0.5), (1.0, -2.0), (2.5, 1.5)])
 def test_moments_of_a_slab(top: float, bottom: float) -> None:
-    """A plate that spans the sphere, its faces on faces of the grid (heights from the burr's centre)."""
+    """A plate spans the sphere, with faces on faces of the grid (heights from the burr's centre)."""
     voxel = 0.1
     n = 2 * math.ceil(RADIUS / voxel) + 4
     thickness = top - bottom
@@ -111,7 +111,7 @@ def test_moments_scale_with_the_level() -> None:
 
 
 def centre_test_force(bone: burrlab.VoxelBone, center: Floats) -> float:
-    """The force if a voxel counted whole where its centre is inside the sphere, and not at all elsewhere."""
+    """Force if a voxel counts as whole with its centre inside the sphere, and not at all otherwise."""
     nz, ny, nx = bone.shape
     x, y, z = (
         bone.origin[i] + bone.spacing[i] * np.arange(n) - center[i] for i, n in enumerate((nx, ny, nz))
@@ -123,10 +123,10 @@ def centre_test_force(bone: burrlab.VoxelBone, center: Floats) -> float:
 @pytest.mark.parametrize("voxel", RIPPLE)
 @pytest.mark.parametrize("along", ["across", "into"])
 def test_force_ripple_over_sub_voxel_positions(voxel: float, along: str) -> None:
-    """The force on a half-space is the closed form wherever the burr is in the grid, about u = 0.14.
+    """The force on a half-space is the closed form anywhere in the grid, about u = 0.14.
 
-    ``across``: at one depth, moved over a voxel's face; ``into``: moved along the axis as well, so that the
-    depth changes by up to a voxel, each force over the closed form of its own depth.
+    ``across`` moves the burr over a voxel's face at one depth. ``into`` also moves it along the axis, by up
+    to a voxel; each force is divided by the closed form at its depth.
     """
     bone = half_space_bone(voxel, 0.14 * RADIUS + 2 * voxel)
     ratios, naive = [], []

@@ -1,4 +1,4 @@
-"""DICOM series: read in order of position, and refused with a sentence where they make no volume."""
+"""DICOM series: read in order of position; refused with a sentence if they make no volume."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_values_and_geometry(folder):
 
 @pytest.mark.parametrize("step", [0.75, -0.75])
 def test_turned_and_with_names_in_another_order(tmp_path, step):
-    names = ["c.dcm", "a.dcm", "f.dcm", "b.dcm", "d", "e.ima"]  # of no order, some without the usual ending
+    names = ["c.dcm", "a.dcm", "f.dcm", "b.dcm", "d", "e.ima"]  # without order, some with unusual endings
     write_series(tmp_path / "ct", VALUES, names=names, rows=ROWS, columns=COLUMNS, step=step)
     volume = burrlab.read_volume(tmp_path / "ct")
     np.testing.assert_array_equal(volume.values, VALUES if step > 0 else VALUES[::-1])
@@ -78,7 +78,7 @@ def refused(path, message, **options):
 
 
 def slice_of(k, pixels=None, name=None, **changes):
-    """One slice of the series in another way."""
+    """Writes one slice of the series in another way."""
     position = changes.pop("position", (1, 2, 3 + 0.75 * k))
     plane = VALUES[k] if pixels is None else pixels
     return lambda folder: write_slice(
@@ -109,7 +109,7 @@ def tilted(folder):
 
 
 def more_than_there_is(folder):
-    """An element for which GDCM made room of 1.5 GB, whatever the file held."""
+    """Adds an element for which GDCM allocates 1.5 GB although the file is small."""
     with (folder / "slice000.dcm").open("ab") as file:
         file.write(b"\xe1\x7f\x10\0OB\0\0" + (1 << 30).to_bytes(4, "little") + b"\x05")
 
@@ -126,7 +126,7 @@ GAP = r"1\.5 mm between slices {} and {} .*0\.75 mm apart"
         (lost(2, 3), r"2 slices are missing: 2\.25 mm between slices 1 and 2"),
         (lost(1, 3), "2 slices are missing: " + GAP.format(0, 1)), (lost(1, 4), "2 slices are missing: " + GAP.format(0, 1)),
         (lost(2, 4), "2 slices are missing: " + GAP.format(1, 2)),
-        (lost(2, 4, 5), "1 slice is missing: " + GAP.format(1, 2)),  # among three
+        (lost(2, 4, 5), "1 slice is missing: " + GAP.format(1, 2)),  # three are left
         (slice_of(3, position=(1, 2, 3 + 3 * 0.75 + 0.2)), r"not evenly spaced: 0\.95 mm between slices 2 and 3"),
         (slice_of(1, name="twin.dcm"), r"two slices lie at the same position, 3\.75 mm .*: slice001\.dcm and twin\.dcm"),
         (slice_of(3, np.zeros((4, 6))), r"different sizes: \(5, 4\) in slice000\.dcm, \(6, 4\) in slice003\.dcm"),
@@ -183,7 +183,7 @@ def test_what_a_codec_prints_is_said_and_nothing_else(tmp_path, capfd):
     assert np.abs(near - pixels).max() < 40
     damaged = r"torn.dcm: the pixel data of the slice is damaged \(Corrupt JPEG"
     refused(tmp_path / "torn.dcm", damaged, **apart)
-    os.write(2, b"kept")  # the descriptor is where it was
+    os.write(2, b"kept")  # the descriptor is in place
     assert capfd.readouterr() == ("", "kept")
 
 
@@ -202,7 +202,7 @@ def test_a_slice_of_big_endian_numbers(folder):
             "y",
             (1, 0.4, 0.75),
             r"\(1, nan, 0\.75\)",
-        ),  # not positive: none
+        ),  # negative: none
         ({}, True, "z", (0.25, 0.5, 1), r"\(0\.25, 0\.5, nan\)"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Half-drilled volumes: values, fields and exact state of every format, refusals, and what happens when the writer dies."""
+"""Half-drilled volumes: values, fields and exact state of every format, refusals, and a killed writer."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_header_values_and_state(tmp_path: Path, name: str) -> None:
     assert again.values.dtype == volume.values.dtype
     assert (again.values <= volume.values).all()
     assert (again.values[(bone.density == 0) & (bone.pristine > 0)] == 200).all()
-    # What is left of the others is what the map gives for their new grey value, within the type's rounding.
+    # By the map, the new grey values of the other voxels give what is left of them, within rounding.
     off = np.abs(MAP.levels(again.values).astype(int) - bone.density)[bone.density < bone.pristine]
     assert off.max() <= 1
     assert loaded.source == str(original)
@@ -60,7 +60,7 @@ def test_header_values_and_state(tmp_path: Path, name: str) -> None:
 
 
 def test_what_has_no_header_of_its_own_gets_one(tmp_path: Path, volume: Volume) -> None:
-    """Crops, other spacings, other endings (so DICOM too): the geometry is kept, the fields of the header are not."""
+    """Crops, other spacings and other endings (so DICOM too) keep the geometry, not the header's fields."""
     crop = volume.crop_voxels((2, 2, 2), (13, 15, 17))
     for like, name in (
         (crop, "b.nrrd"),
@@ -90,7 +90,7 @@ def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path, volume: Volume) ->
 
 
 def test_saved_twice_under_a_relative_name(volume: Volume, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The same content has the same exact state: the second save must not take it for an older one."""
+    """Both saves have the same content: the second one must not remove its exact state as an older one."""
     monkeypatch.chdir(Path(volume.path).parent)
     for tick in (1, 2):
         kept(Path("b.nrrd"), volume, tick)
@@ -121,7 +121,7 @@ def test_a_changed_or_missing_part_is_found(tmp_path: Path, volume: Volume) -> N
 
 
 class Dies(BaseException):
-    """Not caught by anything that handles errors."""
+    """Error that no handler of errors catches."""
 
 
 @pytest.mark.parametrize("name", ["b.nrrd", "b"])
@@ -140,9 +140,7 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
             left[0] -= 1
             if left[0] == 0:
                 raise Dies
-            return (
-                real(*arguments, **options) if left[0] > 0 else None
-            )  # a dead process does nothing any more
+            return real(*arguments, **options) if left[0] > 0 else None  # a dead process does nothing
 
         return call
 
@@ -161,7 +159,7 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
     for at in range(1, steps + 1):
         for other in tmp_path.glob("*b*"):
             shutil.rmtree(other) if other.is_dir() else other.unlink()
-        if name != "b":  # a stack's folder must be new
+        if name != "b":  # the folder of a stack must be new
             save_drilled(path, old, volume, mapping=MAP)
         with pytest.raises(Dies):
             run(at)
@@ -180,7 +178,7 @@ def test_the_map_turned_round() -> None:
     found = grey_of_levels(table)
     assert (found[0], found[255]) == (0, 400)
     assert np.all(np.diff(found) > 0)
-    inside = [i for i in range(256) if i != 128]  # the plateau
+    inside = [i for i in range(256) if i != 128]  # 128 is the plateau
     np.testing.assert_array_equal(table.levels(found)[inside], inside)
     for bad in (((0, 1, 2), (0, 1, 0.5)), ((0, 1), (0.1, 1))):
         with pytest.raises(ValueError, match="map must rise from 0 with the grey value"):
@@ -190,7 +188,7 @@ def test_the_map_turned_round() -> None:
 def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(
     tmp_path: Path, volume: Volume
 ) -> None:
-    for _ in range(2):  # its own it replaces
+    for _ in range(2):  # a half-drilled volume is replaced by another save
         bone, *_ = kept(tmp_path / "b.nrrd", volume)
     other = nrrd(tmp_path / "b.nrrd", greys() + np.int16(1)).read_bytes()
     with pytest.raises(
@@ -244,7 +242,7 @@ def test_a_missing_library_is_told_before_there_is_a_bone(
 
 @pytest.mark.parametrize("slope", [1.0, -1.0])
 def test_what_was_removed_is_empty_after_rounding(tmp_path: Path, slope: float) -> None:
-    """A steep map about half a grey value: rounded to the nearest, nothing left would be half full."""
+    """With this steep map, an empty voxel whose grey value is rounded to nearest would be half full."""
     values = np.full(SHAPE, 30, "i2")
     volume = read_volume(nifti(tmp_path / "a.nii", (values * slope).astype("i2"), slope=slope))
     steep = OccupancyMap.two_point(10.6, 11.2)
@@ -257,7 +255,7 @@ def test_what_was_removed_is_empty_after_rounding(tmp_path: Path, slope: float) 
 
 
 def test_links_and_dots(tmp_path: Path, volume: Volume, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A link is followed, on reading and on writing; `..` after one goes where the system takes it."""
+    """Links are followed in reading and writing; `..` after a link is resolved as by the system."""
     (tmp_path / "far" / "away").mkdir(parents=True)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
@@ -276,7 +274,7 @@ def test_links_and_dots(tmp_path: Path, volume: Volume, monkeypatch: pytest.Monk
         save_drilled("c.nrrd", whole, read_volume("link.nrrd"), mapping=MAP)
     save_drilled("link.nrrd", bone, read_volume("link.nrrd"), mapping=MAP, tick=3)
     assert load_drilled("link.nrrd").tick == 3
-    for file in (tmp_path / "far").glob("b.nrrd*"):  # programs that keep large files elsewhere link each
+    for file in (tmp_path / "far").glob("b.nrrd*"):  # as programs do that link each large file
         os.symlink(file, file.name.replace("b.nrrd", "d.nrrd"))
     assert load_drilled("d.nrrd").bone.digest() == bone.digest()
     os.symlink(tmp_path / "a.nrrd", "original.nrrd")
@@ -288,9 +286,9 @@ def test_links_and_dots(tmp_path: Path, volume: Volume, monkeypatch: pytest.Monk
 def test_a_folder_that_is_not_writable(
     tmp_path: Path, volume: Volume, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Nothing is left behind, and nothing is changed."""
+    """No file is left or changed."""
     (tmp_path / "shut").mkdir()
-    monkeypatch.setattr(os, "access", lambda *_: False)  # the system asks nothing of root
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anywhere
     for write in (
         lambda: check_drilled(tmp_path / "shut" / "b.nrrd", volume, MAP),
         lambda: save_drilled(tmp_path / "shut" / "b.nrrd", volume.to_bone(MAP), volume, mapping=MAP),

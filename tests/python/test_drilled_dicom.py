@@ -1,4 +1,4 @@
-"""Half-drilled DICOM series: a derived series under the data sets of the original's slices."""
+"""Half-drilled DICOM series: a derived series with the data sets of the original's slices."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def nested(found: Any) -> None:
 
 
 def check(original: Path, saved: Path, like: Any) -> None:
-    """What pydicom and SimpleITK see in the slices that were saved."""
+    """Checks the saved slices with pydicom and SimpleITK."""
     volume, bone = read_volume(saved), load_drilled(saved).bone
     assert volume.values.dtype == like.values.dtype
     for name in ("spacing", "origin", "direction"):
@@ -131,7 +131,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("kind", CHANGES)
 def test_a_derived_series(tmp_path: Path, kind: str) -> None:
-    original, saved = series(tmp_path / "ct [1] ä*"), tmp_path / "kept [2] ü?"  # these are no patterns
+    original, saved = series(tmp_path / "ct [1] ä*"), tmp_path / "kept [2] ü?"  # not patterns
     again(original, CHANGES[kind])
     before = {path.name: path.read_bytes() for path in original.iterdir()}
     like = read_volume(original)
@@ -151,7 +151,7 @@ def same_slices(one: Path, other: Path) -> bool:
 def test_saved_again_and_gone_on_with(tmp_path: Path, like: Volume) -> None:
     for name in ("a", "b"):
         bone, *_ = kept(tmp_path / name, like)
-    assert same_slices(tmp_path / "a", tmp_path / "b")  # the same bone is the same series
+    assert same_slices(tmp_path / "a", tmp_path / "b")  # the same bone makes the same series
     with pytest.raises(FileExistsError, match="path must be a new folder"):
         save_drilled(tmp_path / "a", bone, like, mapping=MAP)
     with pytest.raises(ValueError, match="path must be another file than the original"):
@@ -184,7 +184,7 @@ def test_a_save_that_fails_leaves_nothing(
             with pytest.raises(OSError, match="No space left"):
                 save_drilled(tmp_path / "kept", like.to_bone(MAP), like, mapping=MAP)
         assert [path.name for path in tmp_path.iterdir()] == ["ct"]
-    (tmp_path / ".kept.part").mkdir()  # of one that was killed
+    (tmp_path / ".kept.part").mkdir()  # from a killed process
     (tmp_path / ".kept.part" / "old.dcm").write_bytes(b"old")
     kept(tmp_path / "kept", like)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ct", "kept"]
@@ -235,14 +235,14 @@ def test_one_series_of_a_folder_and_files_in_any_order(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("sign", "low", "held"), [(0, -1000, "0 to 4095"), (1, -2100, "-2048 to 2047")])
 def test_fewer_bits_than_there_are(tmp_path: Path, sign: int, low: float, held: str) -> None:
-    """12 bits of 16, signed and not, and a scale of its own in each slice."""
+    """12 bits of 16, signed or unsigned, with another scale in each slice."""
     values = (greys("i4").clip(0, 2000) - 700 * sign).astype("i2")
     bits = {"BitsStored": 12, "HighBit": 11, "PixelRepresentation": sign, "RescaleIntercept": "0"}
     folder = series(tmp_path / "ct", values, **bits)
     for k, path in enumerate(sorted(folder.iterdir())):
         found = pydicom.dcmread(path)
         found.RescaleSlope = str(1 + k / 4)
-        if sign == 0:  # an overlay, as old files have it, in the bits that are spare
+        if sign == 0:  # an overlay in the unused bits, as in old files
             found.PixelData = (np.frombuffer(found.PixelData, "<u2") | 0x5000).tobytes()
         found.save_as(path)
     like = read_volume(folder)
@@ -283,7 +283,7 @@ def test_labels_stay_labels(tmp_path: Path) -> None:
 
 
 def test_other_voxels_are_rounded_to_whole_grey_values(tmp_path: Path, like: Volume) -> None:
-    """Clinical slices are burred on finer voxels: `--voxel` with `--save FOLDER`."""
+    """Clinical slices are burred on finer voxels, by `--voxel` with `--save FOLDER`."""
     _, again, loaded = kept(tmp_path / "fine", like.resample(0.2))
     assert again.values.dtype == np.int16
     save_drilled(tmp_path / "later", loaded.bone, loaded.volume(), mapping=loaded.mapping)
@@ -321,7 +321,7 @@ def test_a_slice_without_file_meta_information_gets_it(tmp_path: Path, like: Vol
 
 
 def test_letters_where_none_may_be_and_what_no_longer_holds(tmp_path: Path) -> None:
-    """An image type beyond ASCII stays byte by byte; the least pixel of the series and an icon are of the original alone."""
+    """An image type beyond ASCII keeps its bytes; least and largest pixel and an icon are not copied."""
     icon = pydicom.Dataset()
     icon.Rows = icon.Columns = 1
     folder = series(tmp_path / "ct", SmallestPixelValueInSeries=24, LargestPixelValueInSeries=2524)

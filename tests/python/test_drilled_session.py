@@ -1,4 +1,4 @@
-"""A session on a labelled bone, kept at its end in each format, seen by other readers, and gone on with."""
+"""A session on a labelled bone: saved in each format, read by other programs, and continued."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pydicom = pytest.importorskip("pydicom", reason="an independent reader, extra `m
 
 
 def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]:
-    """How the bone is made, and where it is kept."""
+    """Recipe of the bone, and the name under which it is saved."""
     if kind == "coloured slices":
         table = default_tissues({0: "air", 1: "bone", 10: "facial nerve"})
         return LabelledRecipe(str(coloured(folder / "slices")), table), "kept"
@@ -51,7 +51,7 @@ def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]
 
 
 def device(bone: VoxelBone, since: int, ticks: int) -> ScriptedDevice:
-    """One path through bone and nerve, of which a session does a part; a tick a ms."""
+    """Part of one path through bone and nerve, for one session; a tick takes 1 ms."""
     at = np.arange(since, since + ticks + 9) / 1e3  # longer than the session
     start = np.array(bone.origin) + np.array(bone.spacing) * (10, 8, 24)
     return ScriptedDevice(at - at[0], start + np.outer(at, (6.0, 10.0, -4.0)))
@@ -89,14 +89,14 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     original = like.labels if isinstance(like, LabelVolume) else like.values
 
     def seen(bone: VoxelBone, tick: int) -> DrilledVolume:
-        """What was saved, by readers that are not ours, and its exact state."""
+        """Checks the saved volume with independent readers, and its exact state."""
         values, vectors, origin = independent(path)
         whole = bone.density == bone.pristine
         np.testing.assert_array_equal(values[whole], original[whole])
         gone = (bone.density == 0) & ~whole
         assert np.count_nonzero(gone) > 10
         assert (values[gone] == 0).all()
-        if vectors is not None:  # turned as the original, centre of the first voxel where it was
+        if vectors is not None:  # the original's axes and origin
             np.testing.assert_allclose(vectors, like.direction * like.spacing, atol=1e-6)
             np.testing.assert_allclose(origin, like.origin, atol=1e-5)
         kept = load_drilled(path)
@@ -108,8 +108,8 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
 
     save_drilled(path, bone, like, mapping=made.mapping, tick=tick)
     kept = seen(bone, 500)
-    later, tick = drill(kept.bone, kept.tick, 400)  # the next day
-    assert later.digest() == drill(made.bone(), 0, 900)[0].digest()  # as if there had been no night
+    later, tick = drill(kept.bone, kept.tick, 400)  # a second session
+    assert later.digest() == drill(made.bone(), 0, 900)[0].digest()  # the same as in one session
     if path.is_dir():
         with pytest.raises(FileExistsError, match="path must be a new folder"):
             save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
@@ -120,7 +120,7 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
 
 
 def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-    """Values (z, y, x), vectors of a voxel along x, y, z and origin in LPS, by readers that are not ours."""
+    """Values (z, y, x), voxel vectors along x, y, z, and origin, in LPS, by independent readers."""
     if any(path.glob("*.dcm")):
         slices = sorted(
             map(pydicom.dcmread, path.glob("*.dcm")), key=lambda s: float(s.ImagePositionPatient[2])

@@ -87,9 +87,7 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     loaded = load_drilled(tmp_path / "out")
     told = (loaded.bone.digest(), loaded.tick, loaded.mapping, loaded.transpose)
     assert told == (bone.digest(), 9, None, True)
-    with h5py.File(
-        tmp_path / "out" / "bone.h5", "r+"
-    ) as file:  # a pair of an earlier version, without the key
+    with h5py.File(tmp_path / "out" / "bone.h5", "r+") as file:  # earlier versions wrote no such key
         kept = json.loads(file.attrs["source"])
         del kept["transpose"]
         file.attrs["source"] = json.dumps(kept)

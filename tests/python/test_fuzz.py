@@ -1,4 +1,4 @@
-"""The readers under hostile files (tests/fuzz): what was ever found, and a second more each; and that the test finds."""
+"""Readers under hostile files (tests/fuzz): earlier findings and one second more; and the test itself."""
 
 import re
 import shutil

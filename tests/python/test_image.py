@@ -1,4 +1,4 @@
-"""Volumes on a grid: crop, resampling, labels of another grid, specimens, maps of occupancy; what is refused."""
+"""Volumes on a grid: crop, resampling, labels of another grid, specimens, occupancy maps; refusals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
 
 
 def sphere(spacing, radius=4.0, soft=0.0, side=12.0):
-    """Grey 0 to 1000 in a cube about the origin, its rim falling over `soft` mm."""
+    """A sphere of grey 1000 in a cube of 0 about the origin, with a rim that falls over `soft` mm."""
     spacing = np.broadcast_to(np.asarray(spacing, dtype=float), (3,))
     count = np.round(side / spacing).astype(int)
     axes = [(np.arange(n) + 0.5) * s - side / 2 for n, s in zip(count, spacing, strict=True)]
@@ -27,7 +27,7 @@ def sphere(spacing, radius=4.0, soft=0.0, side=12.0):
 @pytest.mark.parametrize("old", [0.4, (0.4, 0.3, 0.6)])
 @pytest.mark.parametrize("new", [0.1, 0.2, 0.13, 0.17, (0.1, 0.2, 0.3), 0.7, 1.2, (0.1, 0.9, 0.25)])
 def test_mass_is_kept(old, new):
-    """Of a sphere with a rim within a voxel: 0.1 % at any ratio, exactly at whole ones, but for rounding to levels."""
+    """Mass of a sharp sphere: within 0.1 % at any ratio; exact at whole ratios but for rounding to levels."""
     volume, mapping = sphere(old), OccupancyMap.two_point(0, 1000)
     ratios = volume.spacing / np.broadcast_to(new, 3)
     whole = np.allclose(ratios, np.round(ratios)) and np.all(ratios > 0.99)
@@ -36,7 +36,7 @@ def test_mass_is_kept(old, new):
 
 
 def test_resampled_where_the_map_bends():
-    """The map acts first: a two-point map of a steep rim gives the same amount of bone, interpolated grey values do not."""
+    """A two-point map of a steep rim keeps the amount of bone, as the map acts first; grey values do not."""
     volume, mapping = sphere(0.4, soft=0.4), OccupancyMap.two_point(600, 700)
     before = volume.to_bone(mapping).mass
     assert volume.to_bone(mapping, spacing=0.1).mass == pytest.approx(before, rel=1e-4)
@@ -66,7 +66,7 @@ def test_coarser_is_the_mean():
 
 
 def test_no_aliasing():
-    """Walls of one voxel every third: on voxels twice as large a third is kept, wherever they lie."""
+    """Walls of one voxel in three: larger voxels hold a third, wherever they lie."""
     values = np.zeros((6, 6, 60))
     values[:, :, ::3] = 255
     volume = Volume(values, (0.1, 0.1, 0.1), (0, 0, 0), np.eye(3), "walls")
@@ -89,7 +89,7 @@ def test_field_of_view(new):
 
 @pytest.mark.parametrize("new", [0.7, (0.25, 0.7, 1.1), 0.33])
 def test_bone_ends_with_the_volume(new):
-    """Solid bone up to the faces: a voxel that reaches beyond them holds its part within."""
+    """Bone is solid up to the faces; a voxel that reaches beyond them holds its part within."""
     bone = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones").to_bone(
         0, 1, spacing=new
     )
@@ -104,11 +104,11 @@ def test_labels_nearest():
     assert (fine.labels.dtype, fine.names) == (np.uint16, {3: "dura"})
     places = [np.floor((np.arange(n) + 0.5) * 0.15 / 0.4).astype(int).clip(max=m - 1) for n, m in zip(odd.shape, labels.shape, strict=True)]  # fmt: skip
     np.testing.assert_array_equal(odd.labels, labels[np.ix_(*places)])
-    np.testing.assert_array_equal(fine.resample(0.4).labels, labels)  # a face: the lower of two
+    np.testing.assert_array_equal(fine.resample(0.4).labels, labels)  # on a face: the lower voxel
 
 
 def test_spacing_in_single_precision_makes_the_same_grid(tmp_path):
-    """NIfTI's 0.3 mm is 0.30000001 mm: grey values in one format and labels in another stay on one grid."""
+    """NIfTI's 0.3 mm is 0.30000001 mm: grey values and labels in different formats stay on one grid."""
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     values = np.full((38, 62, 47), 1000, np.int16)
     grey = Volume(values, (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "grey")
@@ -211,7 +211,7 @@ def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
         (lambda: grey().resample(1e-320), "spacing must be coarser or the volume cropped: .* makes inf voxels"),
         (lambda: sphere(0.6).resample(0.001), r"or the volume cropped: 0\.001 mm makes .* voxels, and 2e\+08"),
         (lambda: grey().resample(-1), "spacing must be a positive number or three"),
-        # Labels that lie elsewhere: RAS taken for LPS.
+        # Labels that lie elsewhere: RAS read as LPS.
         (lambda: numbered().on(grey(origin=(-10, -20, 30))), r"labels must overlap the volume: those of l lie between \(10, 20, 30\) and "
          r"\(10.5, 20.5, 31\) mm, and v between \(-10, -20, 30\) and \(-7.5, -18, 33\) mm"),
         # Specimens.

@@ -1,7 +1,7 @@
-"""Penetration velocity does not depend on the voxel grid or the step: voxel descents against the mean field.
+"""Penetration velocity does not depend on voxel grid or step: voxel descents against the mean field.
 
-Burr of 3 mm. Seeds are fixed, so a run either keeps its bound or not; means over 8 seeds scatter by 0.3 % at
-0.4 mm and below 0.1 % at 0.2 mm, far inside every bound.
+The burr has 3 mm. Seeds are fixed, so a run always keeps its bound or never. Means over 8 seeds scatter by
+0.3 % at 0.4 mm and below 0.1 % at 0.2 mm, far inside every bound.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STEPS = (0.25, 0.5, 1.0, 2.0)  # [ms]
 
 @dataclass(frozen=True)
 class Case:
-    """Exact-force descents that differ by seed alone."""
+    """Exact-force descents that differ only by seed."""
 
     material: str
     force: float
@@ -45,7 +45,7 @@ def material_of(case: Case) -> burrlab.Material:
 
 @cache
 def velocities(case: Case) -> tuple[float, ...]:
-    """Penetration velocity of every seed [mm/s]."""
+    """Penetration velocities of all seeds [mm/s]."""
     options = {"voxel": case.voxel, "dt": case.dt, "scheme": case.scheme, "ideal": True}
 
     def velocity(seed: int) -> float:
@@ -58,7 +58,7 @@ def velocities(case: Case) -> tuple[float, ...]:
 
 
 def deviation(case: Case) -> float:
-    """Mean velocity over that of the mean field, less 1."""
+    """Mean velocity over that of the mean field, minus 1."""
     return float(np.mean(velocities(case)) / penetration_velocity(BURR, material_of(case), case.force) - 1)
 
 
@@ -97,7 +97,7 @@ def test_agrees_with_the_mean_field(case: Case, bound: float) -> None:
 
 @pytest.mark.slow
 def test_deviation_shrinks_with_the_voxel() -> None:
-    """The largest over the four forces: 2.6 %, 1.4 %, 0.7 % when this was written."""
+    """Measured largest deviations over the four forces: 2.6 %, 1.4 %, 0.7 %."""
     coarse, middle, fine = (
         max(abs(deviation(Case("bone", force, voxel))) for force in FORCES) for voxel in VOXELS
     )
@@ -105,7 +105,7 @@ def test_deviation_shrinks_with_the_voxel() -> None:
 
 
 def test_cell_scheme_depends_on_the_grid() -> None:
-    """The paper's uniform voxels at 1 N: a third or more too slow at 0.4 mm, better on a finer grid, always slow."""
+    """The paper's uniform voxels at 1 N are a third or more too slow at 0.4 mm, less on finer grids."""
     coarse, fine = (deviation(Case("bone", 1.0, voxel, scheme="cell", seeds=2)) for voxel in (0.4, 0.2))
     assert coarse < -0.3
     assert coarse < fine < -0.05
@@ -116,7 +116,7 @@ def test_cell_scheme_depends_on_the_grid() -> None:
     [
         (2.0, 0.2, STEPS, 8),
         *(slow(force, 0.2, STEPS, 8) for force in FORCES[:-1]),
-        *(slow(force, 0.1, (0.5, 2.0), 3) for force in FORCES[:2]),  # minutes a case below
+        *(slow(force, 0.1, (0.5, 2.0), 3) for force in FORCES[:2]),  # shorter steps take minutes
         *(slow(force, 0.1, STEPS, 3) for force in FORCES[2:]),
     ],
 )
@@ -130,7 +130,7 @@ def test_step_independence(force: float, voxel: float, steps: tuple[float, ...],
 
 @cache
 def rig_run(material: str, force: float, voxel: float, seed: int) -> tuple[burrlab.Descent, burrlab.Descent]:
-    """The same descent through controller and rig, and with the force held exactly."""
+    """One descent through controller and rig, and one with the force held exactly."""
     chosen = burrlab.materials[material]
     run = burrlab.descend(BURR, chosen, force, voxel=voxel, seed=seed)
     exact = burrlab.descend(BURR, chosen, force, voxel=voxel, seed=seed, ideal=True)
@@ -146,7 +146,7 @@ RUNS = [*(("bone", force) for force in BONE_FORCES), *(("pvc", force) for force 
     [("bone", 1.0, 0.2, 2), *(slow(*run, voxel, seeds) for run in RUNS for voxel, seeds in ((0.2, 8), (0.1, 2)))],
 )  # fmt: skip
 def test_controller(material: str, force: float, voxel: float, seeds: int) -> None:
-    """Mean over seeds within 5 % of the mean field, and 3 % of exact force if it settles before R/6."""
+    """The mean is within 5 % of the mean field, and 3 % of exact force if it settles before R/6."""
     with ThreadPoolExecutor(2) as pool:
         pairs = list(pool.map(lambda seed: rig_run(material, force, voxel, seed), range(seeds)))
     to_mean_field, to_exact = [], []
@@ -178,7 +178,7 @@ def test_too_fast_for_the_controller(material: str, force: float, voxel: float, 
 @pytest.mark.slow
 @pytest.mark.parametrize(("material", "force"), [("bone", 1.0), ("pvc", 0.15)])
 def test_settles_before_a_sixth(material: str, force: float) -> None:
-    """So that the window is the default one and the exact-force velocity the yardstick."""
+    """The window is then the default one, and comparison is with the exact-force velocity."""
     run, _ = rig_run(material, force, 0.1, 0)
     assert run.window is not None
     assert run.window[0] == pytest.approx(BURR.radius / 6)

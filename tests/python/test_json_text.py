@@ -1,4 +1,4 @@
-"""JSON that is none of ours, or was changed: one sentence that names the file."""
+"""JSON that is foreign or changed: one sentence that names the file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def refused(read: Callable[[Path], object], path: Path) -> bool:
 def test_another_json_is_refused(tmp_path: Path, frame: str, read, text: str) -> None:
     path = tmp_path / "x.json"
     path.write_text(frame.replace("{}", text))
-    empty = read is Store and not text  # a new one
+    empty = read is Store and not text  # a new store
     assert refused(read, path) is not empty
 
 

@@ -1,4 +1,4 @@
-"""How a bone with tissues is made of files, kept as JSON, and made again elsewhere."""
+"""Recipes of labelled bones: made from files, kept as JSON, made again elsewhere."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
     table = default_tissues({1: "bone", 11: "chorda tympani", 13: "sinus and dura"})
     plain = LabelledRecipe(str(folder), table, spacing=SPACING, unknown="nearest", transpose=False).plain()
     before = {key: value for key, value in plain.items() if key != "ranking"}
-    # The dura lies 3 mm below, and was seen in the sums.
+    # The dura lies 3 mm below; without a ranking, sums were read as dura.
     for kept, touched in ((plain, {"chorda tympani"}), (before, {"sinus and dura"})):
         recipe = LabelledRecipe.of(json.loads(json.dumps(kept)))
         assert recipe.plain() == kept

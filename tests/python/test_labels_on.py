@@ -1,4 +1,4 @@
-"""Labels brought on the voxels of a volume that are not their own."""
+"""Labels brought on the voxels of another volume."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_another_spacing_from_the_same_corner_is_resampling(spacing, direction) 
 
 
 def test_turned_voxels_are_found_by_their_place() -> None:
-    """Against each centre looked up by itself, in patient coordinates."""
+    """Each voxel's label equals that at its centre, looked up in patient coordinates."""
     source = random((0.4, 0.5, 0.6), TURN)
     other = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])
     place = {"spacing": np.array((0.45, 0.35, 0.3)), "origin": source.origin + (0.3, -0.2, 0.1)}

@@ -1,4 +1,4 @@
-"""Shapes, burrs and materials as values, and the paper's four materials."""
+"""Shapes, burrs and materials as values; the paper's four materials."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_refusals(make: Callable[[], object], match: str) -> None:
 
 
 def test_materials_of_the_paper() -> None:
-    """Agus et al., HAPTICS 2004, section 4.2."""
+    """Source: Agus et al., HAPTICS 2004, section 4.2."""
     assert {name: (one.name, one.c_e, one.alpha) for name, one in burrlab.materials.items()} == {
         "bone": ("bone", 2.145, 0.087), "pettigrew": ("pettigrew", 1.504, 0.116), "pvc": ("pvc", 0.462, 0.256),
         "expert": ("expert", 1.5, 0.1),

@@ -1,4 +1,4 @@
-"""The mean-field descent and the master curve: values, closed forms, an independent oracle, and errors."""
+"""The mean-field descent and the master curve: values, closed forms, a slow independent descent, errors."""
 
 import math
 
@@ -30,10 +30,10 @@ def direct(
 
 
 def slow_descent(shape: str, phi: float, stop: float, dt: float, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """The same from the definition: rings of bone on a fixed (g, z) grid, equal steps in time.
+    """A descent by the definition: rings of bone on a fixed (g, z) grid, equal steps in time.
 
-    g is the height of the burr's front above its tip, z depth. Per step the bone inside erodes, then the
-    burr sinks until it holds the mass of Eq. 2 again.
+    g is the height of the burr's front above its tip, z is depth. In each step the bone inside erodes, then
+    the burr sinks until it holds the mass of Eq. 2.
     """
     f = Shape(shape)
     edge = np.linspace(0, stop, n + 1)
@@ -79,14 +79,14 @@ def test_order_of_convergence(shape: str, phi: float) -> None:
     one, two, four = (direct(shape, phi, resolution=r) for r in (1, 2, 4))
     limit = four + (four - two) / 3
     assert one == pytest.approx(limit, rel=1e-3)
-    # order 2; where the error is near a change of sign the difference is small besides
+    # order 2; where the error nearly changes sign, the difference is small
     assert abs(four - limit) < max(abs(one - limit) / 8, 1e-5 * limit)
     if abs(one / limit - 1) > 2e-4:
         assert math.log2((one - two) / (two - four)) == pytest.approx(2, abs=0.4)
 
 
 def test_constant_shape_is_exact() -> None:
-    """For f = 1 the mass erodes at its own rate, so dH/dt = m/(2 H - H^2) whatever phi."""
+    """For f = 1 the mass erodes at its own rate, so dH/dt = m/(2 H - H^2) for any phi."""
     material = Material("m", c_e=1.0, alpha=0.1, shape="constant")
     descent = mean_field_descent(BURR, material, 0.5, resolution=4)
     H, u = descent.immersion / 3, (0.5 / 9) ** (2 / 3)
@@ -109,7 +109,7 @@ def test_thin_layer_law() -> None:
     assert direct("parabolic", 0.025) / thin_window("parabolic", 0.025) == pytest.approx(1.020, abs=0.002)
     for shape in SHAPES:
         assert direct(shape, 0.005) == pytest.approx(thin_window(shape, 0.005), rel=0.015)
-    u, H = (0.1 / UNIT) ** (2 / 3), 0.7 / 3  # section 5 as it stands, kappa = 2
+    u, H = (0.1 / UNIT) ** (2 / 3), 0.7 / 3  # model.md, section 5, kappa = 2
     law = 2 / (2 * math.pi) * (3 * u**2 * (1 - u / 3) / (2 * (1 - (1 - H) ** 1.5))) ** 2
     assert thin_layer_velocity(BURR, BONE, 0.1, 0.7) == pytest.approx(87 * 3 * law, rel=1e-12)
     assert thin_layer_velocity(BURR, BONE, [[0.1], [0.2]], [0.5, 0.7, 0.9]).shape == (2, 3)

@@ -1,4 +1,4 @@
-"""Curves, indentations and depth traces: their rules, CSV files good and bad, synthetic ones; segments and how well they are known."""
+"""Curves, indentations and depth traces: rules, CSV files, synthetic data; segments and their errors."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_equality_is_by_value(kind: Any, same: dict[str, Any], other: list[dict[
     assert kind is not DepthTrace or one == DepthTrace(**SOUND[kind])
     name, given = next((n, np.array(v, float)) for n, v in sound.items())
     data = kind(**{**sound, name: given})
-    given[0] = 9.0  # columns are copies, which are read-only
+    given[0] = 9.0  # columns are read-only copies
     assert data == one
     with pytest.raises(ValueError, match="read-only"):
         getattr(data, name)[0] = 3.0
@@ -376,7 +376,7 @@ def test_without_scatter_they_are_the_model() -> None:
 
 
 def log_normal(log: Any, scatter: float, within: float = 0.0) -> None:
-    """z-limit 4.9: false alarm 1e-6 a comparison."""
+    """Checks mean and scatter of logarithms; z-limit 4.9: false alarm 1e-6 a comparison."""
     assert abs(log.mean()) < 4.9 * scatter / np.sqrt(len(log)) + within
     assert abs(log.std() / scatter - 1) < 4.9 / np.sqrt(2 * len(log)) + within
 
@@ -386,7 +386,7 @@ def test_scatter_is_log_normal() -> None:
     log_normal(np.log(curve.velocity / penetration_velocity(BURR, BONE, 1.0)), 0.08)
     press = synthetic_indentation(BURR, BONE, [0.06], repeats=2000, seed=1)
     log_normal(np.log(press.force / (2.145 * 9 * 0.02**1.5)), 0.1)
-    # of a trace: the noise of its readings, and the rate of each run; a sample is 0.1 % of the duration
+    # for traces: noise of readings and rate of runs; a sample is 0.1 % of the duration
     clean, noisy = (synthetic_trace(BURR, BONE, 0.5, noise=noise, step=0, seed=3) for noise in (0, 0.002))
     z = (noisy.immersion - clean.immersion) / 0.002
     log_normal(z, 1.0)
@@ -435,7 +435,7 @@ def test_bad_synthetic_data(make: Any, first: Any, options: dict[str, float], ma
 
 
 def autoregression(random: np.random.Generator, n: int, rho: float) -> np.ndarray:
-    """Stationary noise of standard deviation 1."""
+    """Stationary noise with standard deviation 1."""
     start = [rho * random.standard_normal()]
     return lfilter([math.sqrt(1 - rho**2)], [1, -rho], random.standard_normal(n), zi=start)[0]
 
@@ -462,7 +462,7 @@ class TestFromDescent:
 
 
 def by_the_model(trace: DepthTrace, n: int = 5, material: Any = BONE) -> list[Any]:
-    """Velocities of the segments [mm/s]."""
+    """Velocities of the segments by the model [mm/s]."""
     segments = trace.segments(n)
     windows = zip(segments.start_mm, segments.end_mm, strict=True)
     return [penetration_velocity(BURR, material, trace.force, *window) for window in windows]
@@ -485,7 +485,7 @@ class TestRising:
         immersion = np.linspace(0.5, 1.0, 20000)
         noisy = immersion + 0.002 * np.random.default_rng(1).standard_normal(20000)
         assert np.argmax(noisy >= 0.7) < 8000 - 120  # three standard deviations, 0.006 mm
-        # 160 samples lie within two standard deviations; the count of those below has a deviation near 7
+        # 160 samples lie within two standard deviations; the count below has a deviation near 7
         assert abs(np.argmax(rising(noisy) >= 0.7) - 8000) < 35
 
     @given(arrays.arrays(float, st.integers(1, 30), elements=st.floats(-5, 5).map(lambda x: round(x, 1))))
@@ -540,7 +540,7 @@ class TestSegments:
 
 
 def slopes(n: int, rho: float, repeats: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of the slope of a bent line of 0.1 mm with noise of 2 um, and what `slope_error` says of them."""
+    """Errors of the slope of a bent line of 0.1 mm with noise of 2 um, and their `slope_error`."""
     random = np.random.default_rng(11)
     time = np.arange(n) * 1e-3
     centred = time - time.mean()
@@ -565,13 +565,13 @@ class TestSlopeError:
         error, told = slopes(n, rho, repeats)
         inside = int(np.count_nonzero(np.abs(error) < 1.96 * told))
         assert inside >= binom.ppf(1e-6, repeats, covered)
-        # neither does it exaggerate: a variance of so many draws has a relative deviation of sqrt(2/repeats)
+        # not too large either: the variance of the draws has a relative deviation of sqrt(2/repeats)
         assert np.mean(told**2) < 2 * np.mean(error**2) * (1 + 4.9 * math.sqrt(2 / repeats))
 
     def test_makes_up_for_what_the_quadratic_took(self):
         repeats = 3000
         error, told = slopes(200, 0.9, repeats)
-        # within a tenth; both deviate by about 1.5 % from draw to draw: z-limit 4.9
+        # within a tenth; both vary by about 1.5 %: z-limit 4.9
         limit = 4.9 * math.hypot(
             1 / math.sqrt(2 * repeats), 1.25 * told.std() / told.mean() / math.sqrt(repeats)
         )
@@ -588,7 +588,7 @@ class TestSlopeError:
         told = slopes(n, 0.0, 20)[1]
         x = np.arange(n) * 1e-3
         ordinary = 0.002 / math.sqrt(np.sum((x - x.mean()) ** 2))
-        # rho's deviation of 1/sqrt(n) moves one error by as much at most: z-limit 4.9
+        # rho's deviation of 1/sqrt(n) moves an error by at most as much: z-limit 4.9
         np.testing.assert_allclose(told, ordinary, rtol=4.9 * math.sqrt((1 + 0.5) / n))
 
     def test_nothing_left_nothing_unsure(self):
@@ -603,7 +603,7 @@ class TestSyntheticStatistics:
         repeats, window = 80, mean_field_descent(BURR, BONE, force).window()
         error, told = [], []
         for seed in range(repeats):
-            # the same run, rate and all, without and with noise and steps
+            # the same run at the same rate, without and with noise and steps
             clean = synthetic_trace(BURR, BONE, force, noise=0, step=0, seed=seed)
             read_out = synthetic_trace(BURR, BONE, force, noise=noise, seed=seed)
             true, found = (
@@ -613,7 +613,7 @@ class TestSyntheticStatistics:
             error.append(np.log(found.velocity / true.velocity))
             told.append(found.log_sigma)
         error, told = np.array(error), np.array(told)
-        # 0.5 % of bias are allowed, 1 % at twenty samples a segment; z-limit 4.9: false alarm 1e-6
+        # a bias of 0.5 % is allowed, of 1 % with twenty samples a segment; z-limit 4.9: false alarm 1e-6
         allowed = 0.005 if force == 1.0 else 0.01
         limit = allowed + 4.9 * error.std(axis=0) / math.sqrt(repeats)
         assert (np.abs(error.mean(axis=0)) < limit).all()

@@ -1,4 +1,4 @@
-"""A right ear stays a right ear in every format and for every command, and files that say no orientation are told of."""
+"""A right ear stays a right ear in every format and command; files without orientation get a note."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ LEFT_HANDED = np.diag([-1.0, 1.0, 1.0])
 
 
 def right_ear(direction: np.ndarray = np.eye(3)) -> LabelVolume:  # noqa: B008
-    """22 x 18 x 16 mm in LPS from (0, 0, 0): a canal from the side, the joint before it, a nerve that leaves below."""
+    """22 x 18 x 16 mm in LPS from (0, 0, 0): canal from the side, joint in front, nerve that leaves below."""
     z, y, x = np.moveaxis(np.indices((32, 36, 44)), 0, -1).reshape(-1, 3).T * 0.5
     labels = np.zeros(x.size, np.uint8)
     labels[(x > 20) & (z > 14)] = 1
@@ -45,7 +45,7 @@ def right_ear(direction: np.ndarray = np.eye(3)) -> LabelVolume:  # noqa: B008
     labels[(x > 3) & (x < 9) & (y < 4) & (abs(z - 8) < 2)] = 15
     labels[(x > 12) & (x < 20) & (np.hypot(y - 14, z - 12) < 1.5)] = 10  # inwards
     labels[(np.hypot(x - 12, y - 14) < 1.5) & (z < 12)] = 10  # downwards
-    axes = np.abs(direction).argmax(axis=0)  # x, y, z along which the voxels' axes lie
+    axes = np.abs(direction).argmax(axis=0)  # x, y or z along each voxel axis
     turned = labels.reshape(32, 36, 44).transpose([2 - axes[2 - k] for k in range(3)])
     back = direction[axes, range(3)] < 0
     turned = turned[tuple(slice(None, None, -1 if b else 1) for b in back[::-1])]
@@ -54,7 +54,7 @@ def right_ear(direction: np.ndarray = np.eye(3)) -> LabelVolume:  # noqa: B008
 
 
 def written(kind: str, folder: Path) -> list[str]:
-    """A file of the ear, with the options that its format needs."""
+    """Path of a file of the ear, and the options that its format needs."""
     ear, path = right_ear(), folder / f"ear.{kind}"
     table = ["--tissues", str(folder / "t.csv")]
     write_tissues(folder / "t.csv", default_tissues(NAMES))
@@ -63,7 +63,7 @@ def written(kind: str, folder: Path) -> list[str]:
         colours = np.zeros((17, 4), np.uint8)
         for label, name in NAMES.items():
             colours[label] = (*VOLUMETRIC_DRILLING[name], 255)
-        data = colours[ear.labels].swapaxes(0, 2)  # x, y, z, as that simulator's converter has them
+        data = colours[ear.labels].swapaxes(0, 2)  # x, y, z, as in the simulator's converter
         for i in range(data.shape[2]):
             Image.fromarray(data[:, :, i]).save(folder / "slices" / f"plane00{i}.png")
         path.write_text(
@@ -86,11 +86,11 @@ def written(kind: str, folder: Path) -> list[str]:
     return [str(path), *table]
 
 
-#: A plain NRRD is what the turned and the silent one are, and less.
+#: Without plain NRRD, which the turned and the silent one include.
 KINDS = ("seg.nrrd", "nii.gz", "mha", "dicom", "turned.nrrd", "left-handed.nii.gz", "silent.nrrd", "yaml", "slices")  # fmt: skip
 
 
-#: Of those, the kinds that every command reads; the bones of the others are made, kept and gone on with.
+#: Kinds that every command reads; bones of the others are only made, saved and used again.
 EVERY_COMMAND = ("dicom", "left-handed.nii.gz", "silent.nrrd", "slices")
 
 
@@ -99,7 +99,7 @@ def test_a_right_ear_stays_one(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    drawn: list[str] = []  # the words of each figure
+    drawn: list[str] = []  # words of each figure
     monkeypatch.setattr(
         Figure, "savefig", lambda figure, *_, **__: drawn.append(str(figure.findobj(lambda part: isinstance(part, Text))))
     )  # fmt: skip
@@ -121,11 +121,11 @@ def test_a_right_ear_stays_one(
     assert found["ear"] == SIDE
     text = capsys.readouterr().out
     assert "lateral is -x, anterior -y, inferior -z: a right ear, if the axes are LPS" in text
-    if kind in ("yaml", "slices"):  # the mirror image is another ear
+    if kind in ("yaml", "slices"):  # the mirror image is a left ear
         assert said("tissues", file, *options, "--no-transpose")["ear"]["side"] == "left"
 
     labels = ["--labels", file, *options]
-    # Where the nerve leaves: in a mirror image there is none.
+    # The axis enters along the nerve; a mirror image has no nerve there.
     below = ["--radius", "2", "--seed", "1", "--entry", "12,14,-4", "--axis", "0,0,1"]
     hand = "session --device hand --duration 0.1 --no-realtime"
     kept = "kept" if kind in ("dicom", "yaml", "slices") else f"kept.{kind}"
@@ -161,7 +161,7 @@ def test_no_side_is_claimed_without_three_structures_in_three_directions() -> No
     ear = right_ear()
     for label in (10, 15, 16):
         assert ear_side(replace(ear, labels=np.where(ear.labels == label, 0, ear.labels))) is None
-    assert ear_side(replace(ear, names={**NAMES, 1: "left TMJ"})) is None  # the head has two
+    assert ear_side(replace(ear, names={**NAMES, 1: "left TMJ"})) is None  # a head has two
     inline = np.where(ear.labels == 15, 0, ear.labels)
     inline[15:18, 15:18, 22:26] = 15  # a joint in the canal's line
     assert ear_side(replace(ear, labels=inline)) == {}

@@ -1,4 +1,4 @@
-"""Files of HDF5 on a disk that is full, or fills up: an error, and a process that goes on and ends as always."""
+"""HDF5 files on a disk that is or becomes full: an error, and a process that continues and ends normally."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import burrlab
 from burrlab.common.files import new_hdf5
 
 resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
-#: A file may get no longer than the limit: for a process the same as a disk that has no more room.
+#: A file-size limit: for a process the same as a full disk.
 LIMITED = """
 import resource, sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""NIfTI headers: units, scaling, orientation, and those that contradict themselves; what is not finite."""
+"""NIfTI headers: units, scaling, orientation, contradictions, values that are not finite."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from volume_scenes import TURNED, a_volume, nifti  # noqa: E402
 
 
 def written(path, *patches, values=None, **options):
-    """Whole numbers with an affine of 1 mm, and then numbers put at places of the header: (type, place, numbers)."""
+    """A file of whole numbers at 1 mm, with patches of its header: (type, byte, numbers)."""
     values = a_volume().values if values is None else values
     nifti(path, values, **({"affine": np.eye(4)} | options))
     content = bytearray(path.read_bytes())
@@ -85,7 +85,7 @@ BEHIND = "values must begin behind the NIfTI header of 348 bytes, got vox_offset
     ("patches", "options", "message"),
     [
         *[([("f", 108, offset)], {}, BEHIND) for offset in (0.0, 347.0, -5.0, float("nan"))],
-        ([("2f", 112, 3e38, 0.0)], {}, "values that are not finite"),  # and no warning before it
+        ([("2f", 112, 3e38, 0.0)], {}, "values that are not finite"),  # without a warning
         ([], {"pixdim": [1, 0.5, 0.5, 0, 1, 1, 1, 1], **NO_CODES}, "does not say the voxel spacing along z; it must be given: spacing="),
         ([], {"affine": np.diag([0.5, 0.5, 2.0, 1.0]), "pixdim": [1, 0.5, 0.5, 1, 1, 1, 1, 1]},
          r"by sform, \(0\.5, 0\.5, 2\) mm, and by pixdim, \(0\.5, 0\.5, 1\) mm, must agree"),

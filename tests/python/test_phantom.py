@@ -1,4 +1,4 @@
-"""The procedural temporal bone: one ear a seed, at any resolution, with its structures where they belong."""
+"""The procedural temporal bone: one ear per seed, at any resolution, with structures in their places."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def where(phantom: Phantom, name: str) -> np.ndarray:
 
 
 def same(one: Phantom, other: Phantom, box: tuple[slice, ...] = (slice(None),)) -> bool:
-    """Whether levels, tissues and plan of a phantom are those of a box of another."""
+    """Whether a phantom has the levels, tissues and plan of a box of another."""
     pairs = (one.bone.density, other.bone.density), (one.labels, other.labels), (one.target, other.target)
     return all(np.array_equal(mine, its[box]) for mine, its in pairs)
 
 
 def test_one_seed_is_one_ear():
-    # Large cells, which are soon made.
+    # Large cells are made quickly.
     first, again, other = (temporal_bone(0.5, seed=s, air_cells=AirCells(5.0)) for s in (3, 3, 4))
     assert again.bone.digest() == first.bone.digest() != other.bone.digest()
     assert same(again, first)
@@ -45,7 +45,7 @@ def test_one_seed_is_one_ear():
 
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_part_is_a_part_of_the_whole(side):
-    """Bit by bit, across edges of slabs, blocks and lattice."""
+    """They are equal to the bit, across edges of slabs, blocks and lattice."""
     low, size = np.array([-25.0, -2.0, -10.0]), (50, 14, 18)
     whole = temporal_bone(0.5, seed=3, corner=low, size=size, side=side)
     part = temporal_bone(0.5, seed=3, corner=low + [5.5, 3.0, 7.5], size=(39, 8, 7), side=side)
@@ -56,7 +56,7 @@ def test_a_part_is_a_part_of_the_whole(side):
 
 @pytest.mark.parametrize("voxel", [0.25, (0.2, 0.3, 0.45)])
 def test_resolutions_show_the_same_ear(phantom, voxel):
-    """Mass of each tissue within 3 %, thin or small ones 8 %; the planned cavity within 1 %."""
+    """The mass of each tissue agrees within 3 %, thin or small ones 8 %; the planned cavity within 1 %."""
     other = temporal_bone(voxel, seed=3)
     for tissue in phantom_tissues():
         within = 0.03 if tissue.name in ("cortex", "mastoid", "sigmoid sinus") else 0.08
@@ -79,20 +79,20 @@ def test_left_is_the_mirror_image_of_right(phantom):
 
 
 def test_structures_hold_together_and_lie_inside():
-    # In the default box the sinus and the dura are cut, but by a face, not in two.
+    # A face of the default box cuts the sinus and the dura, but not in two.
     phantom = temporal_bone(0.3, seed=3)
-    # The sinus runs in the dura and parts it.
+    # The sinus runs in the dura and divides it.
     for names in ("facial nerve", "sigmoid sinus", "labyrinth", "ossicles", "dura, sigmoid sinus"):
         mask = np.logical_or.reduce([where(phantom, name) for name in names.split(", ")])
         assert ndimage.label(mask, structure=np.ones((3, 3, 3)))[1] == 1, names
     inside = where(phantom, "labyrinth") | where(phantom, "ossicles")
     assert not any(inside.take([0, -1], axis=axis).any() for axis in range(3))
-    # One number a voxel, and something in it wherever it is not air.
+    # A voxel is empty if and only if it is air.
     np.testing.assert_array_equal(where(phantom, "air"), phantom.bone.density == 0)
 
 
 def test_no_two_structures_meet_whatever_the_seed():
-    """Surfaces of tubes, by the points of their axes: nerve, canals, sinus, and the antrum beside them."""
+    """Surfaces of nerve, canals and sinus, by points of their axes, stay apart, and outside the antrum."""
     for seed in range(40):
         at = Structures.of(seed)
         for tube in (*at.canals, at.sinus):
@@ -104,7 +104,7 @@ def test_no_two_structures_meet_whatever_the_seed():
 
 
 def test_distances_lie_in_the_range_that_was_measured():
-    """Means within two standard deviations of published ones; docs/phantom.md names them."""
+    """Means lie within two standard deviations of the published ones in docs/phantom.md."""
     found = []
     for seed in range(40):
         at = Structures.of(seed)

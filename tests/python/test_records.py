@@ -1,4 +1,4 @@
-"""Results as plain objects and back."""
+"""Results as plain objects, and back."""
 
 import json
 import math

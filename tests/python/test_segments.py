@@ -1,4 +1,4 @@
-"""Segmentations as 3D Slicer writes them: names, colours, layers."""
+"""Segmentations of 3D Slicer: names, colours, layers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FIELDS = {
 
 
 def seg_nrrd(path: Path, values: np.ndarray, fields: dict[str, str]) -> Path:
-    """Values (z, y, x), or (z, y, x, layers), raw."""
+    """File of raw values (z, y, x) or (z, y, x, layers)."""
     layers = values.ndim == 4
     sizes = " ".join(str(n) for n in values.shape[::-1])
     lines = [

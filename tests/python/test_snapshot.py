@@ -1,4 +1,4 @@
-"""A bone and its tick index in a file."""
+"""Files of a bone and its tick index."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_failed_save_leaves_the_older_file(tmp_path, monkeypatch):
 
 
 def test_what_cannot_be_saved(tmp_path):
-    """The name of a trace, given by mistake, does not cost the trace; an older bone is replaced."""
+    """A trace whose name is given by mistake is kept; an older bone is replaced."""
     trace, bone = tmp_path / "session.h5", small_bone()
     with h5py.File(trace, "w") as made:
         made.attrs["format"] = "burrlab trace"
@@ -83,7 +83,7 @@ def attribute(name, value):
 
 
 def changed(change):
-    """Damage to an open file."""
+    """Damage that changes an open file."""
 
     def damage(path):
         with h5py.File(path, "a") as file:
@@ -93,7 +93,7 @@ def changed(change):
 
 
 def voxel(table, level):
-    """The first voxel's level, made another."""
+    """Damage that changes the first voxel's level."""
 
     def change(file):
         file[table][0, 0, 0] = level(int(file[table][0, 0, 0]))
@@ -133,7 +133,7 @@ def test_restore_sets_present_levels_only():
 
 
 def test_no_link_is_followed_and_two_writers_share_nothing(tmp_path):
-    """Under the names that parts of files had, and that a folder's part has."""
+    """Links have former names of parts of files, and the name of a folder's part."""
     victim, folder = tmp_path / "victim", tmp_path / "folder"
     folder.mkdir()
     for file in (victim, folder / "its"):

@@ -1,4 +1,4 @@
-"""PNG stacks: order, axes, colours, descriptions, and what is refused."""
+"""PNG stacks: order, axes, colours, descriptions, refusals."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def grey(shape: tuple[int, int, int] = (12, 4, 5), kind: type = np.uint8) -> np.
 
 
 def coloured(shape: tuple[int, int, int] = (3, 4, 5)) -> np.ndarray:
-    """Transparent, but for bone in the first slice and a nerve at row 1, column 3 of the second."""
+    """Transparent slices, except bone in the first and a nerve at row 1, column 3 of the second."""
     planes = np.zeros((*shape, 4), np.uint8)
     planes[0] = (*BONE, 255)
     planes[1, 1, 3] = (*NERVE, 255)
@@ -90,7 +90,7 @@ def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
 @pytest.mark.parametrize("mode", ["RGBA", "RGB", "P"])
 def test_modes_of_colour_give_the_same_labels(tmp_path: Path, mode: str) -> None:
     planes = coloured()
-    planes[..., :3][planes[..., 3] == 0] = 0  # black, which is nothing too
+    planes[..., :3][planes[..., 3] == 0] = 0  # black is empty too
     planes[..., 3] = 255
     for k, plane in enumerate(planes):
         image = Image.fromarray(plane).convert("RGB" if mode == "P" else mode)
@@ -135,7 +135,7 @@ def test_slices_in_the_simulators_colours_must_be_told_their_axes(tmp_path: Path
     found = read_stack(
         own, spacing=0.1, palette={"nerve": (*NERVE[:2], 7), "bone": (255, 249, 220)}, unknown=2
     )
-    assert found.shape == (3, 4, 5)  # as before: y down the rows
+    assert found.shape == (3, 4, 5)  # y down the rows
 
 
 def test_a_map_of_coloured_slices_and_labels_of_grey_ones_are_refused(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_grey_slices_of_a_description_and_recipes_before_the_key(tmp_path: Path)
     assert plain["transpose"] is True
     assert VolumeRecipe.of(plain) == recipe
     np.testing.assert_array_equal(recipe.volume().values, grey((3, 4, 5)).swapaxes(1, 2))
-    del plain["transpose"]  # as earlier versions wrote it
+    del plain["transpose"]  # as in earlier versions
     np.testing.assert_array_equal(VolumeRecipe.of(plain).volume().values, grey((3, 4, 5)))
     assert "transpose" not in VolumeRecipe("ct.nrrd", recipe.mapping).plain()
     with pytest.raises(ValueError, match=r"transpose \(--transpose\) goes with PNG slices, got .*ct\.nrrd"):
@@ -178,7 +178,7 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
         read_stack(folder, spacing=0.1, transpose=False)
     nearest = read_labels(folder, unknown="nearest")
     assert nearest.labels[1, 2, :4].tolist() == [1, 1, 1, 0]
-    assert nearest.labels[2, 0, 4] == 1  # the stapes is (63, 0, 255), and no guess makes it
+    assert nearest.labels[2, 0, 4] == 1  # nearest is the stapes (63, 0, 255), which is never guessed
     silent, taken, spared = nearest.notes
     assert silent == SILENT
     assert "4 pixels of 2 colours that are in no table were taken as the nearest colour: (2" in taken
@@ -190,7 +190,7 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
 
 
 def wrapped(*names: str) -> tuple[int, ...]:
-    """What volumetric_drilling's slices hold where structures overlap."""
+    """Colour in volumetric_drilling's slices where structures overlap."""
     return tuple(sum(np.array((*VOLUMETRIC_DRILLING[name], 255)) for name in names) % 256)
 
 
@@ -225,9 +225,9 @@ def test_overlaps_are_decoded(
 def test_sums_that_are_not_clearly_one_pair_stay_unknown(tmp_path: Path) -> None:
     palette = {"facial nerve": (100, 0, 0), "bone": (0, 90, 0), "mine": (100, 92, 0), "yours": (0, 0, 50)}
     sums = {
-        "one colour": ((100, 90, 0, 254), 0),  # nerve and bone, or mine
+        "one colour": ((100, 90, 0, 254), 0),  # nerve + bone, or mine
         "exact": ((100, 92, 0, 254), 0),
-        "clear": ((0, 91, 50, 254), 4),  # bone and yours, which is not ranked: it comes before bone
+        "clear": ((0, 91, 50, 254), 4),  # bone + yours; yours has no rank and comes before bone
         "of three": ((100, 90, 50, 253), 0),
         "clipped": ((100, 0, 50, 255), 0),
     }
@@ -284,7 +284,7 @@ def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
     np.testing.assert_allclose(half.spacing, (5, 5, 5))
     old = read_stack(adf(tmp_path, dimensions="{x: 1.0, y: 1.0, z: 1.0}"), unit=49.664)
     np.testing.assert_allclose(old.spacing * (4, 5, 3), 49.664)
-    turned = read_stack(adf(tmp_path))  # rows along x, as the simulator's converter writes them
+    turned = read_stack(adf(tmp_path))  # rows along x, as from the simulator's converter
     np.testing.assert_allclose(turned.spacing, (12.5, 8, 10))
 
 
@@ -310,7 +310,7 @@ def block(sizes: str, more: str = "") -> str:
         ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1, z: 1}, scale: .nan}", "scale must be a finite number above 0"),
         ("VOLUME a: {images: {path: none}, dimensions: {x: 0.1, y: 0.1, z: 0.1}}", "none: no such folder"),
         (block("x: 0.05, y: 0.04, z: 0.03", ", count: 2"), r"images: count must be 3, the slices in .*slices, got 2"),
-        # No head has these sides.
+        # Sides that no head has.
         (block("x: 100, y: 100, z: 100"),
          r"1e\+05 x 1e\+05 x 1e\+05 mm.*in millimetres 100 x 100 x 100 mm \(unit=1\)"),
         (block("x: 1.0, y: 1.0, z: 1.0"),
@@ -342,7 +342,7 @@ def test_without_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def png(bits: int, kind: int) -> bytes:
-    """One pixel of a colour."""
+    """A PNG file of one pixel."""
     chunks = b""
     for name, content in (
         (b"IHDR", struct.pack(">IIBBBBB", 1, 1, bits, kind, 0, 0, 0)),
@@ -388,7 +388,7 @@ def test_broken_stacks_are_refused(tmp_path: Path, changes: dict[str, Any], matc
             Image.fromarray(change).save(folder / name)
         elif isinstance(change, bytes):
             (folder / name).write_bytes(change)
-        else:  # the first bytes alone, or a header that is overwritten
+        else:  # a cut file, or an overwritten header
             behind = content[change.stop :] if change.start else b""
             middle = b"\xff" * 10 if change.start else content[change]
             (folder / name).write_bytes(content[: change.start] + middle + behind)

@@ -1,4 +1,4 @@
-"""Results on disk: keys, exact round trips, torn lines, writers side by side."""
+"""Results on disk: keys, exact round trips, torn lines, simultaneous writers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ITEM = SweepItem(
 
 
 def same(a, b):
-    """Of one type and equal to the bit, through and through."""
+    """Whether two results have the same types and are equal to the bit."""
     if type(a) is not type(b):
         return False
     if isinstance(a, list | tuple):
@@ -168,7 +168,7 @@ def test_a_store_is_appended_to(tmp_path):
 
 
 def test_a_line_torn_anywhere_is_left_out_and_harms_no_other(tmp_path):
-    """As a kill may leave it, with another process that goes on writing, at every byte."""
+    """A kill may tear a line at any byte while another process goes on writing."""
     path = tmp_path / "s.jsonl"
     Store(path)
     header = path.stat().st_size
@@ -210,7 +210,7 @@ def test_processes_may_write_into_one_store(tmp_path):
     ]  # fmt: skip
     for writer in writers:
         assert writer.stdout.readline() == "ready\n"
-    for writer in writers:  # all at once
+    for writer in writers:  # all run at once
         writer.stdin.write("\n")
         writer.stdin.flush()
     for writer in writers:
@@ -262,7 +262,7 @@ def test_a_full_disk_is_an_error_and_the_store_goes_on(tmp_path, monkeypatch):
 
 
 def test_a_store_of_an_earlier_version_is_taken_up(tmp_path):
-    """Its keys hold the names of modules that have moved since."""
+    """Its keys hold former names of modules."""
     store = tmp_path / "store.jsonl"
     store.write_bytes((Path(__file__).parents[1] / "golden/files/store.jsonl").read_bytes())
     before = store.read_bytes()

@@ -22,13 +22,13 @@ from burrlab.common.study import Store, Study, StudyInterrupted, cancel_event, r
 @dataclass(frozen=True)
 class Item:
     number: int
-    # Where calls are counted, and where a file "poison" makes item 7 fail; a store does not look at it.
+    # Folder of the file of calls, and of a file "poison" that makes item 7 fail; stores ignore it.
     folder: str = field(default="", compare=False)
     how: str = field(default="", compare=False)
 
 
 def work(item: Item) -> tuple[int, float]:
-    """Counts its calls in a file; draws from its own seed."""
+    """Counts its calls in a file, and draws from the item's seed."""
     if item.folder:
         with open(f"{item.folder}/calls", "a") as file:
             file.write(f"{item.number}\n")
@@ -46,7 +46,7 @@ REACHED = threading.Event()
 
 
 def wait_for_the_end(number: int) -> int:
-    """All but the first three take until the study is over."""
+    """Waits until the study is over, except for the first three items."""
     if number >= 3:
         REACHED.set()
         event = cancel_event()
@@ -73,14 +73,14 @@ def pool():
 
 @pytest.fixture
 def when_reached():
-    """Calls a function once the first item waits for the end of its study."""
+    """Calls a function when an item waits for the end of its study."""
     REACHED.clear()
     threads = []
 
     def later(act, *arguments):
         def run():
             if REACHED.wait(60):
-                time.sleep(0.2)  # the items before it are done
+                time.sleep(0.2)  # the first items finish
                 act(*arguments)
 
         threads.append(threading.Thread(target=run))
@@ -91,7 +91,7 @@ def when_reached():
 
 
 class Backwards(ThreadPoolExecutor):
-    """Runs everything when the last item has been handed in, the last first."""
+    """Runs all items in reverse order, after the last one is submitted."""
 
     def __init__(self, expected):
         super().__init__(1)
@@ -229,7 +229,7 @@ def test_a_result_that_never_arrives_from_a_closed_client():
 
 
 def test_ctrl_c_ends_the_threads_and_keeps_what_is_done(tmp_path, when_reached):
-    """A real signal, while all cores are busy with what would take for ever."""
+    """A real signal arrives while all cores work without end."""
     store, before = Store(tmp_path / "s.jsonl"), threading.active_count()
     when_reached(os.kill, os.getpid(), signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
@@ -253,7 +253,7 @@ def test_threads_of_the_caller_are_told_to_end(when_reached):
     with (
         ThreadPoolExecutor(2) as threads,
         pytest.raises(KeyboardInterrupt),
-    ):  # leaving it waits for its threads
+    ):  # the executor's exit waits for its threads
         run_items(wait_for_the_end, range(1000), executor=threads, cancel=event)
 
 
@@ -285,7 +285,7 @@ if __name__ == "__main__":
 
 
 def test_a_study_that_is_killed_goes_on(tmp_path):
-    """SIGKILL to the process that runs it: as a time limit, an empty battery, a full memory do."""
+    """SIGKILL ends the process, as a time limit, an empty battery or a full memory would."""
     path = tmp_path / "s.jsonl"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}
     with subprocess.Popen([sys.executable, "-c", KILLED, tmp_path], env=environment) as process:

@@ -1,4 +1,4 @@
-"""Tissues as part of a bone's state: numbers, sums by tissue, digest, copies and files."""
+"""Tissues as part of a bone's state: numbers, sums by tissue, digest, copies, files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def table(count: int = 3) -> Tissues:
 
 
 def tissue_bone(shape: tuple[int, int, int] = (19, 21, 18), count: int = 3) -> tuple[VoxelBone, np.ndarray]:
-    """Random numbers in one half, a single tissue in the other: mixed bricks and whole ones."""
+    """Bone with random tissues in one half, one tissue in the other: mixed and uniform bricks."""
     random = np.random.default_rng(4)
     numbers = random.integers(0, count, shape).astype(np.uint8)
     numbers[:, :, 8:] = count - 1
@@ -81,7 +81,7 @@ def test_a_file_keeps_tissues(tmp_path: Path) -> None:
     again, tick = load_bone(tmp_path / "bone.h5")
     assert (again.digest(), tick, again.tissues) == (bone.digest(), 12, bone.tissues)
     assert_same_sums(again, numbers)
-    with h5py.File(tmp_path / "bone.h5", "r+") as file:  # a label changed is damage
+    with h5py.File(tmp_path / "bone.h5", "r+") as file:  # a changed label is damage
         file["tissue"][3, 3, 3] = (file["tissue"][3, 3, 3] + 1) % 3
     with pytest.raises(ValueError, match="is damaged: the bone has digest"):
         load_bone(tmp_path / "bone.h5")

@@ -1,4 +1,4 @@
-"""Tables of tissues: the default one, files, and bone of grey values and labels."""
+"""Tables of tissues: default table, files, and bone from grey values and labels."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
     canals = ["internal auditory canal", "temporomandibular joint", "external auditory canal"]
     assert [t.name for t in table if not t.critical] == ["bone", *canals]
     assert default_tissues(["vestibulocochlear nerve"])[0].critical
-    before = Tissue("EAC", label=1, c_e=2.0, alpha=0.1, critical=True)  # of an earlier version
+    before = Tissue("EAC", label=1, c_e=2.0, alpha=0.1, critical=True)  # from an earlier version
     given = Tissues([before], BONE)
     assert tissues_from_json(tissues_to_json(given))[0].critical
     assert [t.name for t in table if t.bleeds] == ["internal carotid artery", "sinus and dura"]
@@ -227,7 +227,7 @@ def test_the_ear_canal_is_air_unless_told() -> None:
     np.testing.assert_array_equal(solid(empty=["air"]), np.where(labels == 0, 0, 255))
     plain = LabelledRecipe("seg.nrrd", table).plain()
     assert plain.pop("empty") == ["air", "external auditory canal"]
-    assert LabelledRecipe.of(plain).empty == ("air",)  # as earlier versions made it
+    assert LabelledRecipe.of(plain).empty == ("air",)  # as in earlier versions
     assert LabelledRecipe.of(plain).plain() == plain
 
 
@@ -236,7 +236,7 @@ def test_smoothed_labels_keep_volumes_and_critical_structures() -> None:
     labels = (0.5 * z + 0.2 * y + 0.1 * x < 18).astype(np.uint8)
     labels[(labels > 0) & ((z - 24) ** 2 + (y - 25) ** 2 < 36)] = 2
     labels[:, :, 40:] = 0
-    labels[:, :, 48:51] = 3  # a wall of three voxels, beside a nerve that lies bare
+    labels[:, :, 48:51] = 3  # a wall of three voxels beside a bare nerve
     table = default_tissues({0: "air", 1: "cortex", 2: "facial nerve", 3: "mastoid"})
     volume = LabelVolume(labels, (0.1, 0.1, 0.15), (0, 0, 0), np.eye(3), "made")
     plain, made = (labelled_bone(None, volume, table, smooth=width) for width in (None, 0.2))
@@ -292,7 +292,7 @@ def made(
     place: object = None,
     **options: object,
 ) -> object:
-    """A bone of what `some` gives, with a source, table or place that is not right."""
+    """A bone from the values of `some`, with a wrong source, table or place."""
     grey, labels = some()
     if isinstance(source, str):
         source = {"grey": grey_volume(grey), "labels": labels}[source]

@@ -1,4 +1,4 @@
-"""Descents into volumes: on voxels that are no cubes, and in turned volumes."""
+"""Descents into volumes with voxels that are no cubes, and into rotated volumes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def half_space_volume(voxel, axis, direction):
 
 
 def descent(volume, way, force=1.0, path=None):
-    """A descent, into what a file keeps of the volume where one is named."""
+    """A descent into a volume, after writing and reading it if a path is given."""
     if path is not None:
         burrlab.write_volume(path, volume)
         volume = burrlab.read_volume(path)
@@ -59,7 +59,7 @@ def test_the_same_voxels_otherwise_placed_give_the_same_bits(tmp_path, straight,
 @pytest.mark.parametrize(("name", "direction"), [("v.nrrd", TURNED), ("v.mha", TURNED * (1, 1, -1))])
 def test_a_turned_volume_gives_the_same_within_rounding(tmp_path, straight, direction, name):
     run = descent(*half_space_volume(0.1, (0, 0, -1), direction), path=tmp_path / name)
-    # A last digit of the entry may turn a draw, one level of one voxel: measured 2e-6 mm.
+    # Rounding of the entry may change a draw by one level of a voxel: measured 2e-6 mm.
     np.testing.assert_allclose(run.immersion, straight.immersion, rtol=0, atol=2e-5)
     assert run.penetration_velocity == pytest.approx(straight.penetration_velocity, rel=1e-4)
 

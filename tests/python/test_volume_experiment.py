@@ -1,4 +1,4 @@
-"""Experiments on a block that is cut out of a volume."""
+"""Experiments on a block cut from a volume."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ interval_s = 1.0
 
 @pytest.fixture
 def volume(tmp_path):
-    """Solid up to z = 8 mm of 12, but for a hole on the way down; turned."""
+    """A rotated volume, solid up to z = 8 mm of 12 except for a hole on the way down."""
     values = np.zeros((24, 40, 40), np.int16)
     values[:16] = 1000
     values[4:8, 18:22, 18:22] = 0
@@ -77,7 +77,7 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
     )
     assert 100 < block.density[-1, 7:9, 7:9].mean() < 255  # the plane goes through the crossing
     tilt = block.density[-4].astype(float)
-    assert tilt.min() < 250 < tilt.max() + 6  # bone's surface is not across the axis
+    assert tilt.min() < 250 < tilt.max() + 6  # bone's surface is tilted to the axis
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
     assert one.bone.plain()["volume"]["path"] == "ct.nrrd"
     assert main(["experiment", "run", str(path), "--simulated", "--subject", "01", "--fast"]) == 0
     assert one.data.answers("01", "probing").exists()
-    # Another volume is another protocol, the same one elsewhere is not.
+    # Another volume makes another protocol; the same volume elsewhere does not.
     (elsewhere := tmp_path / "elsewhere").mkdir()
     for values, alike in ((volume.values, True), (volume.values // 2, False)):
         made = Volume(values, volume.spacing, volume.origin, TURNED, "made")
@@ -118,7 +118,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
 
 
 def test_slices_in_a_protocol(tmp_path):
-    """A block of slices, and the digest of one that says nothing of transpose, which earlier versions wrote so."""
+    """A block of slices; without `transpose` the protocol has the digest of earlier versions."""
     (tmp_path / "ct").mkdir()
     for k in range(24):
         Image.fromarray(np.full((40, 44), 200 if k < 16 else 0, np.uint8)).save(tmp_path / "ct" / f"s{k}.png")

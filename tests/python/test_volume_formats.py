@@ -1,4 +1,4 @@
-"""Round trips through the formats, checked with readers of others; files that are cut short; labels."""
+"""Round trips through the formats, checked with independent readers; files that are cut short; labels."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def parse_meta_image(path):
 
 
 def independently(path):
-    """Values (z, y, x), spacing, origin and direction in LPS, by a reader that is not ours."""
+    """Values (z, y, x), spacing, origin and direction in LPS, by an independent reader."""
     if path.suffix == ".mha":
         return parse_meta_image(path)
     if path.suffix == ".nrrd":
@@ -88,7 +88,7 @@ def test_round_trip(tmp_path, name, kind, direction):
 
 @pytest.mark.parametrize("name", ["v.nrrd", "v.mha"])
 def test_what_others_wrote(tmp_path, name):
-    """In other units, NRRD in RAS; test_nifti has what nibabel wrote."""
+    """Files in other units, NRRD in RAS; test_nifti has files by nibabel."""
     volume, path = a_volume(), tmp_path / name
     if name == "v.nrrd":
         vectors = volume.direction * volume.spacing
@@ -145,7 +145,7 @@ def test_other_errors(tmp_path, monkeypatch):
         with pytest.raises(error, match=match):
             call(tmp_path / name, *given)
     monkeypatch.setitem(sys.modules, "SimpleITK", None)
-    assert read_volume(tmp_path / "v.nrrd").shape == (3, 4, 5)  # it is asked for where it is needed
+    assert read_volume(tmp_path / "v.nrrd").shape == (3, 4, 5)  # reading NRRD needs no SimpleITK
     for what, call, *given in (("writing volumes", write_volume, a_volume()), ("reading DICOM", read_volume)):
         with pytest.raises(ImportError, match=rf"{what} needs SimpleITK: pip install 'burrlab\[medical\]'"):
             call(tmp_path / "v.dcm" if not given else tmp_path / "w.nrrd", *given)
@@ -172,11 +172,11 @@ def test_labels(tmp_path):
 
 @pytest.mark.parametrize("ending", ["nrrd", "mha", "nii.gz"])
 def test_an_assumed_orientation_is_told_of_what_is_written(ending: str, tmp_path: Path) -> None:
-    """Its header says LPS; the file that it was made of said nothing."""
+    """The written header says LPS; the file that was read said nothing."""
     silent = tmp_path / "silent.nrrd"
     head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 5 6\nspacings: .5 .5 .5\nencoding: raw\n\n"
     silent.write_bytes(head.encode() + bytes(range(120)))
-    for k in range(3):  # and of what is made of that
+    for k in range(3):  # also for copies of copies
         write_volume(
             tmp_path / f"{k}.{ending}", read_volume(silent if k == 0 else tmp_path / f"{k - 1}.{ending}")
         )

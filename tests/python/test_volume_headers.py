@@ -1,4 +1,4 @@
-"""NRRD and MetaImage headers: what is asked for, what is assumed, what is refused."""
+"""NRRD and MetaImage headers: needed arguments, assumptions, refusals."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_the_spacing_of_the_file_or_the_given_one(tmp_path, name, head, given, f
     sizes = "dimension: 3\nsizes: 5 4 3\n" if name == "v.nrrd" else "DimSize = 5 4 3\n"
     volume = burrlab.read_volume(raw(tmp_path / name, head + sizes), spacing=given)
     np.testing.assert_allclose(volume.spacing, found)
-    assert len(volume.notes) == 2  # neither orientation nor origin
+    assert len(volume.notes) == 2  # on orientation and origin
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_a_damaged_meta_image(tmp_path, cut):
 
 @pytest.mark.parametrize("told", ["9", "9x", "999999"])
 def test_a_wrong_size_of_packed_values(tmp_path, told):
-    """SimpleITK unpacks as much as that, and leaves the rest of the voxels as memory has them."""
+    """SimpleITK unpacks that many bytes, and leaves the other voxels uninitialised."""
     path = tmp_path / "v.mha"
     burrlab.write_volume(path, a_volume())
     head, _, tail = path.read_bytes().partition(b"CompressedDataSize = ")
@@ -198,7 +198,7 @@ def test_a_wrong_size_of_packed_values(tmp_path, told):
 
 
 def test_a_path_that_is_not_utf_8(tmp_path):
-    """SimpleITK ends the process for one."""
+    """Such a path makes SimpleITK end the process."""
     folder = os.fsdecode(os.fsencode(tmp_path / "ct") + b"\xe9")
     os.mkdir(folder)
     head = NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n"

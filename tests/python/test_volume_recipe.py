@@ -1,4 +1,4 @@
-"""How a bone is made of a volume, through JSON, results and their files."""
+"""Recipes of bones from volumes, through JSON, results and their files."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_picture_among_dicom_slices_makes_no_stack_of_them(tmp_path):
 
 
 def test_results_keep_how_the_bone_was_made(tmp_path):
-    """Map, voxels and crop, from descent to curve and fit, through their files."""
+    """Descent, curve and fit keep map, voxels and crop, also in files."""
     volume, _ = slab(tmp_path / "ct.nrrd")
     crop = (volume.origin.tolist(), (volume.origin + ASKEW @ (19, 19, 11)).tolist())
     recipe = VolumeRecipe(

@@ -1,4 +1,4 @@
-"""Volumes written as DICOM series: read back, and by pydicom."""
+"""Volumes written as DICOM series, read by burrlab and pydicom."""
 
 from __future__ import annotations
 

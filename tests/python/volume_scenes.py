@@ -1,4 +1,4 @@
-"""Small volumes and files of them, for tests."""
+"""Small volumes and their files, for tests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def a_volume(kind="i2", direction=TURNED):
 
 
 def slab(path, spacing=0.4):
-    """20 x 20 x 12 mm, its upper third empty; turned."""
+    """20 x 20 x 12 mm, rotated, with an empty upper third."""
     n = [round(side / spacing) for side in (20, 20, 12)]
     values = np.full(n[::-1], 1000, np.int16)
     values[2 * n[2] // 3 :] = -1000
@@ -31,7 +31,7 @@ def slab(path, spacing=0.4):
 
 
 def nifti(path, values, *, affine=None, units="mm", **header):
-    """A NIfTI-1 by nibabel; its codes 0 without an affine."""
+    """NIfTI-1 by nibabel; without an affine its codes are 0."""
     import nibabel
 
     image = nibabel.Nifti1Image(values.T, affine)

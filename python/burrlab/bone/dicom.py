@@ -1,7 +1,7 @@
-"""DICOM series: slices sorted by their position, refused unless they make one regular grid; and grey volumes written as CT slices.
+"""DICOM series: read if their slices make one regular grid, and written as CT slices from grey volumes.
 
-Headers are read by pydicom, pixels by SimpleITK (GDCM). Tags after DICOM PS3.3, UIDs of the form 2.25.<UUID>
-after PS3.5, annex B.2.
+Slices are sorted by position. pydicom reads the headers, SimpleITK (GDCM) the pixels. Tags follow DICOM
+PS3.3; UIDs have the form 2.25.<UUID> of PS3.5, annex B.2.
 """
 
 from __future__ import annotations
@@ -33,23 +33,22 @@ from burrlab.common.check import DEFLATE, check_memory, refuse
 from burrlab.common.files import check_folder, new_folder
 from burrlab.common.records import in_one_line
 
-#: The part by which distances between slices may differ from one another, since headers round.
+#: Relative difference allowed between the distances of slices: headers are rounded.
 EVEN = 1e-2
-#: The part of a pixel by which slices may shift sideways from the first to the last; more is a gantry tilt.
+#: Sideways shift allowed from the first slice to the last [pixels]; more is a gantry tilt.
 STRAIGHT = 0.1
-# Bits of a pixel where a frame of JPEG begins (SOF), in transfer syntaxes of JPEG.
+# Bits of a pixel in a JPEG frame header (SOF), and the transfer syntaxes of JPEG.
 _PRECISION = re.compile(rb"\xff[\xc0-\xc3\xc5-\xc7\xc9-\xcb\xcd-\xcf]\0[\x0b\x0e\x11\x14](.)", re.DOTALL)
 _JPEG = ("1.2.840.10008.1.2.4.5", "1.2.840.10008.1.2.4.70")
-#: Name of the exact state of a half-drilled volume in a folder of slices.
+#: Name of the file that keeps the exact state of a half-drilled volume in a folder of slices.
 IN_FOLDER = "bone.h5"
-#: Types of values that are written.
+#: Types of values that can be written.
 KINDS = ("uint8", "int16", "uint16")
 _CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
 _DEFLATED = b"1.2.840.10008.1.2.1.99"  # its transfer syntax
-#: Size to which any file may unpack [bytes] (ours): compressed pixels that are all alike take next to
-#: nothing.
+#: Size to which any file may unpack [bytes] (ours): equal pixels compress to almost nothing.
 _SMALL = 1 << 26
-# Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
+# Columns and rows in the headers of JPEG 2000 (marker SIZ) and JPEG-LS (SOF), with one value a pixel.
 _CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
 _OPEN = 0xFFFFFFFF  # the length of compressed pixels
 _ONE_LISTENS = threading.Lock()
@@ -57,7 +56,7 @@ _ONE_LISTENS = threading.Lock()
 
 @dataclass(frozen=True)
 class _Slice:
-    """What the header of one file says; spacing is NaN where it says none."""
+    """Header of one file; spacing is NaN where the header has none."""
 
     name: str
     series: str
@@ -78,9 +77,9 @@ class _Slice:
 def read_dicom(
     names: Sequence[str], where: str, series: str | None, others: Sequence[str] = ()
 ) -> tuple[Header, NDArray[Any]]:
-    """Header and values (z, y, x) of the files of one series; ValueError with one sentence where they make no volume.
+    """Header and values (z, y, x) of the files of one series; ValueError if they make no volume.
 
-    `others` are files of the folder that are no DICOM: they are noted.
+    `others` are the other files of the folder; a note names them.
     """
     for library in ("SimpleITK", "pydicom"):
         medical(library, "reading DICOM")
@@ -103,7 +102,7 @@ def read_dicom(
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
-    """What positions cannot show: slices that may be missing at the ends or at even distances, and files left out."""
+    """Notes on slices that may be missing although the positions are regular, and on files left out."""
     notes = []
     numbers = sorted({s.number for s in slices if s.number is not None})
     if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
@@ -125,7 +124,10 @@ def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
 
 
 def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
-    """The DICOM files of a folder, by name: those with DICM at byte 128, without an index (DICOMDIR); names of the other files."""
+    """DICOM files of a folder, sorted by name, and names of the other files.
+
+    A DICOM file has DICM at byte 128, or ends in .dcm or .dicom. The index (DICOMDIR) is in neither list.
+    """
     found, others = [], []
     for path in sorted(Path(folder).iterdir()):
         if not path.is_file() or path.name.upper() == "DICOMDIR":
@@ -139,7 +141,7 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
 
 
 def holds_dicom(folder: str | os.PathLike[str]) -> bool:
-    """Whether a folder has DICOM files."""
+    """Whether a folder holds DICOM files."""
     try:
         return bool(dicom_files(folder)[0])
     except ValueError:
@@ -147,19 +149,19 @@ def holds_dicom(folder: str | os.PathLike[str]) -> bool:
 
 
 def is_dicom(name: str) -> bool:
-    """Whether a file says that it is DICOM."""
+    """Whether a file has DICM at byte 128."""
     with open(name, "rb") as file:
         return file.read(132)[128:] == b"DICM"
 
 
 def dataset(name: str) -> Any:
-    """A slice as pydicom reads it, its elements as they are stored; ValueError where it is none with pixels."""
+    """A slice as pydicom reads it, with its elements as stored; ValueError if it has no pixels."""
     import pydicom
 
     content = Path(name).read_bytes()
-    if _DEFLATED in content[:1024]:  # pydicom and GDCM inflate it whole
+    if _DEFLATED in content[:1024]:  # pydicom and GDCM inflate all of the data
         stream = zlib.decompressobj(-zlib.MAX_WBITS)
-        with contextlib.suppress(zlib.error):  # behind the file meta information
+        with contextlib.suppress(zlib.error):  # the data follow the file meta information
             stream.decompress(content[144 + int.from_bytes(content[140:144], "little") :], _SMALL)
         refuse(stream.unconsumed_tail, f"{name}: the deflated data must be of at most {_SMALL} bytes")
     with contextlib.suppress(Exception), warnings.catch_warnings():
@@ -168,20 +170,20 @@ def dataset(name: str) -> Any:
         raw = [item for item in map(found.get_item, found.keys()) if item.is_raw]
         whole = all(
             item.length in (_OPEN, len(item.value or b"")) for item in raw
-        )  # GDCM makes room for what is told
+        )  # GDCM allocates the length that an element states
         if whole and isinstance(found.get_item("PixelData").value, bytes):
             return found
     raise ValueError(f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image")
 
 
 def text_of(found: Any, keyword: str) -> str:
-    """Text of an element as it is stored; empty where there is no such element."""
+    """Text of an element as stored; empty if there is no such element."""
     value = found.get_item(keyword).value if keyword in found else b""
     return in_one_line(value.decode("latin-1").strip(" \0")) if isinstance(value, bytes) else ""
 
 
 def short_of(found: Any, keyword: str) -> int:
-    """The one whole number of an element (US); -1 where there is no such element."""
+    """The single whole number of an element (US); -1 if there is no such element."""
     value = found.get_item(keyword).value if keyword in found else b""
     order: Any = "little" if found.original_encoding[1] else "big"
     return int.from_bytes(value, order) if isinstance(value, bytes) and len(value) == 2 else -1
@@ -264,7 +266,7 @@ def _check_alike(slices: list[_Slice], where: str) -> None:
 
 
 def _distance(slices: list[_Slice], along: Array, where: str) -> float:
-    """Distance between neighbours, which must be even [mm]; NaN of one slice."""
+    """Distance between neighbouring slices, which must be even [mm]; NaN for a single slice."""
     steps = np.diff(along)
     if len(steps) == 0:
         return np.nan
@@ -309,25 +311,25 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
 
 
 def _size(part: _Slice) -> int:
-    """Size of the pixels [bytes]."""
+    """Size of a slice's pixels [bytes]."""
     return part.size[0] * part.size[1] * part.bits // 8
 
 
 def _check_whole(part: _Slice) -> None:
-    """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
+    """ValueError if the pixel data are shorter than rows times columns: GDCM would fill in the rest."""
     found, wanted = dataset(part.name), _size(part)
     content = found.get_item("PixelData").value
-    refuse(  # before a decoder makes room for it
+    refuse(  # before a decoder allocates memory
         wanted > max(DEFLATE * len(content), _SMALL),
         f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}",
     )
     if str(found.file_meta.get("TransferSyntaxUID", "")).startswith(_JPEG):
         most = max((bits[0] for bits in _PRECISION.findall(content)), default=0)
         refuse(
-            most > part.bits,  # a decoder writes beyond its memory
+            most > part.bits,  # a decoder would write beyond its memory
             f"{part.name}: the compressed pixels must have at most {part.bits} bits, got {most}",
         )
-    for sizes in _CODED.findall(content):  # a decoder goes by them
+    for sizes in _CODED.findall(content):  # a decoder allocates these sizes
         coded = math.prod(int.from_bytes(size) for size in sizes if size)
         refuse(
             coded > max(part.size[0] * part.size[1], _SMALL // 4),
@@ -354,12 +356,12 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
 
 @contextlib.contextmanager
 def _listening(name: str) -> Iterator[None]:
-    """ValueError with what codecs print on C's `stderr`: many tell of damage there alone.
+    """ValueError with the text that codecs print on C's `stderr`: many report damage nowhere else.
 
-    File descriptor 2 stays where it is, so that nothing that others write is lost.
+    File descriptor 2 stays in place: nothing that other threads write is lost.
     """
     libc = ctypes.CDLL(None)
-    if not hasattr(libc, "gnu_get_libc_version"):  # `stderr` is a constant in other libraries
+    if not hasattr(libc, "gnu_get_libc_version"):  # other C libraries make `stderr` a constant
         yield
         return
     stderr, (memory, text, size) = ctypes.c_void_p.in_dll(libc, "stderr"), _memory()
@@ -379,7 +381,7 @@ def _listening(name: str) -> Iterator[None]:
 
 @functools.cache
 def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
-    """A C stream in memory, its text and the size of its text; the stream is never closed."""
+    """A C stream in memory that is never closed, its text, and the text's size."""
     text, size = ctypes.c_void_p(), ctypes.c_size_t()
     opened = ctypes.CDLL(None).open_memstream
     opened.restype = ctypes.c_void_p
@@ -387,23 +389,23 @@ def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
 
 
 def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
-    """Writes a series of CT slices into a new folder, which appears once it is whole.
+    """Writes a series of CT slices into a new folder, which appears when it is complete.
 
     Parameters
     ----------
     folder : path-like
-        A new folder; its files are slice0001.dcm and so on, along the third voxel axis.
+        A new folder. Its files are slice0001.dcm and so on, along the third voxel axis.
     volume : Volume
         Of uint8, int16 or uint16; right-handed.
 
     Raises
     ------
     ValueError
-        If the values are of another kind, or the direction is left-handed.
+        If the values are of another type, or the direction is left-handed.
     FileExistsError
-        If there is something under that name.
+        If the name is taken.
     FileNotFoundError
-        If the folder in which it is to be made is not there.
+        If the parent folder does not exist.
     ImportError
         Without SimpleITK (extra `medical`).
     OSError
@@ -411,8 +413,8 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
 
     Notes
     -----
-    Patient and study are empty, the image type is DERIVED. The same volume gets the same UIDs. Numbers have
-    up to 16 characters, so the geometry comes back to 1e-11 mm.
+    Patient and study are empty; the image type is DERIVED. The same volume gets the same UIDs. Numbers have
+    up to 16 characters, so the geometry is restored to 1e-11 mm.
     """
     target = Path(folder)
     check_slices(volume)
@@ -425,7 +427,7 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
 
 
 def check_slices(volume: Volume) -> None:
-    """ValueError where a volume cannot be written as DICOM; ImportError without SimpleITK."""
+    """ValueError if a volume cannot be written as DICOM; ImportError without SimpleITK."""
     refuse(
         volume.values.dtype.name not in KINDS,
         f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}",
@@ -438,7 +440,7 @@ def check_slices(volume: Volume) -> None:
 
 
 def write_slices(folder: Path, volume: Volume) -> None:
-    """Writes the slices into a folder that is there; OSError where they cannot be written."""
+    """Writes the slices into an existing folder; OSError if they cannot be written."""
     import SimpleITK as sitk
 
     content = hashlib.sha256(np.ascontiguousarray(volume.values).tobytes())
@@ -472,10 +474,10 @@ def write_slices(folder: Path, volume: Volume) -> None:
 
 
 def slice_name(k: int) -> str:
-    """Name of the file of a slice."""
+    """File name of slice k, counted from 0."""
     return f"slice{k + 1:04d}.dcm"
 
 
 def uid_of(content: bytes) -> str:
-    """A UID that the same content always gets."""
+    """UID made of the hash of the content."""
     return f"2.25.{uuid.UUID(bytes=hashlib.sha256(content).digest()[:16]).int}"

@@ -1,4 +1,4 @@
-"""Volume files read and written: one registry of formats, their values, and the segments of a segmentation of 3D Slicer."""
+"""Reads and writes volume files: the registry of formats, values, and segments of 3D Slicer."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ class Format:
     Attributes
     ----------
     suffixes : tuple of str
-        Of the files that are read.
+        Endings of the files that can be read.
     read : callable
-        Of a file's name: its `Header`, and the `Layout` of its values.
+        Returns the `Header` of a file, and the `Layout` of its values, from its name.
     keeps_labels : bool
-        Whether it has fields for names and colours of labels.
+        Whether the format has fields for names and colours of labels.
     """
 
     suffixes: tuple[str, ...]
@@ -58,38 +58,37 @@ FORMATS = (
     Format((".mha", ".mhd"), meta_header),
     Format((".nii", ".nii.gz", ".hdr", ".img"), nifti_header),
 )
-#: Endings of the files that are written, by SimpleITK.
+#: Endings of the files that SimpleITK writes.
 ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
 
 
 def format_of(name: str) -> Format | None:
-    """The format that a file's ending says."""
+    """Format that belongs to a file's ending; None if there is none."""
     return next((one for one in FORMATS if name.lower().endswith(one.suffixes)), None)
 
 
-#: A file, a folder of DICOM slices, or the slices.
+#: A file, a folder of DICOM slices, or the files of the slices.
 VolumePath = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
 
 def read_volume(
     path: VolumePath, *, spacing: float | ArrayLike | None = None, series: str | None = None
 ) -> Volume:
-    """Reads a grey volume: NRRD, NIfTI, MetaImage, a DICOM series.
+    """Reads a grey volume: NRRD, NIfTI, MetaImage or a DICOM series.
 
     Parameters
     ----------
     path : path, or sequence of paths
-        A file; a folder with a DICOM series; or the files of one, in any order.
+        A file, a folder with a DICOM series, or the files of a series in any order.
     spacing : float or (x, y, z), optional
-        Voxel spacing where the file has none [mm].
+        Voxel spacing if the file has none [mm].
     series : str, optional
-        SeriesInstanceUID, where a folder holds more than one.
+        SeriesInstanceUID, if a folder holds more than one.
 
     Returns
     -------
     Volume
-        In patient coordinates, LPS [mm]. Its `notes` say what was assumed: an orientation that the file does
-        not have.
+        In patient coordinates, LPS [mm]. Its `notes` say if the orientation was assumed.
 
     Raises
     ------
@@ -98,10 +97,10 @@ def read_volume(
     ImportError
         Without SimpleITK (extra `medical`), for DICOM.
     ValueError
-        If the file cannot be read whole, says more than it holds or the machine has memory for, is not a
-        three-dimensional volume of one finite value a voxel, does not say its spacing and none is given, or
-        says another; if its direction matrix is not orthonormal; or if slices are missing, doubled, uneven,
-        sheared or not alike, or of several series.
+        If the file is damaged or cut short, needs more memory than the machine has, or is not a
+        three-dimensional volume of one finite value a voxel; if its spacing is missing and not given, or
+        differs from the given one; if its direction matrix is not orthonormal; or if slices are missing,
+        doubled, uneven, sheared, different or of several series.
     """
     name, header, values = _read(path, spacing, series)
     return Volume(
@@ -112,19 +111,19 @@ def read_volume(
 def read_labels(
     path: VolumePath, *, spacing: float | ArrayLike | None = None, series: str | None = None
 ) -> LabelVolume:
-    """Reads a label volume: the formats, parameters and errors of `read_volume`.
+    """Reads a label volume, with the formats and parameters of `read_volume`.
 
     Returns
     -------
     LabelVolume
-        With the names and colours that the header of a segmentation by 3D Slicer (.seg.nrrd) has.
+        With the names and colours in the header of a segmentation by 3D Slicer (.seg.nrrd).
 
     Raises
     ------
     FileNotFoundError, ImportError
         As `read_volume`.
     ValueError
-        As `read_volume`; or if a value is not whole, or segments overlap.
+        As `read_volume`; or if a value is not a whole number, or segments overlap.
     """
     name, header, values = _read(path, spacing, series, most=2**31)
     names, colours, notes = *_named(header.fields), header.notes
@@ -143,7 +142,7 @@ def read_labels(
 def _read(
     path: VolumePath, spacing: float | ArrayLike | None, series: str | None, most: int = 1
 ) -> tuple[str, Header, NDArray[Any]]:
-    """Name, header and values of a volume; it may have at most `most` layers."""
+    """Name, header and values of a volume of at most `most` layers."""
     single = isinstance(path, str | os.PathLike)
     names = [os.fspath(part) for part in ([path] if isinstance(path, str | os.PathLike) else path)]
     refuse(not names, "path must name a file, got an empty list")
@@ -177,7 +176,7 @@ def _read(
 
 
 def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
-    """Grey values in the byte order of this machine; ValueError with one sentence where they are cut short."""
+    """Values in the byte order of this machine; ValueError if they are cut short."""
     size = math.prod(shape) * at.kind.itemsize
     part, left = divmod(size, len(at.files))
     refuse(left, f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes")
@@ -192,14 +191,14 @@ def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
         return stored
     single = stored.dtype.itemsize <= 2 or stored.dtype == np.float32
     values = np.empty(shape, np.float32 if single else np.float64)
-    with np.errstate(over="ignore"):  # what is infinite is refused with its place
-        for k, plane in enumerate(stored):  # a plane at a time: no copies of the large volume
+    with np.errstate(over="ignore"):  # `Volume` refuses infinite values with their place
+        for k, plane in enumerate(stored):  # plane by plane: no copies of a large volume
             values[k] = plane * np.float64(at.slope) + np.float64(at.inter)
     return values
 
 
 def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
-    """The bytes of one file of values; fewer than `size` where it is cut short."""
+    """Bytes of one file of values; fewer than `size` if the file is cut short."""
     refuse(not path.is_file(), f"{name}: the file of its values, {path.name}, is not there")
     with path.open("rb") as file:
         file.seek(at.start)
@@ -234,20 +233,22 @@ def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
 def write_volume(
     path: str | os.PathLike[str], volume: Volume | LabelVolume, *, compress: bool = True
 ) -> None:
-    """Writes a volume or labels with their geometry; a file of that name is replaced once the new one is whole.
+    """Writes a volume or labels with their geometry.
+
+    A file of the same name is replaced when the new one is complete.
 
     Parameters
     ----------
     path : path
-        Its ending says the format: .nrrd, .nii, .nii.gz, .mha.
+        Its ending sets the format: .nrrd, .nii, .nii.gz or .mha.
     volume : Volume or LabelVolume
     compress : bool
-        The values of .nrrd and .mha; the endings of NIfTI say it themselves.
+        Whether the values of .nrrd and .mha are compressed; for NIfTI the ending decides.
 
     Raises
     ------
     ValueError
-        If the ending is another, or the format cannot hold the values.
+        If the ending is not one of these, or the format cannot hold the values.
     ImportError
         Without SimpleITK (extra `medical`).
     OSError
@@ -255,9 +256,8 @@ def write_volume(
 
     Notes
     -----
-    NIfTI keeps geometry in float32, so spacing, origin and direction come back to 1e-7 of their size. Names
-    and colours of labels are written to NRRD, in the fields of a segmentation of 3D Slicer; NIfTI and
-    MetaImage have no place for them, and label 0 is none of its segments.
+    NIfTI keeps geometry in float32: spacing, origin and direction are restored to 1e-7 of their size. Names
+    and colours of labels go into NRRD only, in the fields of a segmentation of 3D Slicer, without label 0.
     """
     target = Path(path)
     kept = format_of(target.name)
@@ -268,13 +268,12 @@ def write_volume(
         pass
 
 
-#: Where a written file says that its orientation was assumed: a field of NRRD and MetaImage, the description
-#: of NIfTI.
+#: Places in a written file for "LPS assumed": a field of NRRD and MetaImage, the description of NIfTI.
 _ASSUMED, _NIFTI_NOTES = "burrlab_orientation", "ITK_FileNotes"
 
 
 def _noted(header: Header, name: str) -> Header:
-    """The header, with a note where burrlab wrote the file and its orientation had been assumed."""
+    """The header, with a note if burrlab wrote the file and assumed its orientation."""
     if not any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
         return header
     note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
@@ -282,7 +281,7 @@ def _noted(header: Header, name: str) -> Header:
 
 
 def ending_of(target: Path, said: str) -> str:
-    """The ending of a path that says the format; ValueError that names `said`, the endings there are, for any other."""
+    """Ending of a path, one of `ENDINGS`; ValueError, which names the endings `said`, for another."""
     ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
     if ending is None:
         raise ValueError(f"path must end in {said}, got {target}")
@@ -293,11 +292,9 @@ def ending_of(target: Path, said: str) -> str:
 def new_volume(
     target: Path, volume: Volume | LabelVolume, fields: Mapping[str, str], *, compress: bool = True
 ) -> Iterator[Path]:
-    """A new file, whole and on disk, that replaces the target at the end; errors as `write_volume`."""
+    """A new file, complete and on disk, that replaces the target at the end; errors as `write_volume`."""
     ending = ending_of(target, f"one of {', '.join(ENDINGS)}")
-    if any(
-        LPS_ASSUMED in note for note in volume.notes
-    ):  # the new file says what the one that was read did not
+    if any(LPS_ASSUMED in note for note in volume.notes):  # the new file says so too
         key = _NIFTI_NOTES if ending.startswith(".nii") else _ASSUMED
         known = fields.get(key, "").removeprefix(LPS_ASSUMED).strip()
         fields = {**fields, key: f"{LPS_ASSUMED} {known}".strip()[:79]}
@@ -324,16 +321,16 @@ def new_volume(
 
 @dataclass(frozen=True)
 class Segment:
-    """One structure.
+    """One structure of a segmentation.
 
     Attributes
     ----------
     name : str
     label : int
-        Its value in its layer.
+        Value of its voxels in its layer.
     layer : int
     colour : (r, g, b) or None
-        0 to 255.
+        From 0 to 255.
     """
 
     name: str
@@ -343,23 +340,23 @@ class Segment:
 
 
 def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
-    """The segments that the fields of a header describe; none in a header of another kind.
+    """Segments that the fields of a header describe; an empty list if there are none.
 
     Parameters
     ----------
     fields : mapping of str to str
-        As Segment0_Name, Segment0_LabelValue, Segment0_Layer, Segment0_Color (0 to 1, three numbers).
+        For example Segment0_Name, Segment0_LabelValue, Segment0_Layer, Segment0_Color (three, from 0 to 1).
     layers : int
-        Volumes in the file. Files of older versions have no LabelValue and Layer: 1, and one layer a segment.
+        Volumes in the file. Older files have no LabelValue and Layer: the label is 1, with a layer a segment.
 
     Raises
     ------
     ValueError
-        If a field is none of what the format says, or two segments share a label.
+        If the format does not allow a field's value, or two segments share a label in one layer.
 
     Notes
     -----
-    The format is that of 3D Slicer's developer guide, "Segmentation labelmap file format (.seg.nrrd)".
+    Source of the format: 3D Slicer's developer guide, "Segmentation labelmap file format (.seg.nrrd)".
     """
     segments = []
     for i, parts in sorted(_parts(fields).items()):
@@ -378,7 +375,7 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
 
 
 def _parts(fields: Mapping[str, str]) -> dict[int, dict[str, str]]:
-    """What the fields say of each segment."""
+    """Fields of each segment by its number."""
     found: dict[int, dict[str, str]] = {}
     for key, value in fields.items():
         if match := re.fullmatch(r"Segment(\d+)_(Name|ID|LabelValue|Layer|Color)", key, flags=re.ASCII):
@@ -387,7 +384,7 @@ def _parts(fields: Mapping[str, str]) -> dict[int, dict[str, str]]:
 
 
 def _named(fields: Mapping[str, str]) -> tuple[dict[int, str], dict[int, Colour]]:
-    """Names and colours by label of a file of one layer, as far as its fields say them."""
+    """Names and colours by label, as far as the fields of a file of one layer have them."""
     names: dict[int, str] = {}
     colours: dict[int, Colour] = {}
     for parts in _parts(fields).values():
@@ -403,7 +400,7 @@ def _named(fields: Mapping[str, str]) -> tuple[dict[int, str], dict[int, Colour]
 def segment_fields(
     labels: NDArray[Any], names: Mapping[int, str], colours: Mapping[int, Colour]
 ) -> dict[str, str]:
-    """The fields that `segments_of` reads for labels (z, y, x) of one layer. Label 0 is no segment."""
+    """Fields that `segments_of` reads, for labels (z, y, x) of one layer. Label 0 is no segment."""
     described = sorted({*names, *colours} - {0})
     if not described:
         return {}
@@ -430,7 +427,7 @@ def segment_fields(
 def merged(
     values: NDArray[Any], segments: list[Segment]
 ) -> tuple[NDArray[Any], dict[int, str], dict[int, Colour], tuple[str, ...]]:
-    """Labels (z, y, x) of segments in one or several layers, names, colours and notes.
+    """Labels (z, y, x), names, colours and notes of segments in one or several layers.
 
     Parameters
     ----------
@@ -440,7 +437,7 @@ def merged(
     Raises
     ------
     ValueError
-        If segments overlap: a voxel has one label.
+        If segments overlap: a voxel has only one label.
     """
     notes: tuple[str, ...] = ()
     own = [segment.label for segment in segments]

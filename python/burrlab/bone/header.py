@@ -1,7 +1,7 @@
-"""Headers of volume files: where the voxels lie, how the values are stored, what is assumed and what must be asked for.
+"""Reads the headers of volume files: geometry of the voxels, storage of the values, assumptions.
 
-NRRD after teem.sourceforge.net/nrrd/format.html, MetaImage after itk.org/Wiki/ITK/MetaIO, NIfTI after
-nifti1.h and nifti2.h.
+NRRD follows teem.sourceforge.net/nrrd/format.html, MetaImage itk.org/Wiki/ITK/MetaIO, NIfTI nifti1.h and
+nifti2.h.
 """
 
 from __future__ import annotations
@@ -24,37 +24,37 @@ from numpy.typing import ArrayLike
 from burrlab.bone.image import Array, checked_spacing
 from burrlab.common.check import refuse, shown
 
-#: These words are in every note on an orientation that a file does not say, and in pictures of its bone.
+#: Words in every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
-#: These words are in the note on left-handed voxel axes, and in pictures, which are drawn along the axes.
+#: Words in the note on left-handed voxel axes, and in pictures, which are drawn along these axes.
 MIRRORED = "mirror image"
-#: Millimetres of the units that headers name.
+#: Length of the units that headers name [mm].
 MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1e3, "meter": 1e3, "metre": 1e3,
                "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "micrometer": 1e-3, "nm": 1e-6}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """Sizes and place of a volume's voxels as its file has them.
+    """Number, size and place of a volume's voxels, as its file states them.
 
     Parameters
     ----------
     shape : tuple of int
         Voxels (z, y, x).
     spacing : ndarray, shape (3,)
-        (x, y, z) [mm]; NaN where the file does not say it.
+        (x, y, z) [mm]; NaN where the file has none.
     origin : ndarray, shape (3,)
         LPS [mm].
     direction : ndarray, shape (3, 3)
         Columns are the voxel axes, LPS.
     notes : tuple of str
-        What is assumed where the file is silent.
+        Assumptions about what the file does not say.
     fields : mapping of str to str
-        What the file says beyond the geometry, as it can be written again.
+        Further fields of the file, as text that can be written again.
     layers : int
-        Of a segmentation of 3D Slicer: volumes in the file, the first axis of its values.
+        Volumes in a segmentation of 3D Slicer: the first axis of its values.
     files : tuple of str
-        Of a DICOM series, in the order of its slices.
+        Files of a DICOM series, in the order of the slices.
     """
 
     shape: tuple[int, int, int]
@@ -67,7 +67,7 @@ class Header:
     files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        with np.errstate(all="ignore"):  # what is not finite is refused later, with a sentence
+        with np.errstate(all="ignore"):  # `checked_direction` refuses values that are not finite
             mirrored = np.linalg.det(self.direction) < 0
         if mirrored:
             said = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
@@ -76,27 +76,27 @@ class Header:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where and how a file's values are stored; a grey value is slope * stored + inter."""
+    """Storage of a file's values; a grey value is slope * stored + inter."""
 
     kind: np.dtype[Any]  # with byte order
     encoding: str  # raw, gzip (or zlib), text, hex
     files: list[Path]
-    start: int = 0  # of what is encoded [bytes]
-    lines: int = 0  # before the values
-    skip: int = 0  # bytes before them, once unpacked, or -1: they are the last ones
-    told: str = ""  # how many packed bytes there are, where the header says it
+    start: int = 0  # first byte of the encoded data
+    lines: int = 0  # lines before the values
+    skip: int = 0  # unpacked bytes before the values; -1: the values are the last bytes
+    told: str = ""  # number of packed bytes, if the header has it
     slope: float = 1.0
     inter: float = 0.0
 
 
 def assumed(notes: Iterable[str]) -> str:
-    """The words on its axes that a picture of the bone repeats from the notes: `LPS_ASSUMED` and `MIRRORED`."""
+    """Words of the notes that a picture of the bone repeats: `LPS_ASSUMED` and `MIRRORED`."""
     said = "\n".join(notes)
     return ", ".join(words for words in (LPS_ASSUMED, MIRRORED) if words in said)
 
 
 def told_notes(source: Any) -> tuple[str, ...]:
-    """The notes in a bone's source, which sessions and traces keep as a mapping or its JSON; no notes for any other source."""
+    """Notes in a bone's source, a mapping or its JSON text; empty for any other source."""
     try:
         return tuple(map(str, (json.loads(source) if isinstance(source, str) else source)["notes"]))
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -104,7 +104,7 @@ def told_notes(source: Any) -> tuple[str, ...]:
 
 
 def plain_name(name: str) -> str:
-    """The name; ValueError where it is not UTF-8, for which SimpleITK would end the process."""
+    """The name; ValueError if it is not UTF-8, which would make SimpleITK end the process."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -113,7 +113,7 @@ def plain_name(name: str) -> str:
 
 
 def medical(module: str, what: str) -> Any:
-    """A library of the extra `medical`; ImportError with one sentence where it is not installed."""
+    """A library of the extra `medical`; ImportError if it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -121,7 +121,7 @@ def medical(module: str, what: str) -> Any:
 
 
 def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) -> Array:
-    """The spacing of the file, or the one given where it has none; ValueError if neither says it, or they differ."""
+    """Spacing of the file, or the given one if it has none; ValueError if both lack it or they differ."""
     missing = ~(np.isfinite(header.spacing) & (header.spacing > 0))
     if given is None:
         if missing.any():
@@ -140,7 +140,7 @@ def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) 
 
 
 def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
-    """(z, y, x) of sizes x, y, z and further ones of 1; ValueError for anything else."""
+    """Sizes (z, y, x) from x, y, z and further sizes of 1; ValueError for anything else."""
     kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
     refuse(
         len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes),
@@ -151,7 +151,7 @@ def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
 
 
 def _unit_columns(vectors: Array) -> tuple[Array, Array]:
-    """Lengths of the columns and the columns of length 1; NaN where one has none."""
+    """Lengths of the columns, and the columns scaled to length 1; NaN for a column of length 0."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         lengths = np.sqrt((vectors**2).sum(axis=0))
         return lengths, vectors / lengths
@@ -166,7 +166,7 @@ def _check_not_negative(numbers: Array, said: str) -> None:
 
 
 def _text(content: bytes) -> str:
-    """Text of a header's line, without its end and without control characters, which no refusal may quote."""
+    """Text of a header's line without its end; messages quote it, so control characters are replaced."""
     return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode("utf-8", "replace"))
 
 
@@ -179,7 +179,7 @@ def _count(text: str, what: str, name: str) -> int:
 
 
 def _value_files(told: str, name: str) -> list[Path]:
-    """The files that a header names: one, a list, or a pattern with the first, last and step of its numbers."""
+    """Files that a header names: one, a list, or a pattern with its first number, last number and step."""
     first, *names = told.splitlines() or [""]
     words = first.split()
     if words[:1] == ["LIST"]:
@@ -201,7 +201,7 @@ _TO_LPS = {
     "left-anterior-superior": (1.0, -1.0), "las": (1.0, -1.0),
 }  # fmt: skip
 _SYNONYMS = {"datafile": "data file", "byteskip": "byte skip", "lineskip": "line skip"}
-#: Kinds of an axis whose samples are values of one voxel.
+#: Kinds of an axis along which the values of one voxel lie.
 _VALUES = re.compile("^list$|color|vector|point|gradient|normal|complex|quaternion|matrix|hsv|xyz")
 _NRRD_KINDS = {
     "i1": ("signed char", "int8", "int8_t"),
@@ -221,7 +221,7 @@ _NRRD_ENCODINGS = {"gz": "gzip", "txt": "text", "ascii": "text"} | {
 
 
 def nrrd_header(name: str) -> tuple[Header, Layout]:
-    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
+    """Header and layout of an NRRD file; ValueError if the header cannot be read."""
     fields, keys, end = _nrrd_fields(plain_name(name))
     try:
         sizes = [int(n) for n in fields["sizes"].split()]
@@ -271,13 +271,16 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
             f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(said)}",
         )
         origin = turn * origin
-    kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # these turn ITK's writer
+    kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
     header = Header(shape, spacing, origin, direction, tuple(notes), kept, layers)
     return header, _nrrd_layout(fields, end, name)
 
 
 def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
-    """Fields, keys, and the place where the values begin, 0 if there is none. The names of a list of files follow the word LIST."""
+    """Fields, keys, and the byte where the values begin, 0 if they are elsewhere.
+
+    The field of a list of data files holds the word LIST and the names.
+    """
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
     with open(name, "rb") as file:
@@ -320,7 +323,7 @@ def _vector(text: str, name: str) -> tuple[float, ...]:
 
 
 def _unit(text: str | None, name: str) -> float:
-    """Millimetres of the units of space, which must be alike. Without a name they are mm, as medicine uses the format."""
+    """Length of the unit of space [mm], the same along all axes; 1 if unnamed, as is usual in medicine."""
     units = set(re.findall(r'"([^"]*)"', text or "")) - {"", "???"} or {"mm"}
     refuse(
         len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES,
@@ -377,13 +380,13 @@ def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
 
 # ---- MetaImage ----
 
-_LAST = "ElementDataFile"  # then come the values
+_LAST = "ElementDataFile"  # the last field; the values follow
 _META_KINDS = {
     "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
     "MET_LONG": "i4", "MET_ULONG": "u4", "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4",
     "MET_DOUBLE": "f8",
 }  # fmt: skip
-#: Fields that say where the voxels and the values lie, or that only a writer can say.
+#: Fields on geometry and storage, and fields that a writer sets itself: not among the further fields.
 _META_OWN = re.compile(
     "Object|NDims|DimSize|Offset$|Position|Origin|TransformMatrix|TransformType|Rotation|Orientation|CenterOfRotation|Anatomical"
     "|DistanceUnits|Binary|Compress|HeaderSize|Element|Color|Name$|ID$|ParentID|Modality|SequenceID|AcquisitionDate|Comment|Segment"
@@ -391,11 +394,11 @@ _META_OWN = re.compile(
 
 
 def meta_header(name: str) -> tuple[Header, Layout]:
-    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
+    """Header and layout of a MetaImage file; ValueError if the header cannot be read."""
     fields, end = _meta_fields(plain_name(name))
 
     def numbers(*keys: str, default: list[float] | None = None) -> Array:
-        """The numbers of the first of these fields that is there."""
+        """Numbers of the first of these fields that the header has."""
         key = next((key for key in keys if key in fields), None)
         if key is None and default is not None:
             return np.array(default)
@@ -431,7 +434,7 @@ def meta_header(name: str) -> tuple[Header, Layout]:
     _check_not_negative(spacing, f"{name}: ElementSpacing of the MetaImage header")
     matrix = numbers("TransformMatrix", "Rotation", "Orientation", default=[])
     if len(matrix) == 0:
-        if fields.get("AnatomicalOrientation") != "RAI":  # in the words of MetaImage, from there: LPS
+        if fields.get("AnatomicalOrientation") != "RAI":  # MetaImage names where axes begin: RAI is LPS
             notes.append(f"the MetaImage header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
         matrix = np.eye(n).ravel()
     for key, found, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
@@ -448,7 +451,10 @@ def meta_header(name: str) -> tuple[Header, Layout]:
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:
-    """Fields of the header, and the place in the file where it ends. The names of a list of files follow the word LIST."""
+    """Fields of the header, and the byte after its end.
+
+    The field of a list of data files holds the word LIST and the names.
+    """
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while (raw := file.readline(1 << 16)) and len(fields) < 10_000:
@@ -457,7 +463,7 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
                 break
             fields[key.strip()] = value.strip()
             if key.strip() == _LAST:
-                told = raw.partition(b"=")[2]  # in the letters of the file system
+                told = raw.partition(b"=")[2]  # bytes: a list of names follows
                 told += file.read(1 << 24) if told.split()[:1] == [b"LIST"] else b""
                 fields[_LAST] = "\n".join(map(_text, told.splitlines())).strip()
                 return fields, file.tell()
@@ -483,7 +489,7 @@ def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
         [Path(name)] if local else _value_files(fields[_LAST], name),
         before if before > 0 else end if local else 0,
         skip=min(before, 0),
-        told=size if local or size != "none" else "",  # of a file of their own, its size serves
+        told=size if local or size != "none" else "",  # values in a file of their own need no size
     )
 
 
@@ -503,20 +509,20 @@ _NIFTI_KINDS = {
 }
 _NIFTI_UNITS = {1: 1e3, 2: 1.0, 3: 1e-3}  # xyzt_units: metres, millimetres, micrometres
 _NIFTI_TO_LPS = np.diag([-1.0, -1.0, 1.0])  # NIfTI's x and y point right and forward
-#: sform and qform, and their lengths and pixdim, may differ by this part of a voxel or of a spacing.
+#: Relative difference allowed between spacing by sform and by pixdim.
 _AGREE = 1e-3
-#: Type and place of each field, in version 1 and in version 2.
+#: Type and byte of each field, in version 1 and in version 2.
 _NIFTI_FIELDS = {
     "dim": (("8h", 40), ("8q", 16)), "datatype": (("h", 70), ("h", 12)), "pixdim": (("8f", 76), ("8d", 104)),
     "offset": (("f", 108), ("q", 168)), "scale": (("2f", 112), ("2d", 176)), "units": (("B", 123), ("i", 500)),
     "descrip": (("80s", 148), ("80s", 240)), "aux_file": (("24s", 228), ("24s", 320)), "codes": (("2h", 252), ("2i", 344)),
     "quatern": (("3f", 256), ("3d", 352)), "qoffset": (("3f", 268), ("3d", 376)), "srow": (("12f", 280), ("12d", 400)),
 }  # fmt: skip
-_KEPT_NIFTI = {"ITK_FileNotes": "descrip", "aux_file": "aux_file"}  # as SimpleITK writes them again
+_KEPT_NIFTI = {"ITK_FileNotes": "descrip", "aux_file": "aux_file"}  # SimpleITK's keys and NIfTI's fields
 
 
 def nifti_header(name: str) -> tuple[Header, Layout]:
-    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
+    """Header and layout of a NIfTI file; ValueError if the header cannot be read."""
     pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
     shape = three_sizes(list(at["dim"][1 : at["dim"][0] + 1]), name)
@@ -534,7 +540,7 @@ def nifti_header(name: str) -> tuple[Header, Layout]:
         np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
     )
     spacing, origin, direction, notes = _nifti_place(at, shape, name)
-    kept = {  # whatever ends without a zero, ITK refuses to write
+    kept = {  # ITK refuses to write a text that does not end in a zero byte
         key: at[own][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore") for key, own in _KEPT_NIFTI.items()
     }
     return Header(shape, spacing, origin, direction, notes, kept), layout
@@ -546,7 +552,7 @@ def _is_packed(path: str) -> bool:
 
 
 def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
-    """Fields of either version, byte order, and whether the values are in a file of their own."""
+    """Fields of version 1 or 2, byte order, and whether the values are in a file of their own."""
     try:
         with gzip.open(path) if _is_packed(path) else open(path, "rb") as file:
             content = file.read(540)

@@ -1,4 +1,4 @@
-"""Volumes on a grid of voxels: grey values, labels, and the bone that a map of occupancy makes of them."""
+"""Grey values and labels on a grid of voxels, and the bone that an occupancy map makes of grey values."""
 
 from __future__ import annotations
 
@@ -16,23 +16,22 @@ from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
 from burrlab.common.check import check_memory, real, refuse, require_type
 
-#: For each corner of a box, the end at which it lies along (x, y, z).
+#: Corners of a box: 0 or 1 for its two ends along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
-#: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a
-#: few decimals.
+#: Largest entry allowed in |D^T D - 1| of a direction matrix D: headers hold float32 or a few decimals.
 ORTHONORMAL = 1e-4
-#: A matrix that is off by less is left as it is, so that matrices of 0 and 1 keep their bits.
+#: A matrix that is off by less stays unchanged: matrices of 0 and 1 keep their bits.
 _EXACT = 1e-14
-#: Two grids are the same if no corner is further from its counterpart than this part of a voxel.
+#: Largest distance between corresponding corners of two grids that count as the same [voxels].
 SAME = 1e-2
 
 Array = NDArray[np.float64]
-#: Red, green and blue, 0 to 255.
+#: Red, green and blue, from 0 to 255.
 Colour = tuple[int, int, int]
 
 
 def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
-    """(x, y, z) of a number or of three [mm]; ValueError unless positive and finite."""
+    """Spacing (x, y, z) from one number or three [mm]; ValueError unless positive and finite."""
     found = real(spacing, what)
     refuse(
         found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)),
@@ -42,7 +41,7 @@ def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
 
 
 def checked_point(point: ArrayLike, what: str) -> Array:
-    """(x, y, z); ValueError unless three finite numbers."""
+    """Point (x, y, z); ValueError unless three finite numbers."""
     found = real(point, what)
     refuse(
         found.shape != (3,) or not np.all(np.isfinite(found)),
@@ -52,7 +51,7 @@ def checked_point(point: ArrayLike, what: str) -> Array:
 
 
 def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
-    """The nearest orthonormal matrix, left-handed or not; ValueError if it is further away than `ORTHONORMAL`."""
+    """Nearest orthonormal matrix, of either hand; ValueError if it is off by more than `ORTHONORMAL`."""
     found = real(direction, what)
     refuse(
         found.shape != (3, 3) or not np.all(np.isfinite(found)),
@@ -72,19 +71,19 @@ def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
 
 
 class OnGrid(ABC):
-    """What grey and label volumes share: a grid of voxels, placed in the volume's own coordinates."""
+    """Base of grey and label volumes: a grid of voxels, placed in the volume's own coordinates."""
 
     spacing: Array
     origin: Array
     direction: Array
     path: str
     notes: tuple[str, ...]
-    _ARRAY: ClassVar[str]  #: Name of the field that holds the voxels, shape (z, y, x).
+    _ARRAY: ClassVar[str]  #: Name of the field with the voxels, shape (z, y, x).
 
     @staticmethod
     @abstractmethod
     def _resampling(voxels: NDArray[Any], old: Array, new: Array, /) -> NDArray[Any]:
-        """The voxels on a grid of another spacing."""
+        """Voxels on a grid of another spacing."""
 
     @property
     def _voxels(self) -> NDArray[Any]:
@@ -92,13 +91,13 @@ class OnGrid(ABC):
         return found
 
     def _moved(self, voxels: NDArray[Any], note: str, **grid: Array) -> Self:
-        """The volume with other voxels and a changed grid; grey values get a note."""
+        """The volume with other voxels and another grid; grey values get a note."""
         told = {"notes": (*self.notes, note)} if self._ARRAY == "values" else {}
         moved: Self = replace(cast(Any, self), **{self._ARRAY: voxels}, **told, **grid)
         return moved
 
     def _check(self, voxels: NDArray[Any]) -> None:
-        """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if the geometry is wrong."""
+        """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if it is wrong."""
         kept = voxels.view()
         kept.flags.writeable = False
         object.__setattr__(self, self._ARRAY, kept)
@@ -108,7 +107,7 @@ class OnGrid(ABC):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Voxels along (z, y, x)."""
+        """Number of voxels along (z, y, x)."""
         z, y, x = self._voxels.shape
         return z, y, x
 
@@ -118,15 +117,15 @@ class OnGrid(ABC):
         return np.asarray(self.spacing * self.shape[::-1])
 
     def bone_point(self, point: Vector) -> Array:
-        """A point of the volume's own coordinates in the bone frame (voxel axes) [mm]."""
+        """Converts a point from the volume's own coordinates to the bone frame (voxel axes) [mm]."""
         return np.asarray(self.direction.T @ real(point, "point"))
 
     def patient_point(self, point: Vector) -> Array:
-        """A point of the bone frame in the volume's own coordinates [mm]."""
+        """Converts a point from the bone frame to the volume's own coordinates [mm]."""
         return np.asarray(self.direction @ real(point, "point"))
 
     def box(self, low: Vector, high: Vector) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-        """First voxel of a box and the one past its last, (z, y, x).
+        """First voxel of a box, and the voxel after its last, (z, y, x).
 
         Parameters
         ----------
@@ -155,13 +154,13 @@ class OnGrid(ABC):
         return np.asarray(self.origin + (_ENDS * ends * self.spacing) @ self.direction.T)
 
     def crop(self, low: Vector, high: Vector) -> Self:
-        """The voxels whose centres lie in a box.
+        """The part of the volume whose voxel centres lie in a box.
 
         Parameters
         ----------
         low, high : (x, y, z)
-            Two opposite corners in the volume's own coordinates [mm]. The box is along their axes; in a
-            turned volume the smallest box of voxels that holds it is kept.
+            Two opposite corners of a box along the axes of the volume's own coordinates [mm]. Of a rotated
+            volume, the smallest box of voxels that holds this box is kept.
 
         Raises
         ------
@@ -171,7 +170,7 @@ class OnGrid(ABC):
         return self.crop_voxels(*self.box(low, high))
 
     def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> Self:
-        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
+        """The part from voxel `start` to before `stop`, (z, y, x); ValueError unless both lie inside."""
         box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
         refuse(
             len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)),
@@ -183,12 +182,15 @@ class OnGrid(ABC):
         return self._moved(kept, note, origin=origin)
 
     def resample(self, spacing: float | ArrayLike) -> Self:
-        """The volume on voxels of another spacing, over the same field of view.
+        """The volume with another voxel spacing, over the same field of view.
 
-        The grid begins at the same corner, and its last voxel may reach beyond the old ones. Grey values
-        become float32: trilinear between voxel centres; along an axis whose voxels become larger, the mean
-        over each of them; beyond the old voxels the outermost value holds. A label is that of the old voxel
-        in which the new one's centre lies; where voxels become larger, what is thinner than they are can go.
+        The grid begins at the same corner; its last voxel may reach beyond the old voxels.
+
+        Grey values become float32. Along an axis with smaller voxels they are interpolated linearly between
+        voxel centres, and constant outside. Along an axis with larger voxels they are means over each voxel.
+
+        A new voxel gets the label of the old voxel at its centre. Structures thinner than a larger voxel can
+        vanish.
 
         Parameters
         ----------
@@ -202,8 +204,7 @@ class OnGrid(ABC):
 
         Notes
         -----
-        This interpolates grey values. For bone, `Volume.to_bone` with a spacing interpolates the occupancy
-        instead.
+        For bone, `Volume.to_bone` with a spacing interpolates the occupancy instead of grey values.
         """
         new = checked_spacing(spacing)
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
@@ -213,7 +214,7 @@ class OnGrid(ABC):
         return self._moved(voxels, note, spacing=new, origin=self._origin_at(new))
 
     def _origin_at(self, spacing: Array) -> Array:
-        """Centre of the first voxel of another grid from the same corner."""
+        """Centre of the first voxel of another grid that begins at the same corner."""
         return np.asarray(self.origin + self.patient_point((spacing - self.spacing) / 2))
 
     def __repr__(self) -> str:
@@ -222,18 +223,18 @@ class OnGrid(ABC):
 
 
 def box_text(grid: OnGrid) -> str:
-    """The corners between which the centres of a volume's voxels lie, in its own coordinates, as text."""
+    """Bounds of a volume's voxel centres in its own coordinates, as text."""
     corners = grid.corners()
     return f"between {point_text(corners.min(axis=0))} and {point_text(corners.max(axis=0))} mm"
 
 
 def same_geometry(first: OnGrid, second: OnGrid) -> bool:
-    """Whether two volumes have the same voxels: as many, and no corner off by more than `SAME` of a voxel."""
+    """Whether two volumes have as many voxels, and no corner is off by more than `SAME` of a voxel."""
     return _difference(first, second) is None
 
 
 def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
-    """Raises ValueError with what differs unless two volumes have the same voxels."""
+    """ValueError that names the difference, unless two volumes have the same geometry."""
     what = _difference(first, second)
     refuse(what is not None, f"{first.path} and {second.path} must have the same geometry: {what}")
 
@@ -263,15 +264,15 @@ def point_text(values: Iterable[float]) -> str:
     return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
 
 
-_WHOLE = 1e-3  # of a voxel: by how much a field of view may miss a whole number of voxels, spacing in float32
+_WHOLE = 1e-3  # [voxels] tolerance for a whole number of voxels: spacing may be float32
 
 
 def resampled_shape(
     shape: tuple[int, ...], old: Array, new: Array, work: float = 0.0
 ) -> tuple[int, int, int]:
-    """Voxels (z, y, x) of spacing `new` (x, y, z) that cover the field of view; ValueError where they are too many.
+    """Number of voxels (z, y, x) of spacing `new` (x, y, z) over the field of view; ValueError if too many.
 
-    `work` bytes a voxel of the old ones are needed besides.
+    `work` is the memory needed besides, in bytes per old voxel.
     """
     with np.errstate(over="ignore"):
         sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
@@ -296,11 +297,11 @@ def resample_linear(
     kind: Any = np.float32,
     store: Callable[[NDArray[np.float32]], NDArray[Any]] = lambda plane: plane,
 ) -> NDArray[Any]:
-    """Values (z, y, x) at the centres of voxels of spacing `new` (x, y, z) from the same corner.
+    """Values (z, y, x) at the centres of voxels of spacing `new` (x, y, z), from the same corner.
 
-    Along an axis whose voxels become smaller: linear between the two nearest centres, constant beyond the
-    outermost ones. Along one whose voxels become larger: the mean over the new voxel, old voxels taken as
-    uniform, its part within the volume.
+    Along an axis with smaller voxels, values are linear between the two nearest centres and constant
+    outside. Along an axis with larger voxels, a value is the mean over the part of the new voxel within the
+    volume; old voxels count as uniform.
 
     Parameters
     ----------
@@ -308,12 +309,11 @@ def resample_linear(
     old, new : ndarray, shape (3,)
         Spacing (x, y, z) [mm].
     empty_outside : bool
-        A last voxel that reaches beyond the volume gets the part of its value by which it lies within; else
-        the whole.
+        Whether the value of a last voxel that reaches beyond the volume is multiplied by its part within.
     kind : dtype
-        Of the result.
+        Type of the result.
     store : callable
-        What is done with each plane of float32 before it is stored as `kind`.
+        Applied to each plane of float32 before it is stored as `kind`.
     """
     shape = resampled_shape(values.shape, old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
     work = values.astype(np.float32)
@@ -325,11 +325,11 @@ def resample_linear(
         _neighbours(work.shape[axis], shape[axis], min(float(new[2 - axis] / old[2 - axis]), 1.0))
         for axis in range(3)
     )
-    # Part of the last voxel that lies in the volume; 1 where it ends with it but for rounding.
+    # Part of the last voxel that lies in the volume; 1 if both end together but for rounding.
     last = np.array(values.shape) * old[::-1] / new[::-1] - (np.array(shape) - 1)
     within = np.where(empty_outside & (last < 1.0 - _WHOLE), last, 1.0).astype(np.float32)
     found = np.empty(shape, dtype=kind)
-    for k in range(shape[0]):  # a plane at a time: no copies of the large volume
+    for k in range(shape[0]):  # plane by plane: no copies of a large volume
         plane = work[z0[k]] + zw[k] * (work[z1[k]] - work[z0[k]])
         plane = plane[y0] + yw[:, None] * (plane[y1] - plane[y0])
         plane = plane[:, x0] + xw * (plane[:, x1] - plane[:, x0])
@@ -340,7 +340,7 @@ def resample_linear(
 
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
-    """Labels (z, y, x) on a new grid: each is that of the old voxel in which its centre lies, at a face that of the lower voxel."""
+    """Labels (z, y, x) of the old voxels at the centres of the new ones; on a face, of the lower voxel."""
     shape = resampled_shape(labels.shape, old, new)
     places = []
     for axis in range(3):
@@ -365,7 +365,7 @@ def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) 
 def _neighbours(
     old: int, count: int, ratio: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """For each new centre: the two old centres around it, and its distance from the first of them, 0..1."""
+    """The two old centres around each new centre, and its distance from the first of them, 0..1."""
     place = np.clip((np.arange(count) + 0.5) * ratio - 0.5, 0, old - 1)
     first = np.minimum(np.floor(place).astype(np.intp), max(old - 2, 0))
     return first, np.minimum(first + 1, old - 1), (place - first).astype(np.float32)
@@ -373,20 +373,20 @@ def _neighbours(
 
 @dataclass(frozen=True)
 class OccupancyMap:
-    """Occupancy as a piecewise linear function of the grey value, constant below its first point and above its last.
+    """Occupancy as a piecewise linear function of the grey value, constant outside its points.
 
     Parameters
     ----------
     greys : tuple of float
-        Grey values, strictly increasing; two or more.
+        Two or more grey values, strictly increasing.
     occupancies : tuple of float
-        Of each, 0 (empty) to 1 (solid bone); they may rise and fall.
+        Occupancy at each grey value, 0 (empty) to 1 (solid bone); may rise and fall.
 
     Raises
     ------
     ValueError
-        If there are fewer than two points or as many greys as occupancies are missing, a grey value is not
-        finite or not above the one before it, or an occupancy is not within 0 to 1.
+        If there are fewer than two points or the two lengths differ, a grey value is not finite or not above
+        the one before it, or an occupancy is outside 0 to 1.
 
     Examples
     --------
@@ -417,7 +417,7 @@ class OccupancyMap:
 
     @classmethod
     def two_point(cls, empty: float, solid: float) -> OccupancyMap:
-        """0 at the grey value `empty` and below, 1 at `solid` and above; ValueError unless `empty` is below `solid`."""
+        """Map from 0 at grey value `empty` to 1 at `solid`; ValueError unless `empty` is below `solid`."""
         empty, solid = float(real(empty, "map")), float(real(solid, "map"))
         refuse(
             not (math.isfinite(empty) and math.isfinite(solid) and empty < solid),
@@ -427,12 +427,12 @@ class OccupancyMap:
 
     @classmethod
     def table(cls, greys: Sequence[float], occupancies: Sequence[float]) -> OccupancyMap:
-        """A map from a table of grey values and the occupancy of each; errors as of the class."""
+        """Map from a table of grey values and their occupancies; errors as of the class."""
         return cls(tuple(greys), tuple(occupancies))
 
     @classmethod
     def parse(cls, text: str) -> OccupancyMap:
-        """A map from the text ``LO:HI`` or ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError for any other text.
+        """Map from the text ``LO:HI`` or ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError for other texts.
 
         Examples
         --------
@@ -455,7 +455,7 @@ class OccupancyMap:
 
     @property
     def text(self) -> str:
-        """The map as text, which `parse` reads."""
+        """The map as text that `parse` reads."""
         if self.occupancies == (0.0, 1.0):
             return f"{_text(self.greys[0])}:{_text(self.greys[1])}"
         return ",".join(f"{_text(g)}:{_text(o)}" for g, o in zip(self.greys, self.occupancies, strict=True))
@@ -471,26 +471,26 @@ class OccupancyMap:
         return np.asarray(self._each(values, np.float32, lambda part: part.astype(np.float32)))
 
     def levels(self, values: NDArray[Any]) -> NDArray[np.uint8]:
-        """Occupancy of grey values in levels, 0 to 255, rounded to nearest; ValueError if a value is not finite."""
+        """Occupancy of grey values as levels, 0 to 255, rounded; ValueError if one is not finite."""
         return np.asarray(self._each(values, np.uint8, lambda part: np.rint(255.0 * part).astype(np.uint8)))
 
     def _each(self, values: NDArray[Any], kind: Any, store: Any) -> NDArray[Any]:
         values = np.asarray(values)
-        if values.dtype.kind in "iu" and values.dtype.itemsize <= 2:  # a table of all values is faster
+        if values.dtype.kind in "iu" and values.dtype.itemsize <= 2:  # a look-up table is faster
             least = int(np.iinfo(values.dtype).min)
             whole = np.arange(least, int(np.iinfo(values.dtype).max) + 1, dtype=np.float64)
             entries = store(self._linear(whole))
             return np.asarray(entries[values.astype(np.int32) - least])
         found = np.empty(values.shape, dtype=kind)
         flat, out = values.reshape(-1), found.reshape(-1)
-        for first in range(0, flat.size, 1 << 22):  # bounds what double precision takes
+        for first in range(0, flat.size, 1 << 22):  # in parts: limits the memory of float64
             part = flat[first : first + (1 << 22)].astype(np.float64)
             refuse(not np.all(np.isfinite(part)), "values must be finite, got some that are not")
             out[first : first + part.size] = store(self._linear(part))
         return found
 
     def _linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        # Not np.interp: written out, in the same order everywhere, so that two machines make the same bone.
+        # Written out instead of np.interp: the same operations in the same order make the same bone anywhere.
         greys, occupancies = np.array(self.greys), np.array(self.occupancies)
         place = np.clip(np.searchsorted(greys, values, side="right") - 1, 0, len(greys) - 2)
         low, high = greys[place], greys[place + 1]
@@ -499,12 +499,12 @@ class OccupancyMap:
 
 
 def _text(number: float) -> str:
-    """The shortest text that reads back as the same number."""
+    """Shortest text that reads back as the same number."""
     return repr(number).removesuffix(".0")
 
 
 def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> OccupancyMap:
-    """A map, given as such or as two grey values; TypeError for anything else."""
+    """Map that is given as such or as two grey values; TypeError for anything else."""
     if isinstance(mapping, OccupancyMap) and solid is None:
         return mapping
     if isinstance(mapping, OccupancyMap) or solid is None:
@@ -523,22 +523,22 @@ class Volume(OnGrid):
     spacing : (x, y, z)
         Along the voxel axes [mm].
     origin : (x, y, z)
-        Centre of voxel (0, 0, 0) in the volume's own coordinates, of patients LPS [mm].
+        Centre of voxel (0, 0, 0) in the volume's own coordinates [mm]; for patients these are LPS.
     direction : array_like, shape (3, 3)
-        Columns are the voxel axes in the volume's own coordinates; orthonormal, left-handed allowed. Off by
-        up to 1e-4, as headers round it, it is replaced by the nearest that is.
+        Columns are the voxel axes in the volume's own coordinates: orthonormal, right- or left-handed. A
+        matrix that is off by up to 1e-4, from rounding in a header, is replaced by the nearest orthonormal.
     path : str
-        Where it comes from.
+        Source of the volume.
     notes : tuple of str
-        What was assumed or done on the way, in sentences.
+        Assumptions and steps that led to the volume, in sentences.
     files : tuple of str
-        Of a DICOM series, in the order of the slices that were read.
+        Files of a DICOM series, in the order of the slices.
 
     Raises
     ------
     ValueError
-        If the values are no numbers in three dimensions or not finite, a spacing is not positive, or the
-        direction not orthonormal.
+        If the values are not finite numbers in three dimensions, a spacing is not positive, or the direction
+        is not orthonormal.
     """
 
     _ARRAY = "values"
@@ -568,25 +568,25 @@ class Volume(OnGrid):
         *,
         spacing: float | ArrayLike | None = None,
     ) -> VoxelBone:
-        """Bone with the occupancy that a map gives to the grey values.
+        """Bone whose occupancy follows from the grey values by a map.
 
         Parameters
         ----------
         mapping : OccupancyMap or float
-            Or the grey value of empty, with `solid`: a two-point map.
+            A map; or, with `solid`, the grey value of empty.
         solid : float, optional
             Grey value of solid bone.
         spacing : float or (x, y, z), optional
-            Of the bone [mm]; default the volume's own. The map acts first, then the occupancy is interpolated
-            as `resample` does it, and rounded to levels once: so the amount of bone stays what the map says.
-            Beyond the volume there is none: a last voxel that reaches out is filled by its part within.
+            Spacing of the bone [mm]; default the volume's own. The map acts first. The occupancy is then
+            interpolated as by `resample`, and rounded to levels once, which keeps the amount of bone. Beyond
+            the volume there is no bone: a last voxel that reaches out is filled by its part within.
 
         Raises
         ------
         ValueError
             If `empty` is not below `solid`, the spacing is not positive, or it makes too many voxels.
         TypeError
-            If the map is neither.
+            If no map and no two grey values are given.
 
         Examples
         --------
@@ -619,24 +619,24 @@ class Volume(OnGrid):
         axis: Vector,
         spacing: float | ArrayLike | None = None,
     ) -> Specimen:
-        """The bone with an axis; immersion counts from the axis' first crossing of occupancy 128.
+        """The bone with an axis. Immersion counts from the point where the axis first reaches level 128.
 
         Parameters
         ----------
         mapping, solid, spacing
             As for `to_bone`.
         entry : (x, y, z)
-            Where the axis begins, in the volume's own coordinates [mm].
+            Start of the axis, in the volume's own coordinates [mm].
         axis : (x, y, z)
             Direction into the bone, in the volume's own coordinates.
 
         Raises
         ------
         ValueError
-            If the axis meets no bone, the entry lies inside bone or farther away than the volume is wide, or
-            else as `to_bone`.
+            If the axis meets no bone, or the entry lies inside bone or farther away than the volume is wide;
+            and as `to_bone`.
         TypeError
-            If the map is none.
+            As `to_bone`.
         """
         chosen = occupancy_map(mapping, solid)
         bone = self.to_bone(chosen, spacing=spacing)
@@ -663,13 +663,16 @@ def specimen_in(
     *,
     of: str = "",
 ) -> Specimen:
-    """A bone on the voxel axes of a volume, with an axis in the volume's own coordinates; errors as `Volume.specimen`."""
+    """Specimen of a bone on a volume's voxel axes, with an axis in the volume's own coordinates.
+
+    Errors as `Volume.specimen`.
+    """
     direction = np.asarray(grid.direction.T @ unit_vector(axis))
     at = checked_point(entry, "entry")
     start = grid.bone_point(at)
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
     beyond = math.hypot(*np.maximum(0, np.maximum(low - at, at - high)))
-    # What begins so far away was hardly meant, though its axis may meet bone.
+    # An entry so far away is hardly meant, even if its axis meets bone.
     refuse(
         beyond > math.hypot(*(high - low)),
         f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
@@ -690,7 +693,7 @@ def specimen_in(
 
 
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
-    """A sentence that says where a volume lies, for a caller whose point lies elsewhere."""
+    """Sentence on where a volume lies, for a point outside it."""
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
     said = f"the volume lies from {point_text(np.round(low, 2) + 0.0)} to {point_text(np.round(high, 2) + 0.0)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
@@ -700,7 +703,7 @@ def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:
-    """Raises ValueError for NaN or infinity, with their count and the first index."""
+    """ValueError for NaN or infinity, with their count and the first index."""
     if values.dtype.kind == "f" and (bad := ~np.isfinite(values)).any():
         raise ValueError(
             f"{path}: the volume holds values that are not finite: {np.count_nonzero(bad)} of {values.size}, the first at "
@@ -715,27 +718,27 @@ def _first(mask: NDArray[np.bool_]) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LabelVolume(OnGrid):
-    """Whole numbers on a grid, one a voxel, placed as a `Volume` is.
+    """Whole numbers on a grid, one a voxel, placed like a `Volume`.
 
     Parameters
     ----------
     labels : ndarray, shape (nz, ny, nx)
-        Whole numbers; floats that are whole become integers. Kept as a read-only view.
+        Whole numbers; whole floats become integers. Kept as a read-only view.
     spacing, origin, direction, path, notes, files
         As for `Volume`.
     names : mapping of int to str
-        Of labels, as far as the file gives them.
+        Names of labels, as far as the file has them.
     colours : mapping of int to (r, g, b)
-        0 to 255, as far as the file gives them.
+        Colours of labels, 0 to 255, as far as the file has them.
     unknown_colours : tuple of mapping
-        Of coloured slices the colours that are in no table, most pixels first, ready for JSON: colour,
-        pixels, the first one's slice, row and column, the nearest structure, and how far that is in colour
-        (root of the sum of squares).
+        Colours of slices that are in no table, most pixels first, ready for JSON: colour, number of pixels;
+        slice, row and column of the first; nearest structure, and its distance in colour (root of the sum of
+        squares).
 
     Raises
     ------
     ValueError
-        If the labels are not whole numbers in three dimensions; else as `Volume`.
+        If the labels are not whole numbers in three dimensions; and as `Volume`.
     """
 
     _ARRAY = "labels"
@@ -768,10 +771,10 @@ class LabelVolume(OnGrid):
         object.__setattr__(self, "colours", colours)
 
     def on(self, volume: OnGrid) -> LabelVolume:
-        """The labels on the voxels of a volume. Each voxel gets the label at its centre, 0 where there is none.
+        """The labels on the voxels of a volume: each voxel gets the label at its centre, 0 if there is none.
 
-        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume
-        can go. Where the labels cover a part of the volume, the notes say how much.
+        The labels may be finer than the volume, or rotated. Structures thinner than a voxel of the volume can
+        vanish. If the labels cover only a part of the volume, the notes say how much.
 
         Raises
         ------
@@ -780,11 +783,11 @@ class LabelVolume(OnGrid):
         """
         turn = self.direction.T @ volume.direction
         start = self.bone_point(volume.origin - self.origin)
-        steps = turn * volume.spacing  # columns: of one voxel of the volume, along the axes here [mm]
+        steps = turn * volume.spacing  # columns: one voxel of the volume along the axes of the labels [mm]
         z, y, x = (np.arange(n) for n in volume.shape)
         sizes = self.shape[::-1]
         found, covered = np.zeros(volume.shape, self.labels.dtype), 0
-        for k in z:  # plane by plane: no large arrays of places
+        for k in z:  # plane by plane: no large arrays of indices
             inside = np.ones((len(y), len(x)), bool)
             places = []
             for axis in range(3):
@@ -799,7 +802,7 @@ class LabelVolume(OnGrid):
             f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}",
         )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
-        if covered < found.size:  # never told as 0 or 100 % where it is neither
+        if covered < found.size:  # the part is never rounded to 0 or 100 %
             part = 100 * covered / found.size
             note += f", of which they cover {'less than 1' if part < 1 else f'{min(part, 99.9):.3g}'} %"
         return replace(
@@ -817,7 +820,7 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
     if labels.dtype.kind != "f":
         return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels
     check_finite(labels, path)
-    with np.errstate(invalid="ignore"):  # what is too large becomes the least number
+    with np.errstate(invalid="ignore"):  # numbers that are too large become -2^31
         found = labels.astype(np.int32)
     wrong = (found != labels) | (found == -(2**31))
     first = _first(wrong)

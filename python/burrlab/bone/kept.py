@@ -1,4 +1,4 @@
-"""Half-drilled volumes: the exact state of the bone in a file of its own, and beside it the volume as other programs read it."""
+"""Half-drilled volumes: files that other programs read, each beside a file with the bone's exact state."""
 
 from __future__ import annotations
 
@@ -77,19 +77,19 @@ def content_digest(target: Path) -> str:
 
 
 def sidecar(target: Path, digest: str) -> Path:
-    """Where the exact state of a volume of this content lies."""
+    """Path of the exact state of a volume with this content."""
     if target.is_dir():
         return target / IN_FOLDER
     return target.with_name(f"{target.name}.{digest[:16]}.bone.h5")
 
 
 def followed(target: Path) -> Path:
-    """The file that a link leads to, since it is replaced and the link is not."""
+    """The file that a link leads to: the file is replaced, the link is not."""
     return target.resolve() if target.is_symlink() else target
 
 
 def sidecars(target: Path) -> list[Path]:
-    """All exact states beside a file, of its present content or of an older one; for a link, also those where it leads."""
+    """Exact states beside a file, of its present or older contents; for a link, also beside its target."""
     found: list[Path] = []
     for place in dict.fromkeys((target, followed(target))):
         folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
@@ -100,7 +100,7 @@ def sidecars(target: Path) -> list[Path]:
 
 
 def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
-    """The exact state that belongs to what a volume holds now, and what it says of itself; errors as `load_drilled`."""
+    """Path and description of the exact state of a volume's present content; errors as `load_drilled`."""
     digest = content_digest(target)
     beside = sidecar(target, digest)
     if not beside.is_file():
@@ -122,7 +122,7 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
 
 
 def is_drilled(target: Path) -> bool:
-    """Whether a file or folder is a half-drilled volume as it was saved, and not another one under its name."""
+    """Whether a file or folder is an unchanged half-drilled volume, as `save_drilled` wrote it."""
     try:
         own_sidecar(target)
     except (ValueError, OSError):
@@ -142,7 +142,7 @@ def _told(path: Path) -> dict[str, Any]:
 
 
 class Changes(NamedTuple):
-    """Which voxels get another value, these values, and for grey volumes the grey value of empty."""
+    """Voxels that change, their new values, and for grey volumes the grey value of empty."""
 
     where: NDArray[np.bool_]
     values: NDArray[np.float64]
@@ -150,17 +150,17 @@ class Changes(NamedTuple):
 
 
 def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
-    """Grey value that the map takes to each level 0 to 255; for level 0, the highest such value.
+    """Grey value of each level 0 to 255 by the map; for level 0, the highest grey value that is empty.
 
     Raises
     ------
     ValueError
-        If occupancy falls somewhere with the grey value, or no grey value is empty.
+        If the occupancy falls with the grey value anywhere, or no grey value is empty.
     """
     greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
     refuse(
         np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0,
-        f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}",
+        f"map must rise from 0 with the grey value, so that removed bone has a grey value, got {mapping.text}",
     )
     levels = np.arange(256) / 255.0
     last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
@@ -171,7 +171,10 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
 
 
 def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> Changes:
-    """What the voxels that lost bone become: the grey value of what is left, or label 0 where less than half is left."""
+    """New values of the voxels that lost bone.
+
+    A grey voxel gets the grey value of its rest; a label becomes 0 if less than half of the bone is left.
+    """
     density, pristine = bone.density, bone.pristine
     lost = density < pristine
     if isinstance(like, LabelVolume):
@@ -191,18 +194,16 @@ def coded(
     inter: float = 0.0,
     bits: int | None = None,
 ) -> NDArray[Any]:
-    """The numbers that a file stores for grey values, which are slope * stored + inter.
+    """Stored numbers of grey values, which are slope * stored + inter.
 
-    Whole numbers are the nearest; `empty` and what is below it are rounded down.
-
-    ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits
-    of it, can hold.
+    Whole numbers are rounded to nearest; values up to `empty` are rounded down. ValueError if a value, or
+    `empty` (0 for labels), is out of range for this type with `bits` used bits.
     """
     greys = np.append(greys, empty or 0.0)
     found, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
     if not real:
         nearest = np.rint(found)
-        if empty is not None:  # rounded up, it would not be empty
+        if empty is not None:  # rounded up, it might not be empty
             down = np.floor(found + 1e-9) if slope > 0 else np.ceil(found - 1e-9)
             nearest = np.where(greys <= empty, down, nearest)
         found = nearest
@@ -217,7 +218,7 @@ def coded(
             low, high = sorted(slope * float(end) + inter for end in (least, most))
             held += f", {low:g} to {high:g}"
         raise ValueError(
-            f"{grey} that {name} can hold, for what was removed to have one: it holds {held}, got {greys[beyond][0]:g}"
+            f"{grey} that {name} can hold, for removed bone: it holds {held}, got {greys[beyond][0]:g}"
         )
     return found[:-1].astype(kind)
 
@@ -227,37 +228,36 @@ def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
 
 
 def changed_values(like: Volume | LabelVolume, changed: Changes) -> NDArray[Any]:
-    """The voxels' values, of their type, after the changes."""
+    """Values of the voxels after the changes, in their own type."""
     new = _voxels(like).copy()
     new[changed.where] = coded(changed.values, like.path, changed.empty, new.dtype)
     return new
 
 
 def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
-    """What the file of the original says beyond its geometry, where the new one is of its format."""
+    """Fields beyond the geometry in the original's file, if the new file has the same format."""
     kept = format_of(target.name)
     if kept is None:
         return {}
     header = None
     if kept is format_of(like.path):
-        with contextlib.suppress(ValueError, OSError):  # it is another file by now
+        with contextlib.suppress(ValueError, OSError):  # the file may have changed or gone
             header, _ = kept.read(like.path)
     fields = {} if header is None else {key: text for key, text in header.fields.items() if text}
     whole = header is not None and header.shape == like.shape and header.layers <= 1
-    if kept.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers are others
+    if kept.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
         own = segment_fields(like.labels, like.names, like.colours)
         fields = {key: text for key, text in fields.items() if not key.startswith("Segment")} | own
     return fields
 
 
-#: Elements that no longer hold after drilling: when the instance was made, least and highest pixel of image
-#: and series, icon, signatures, and where packed pixels begin and end.
+#: Elements that are wrong after drilling: date and time of the instance, least and highest pixel of image and
+#: series, icon, signatures, and offsets of packed pixels.
 _STALE = (
     0x00080012, 0x00080013, 0x00280106, 0x00280107, 0x00280108, 0x00280109, 0x00880200, 0x4FFE0001, 0xFFFAFFFA, 0x7FE00001,
     0x7FE00002,
 )  # fmt: skip
-#: Transfer syntax of pixels that are not packed, by whether types are implicit and whether bytes are
-#: little-endian.
+#: Transfer syntax of unpacked pixels for (implicit types, little-endian bytes).
 _NOT_PACKED = {
     (True, True): "1.2.840.10008.1.2", (False, True): "1.2.840.10008.1.2.1", (False, False): "1.2.840.10008.1.2.2",
 }  # fmt: skip
@@ -265,7 +265,7 @@ _DERIVATION = "burrlab: half-drilled; what was removed has the grey value of emp
 
 
 def is_whole(like: Volume | LabelVolume) -> bool:
-    """Whether a volume is what its DICOM slices hold, not cropped, resampled or changed."""
+    """Whether a volume equals its DICOM slices: not cropped, resampled or changed."""
     read = read_volume if isinstance(like, Volume) else read_labels
     try:
         whole = read(like.files, spacing=like.spacing)
@@ -275,7 +275,7 @@ def is_whole(like: Volume | LabelVolume) -> bool:
 
 
 def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
-    """ValueError where the slices cannot be written again, or do not hold the grey value of empty."""
+    """ValueError if the slices cannot be written again, or cannot hold the grey value of empty."""
     if not is_whole(like):
         try:
             check_slices(_grey(like, empty))
@@ -329,7 +329,7 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
 def _stored(
     found: Any, plane: NDArray[Any], name: str
 ) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
-    """The numbers that a slice stores; and their type, slope, intercept and bits, as `coded` takes them."""
+    """Stored numbers of a slice, and their type, slope, intercept and bits for `coded`."""
     whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     refuse(
         whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
@@ -347,7 +347,7 @@ def _stored(
         scale = [
             float(text_of(found, f"Rescale{key}") or one) for key, one in (("Slope", 1), ("Intercept", 0))
         ]
-    for slope, inter in (scale, (1.0, 0.0)):  # the reader leaves the scale of some kinds of images alone
+    for slope, inter in (scale, (1.0, 0.0)):  # the reader ignores the scale of some kinds of images
         if slope == 0 or not (math.isfinite(slope) and math.isfinite(inter)):
             continue
         if is_packed(found):
@@ -357,7 +357,7 @@ def _stored(
             if len(content) < plane.size * kind.itemsize:
                 break
             stored = np.frombuffer(content, kind, plane.size).reshape(plane.shape).copy()
-        spare = whole - used  # bits above those that are used may hold anything
+        spare = whole - used  # the unused upper bits may hold anything
         again = ((stored << spare) >> spare) * slope + inter
         if np.allclose(again, plane, rtol=1e-6, atol=1e-3 * abs(slope)):
             return stored, (kind, slope, inter, used)
@@ -367,9 +367,9 @@ def _stored(
 
 
 def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | None = None) -> Volume:
-    """The volume as `write_dicom` takes it: of the smallest type that holds the original's values and that of empty.
+    """The volume in the smallest type of `write_dicom` that holds the original's values and that of empty.
 
-    Whole grey values that became fractions on other voxels are rounded.
+    Grey values that resampling made fractional are rounded if the original's are whole.
     """
     own = _voxels(like)
     if isinstance(like, Volume) and own.dtype.kind == "f":
@@ -387,7 +387,7 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
 
 
 def stack_slices(path: str) -> Slices | None:
-    """The slices that a volume was read of; None where it was not one of PNG slices."""
+    """PNG slices that a volume was read from; None for other volumes."""
     if Path(path).suffix.lower() in (".yaml", ".yml") and Path(path).is_file():
         described = read_description(path, unit=1.0)
         return find_slices(described.folder, prefix=described.prefix)
@@ -397,7 +397,10 @@ def stack_slices(path: str) -> Slices | None:
 
 
 def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
-    """Slices of the same names, sizes and kind. Changed voxels of coloured ones are transparent, or black without transparency."""
+    """Name and content of each slice after the changes, with the original's size and kind.
+
+    Changed voxels of coloured slices are transparent, or black where the kind has no transparency.
+    """
     from PIL import Image
 
     new = changed_values(like, changed) if isinstance(like, Volume) else None
@@ -406,7 +409,7 @@ def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iter
         image, written = pixels(path).copy(), io.BytesIO()
         if new is None:
             image[changed.where[k].transpose(turn)] = 0
-            image[image[..., 3] == 0] = 0  # without transparency nothing else says that they are empty
+            image[image[..., 3] == 0] = 0  # RGB has no transparency: black says that they are empty
         elif image.ndim == 2:
             image[...] = new[k].transpose(turn)
         else:
@@ -418,7 +421,7 @@ def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iter
         import yaml
 
         content = yaml.safe_load(Path(like.path).read_text(encoding="utf-8"))
-        (named,) = (name for name in content if str(name).startswith("VOLUME "))  # as read_description has it
+        (named,) = (name for name in content if str(name).startswith("VOLUME "))  # as in read_description
         content[named]["images"]["path"] = "./"
         yield Path(like.path).name, yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
 
@@ -426,7 +429,7 @@ def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iter
 def check_drilled(
     target: Path, like: Volume | LabelVolume, mapping: OccupancyMap | None = None
 ) -> Slices | None:
-    """The errors of `save_drilled` that can be told before there is a bone; the slices of a stack that is saved as one."""
+    """Slices to be written, if `save_drilled` will write a stack; raises its errors that need no bone."""
     target = followed(target)
     check_folder(target)
     refuse(
@@ -508,22 +511,22 @@ def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
 
 @dataclass(frozen=True, eq=False)
 class DrilledVolume:
-    """A half-drilled bone, as it was saved.
+    """A half-drilled bone in its saved state.
 
     Attributes
     ----------
     bone : VoxelBone
-        Present and pristine levels, and tissues: its digest is that of the bone that was saved.
+        Present and pristine levels, and tissues, with the digest of the bone that was saved.
     tick : int
-        Ticks executed on it so far.
+        Ticks executed on the bone so far.
     mapping : OccupancyMap or None
-        Of grey values; None where the volume is of labels.
+        Map of grey values; None for labels.
     source : str
-        The volume that the bone was made of.
+        Volume that the bone was made from.
     path : str
-        Of the half-drilled volume itself.
+        The half-drilled volume itself.
     transpose : bool
-        Of slices; see `read_stack`.
+        How slices are read; see `read_stack`.
     """
 
     bone: VoxelBone
@@ -534,7 +537,7 @@ class DrilledVolume:
     transpose: bool = False
 
     def volume(self) -> Volume | LabelVolume:
-        """The half-drilled volume as other programs see it, on the voxels of the bone: `like` of the next `save_drilled`."""
+        """The volume as other programs read it, on the bone's voxels: `like` of the next `save_drilled`."""
         if is_stack(self.path):
             return read_stack(
                 self.path, spacing=self.bone.spacing, palette=None if self.mapping else self.bone.tissues, unknown="nearest",
@@ -552,53 +555,52 @@ def save_drilled(
     mapping: OccupancyMap | None = None,
     tick: int = 0,
 ) -> None:
-    """Writes a bone as a volume in which what was removed is gone, and beside it what brings back its exact state.
+    """Writes a volume without the removed bone, and beside it a file with the bone's exact state.
 
     Parameters
     ----------
     path : path-like
-        With the ending of the original, for its fields to be kept: .nrrd (.seg.nrrd), .nii, .nii.gz, .mha.
-        For a stack of PNG slices or a DICOM series, a new folder.
+        Ends in .nrrd (.seg.nrrd), .nii, .nii.gz or .mha; the original's ending keeps its fields. For a stack
+        of PNG slices or a DICOM series, a new folder.
     bone : VoxelBone
         On the voxels of `like`.
     like : Volume or LabelVolume
-        What the bone was made of: grey values, or labels alone.
+        Volume that the bone was made from: grey values, or labels alone.
     mapping : OccupancyMap, optional
-        With which it was made of the grey values; occupancy must not fall with them.
+        Map that made the bone from grey values; occupancy must not fall with them.
     tick : int
         Ticks executed on the bone so far.
 
     Raises
     ------
     ValueError
-        If bone and volume are on different voxels; the map is missing, given for labels, falls, or has a grey
-        value of empty that the file cannot store; the path is the original's, its ending is none of these or
-        its name is too long; the tick is out of range; the data set of a slice cannot be kept; or `like` is
-        itself half-drilled and has less than the bone.
+        If bone and volume have different voxels; if the map is missing, is given for labels, falls, or has a
+        grey value of empty that the file cannot store; if the path is the original's, has another ending or
+        too long a name; if the tick is out of range; if the data set of a slice cannot be kept; or if `like`
+        is itself half-drilled and has less bone than `bone`.
     ImportError
-        Without SimpleITK, or of a DICOM series pydicom (extra `medical`).
+        Without SimpleITK; for a DICOM series also without pydicom (extra `medical`).
     FileExistsError
-        If there is something else under that name.
+        If the name is taken by another file.
     FileNotFoundError
-        If its folder, or the original stack or series, is not there.
+        If the folder of the path, or the original stack or series, is missing.
     OSError
         If the files cannot be written.
 
     Notes
     -----
-    Voxels of which nothing was removed keep their value to the bit, but for a resampled DICOM series: its
-    slices hold whole numbers. The others get the grey value that the map gives for what is left of them, and
-    never a higher one than they had; nothing left is the grey value of empty. Of labels alone, a voxel of
-    which less than half is left gets label 0.
+    Voxels that lost nothing keep their value to the bit, except in a resampled DICOM series, whose slices
+    hold whole numbers. Other voxels get the grey value of their rest by the map, and never a higher one than
+    before; an empty voxel gets the grey value of empty. With labels alone, a voxel with less than half of its
+    bone gets label 0.
 
-    The file is written as `write_volume` writes, with what the original says beyond its geometry: keys and
-    values of NRRD, the description of NIfTI, fields of MetaImage that are not its own. Slices of a DICOM
-    series are derived images of a new series, of the same study: UIDs, image type and derivation are theirs,
-    all else is that of the slice that they were made of.
+    The file is written as by `write_volume`, with the original's fields beyond its geometry: keys and values
+    of NRRD, the description of NIfTI, further fields of MetaImage. DICOM slices are derived images of a new
+    series in the same study: UIDs, image type and derivation are new, all else that still holds is copied.
 
-    Beside `NAME` lies `NAME.<digest>.bone.h5` (in a stack's folder, `bone.h5`), a bone as `save_bone` writes
-    it. It is written first, and bears the digest of the volume it belongs to: whoever is killed in between
-    leaves the old pair or the new one.
+    Beside `NAME` lies the bone, `NAME.<digest>.bone.h5` (in a folder, `bone.h5`), as `save_bone` writes it.
+    The bone is written first, under the digest of its volume: after an interruption the old pair or the new
+    one is whole.
     """
     target = followed(Path(path))
     check_tick(tick)
@@ -627,7 +629,7 @@ def save_drilled(
             beside(part / IN_FOLDER, content_digest(part))
         return
     new = changed_values(like, changed)
-    if isinstance(like, LabelVolume):  # what the table says where the file said nothing, for a new header
+    if isinstance(like, LabelVolume):  # the table fills in names and colours that the file lacks
         names, colours = ({t.label: getattr(t, of) for t in bone.tissues or ()} for of in ("name", "colour"))
         like = replace(like, labels=new, names=names | like.names, colours=colours | like.colours)
     else:
@@ -637,7 +639,7 @@ def save_drilled(
         own = sidecar(target, digest)
         before = [other for other in sidecars(target) if other.name != own.name]
         beside(own, digest)
-    for other in before:  # the new pair counts since the file was replaced
+    for other in before:  # the file is replaced: the new pair counts
         other.unlink(missing_ok=True)
 
 
@@ -649,8 +651,7 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     FileNotFoundError
         If there is no such file or folder.
     ValueError
-        If the file that holds the exact state is missing, or belongs to another content of the volume: one of
-        them was changed.
+        If the file of the exact state is missing, or belongs to another content of the volume.
     """
     target = Path(path)
     if not target.exists():

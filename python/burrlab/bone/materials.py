@@ -10,8 +10,8 @@ from burrlab._core import Material
 _PAPER = "Agus et al., HAPTICS 2004, section 4.2"
 _UNKNOWN = "the paper's f and voxel size are unknown; alpha holds for one drill, burr type and speed"
 
-#: Read-only mapping of the paper's four materials. Units [N/mm^2] and [1/ms], and the parabolic f, are our
-#: choices: the paper states neither them nor its voxel size.
+#: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:
+#: the paper states neither them nor its voxel size.
 materials: Mapping[str, Material] = MappingProxyType(
     {
         "bone": Material(

@@ -1,4 +1,4 @@
-"""Recipes: how a bone is made of a block, a volume, labels or a half-drilled file, in memory and as JSON."""
+"""Recipes of a bone from a block, a volume, labels or a half-drilled file, in memory and as JSON."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ from burrlab.bone.tissues import EMPTY, LabelledBone, labelled_bone, placed_on
 from burrlab.common.check import real, refuse
 from burrlab.common.records import UNREADABLE
 
-_LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # of a burr's radius, as the tick has them
+_LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
 
-_EMPTY_BEFORE = ("air",)  # where a recipe of labels does not say what is empty
+_EMPTY_BEFORE = ("air",)  # empty structures of a recipe without this key
 Triple = tuple[float, float, float]
 Box = tuple[Triple, Triple]
 
@@ -62,26 +62,26 @@ def _key(
     omitted: object = None,
     before: object = MISSING,
 ) -> dict[str, Any]:
-    """How JSON holds a field: its key, reader and writer, the value that is omitted, and the value that a missing key means."""
+    """Metadata of a field for JSON: key, reader, writer, omitted value, and the meaning of a missing key."""
     return {"key": key, "read": read, "write": write, "omitted": omitted, "before": before}
 
 
 class BoneRecipe(ABC):
-    """How a bone is made: what results and traces keep as JSON, and replicas follow."""
+    """How a bone is made. Results and traces keep it as JSON; replicas follow it."""
 
     _KIND: ClassVar[str]
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> Self:
-        """A recipe from what `plain` gave, through JSON too; KeyError, TypeError or ValueError for anything else.
+        """Recipe from the result of `plain`, also through JSON; KeyError, TypeError or ValueError otherwise.
 
-        Slices of a recipe that does not say `transpose`, as earlier versions wrote it, are not transposed.
+        Without the key `transpose`, as in recipes of earlier versions, slices are not transposed.
         """
         found = {}
         for each in fields(cast(Any, cls)):
             told = each.metadata
             value = plain.get(told["key"])
-            # null is as good as no key where a field may be None, else the reader refuses it.
+            # null counts as a missing key if the field may be None; otherwise the reader refuses it.
             if value is not None or (told["key"] in plain and None not in (each.default, told["before"])):
                 found[each.name] = told["read"](value)
             elif told["before"] is not MISSING:
@@ -89,7 +89,7 @@ class BoneRecipe(ABC):
         return cls(**found)
 
     def plain(self) -> dict[str, Any]:
-        """The recipe ready for JSON, without what is not given."""
+        """The recipe ready for JSON, without fields that are not given."""
         found: dict[str, Any] = {"kind": self._KIND}
         for each in fields(cast(Any, self)):
             value = getattr(self, each.name)
@@ -99,7 +99,7 @@ class BoneRecipe(ABC):
 
     @abstractmethod
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe for a volume that lies elsewhere."""
+        """The same recipe with another path of its volume."""
 
     @abstractmethod
     def bone(self) -> VoxelBone:
@@ -107,10 +107,10 @@ class BoneRecipe(ABC):
 
 
 class _FileRecipe(BoneRecipe):
-    """A recipe whose bone comes from files; its first field names the main one."""
+    """A recipe whose bone comes from files; its first field names the main file."""
 
     def plain(self) -> dict[str, Any]:
-        """The recipe ready for JSON, without what is not given."""
+        """The recipe ready for JSON, without fields that are not given."""
         found = super().plain()
         if not (found.get("transpose", True) or is_stack(getattr(self, self._file))):
             del found["transpose"]
@@ -121,7 +121,7 @@ class _FileRecipe(BoneRecipe):
         return fields(cast(Any, self))[0].name
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe for a file that lies elsewhere."""
+        """The same recipe with another path of its main file."""
         moved: Self = replace(cast(Any, self), **{self._file: os.fspath(path)})
         return moved
 
@@ -130,7 +130,7 @@ class _FileRecipe(BoneRecipe):
         """Spacing of the bone (x, y, z) [mm]."""
 
     def check_burr(self, burr: Burr) -> None:
-        """Raises ValueError if the burr is too small for the bone's voxels, with the spacing that would do."""
+        """ValueError, with a sufficient spacing, if the burr is too small for the bone's voxels."""
         widest = float(np.max(self._voxel()))
         if burr.radius < _LEAST_VOXELS * widest:
             # R/7.5, rounded down to two digits.
@@ -166,7 +166,7 @@ def _points_of(mapping: OccupancyMap) -> list[Any]:
 
 @dataclass(frozen=True)
 class VolumeRecipe(_FileRecipe):
-    """A grey volume from a file, what of it is kept, and how it becomes bone.
+    """A grey volume from a file, the part of it that is kept, and how it becomes bone.
 
     Parameters
     ----------
@@ -174,20 +174,20 @@ class VolumeRecipe(_FileRecipe):
         A file, a folder of DICOM slices, or a stack of grey PNG slices; made absolute.
     mapping : OccupancyMap
     spacing : float or (x, y, z), optional
-        Where the file has none [mm].
+        Voxel spacing if the file has none [mm].
     series : str, optional
-        SeriesInstanceUID, where a folder holds more than one.
+        SeriesInstanceUID, if a folder holds more than one.
     crop : (low, high), optional
         Two opposite corners (x, y, z) in the volume's own coordinates [mm]; see `Volume.crop`.
     voxel : float or (x, y, z), optional
         Spacing of the bone [mm]; default the volume's own. See `Volume.to_bone`.
     transpose : bool, optional
-        Of slices; see `read_stack`. What it becomes is settled here, so that it stands in results.
+        How slices are read; see `read_stack`. A default is replaced by its value, so that results hold it.
 
     Raises
     ------
     ValueError
-        If a spacing is not positive or a corner no point.
+        If a spacing is not positive, or a corner is no point.
 
     Examples
     --------
@@ -218,7 +218,7 @@ class VolumeRecipe(_FileRecipe):
             object.__setattr__(self, "crop", corners)
 
     def volume(self) -> Volume:
-        """The volume, cropped; read once.
+        """The cropped volume; it is read once.
 
         Raises
         ------
@@ -242,7 +242,7 @@ class VolumeRecipe(_FileRecipe):
         return found if self.crop is None else found.crop(*self.crop)
 
     def notes(self) -> tuple[str, ...]:
-        """What was assumed or done on reading the volume; errors as `volume`."""
+        """Notes on assumptions and steps in reading the volume; errors as `volume`."""
         return self.volume().notes
 
     def bone(self) -> VoxelBone:
@@ -263,7 +263,7 @@ class VolumeRecipe(_FileRecipe):
 
 
 def absolute(path: str | os.PathLike[str]) -> str:
-    """The absolute path; ".." behind a link is resolved as the system does. ValueError if it holds control characters."""
+    """The absolute path, with ".." behind a link resolved; ValueError if it holds control characters."""
     refuse(
         re.search(r"[\0-\x1f\x7f]", os.fspath(path)),
         f"path must hold no control characters, got {os.fspath(path)!r}",
@@ -274,27 +274,28 @@ def absolute(path: str | os.PathLike[str]) -> str:
 def cut_block(
     recipe: VolumeRecipe, size: Sequence[float], voxel: float, *, entry: Vector, axis: Vector
 ) -> VoxelBone:
-    """The bone below the plane across an axis at its first crossing of occupancy 128, in a frame of its own.
+    """Block of bone below a plane, in a frame of its own.
 
-    The crossing becomes (0, 0, 0), the axis -z; x lies across it and across the voxel axis that is furthest
-    from it. Levels are trilinear between those of the recipe's bone; beyond the volume there are none. What
-    stands above the plane is cut off.
+    The plane is perpendicular to the axis, at the point where the axis first reaches level 128. This point
+    becomes (0, 0, 0) and the axis becomes -z; x is perpendicular to the axis and to the voxel axis that is
+    furthest from it. Levels are trilinear between those of the recipe's bone, and 0 beyond the volume. Bone
+    above the plane is cut off.
 
     Parameters
     ----------
     recipe : VolumeRecipe
         Its `voxel` should be no coarser than the block's.
     size : (x, y, z)
-        Of the block [mm]; its top is at z = 0, in the middle of x and y.
+        Sides of the block [mm]; the middle of its top is (0, 0, 0).
     voxel : float
-        Its spacing [mm].
+        Spacing of the block [mm].
     entry, axis : (x, y, z)
         In the volume's own coordinates; see `Volume.specimen`.
 
     Raises
     ------
     ValueError
-        If a length is not positive, the block has too many voxels, or as `VolumeRecipe.specimen`.
+        If a length is not positive, or the block has too many voxels; and as `VolumeRecipe.specimen`.
     """
     sides, apart = checked_spacing(size, "size"), float(checked_spacing(voxel, "voxel")[0])
     counts = np.maximum(np.round(sides / apart), 1)
@@ -325,7 +326,7 @@ def cut_block(
 
 @dataclass(frozen=True)
 class LabelledRecipe(_FileRecipe):
-    """Labels from a file, their table, and the grey volume that they belong to, if any.
+    """Labels from a file, their table of tissues, and the grey volume that they belong to, if any.
 
     Parameters
     ----------
@@ -333,33 +334,33 @@ class LabelledRecipe(_FileRecipe):
         A file, or a stack of coloured PNG slices; made absolute.
     tissues : Tissues
     grey : VolumeRecipe, optional
-        Without it what is labelled is solid; see `labelled_bone`.
+        Grey volume. Without one, labelled voxels are solid; see `labelled_bone`.
     fill : mapping of str to float
         See `labelled_bone`.
     spacing : (x, y, z), optional
-        Of the labels, where their file has none [mm].
+        Spacing of the labels if their file has none [mm].
     unknown : str or int
-        Of colours that are in no table; see `read_stack`.
+        Treatment of colours that are in no table; see `read_stack`.
     unit : float, optional
-        Of the dimensions in a YAML file [mm].
+        Unit of the dimensions in a YAML file [mm].
     crop, voxel : optional
-        As of `VolumeRecipe`, of labels alone: a grey volume has its own.
+        As in `VolumeRecipe`, for labels alone: a grey volume has its own.
     onto : bool
-        Bring the labels on the voxels of the grey volume: see `LabelVolume.on`.
+        Whether the labels are brought on the voxels of the grey volume; see `LabelVolume.on`.
     empty : tuple of str
-        See `labelled_bone`. A recipe of an earlier version, which does not say it, has air alone.
+        See `labelled_bone`. Recipes of earlier versions, without this key, have air alone.
     transpose : bool, optional
-        Of labels in slices; see `read_stack`. What it becomes is settled here, so that it stands in results.
+        How slices are read; see `read_stack`. A default is replaced by its value, so that results hold it.
     ranking : sequence of str, optional
-        Of structures that overlap in slices; see `read_stack`. Recipes of earlier versions have none.
+        Ranking of structures that overlap in slices; see `read_stack`. Recipes of earlier versions have none.
     smooth : float, optional
-        Of labels alone [mm]; see `labelled_bone`.
+        For labels alone [mm]; see `labelled_bone`.
 
     Raises
     ------
     ValueError
-        If `transpose` must be told, as of `read_stack`; if a crop, a spacing of the bone or `smooth` is given
-        beside a grey volume, or `onto` without one.
+        If `transpose` must be given, as in `read_stack`; if a crop, a spacing of the bone or `smooth` is
+        given with a grey volume, or `onto` without one.
     """
 
     _KIND = "labelled volume"
@@ -412,7 +413,10 @@ class LabelledRecipe(_FileRecipe):
             object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe for a volume (or labels alone) that lies elsewhere; labels of the same name may lie beside it."""
+        """The same recipe with another path of its volume, or of labels alone.
+
+        Labels beside that volume are taken if they have the name of the recipe's.
+        """
         if self.grey is None:
             return super().at(path)
         beside = Path(path).parent / Path(self.labels).name
@@ -420,14 +424,14 @@ class LabelledRecipe(_FileRecipe):
         return replace(self, grey=self.grey.at(path), labels=labels)
 
     def made(self) -> LabelledBone:
-        """The bone and its notes, made once.
+        """The bone and its notes; they are made once.
 
         Raises
         ------
         FileNotFoundError, ImportError
             As `read_labels` and `read_stack`.
         ValueError
-            As these and `labelled_bone`; or if a stack is grey.
+            As these and `labelled_bone`; or if the slices are grey.
         """
         return self._made
 
@@ -436,16 +440,16 @@ class LabelledRecipe(_FileRecipe):
         return self.made().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
-        """What was assumed on the way to the bone; errors as `made`."""
+        """Notes on assumptions in making the bone; errors as `made`."""
         return self.made().notes
 
     @property
     def mapping(self) -> OccupancyMap | None:
-        """The map of the grey values; None for labels alone."""
+        """Map of the grey values; None for labels alone."""
         return None if self.grey is None else self.grey.mapping
 
     def like(self) -> Volume | LabelVolume:
-        """The grey volume on the voxels of the bone, or labels alone, for `save_drilled`."""
+        """The grey volume, or labels alone, on the voxels of the bone, for `save_drilled`."""
         if self.grey is not None:
             return self.grey.like()
         return self._labels() if self.voxel is None else self._labels().resample(self.voxel)
@@ -473,7 +477,7 @@ class LabelledRecipe(_FileRecipe):
         volume = self.grey.volume()
         if self.onto:
             labels = labels.on(volume)
-        elif self.grey.crop is not None:  # labels belong to the whole volume
+        elif self.grey.crop is not None:  # the labels belong to the whole volume
             whole = replace(self.grey, crop=None).volume()
             labels = placed_on(labels, whole).crop(*self.grey.crop)
         return labelled_bone(
@@ -498,7 +502,10 @@ def labels_of(
     transpose: bool | None = None,
     ranking: Sequence[str] | None = RANKING,
 ) -> LabelVolume:
-    """Labels of a file or of a stack of coloured slices, by the colours of a table; errors as of `read_labels` and `read_stack`."""
+    """Labels of a file or of coloured slices, by the colours of a table.
+
+    Errors as `read_labels` and `read_stack`.
+    """
     if not is_stack(os.fspath(path)):
         if unknown != "refuse" or unit is not None or transpose:
             name = "unknown" if unknown != "refuse" else "transpose" if transpose else "unit"
@@ -520,21 +527,21 @@ def labels_of(
 
 @dataclass(frozen=True)
 class DrilledRecipe(_FileRecipe):
-    """A half-drilled volume of `save_drilled`, or a bone of `save_bone`, as a session goes on with it.
+    """A half-drilled volume of `save_drilled`, or a bone of `save_bone`, with which a session continues.
 
     Parameters
     ----------
     path : path
-        Of the volume, or of the bone (.h5), whose own coordinates are the bone frame; made absolute.
+        Path of the volume, or of a bone (.h5) whose own coordinates are the bone frame; made absolute.
     digest : str, optional
-        Of the bone: another content is refused.
+        Digest of the bone; a bone with another digest is refused.
 
     Raises
     ------
     ValueError
-        When the bone is made: as `load_drilled` and `load_bone`, or if the file holds another bone by now.
+        When the bone is made: as `load_drilled` and `load_bone`, or if the file holds another bone.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
 
     _KIND = "drilled volume"
@@ -547,16 +554,16 @@ class DrilledRecipe(_FileRecipe):
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> DrilledRecipe:
-        """A recipe from what `plain` gave, through JSON too; KeyError or TypeError for anything else."""
+        """Recipe from the result of `plain`, also through JSON; KeyError or TypeError otherwise."""
         return cls(os.fspath(plain["path"]), str(plain["digest"]))
 
     def plain(self) -> dict[str, Any]:
-        """The recipe ready for JSON. It has the digest, since a file that is drilled further holds another bone later."""
+        """The recipe ready for JSON, with the digest: after further drilling the file holds another bone."""
         told = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
         return {"kind": "drilled volume", "path": self.path, "digest": self.drilled().bone.digest(), **told}
 
     def drilled(self) -> DrilledVolume:
-        """What the file holds; read once."""
+        """Content of the file; it is read once."""
         return self._drilled
 
     @cached_property
@@ -578,7 +585,7 @@ class DrilledRecipe(_FileRecipe):
 
     @property
     def mapping(self) -> OccupancyMap | None:
-        """The map of the volume's grey values."""
+        """Map of the volume's grey values."""
         return self.drilled().mapping
 
     def bone(self) -> VoxelBone:
@@ -586,13 +593,13 @@ class DrilledRecipe(_FileRecipe):
         return self.drilled().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on the ticks before, and on what was assumed when the volume was read."""
+        """Notes on earlier ticks, and on assumptions in reading the volume."""
         before = f"{self.path} has been burred for {self.tick} ticks before"
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
         return (before, *(note for note in notes if assumed([note])))
 
     def like(self) -> Volume | LabelVolume:
-        """The volume on the voxels of the bone, for `save_drilled`, read once; ValueError of a bone without one."""
+        """The volume on the voxels of the bone, for `save_drilled`; ValueError for a bone without one."""
         refuse(_holds_bone(self.path), f"{self.path} is a bone alone, without a volume: save it as .h5 again")
         return self._volume
 
@@ -635,7 +642,7 @@ class BlockRecipe(BoneRecipe):
         return self
 
     def bone(self) -> VoxelBone:
-        """The bone; ValueError where a length is not positive or the block too large to make."""
+        """The bone; ValueError if a length is not positive or the block is too large."""
         apart = self.voxel
         if apart > 0 and not (voxels := math.prod(max(s / apart, 1.0) for s in self.size)) <= MOST_VOXELS:
             raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
@@ -644,7 +651,7 @@ class BlockRecipe(BoneRecipe):
 
 @dataclass(frozen=True)
 class VolumeBlockRecipe(BoneRecipe):
-    """A block that is cut out of a volume; see `cut_block`."""
+    """A block cut from a volume; see `cut_block`."""
 
     _KIND = "volume block"
 
@@ -655,11 +662,11 @@ class VolumeBlockRecipe(BoneRecipe):
     axis: Triple = field(metadata=_key("axis", _triple))
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same recipe for a volume that lies elsewhere."""
+        """The same recipe with another path of its volume."""
         return replace(self, volume=self.volume.at(path))
 
     def bone(self) -> VoxelBone:
-        """The bone; errors as of `cut_block`."""
+        """The bone; errors as `cut_block`."""
         return cut_block(self.volume, self.size, self.voxel, entry=self.entry, axis=self.axis)
 
 
@@ -667,14 +674,14 @@ _RECIPES: dict[str, type[BoneRecipe]] = {
     kind._KIND: kind for kind in (BlockRecipe, VolumeRecipe, VolumeBlockRecipe, LabelledRecipe, DrilledRecipe)
 }
 
-#: How a bone is made; JSON.
+#: A recipe as JSON.
 Recipe = dict[str, Any]
 
 
 def block_recipe(
     size: Sequence[float], voxel: float, *, origin: Sequence[float] = (0.0, 0.0, 0.0), level: int = 255
 ) -> Recipe:
-    """The recipe of `VoxelBone.block`.
+    """Recipe of `VoxelBone.block`.
 
     Parameters
     ----------
@@ -685,7 +692,7 @@ def block_recipe(
     origin : (x, y, z)
         Centre of the first voxel [mm].
     level : int
-        0 to 255.
+        From 0 to 255.
 
     Examples
     --------
@@ -708,12 +715,12 @@ def volume_recipe(
     voxel: float | Sequence[float] | None = None,
     transpose: bool | None = None,
 ) -> Recipe:
-    """The recipe of `read_volume(path).to_bone(mapping, solid)`, cropped and resampled as asked.
+    """Recipe of `read_volume(path).to_bone(mapping, solid)`, with a crop and another spacing if given.
 
     Parameters
     ----------
     path : path
-        Made absolute, for replicas run elsewhere.
+        Made absolute, for replicas elsewhere.
     mapping, solid
         As for `Volume.to_bone`.
     spacing, series, crop, voxel, transpose
@@ -722,9 +729,9 @@ def volume_recipe(
     Raises
     ------
     ValueError
-        If a parameter is wrong; the file is not looked at.
+        If a parameter is wrong. The file is not opened.
     TypeError
-        If the map is none.
+        As `Volume.to_bone`.
     """
     chosen: Any = (spacing, series, crop, voxel, transpose)
     return VolumeRecipe(os.fspath(path), occupancy_map(mapping, solid), *chosen).plain()
@@ -736,15 +743,15 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     Parameters
     ----------
     recipe : mapping
-        Of `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock`, `LabelledRecipe.plain` or
+        From `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock`, `LabelledRecipe.plain` or
         `DrilledRecipe.plain`; it may come from another machine.
     volume : path, optional
-        Where the volume lies here, if elsewhere.
+        Path of the volume, if it differs from the recipe's.
 
     Raises
     ------
     ValueError
-        If the recipe cannot be read, names a block too large to make, or the volume cannot be read.
+        If the recipe cannot be read, its block is too large, or the volume cannot be read.
     FileNotFoundError
         If there is no such volume.
     """

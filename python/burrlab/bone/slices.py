@@ -1,4 +1,4 @@
-"""Volumes as stacks of PNG slices: their files and order, their colours as labels, the YAML file that describes them."""
+"""Stacks of PNG slices: files and their order, colours as labels, and the YAML file of a stack."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from burrlab.common.check import check_memory, check_packed, refuse, shown
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # PNG specification, 11.2.2 IHDR: name and channels.
 _KINDS = {0: ("grey", 1), 2: ("RGB", 3), 3: ("palette", 1), 4: ("grey with alpha", 2), 6: ("RGBA", 4)}
-#: No slice of a clinical or micro-CT volume is larger; a file that says so is damaged (ours).
+#: Largest side of a slice [pixels] (ours); a file with a larger one counts as damaged.
 MOST_PIXELS = 16384
 
 
@@ -43,9 +43,9 @@ class Slices:
     ----------
     paths : list of Path
     columns, rows : int
-        Pixels.
+        Size [pixels].
     bits : int
-        A channel.
+        Bits a channel.
     kind : str
         grey, RGB, palette or RGBA.
     """
@@ -58,22 +58,22 @@ class Slices:
 
 
 def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> Slices:
-    """The slices in a folder, or those that a pattern names.
+    """Slices in a folder, or those that a pattern names.
 
     Parameters
     ----------
     place : path-like
         A folder, or a pattern with *, ? or [...].
     prefix : str, optional
-        What comes before the number in the names of the files.
+        Text before the number in the names of the files.
 
     Raises
     ------
     FileNotFoundError
         If there is no such folder.
     ValueError
-        If there is no slice, one is missing, there twice, not a PNG file, or of another size or kind than the
-        first.
+        If there is no slice; or if a slice is missing, is there twice, is not a PNG file, or differs from the
+        first in size or kind.
     """
     text = os.fspath(place)
     if Path(text).is_dir():
@@ -94,13 +94,13 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
 
 
 def pixels(path: Path) -> NDArray[Any]:
-    """The pixels of a slice, (row, column) or (row, column, channel); ValueError where the file is damaged."""
+    """Pixels of a slice, (row, column) or (row, column, channel); ValueError if the file is damaged."""
     from PIL import Image
 
     try:
         with warnings.catch_warnings(), Image.open(path) as image:
             warnings.simplefilter("error")
-            if image.mode in ("P", "RGB"):  # either may make one colour transparent
+            if image.mode in ("P", "RGB"):  # both may make one colour transparent
                 return np.asarray(image.convert("RGBA"))
             if image.mode.startswith("I"):
                 return np.asarray(image).astype(np.uint16)
@@ -109,12 +109,12 @@ def pixels(path: Path) -> NDArray[Any]:
         raise ValueError(
             f"{path}: the PNG file is damaged, or the machine has too little memory for it"
         ) from None
-    except Exception as error:  # Pillow raises whatever a damaged chunk leads to
+    except Exception as error:  # a damaged chunk can raise any error in Pillow
         raise ValueError(f"{path}: the PNG file is damaged or cut short ({error})") from None
 
 
 def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path]:
-    """Files in the order of the numbers that end their names; `latest` is the largest number that may be the first."""
+    """Files in the order of the numbers at the end of their names; the first may be at most `latest`."""
     numbered: dict[int, Path] = {}
     prefixes: dict[str, Path] = {}
     for path in sorted(found):
@@ -172,7 +172,7 @@ def _alike(paths: list[Path]) -> Slices:
 
 
 def _header(path: Path) -> tuple[int, int, int, str]:
-    """Columns, rows, bits and kind, from the first chunk."""
+    """Columns, rows, bits and kind from the first chunk."""
     with path.open("rb") as file:
         head = file.read(33)
     refuse(head[:8] != _SIGNATURE or len(head) < 33 or head[12:16] != b"IHDR", f"{path}: this is no PNG file")
@@ -186,9 +186,8 @@ def _header(path: Path) -> tuple[int, int, int, str]:
     return columns, rows, bits, name
 
 
-#: Of two structures that claim a voxel, the one that stands first here gets it (ours). The facial nerve is
-#: first. Thin structures stand before thick ones, so that none vanishes in a thicker one; bone stands behind
-#: all structures and before what is empty.
+#: The first of two structures here gets a voxel that both claim (ours). The facial nerve is first. Thin
+#: structures come before thick ones, so that none vanishes. Bone comes after them, empty structures last.
 RANKING = (
     "facial nerve", "chorda tympani", "cochlear nerve", "superior vestibular nerve", "inferior vestibular nerve",
     "vestibular nerve", "vestibular aqueduct", "stapes", "incus", "malleus", "ossicles", "tympanic membrane",
@@ -196,15 +195,15 @@ RANKING = (
     "sigmoid sinus", "sinus and dura", "dura", "brain", "temporomandibular joint", "soft tissue",
     "cortex", "mastoid", "bone", "external auditory canal", "unlabelled", "air",
 )  # fmt: skip
-_EMPTY = ("external auditory canal", "air")  # a guess makes no hole
-_TOLD = 5  # colours in a sentence; `LabelVolume.unknown_colours` has all
+_EMPTY = ("external auditory canal", "air")  # never guessed: a guess makes no hole
+_TOLD = 5  # colours in a message; `LabelVolume.unknown_colours` has all
 _TWICE = 254  # alpha of the sum of two opaque colours, modulo 256
-_UNCLEAR = 65535  # the place of sums that are not clearly one pair's
-_MOST_PAIRED = 361  # colours whose pairs have places below that
+_UNCLEAR = 65535  # number of a sum that no single pair explains
+_MOST_PAIRED = 361  # most colours whose pairs have numbers below `_UNCLEAR`
 
 
 class Palette:
-    """A table of colours that keeps count of those which are not in it, and of sums of two of them.
+    """A table of colours that counts colours missing from it, and sums of two of its colours.
 
     Parameters
     ----------
@@ -213,12 +212,12 @@ class Palette:
     unknown, ranking
         See `read_stack`.
     critical : iterable of int
-        Labels that no guess makes, nor an ear canal or air.
+        Labels that 'nearest' never gives unless they are named; nor does it give the ear canal or air.
 
     Raises
     ------
     ValueError
-        If a colour occurs twice or is none, or `unknown` is neither of its words nor a label.
+        If a colour occurs twice or is no colour, or `unknown` is neither a known word nor a label.
     """
 
     def __init__(
@@ -233,7 +232,7 @@ class Palette:
         seen: dict[Colour, str] = {}
         for label, name, given in rows:
             colour = _colour(name, given)
-            if label == 0:  # transparent and black, whatever the table says
+            if label == 0:  # always transparent and black
                 self.names[0] = name
                 continue
             if colour in seen:
@@ -249,7 +248,7 @@ class Palette:
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
         )
-        # A place for each colour there is: 0 for black, 1, 2, ... for the table's, the last for all others.
+        # Number of each possible colour: 0 for black, 1, 2, ... for the table's, the last for all others.
         refuse(len(self.colours) > 65533, f"palette must have at most 65533 colours, got {len(self.colours)}")
         self._strange_place = len(self.colours) + 1
         self._places = np.full(1 << 24, self._strange_place, np.uint16)
@@ -260,10 +259,10 @@ class Palette:
         self._spare = {*critical, *(i for i in self.colours if _known(self.names[i])[0] in _EMPTY)}
         self._bones = [i for i in self.colours if _known(self.names[i])[1] and i not in self._spare]
         self._strange: Counter[int] = Counter()
-        self._first: dict[int, tuple[str, int, int]] = {}  # of each strange colour: slice, row, column
+        self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
         self._guessed: dict[int, list[NDArray[Any]]] = {label: [] for label in self._asked}
         self._spared: Counter[str] = Counter()
-        self._sums: NDArray[np.uint16] | None = None  # a place for each pair, made when alpha 254 is met
+        self._sums: NDArray[np.uint16] | None = None  # numbers of pairs, made at the first alpha 254
         self._overlaps: Counter[int] = Counter()
         self._slices = 0
 
@@ -274,7 +273,7 @@ class Palette:
         unknown: str | int,
         ranking: Sequence[str] | None,
     ) -> Palette:
-        """The palette of a table of tissues, or of names and colours, or of volumetric_drilling."""
+        """Palette of a table of tissues, of names and colours, or (None) of volumetric_drilling."""
         if isinstance(palette, Tissues):
             critical = [t.label for t in palette if t.critical]
             return cls(((t.label, t.name, t.colour) for t in palette), unknown, ranking, critical)
@@ -304,7 +303,7 @@ class Palette:
         return found
 
     def unknown_colours(self) -> tuple[dict[str, Any], ...]:
-        """The colours that are in no table, as `LabelVolume.unknown_colours` has them."""
+        """Colours that are in no table, in the form of `LabelVolume.unknown_colours`."""
         order = self._strange.most_common()
         labels, apart = self._nearest(np.array([code for code, _ in order], np.uint32), list(self.colours))
         found = []
@@ -319,7 +318,10 @@ class Palette:
     def notes(
         self, name: str, unknown: Sequence[Mapping[str, Any]], labels: NDArray[Any], apart: NDArray[Any]
     ) -> list[str]:
-        """Notes on sums and unknown colours in labels (slice, row, column); ValueError if unknown colours are refused."""
+        """Notes on sums and unknown colours in labels (slice, row, column).
+
+        ValueError if unknown colours are refused.
+        """
         notes = []
         if self._overlaps:
             told = "; ".join(
@@ -341,7 +343,7 @@ class Palette:
             told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
         refuse(
             self.unknown == "refuse",
-            f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
+            f"{name}: {many}: {told}; clipped sums of overlapping structures, or blends from scaling? unknown=LABEL "
             "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty",
         )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
@@ -379,23 +381,23 @@ class Palette:
         return np.asarray(taken[inverse])
 
     def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """For each colour the nearest of these labels, and its distance."""
+        """Nearest of these labels for each colour, and its distance."""
         own = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
         apart = cdist(own, [self.colours[label] for label in labels])
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
-        """A rank for each label; the label with the lower rank gets the voxel. Names without a rank come just before bone."""
+        """Rank of each label: the lower one gets the voxel. Names without a rank come just before bone."""
         order = [_known(name)[0] for name in ranking]
         rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
 
     def _places_of_sums(self) -> NDArray[np.uint16]:
-        """For each colour with alpha 254, the number from 1 of the pair whose sum it is; 0 for no pair, `_UNCLEAR` for several.
+        """Number from 1 of the pair whose sum a colour with alpha 254 is; 0 for none, `_UNCLEAR` for several.
 
-        A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table,
-        within 2.
+        The pair's sum must lie within 1 a channel, modulo 256. No other pair's sum and no single colour of
+        the table may lie within 2.
         """
         assert self._ranked is not None
         labels, colours = list(self.colours), np.array(list(self.colours.values()))
@@ -417,7 +419,7 @@ class Palette:
         return np.asarray(places)
 
     def _far(self, label: int, places: list[NDArray[Any]], labels: NDArray[Any], apart: NDArray[Any]) -> str:
-        """How far the voxels that were guessed to be a structure lie from the rest of it."""
+        """Note on how far the voxels guessed to be a structure lie from the rest of it."""
         guessed, rest = np.concatenate(places), labels == label
         rest[tuple(guessed.T)] = False
         said = f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
@@ -429,7 +431,7 @@ class Palette:
 
 
 def _known(name: str) -> tuple[str, bool]:
-    """The usual name of a structure, in any spelling, and whether it is bone."""
+    """Usual name of a structure in any spelling, and whether it is bone."""
     known = known_tissue(name)
     return (plain_name(name), False) if known is None else (known.name, known.bone)
 
@@ -451,7 +453,7 @@ def _colour(name: str, given: Any) -> Colour:
 
 
 def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, list[int]]:
-    """`unknown` as a word or label, and the labels that it asks for by name."""
+    """`unknown` as a word or label, and the labels that it names."""
     if unknown in ("refuse", "nearest") or (not isinstance(unknown, (str, bool)) and unknown in names):
         return unknown, []
     if isinstance(unknown, str) and unknown.startswith("nearest:"):
@@ -468,26 +470,26 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
     )
 
 
-#: Sides of a volume that are taken for a head or a part of one [mm] (ours).
+#: Least and largest plausible side of a head or a part of one [mm] (ours).
 PLAUSIBLE = (2.0, 500.0)
 _METRE = 1000.0
-#: Most bytes of a description, and most keys of one mapping in it (ours); those of volumetric_drilling have 2
-#: kB.
+#: Most bytes of a description, and most keys of one mapping in it (ours); files of volumetric_drilling have
+#: 2 kB.
 _LONGEST = 300_000
-#: What older files of volumetric_drilling call one unit: 0.049664 m (a comment in them).
+#: Unit in older files of volumetric_drilling [mm]; a comment in them gives 0.049664 m.
 _OLD_UNIT = 49.664
 
 
 @dataclass(frozen=True, eq=False)
 class StackDescription:
-    """What the YAML file of a stack says.
+    """Content of the YAML file of a stack.
 
     Attributes
     ----------
     folder : Path
-        Of the slices.
+        Folder of the slices.
     prefix : str
-        Before the number in the slices' names.
+        Text before the number in the slices' names.
     count : int or None
         Most slices that the simulator loads.
     extent : ndarray, shape (3,)
@@ -506,10 +508,10 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     Parameters
     ----------
     path : path-like
-        A YAML file with a block `VOLUME name` that has `dimensions` (x, y, z), perhaps `scale`, and `images`
-        (path, prefix, format, count), as in LCSR-SICKKIDS/volumetric_drilling.
+        A YAML file with a block `VOLUME name` that has `dimensions` (x, y, z), optionally `scale`, and
+        `images` (path, prefix, format, count), as in LCSR-SICKKIDS/volumetric_drilling.
     unit : float, optional
-        Of the dimensions [mm]; default a metre, checked for plausibility.
+        Unit of the dimensions [mm]; default a metre, checked for plausibility.
 
     Raises
     ------
@@ -518,7 +520,7 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     OSError
         If the file cannot be read.
     ValueError
-        If it is no such description, or no head has these sides.
+        If the file is no such description, or the sides are implausible for a head.
     """
     name = os.fspath(path)
     block = _volume_block(name, _content(name))
@@ -628,7 +630,7 @@ def _sides(sides: NDArray[np.float64]) -> str:
     return " x ".join(f"{side:.4g}" for side in sides)
 
 
-#: Note of a volume that was read with `transpose`.
+#: Note of a volume read with `transpose`.
 ROWS_ALONG_X = "rows of the slices lie along x"
 _DESCRIPTIONS = (".yaml", ".yml")
 
@@ -649,37 +651,36 @@ def read_stack(
     ----------
     path : path-like
         A folder of slices, a pattern ('folder/slice*.png'), or the YAML file that describes them in
-        volumetric_drilling. Slices are in the order of the number that ends their names.
+        volumetric_drilling. Slices are ordered by the number at the end of their names.
     spacing : float or (x, y, z), optional
-        Of voxels [mm]; needed unless a YAML file says how large the volume is.
+        Voxel spacing [mm]; needed without a YAML file.
     palette : Tissues or mapping of str to (r, g, b), optional
         Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of
         volumetric_drilling.
     unknown : "refuse", "nearest", "nearest:NAME,NAME" or int
-        What becomes of colours that are in no table, as clipped sums or scaling leave them: an error with the
-        largest of them, the label of the nearest colour, or this label. A pixel whose nearest colour is that
-        of a critical structure, the ear canal or air becomes bone (label 0 in a table without bone), but for
-        structures that are named. The notes of the result say how many; `unknown_colours` lists all.
+        Treatment of colours that are in no table, for example clipped sums or results of scaling: an error
+        that names the most frequent, the label of the nearest colour, or this label. With 'nearest', a pixel
+        nearest to a critical structure, the ear canal or air becomes bone (label 0 in a table without bone),
+        unless the structure is named. The notes of the result count them; `unknown_colours` lists all.
     unit : float, optional
-        Of the dimensions in a YAML file [mm]; default a metre.
+        Unit of the dimensions in a YAML file [mm]; default a metre.
     transpose : bool, optional
-        True where the number of a pixel's row counts along x and that of its column along y, as the
-        simulator's converter from NRRD writes them. A wrong one mirrors the ear. Default: True of a YAML
-        file, False of slices alone; those must be told where their palette has a colour of the simulator's.
+        Whether rows of pixels are numbered along x and columns along y, as the simulator's converter from
+        NRRD writes them. A wrong value mirrors the ear. Default: True with a YAML file, False for slices
+        alone; it must be given for slices alone if their palette has a colour of the simulator.
     ranking : sequence of str, optional
-        Which of two structures gets a voxel that both claim, by their usual names: the first. In
-        volumetric_drilling's stacks such a pixel has the sum of their colours modulo 256, with alpha 254.
-        What is not ranked comes just before bone, the smaller label first. None: such sums are colours in no
-        table, and 'nearest' takes any, as before there was a ranking.
+        Usual names of structures: the first of two gets a voxel that both claim. In volumetric_drilling's
+        stacks such a pixel has the sum of their colours modulo 256, with alpha 254. Structures without a rank
+        come just before bone, the smaller label first. None: such sums are colours in no table, and 'nearest'
+        may give any label.
 
     Returns
     -------
     Volume or LabelVolume
-        Grey where the slices are grey, or are RGB(A), opaque and without a colour throughout and no palette
-        is given; else labels. Voxel axes: x along the columns of a slice to the right, y along its rows
-        downwards, z with the number; x and y change places with `transpose`. The centre of the first slice's
-        first pixel is the origin, the direction that of the voxel axes: slices say no orientation, and the
-        notes say so.
+        A volume if the slices are grey, or if no palette is given and all pixels are opaque RGB(A) without
+        colour; else labels. Voxel axes: x along a slice's columns to the right, y along its rows downwards, z
+        with the slice number; `transpose` exchanges x and y. The origin is the centre of the first pixel of
+        the first slice, the direction the identity: slices say no orientation, and the notes say so.
 
     Raises
     ------
@@ -688,13 +689,12 @@ def read_stack(
     ImportError
         Without PyYAML (extra `medical`), for a YAML file.
     ValueError
-        If slices are missing, damaged, or of different sizes or kinds, a colour is in no table, the spacing
-        is unknown or said twice, no head has the sides that the YAML file says, or `transpose` must be told.
+        If slices are missing, damaged, or of different sizes or kinds; a colour is in no table; the spacing
+        is unknown or given twice; the sides in the YAML file are implausible; or `transpose` must be given.
 
     Notes
     -----
-    Transparent and black pixels are label 0, whatever their colour. Partly transparent ones count by their
-    colour.
+    Transparent and black pixels are label 0. Partly transparent pixels count by their colour.
     """
     name = os.fspath(path)
     described = _description(name, spacing, unit)
@@ -749,9 +749,9 @@ def read_stack(
 
 
 def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colour] = ()) -> bool:
-    """Whether slices are read transposed: as the caller says, else True for a description and False for slices alone.
+    """Whether slices are read transposed: as given; else True for a YAML file, False for slices alone.
 
-    ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
+    ValueError if it must be given: for colours of volumetric_drilling in slices without a YAML file.
     """
     described = Path(name).suffix.lower() in _DESCRIPTIONS
     refuse(
@@ -763,7 +763,7 @@ def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colour] = 
 
 
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
-    """What the YAML file says; None if the path names the slices themselves."""
+    """Content of the YAML file; None if the path names the slices themselves."""
     if Path(name).suffix.lower() in _DESCRIPTIONS:
         refuse(
             spacing is not None,
@@ -778,7 +778,7 @@ def _description(name: str, spacing: float | ArrayLike | None, unit: float | Non
 
 
 def _without_colour(image: NDArray[Any]) -> bool:
-    """Whether every pixel is opaque and grey, as in a grey volume that was written as colours."""
+    """Whether every pixel is opaque and grey, as in a grey volume written in colours."""
     return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
@@ -792,7 +792,7 @@ def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArr
 
 
 def is_stack(path: str) -> bool:
-    """Whether a path names PNG slices: their description, a pattern, or a folder that holds them and no DICOM files."""
+    """Whether a path names PNG slices: a YAML file, a pattern, or a folder with PNG and no DICOM files."""
     if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
         return True
     return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)

@@ -1,4 +1,7 @@
-"""The exact state of a bone in an HDF5 file: present and pristine levels, tissues and tick; and how damaged files are read safely."""
+"""Saves a bone's exact state in an HDF5 file: present and pristine levels, tissues and tick.
+
+Damaged files are read safely.
+"""
 
 from __future__ import annotations
 
@@ -24,29 +27,31 @@ if TYPE_CHECKING:
     import h5py
 
 
-FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; a bone without them is written as 1
+FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; without tissues a bone is written as 1
 
 
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
-    """Writes a bone and its tick index to an HDF5 file; an older bone of that name is replaced when it is whole.
+    """Writes a bone and its tick index to an HDF5 file.
+
+    An older bone of the same name is replaced when the new file is complete.
 
     Parameters
     ----------
     path : path-like
     bone : VoxelBone
     tick : int
-        Ticks executed on it so far: part of its state, because the next tick's random numbers follow from it.
+        Ticks executed on the bone so far. They belong to its state: the next random numbers depend on them.
     source : str
-        Where the volume comes from; it is kept in the file.
+        Source of the bone's volume; it is kept in the file.
 
     Raises
     ------
     ValueError
         If the tick is negative or not below 2^64.
     TypeError
-        If it is no whole number.
+        If the tick is not a whole number.
     FileExistsError
-        If there is a file of that name that holds no bone, as a trace.
+        If another file has that name and holds no bone, for example a trace.
     OSError
         If the file cannot be written.
 
@@ -79,13 +84,13 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
     -------
     bone : VoxelBone
     tick : int
-        Ticks executed on it so far.
+        Ticks executed on the bone so far.
 
     Raises
     ------
     ValueError
-        If the file holds no bone, one of a newer format, or one whose digest is not the one it was saved
-        with.
+        If the file holds no bone, a bone of a newer format, or a bone whose digest differs from the saved
+        one.
     OSError
         If the file cannot be read.
     """
@@ -94,14 +99,14 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
 
 
 def bone_source(path: str | os.PathLike[str]) -> str:
-    """Where the volume of a bone comes from, as `save_bone` was told; errors as `load_bone`."""
+    """Source of a bone's volume, as given to `save_bone`; errors as `load_bone`."""
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
         return str(attributes(file).get("source", ""))
 
 
 @contextlib.contextmanager
 def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Within, every error that the content of a broken file leads to becomes a ValueError that names the file."""
+    """Turns every error from a damaged file's content into a ValueError that names the file."""
     try:
         yield
     except (
@@ -130,13 +135,13 @@ def check_bone_file(path: str | os.PathLike[str]) -> None:
 
 
 def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
-    """The open file; ValueError unless it is of this kind and of a version that is known."""
+    """The open file; ValueError unless it is of this kind and of a known version."""
     import h5py
 
-    with Path(path).open("rb") as raw:  # what is missing or forbidden says so in the system's words
+    with Path(path).open("rb") as raw:  # a missing or forbidden file raises the system's error
         start = raw.read(9)
     refuse(start[:8] != b"\x89HDF\r\n\x1a\n", f"{path} is not a {kind}: not an HDF5 file")
-    if start[8:] < b"\x03":  # version of the superblock: before HDF5 1.10, no checksums
+    if start[8:] < b"\x03":  # superblocks before HDF5 1.10 have no checksums
         check_walk(path)
     try:
         file = h5py.File(path, "r")
@@ -159,15 +164,14 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
 
 
 def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
-    """A dataset, or its first rows, unpacked within the bounds that its shape, the file and the machine set.
+    """A dataset, or its first rows, unpacked within the limits of its shape, the file and the memory.
 
-    libhdf5 makes up chunks that are absent, and unpacks of one whatever its stream holds: here either is an
-    error.
+    libhdf5 fills in missing chunks, and unpacks a chunk whatever its stream holds: both are errors here.
 
     Raises
     ------
     ValueError
-        If it is not whole, or more than the machine has memory for.
+        If the dataset is incomplete or needs more memory than the machine has.
     """
     found = group[name]
     where = f"its dataset {name}"
@@ -206,7 +210,7 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
 
 
 def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: str) -> NDArray[Any]:
-    """A chunk without its filters, which are gzip and shuffle."""
+    """Content of a chunk after its filters, gzip and shuffle, are undone."""
     import h5py
 
     size, width = math.prod(found.chunks) * found.dtype.itemsize, found.dtype.itemsize
@@ -217,7 +221,7 @@ def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: 
             chunk = np.frombuffer(zlib.decompressobj().decompress(chunk.data, size + 1), np.uint8)
         elif one != h5py.h5z.FILTER_SHUFFLE:
             raise ValueError(f"{where} must be packed by gzip and shuffle, got filter {one}")
-        elif len(chunk) == size:  # first bytes of all numbers, then second ones
+        elif len(chunk) == size:  # the first bytes of all numbers come first
             shuffled, chunk = chunk.reshape(width, -1), np.empty(size, np.uint8)
             for k in range(width):  # three times as fast as a transposed copy
                 chunk[k::width] = shuffled[k]
@@ -226,7 +230,7 @@ def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: 
 
 
 def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
-    """Puts a bone into a group: `density`, and `pristine` and `tissue` where there are any, (z, y, x) uint8."""
+    """Writes a bone into a group: `density`, and `pristine` and `tissue` if needed, (z, y, x) uint8."""
     density, pristine = bone.density, bone.pristine
     packed: dict[str, Any] = {
         "chunks": tuple(min(64, side) for side in bone.shape),
@@ -246,7 +250,7 @@ def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "
 
 
 def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
-    """The bone of a group and its tick; ValueError if its digest is another than the one written with it."""
+    """The bone of a group and its tick; ValueError if its digest differs from the saved one."""
     told = attributes(group)
     density = read_dataset(group, "density")
     pristine = read_dataset(group, "pristine") if "pristine" in group else density
@@ -264,7 +268,7 @@ def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
 
 
 def tissues_to_json(tissues: Tissues) -> str:
-    """A table of tissues as text, from which `tissues_from_json` makes an equal one."""
+    """A table of tissues as text that `tissues_from_json` reads."""
     m = tissues.material
     rows = [
         {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
@@ -276,7 +280,7 @@ def tissues_to_json(tissues: Tissues) -> str:
 
 
 def tissues_from_json(text: str) -> Tissues:
-    """The table; ValueError, KeyError or TypeError where the text is none."""
+    """A table of tissues from text; ValueError, KeyError or TypeError if the text holds none."""
     content = json.loads(text)
     m = content["material"]
     material = Material(

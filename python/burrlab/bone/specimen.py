@@ -1,4 +1,4 @@
-"""What is burred, and where: a bone, a point on its surface and a direction."""
+"""Specimens: a bone with a point on its surface and a direction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from burrlab.common.check import check_bone, real, refuse
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 
-#: Largest block that `half_space` makes [voxels]: some gigabytes while it is made (ours).
+#: Largest block that `half_space` makes [voxels] (ours); making it takes some gigabytes.
 MOST_VOXELS = 2e8
 
 Vector = Sequence[float] | NDArray[np.float64]
@@ -48,9 +48,9 @@ class Specimen:
     axis : ndarray, shape (3,)
         Unit vector into the bone.
     source : str
-        What it is, for the provenance of results.
+        Name of the specimen, for the provenance of results.
     made : mapping
-        How it was made, ready for JSON, for the same.
+        How it was made, ready for JSON, for the provenance.
     """
 
     bone: VoxelBone
@@ -93,7 +93,7 @@ class Block:
 def block_below_plane(
     burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
 ) -> Block:
-    """The block of `half_space`, with its parameters and errors."""
+    """Block of `half_space`, with the same parameters and errors."""
     spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
     refuse(
         not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)),
@@ -118,7 +118,7 @@ def block_below_plane(
         f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
         f"above {MOST_VOXELS:.3g}",
     )
-    check_bone(count, 26.0)  # while it is made, as measured
+    check_bone(count, 26.0)  # measured peak while it is made
     centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))
     x, y, z = (normal[i] * centers[i] for i in range(3))
     below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
@@ -146,15 +146,15 @@ def half_space(
         Deepest immersion of the burr's tip [mm]; default R/3.
     axis : (x, y, z)
         Direction of the descent, perpendicular to the surface. Along a voxel axis the surface is a face of
-        the grid; else the voxels that it cuts are filled by the fraction of them below it.
+        the grid. Otherwise a voxel that the surface cuts is filled by its fraction below it.
     offset : (x, y, z)
-        Where the burr enters, from the origin [mm]; its part along the axis is ignored. A fraction of a voxel
-        moves the burr within the grid.
+        Point where the burr enters, from the origin [mm]; the part along the axis is ignored. A fraction of a
+        voxel moves the burr within the grid.
 
     Raises
     ------
     ValueError
-        If the spacing or depth is not positive, the block too large, or the axis no direction.
+        If the spacing or depth is not positive, the block is too large, or the axis is no direction.
 
     Examples
     --------
@@ -176,14 +176,14 @@ def surface_along(
     ----------
     bone : VoxelBone
     entry : (x, y, z)
-        Where the ray begins [mm]; it may lie outside the volume.
+        Start of the ray [mm]; it may lie outside the volume.
     axis : (x, y, z)
-        Its direction.
+        Direction of the ray.
 
     Returns
     -------
     ndarray, shape (3,), or None
-        [mm]; None where the ray meets no bone. The entry itself where that is inside bone already.
+        [mm]; None if the ray meets no bone; the entry itself if it lies inside bone.
     """
     direction, start = unit_vector(axis), real(entry, "entry")
     refuse(
@@ -198,7 +198,7 @@ def surface_along(
     inside = np.all((points > -1) & (points < bone.shape[::-1]), axis=1)
     if not inside.any():
         return None
-    first, last = points[inside].min(axis=0), points[inside].max(axis=0)  # the ray's box, with neighbours
+    first, last = points[inside].min(axis=0), points[inside].max(axis=0)  # box of the ray
     low = np.maximum(np.floor(first) - 1, 0).astype(int)
     high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
     levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())

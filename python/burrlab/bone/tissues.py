@@ -1,4 +1,4 @@
-"""Tissues: the structures that are known, tables of tissues and their CSV files, and bone made of labels."""
+"""Tissues: known structures, tables of tissues and their CSV files, and bone made from labels."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ from burrlab.common.check import refuse, shown
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.common.table import Column, Table
 
-#: Name of the tissue of voxels to which a segmentation gives no structure.
+#: Name of the tissue of voxels without a structure in the segmentation.
 UNLABELLED = "unlabelled"
 
 
 @dataclass(frozen=True)
 class KnownTissue:
-    """A structure, its names in segmentations, and what the default table says of it.
+    """A structure, its names in segmentations, and its entries in the default table.
 
     Attributes
     ----------
     name : str
     synonyms : tuple of str
-        As `plain_name` writes them.
+        In the form of `plain_name`.
     colour : (red, green, blue)
     critical, bleeds : bool
         See `Tissue`.
     bone : bool
-        Bone, for which there is a published pair of c_e and alpha; which of its kinds the density tells.
+        Whether it is bone, which has a published pair of c_e and alpha; density tells its kinds apart.
     """
 
     name: str
@@ -55,8 +55,8 @@ class KnownTissue:
     bone: bool = False
 
 
-# Colours of structures with a name of volumetric_drilling are those of its PNG stacks; the others are ours,
-# as is what counts as critical and what bleeds.
+# Structures of volumetric_drilling have the colours of its PNG stacks. Other colours, and the choice of what
+# is critical and what bleeds, are ours.
 KNOWN = (
     KnownTissue("air", ("void", "empty", "lumen"), (0, 0, 0), critical=False),
     KnownTissue(UNLABELLED, ("background", "clear label", "other"), (128, 128, 128), critical=False),
@@ -118,7 +118,7 @@ _UNSAID = frozenset({"and", "the", "of", "left", "right", "l", "r", "lt", "rt"})
 
 
 def plain_name(name: str) -> str:
-    """A structure's name in lower case, without signs, sides and small words: Sinus_+_Dura is sinus dura."""
+    """Name of a structure in lower case, without signs, sides and small words: Sinus_+_Dura is sinus dura."""
     words = re.findall(r"[a-z0-9]+", name.lower())
     return " ".join(word for word in words if word not in _UNSAID)
 
@@ -127,15 +127,15 @@ _BY_NAME = {plain_name(text): known for known in KNOWN for text in (known.name, 
 
 
 def known_tissue(name: str) -> KnownTissue | None:
-    """What the default table says of a structure; None where it does not know the name."""
+    """Entry of a structure in the default table; None for an unknown name."""
     return _BY_NAME.get(plain_name(name))
 
 
-#: Of the known tissues, those that are empty where labels alone make a bone.
+#: Known tissues that are empty in a bone from labels alone.
 EMPTY = ("air", "external auditory canal")
 
-#: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes
-#: distance grids lists them), by its names and in its order, which is that of our labels 1 to 16.
+#: Colours of volumetric_drilling's PNG stacks, by its names and in its order: our labels 1 to 16. Source: the
+#: script for distance grids in LCSR-SICKKIDS/volumetric_drilling.
 VOLUMETRIC_DRILLING: dict[str, Colour] = {
     name: _BY_NAME[plain_name(name)].colour
     for name in (
@@ -146,22 +146,22 @@ VOLUMETRIC_DRILLING: dict[str, Colour] = {
 }  # fmt: skip
 
 
-#: Most tissues that a bone holds.
+#: Most tissues in a bone.
 MOST = 64
 
 
 def default_tissues(
     labels: LabelVolume | Mapping[int, str] | Sequence[str], *, material: Material = materials["bone"]
 ) -> Tissues:
-    """A table for named labels: colour, critical and bleeding by what the structure is, c_e and alpha the bone's.
+    """Table for named labels: colour, critical and bleeds by the structure, c_e and alpha of the bone.
 
     Parameters
     ----------
     labels : LabelVolume, mapping of int to str, or sequence of str
-        Labels with their names; a sequence gives the labels 0, 1, 2, ... A label volume's own colours are
-        kept. Names are those of common segmentations, in any spelling: Facial_Nerve, "right facial nerve".
+        Labels with their names; a sequence gives the labels 0, 1, 2, ... A label volume keeps its own
+        colours. Names are those of common segmentations in any spelling: Facial_Nerve, "right facial nerve".
     material : Material
-        The bone: its c_e, alpha and f.
+        c_e, alpha and f of the bone.
 
     Returns
     -------
@@ -171,11 +171,11 @@ def default_tissues(
     Raises
     ------
     ValueError
-        If a name is not known, a label of the volume has no name, or there are more than 64.
+        If a name is not known, a label of the volume has no name, or there are more than 64 labels.
 
     Notes
     -----
-    No tissue but bone has a published pair of c_e and alpha: all others get the bone's, and are `assumed`.
+    Only bone has a published pair of c_e and alpha. All other tissues get the bone's, and are `assumed`.
 
     Examples
     --------
@@ -200,7 +200,7 @@ def default_tissues(
     taken: set[str] = set()
     for label, given in sorted(names.items()):
         tissue = _BY_NAME[plain_name(given)]
-        name = given if tissue.name in taken else tissue.name  # a second side keeps the name of the file
+        name = given if tissue.name in taken else tissue.name  # the second side keeps its name in the file
         taken.add(name)
         rows.append(
             Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha,
@@ -211,18 +211,18 @@ def default_tissues(
 
 
 def unlabelled(material: Material) -> Tissue:
-    """The tissue of label 0 where nothing else is said of it: bone's values, assumed."""
+    """Default tissue of label 0: the bone's values, assumed."""
     colour = _BY_NAME[UNLABELLED].colour
     return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=colour)
 
 
 def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
-    """Number of voxels of each label that is present; a refusal names the path.
+    """Number of voxels of each label that is present; messages name the path.
 
     Raises
     ------
     ValueError
-        If a label is negative or no whole number.
+        If a label is negative or not a whole number.
     """
     said = f"{path}: " if path else ""
     if not np.issubdtype(values.dtype, np.integer):
@@ -250,7 +250,7 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
 def _named(
     labels: LabelVolume | Mapping[int, str] | Sequence[str],
 ) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
-    """Names by label; for a label volume also its voxels by label, and its colours."""
+    """Names by label; for a label volume also numbers of voxels by label, and its colours."""
     if isinstance(labels, str):
         raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
     if isinstance(labels, Mapping):
@@ -267,14 +267,14 @@ def _named(
             f"{labels.path}: the labels {told} have no names in the file: give a table of tissues that says what they are "
             "(read_tissues, `burrlab tissues FILE --template table.csv`)"
         )
-    for label, name in labels.names.items():  # what is named but empty here may be there in another crop
+    for label, name in labels.names.items():  # named structures that are absent here may be in another crop
         if label not in names and known_tissue(name) is not None and len(names) < MOST:
             names[label] = name
     return names, counts, {label: colour for label, colour in labels.colours.items() if label != 0}
 
 
 def check_count(labels: Mapping[int, object], said: str = "") -> None:
-    """ValueError for more labels than a bone can have tissues, as grey values or instances are."""
+    """ValueError for more labels than a bone can have tissues, for example grey values or instances."""
     first = ", ".join(str(label) for label in sorted(labels)[:5])
     refuse(
         len(labels) > MOST,
@@ -283,8 +283,8 @@ def check_count(labels: Mapping[int, object], said: str = "") -> None:
     )
 
 
-GREY = (128, 128, 128)  # of a structure without a colour
-_WAITS = " (name?)"  # after a name of the file that the default table does not know
+GREY = (128, 128, 128)  # colour of a structure without one
+_WAITS = " (name?)"  # mark after a name that the default table does not know
 _WORDS = {"": None, "yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
 
 
@@ -303,7 +303,7 @@ def _colour(text: str) -> Colour | None:
 
 
 def _number(text: str, rule: str, least: float, most: float) -> float | None:
-    # NaN is a number beyond the limits here, not a wrong way to leave the field empty.
+    # NaN counts as a number beyond the limits here, not as an empty field.
     value = csv_text.number("" if text.lower().strip("+-") == "nan" else text)
     refuse(
         text and not (math.isfinite(value) and least <= value <= most), f"must be {rule}, got {shown(text)}"
@@ -344,12 +344,11 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     Parameters
     ----------
     path : path-like
-        Columns `label` and `name` must be there. An empty `colour`, `critical` or `bleeds` is what the
-        default table says of a structure of that name (else grey, no, no). An empty `c_e_N_per_mm2` or
-        `alpha_per_ms` is the material's, and the tissue then counts as assumed, but for bone with both of the
-        material's.
+        Columns `label` and `name` are required. An empty `colour`, `critical` or `bleeds` is taken from the
+        default table by the name (else grey, no, no). An empty `c_e_N_per_mm2` or `alpha_per_ms` is the
+        material's; the tissue then counts as assumed, except bone with both values empty.
     material : Material, optional
-        The bone. Default: the one in the file's comments, as `write_tissues` puts it there, else
+        The bone. Default: the one that `write_tissues` put into the file's comments, else
         `materials["bone"]`.
 
     Returns
@@ -359,10 +358,10 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     Raises
     ------
     ValueError
-        If the file is no such table, or a template in which rows wait for a name; the sentence names line and
+        If the file is no such table, or a template with rows that need a name; the message names line and
         column.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     name, text = csv_text.text_of(path)
     if material is None:
@@ -373,7 +372,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     for where, texts in TABLE.rows(name, text):
         given, line = texts["name"], where.removeprefix(f"{name}, ")
         flags = texts.get("critical") or texts.get("bleeds")
-        # A template calls a structure that waits for its name "structure 3", or marks what the file calls it.
+        # A template calls a structure without a name "structure 3", or marks its name in the file.
         if given in ("", "" if flags else f"structure {texts['label']}") or given.endswith(_WAITS):
             waiting.append(f"{line} ({given!r})" if given else line)
             continue
@@ -391,13 +390,13 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
 
 
 def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
-    """Writes a table as CSV text, which `read_tissues` gives back without loss.
+    """Writes a table as CSV text that `read_tissues` reads without loss.
 
     Parameters
     ----------
     path : path-like
     tissues : Tissues
-        Values that are assumed and the material's stay empty in the file.
+        Assumed values that equal the material's stay empty in the file.
 
     Raises
     ------
@@ -422,11 +421,10 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
 
 
 def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
-    """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it.
+    """Text of a table for `write_tissues`; ValueError if a name has a line break or space around it.
 
-    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are
-    still to be given: "structure 3", and what the file says with a mark behind it, are refused by
-    `read_tissues`.
+    Labels in `unnamed` still need a name: a grey colour and the flags that follow from a name stay empty.
+    `read_tissues` refuses the names that stand in for theirs, "structure 3" and names with a mark.
     """
     for tissue in tissues:
         refuse(
@@ -470,7 +468,7 @@ def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
     known = known_tissue(row["name"])
     given = {key: value for key, value in row.items() if value is not None}
     missing = not {"c_e", "alpha"} <= given.keys()
-    # Bone without both has the material's pair, which is published.
+    # Bone with both values empty has the material's pair, which is published.
     lacking = missing and not (known is not None and known.bone and not {"c_e", "alpha"} & given.keys())
     refuse(
         lacking and given.get("assumed") is False,
@@ -482,17 +480,17 @@ def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
     return Tissue(**{"critical": False, "bleeds": False, **usual, **given})
 
 
-#: Occupancy from which a voxel counts as bone in notes: half.
+#: Level from which a voxel counts as bone in notes: half.
 _HALF = 128
 
-#: Scatter of the velocity in bone that is made of labels alone, by R/voxel: standard deviation over 12 places
-#: within 0.6 mm [%]. Least and most of three kinds of surfaces are given, for labels as they are and for
-#: labels that are smoothed by two voxels or more. docs/tissues.md says how it was measured.
+#: Scatter of the velocity in bone from labels alone, by R/voxel: standard deviation over 12 places within 0.6
+#: mm [%]. Least and most of three kinds of surfaces, for labels without smoothing and for labels smoothed by
+#: two voxels or more. docs/tissues.md describes the measurement.
 LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
 
 
 def label_scatter(ratio: float, smooth: bool = False) -> str:
-    """`LABEL_SCATTER` in words, interpolated between its rows; beyond them the nearest row."""
+    """`LABEL_SCATTER` in words, interpolated between its rows; outside them, of the nearest row."""
     ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
     rows = [row[smooth] for row in LABEL_SCATTER.values()]
     least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
@@ -501,7 +499,7 @@ def label_scatter(ratio: float, smooth: bool = False) -> str:
 
 @dataclass(frozen=True, eq=False)
 class LabelledBone:
-    """A bone with tissues, and what was assumed on the way.
+    """A bone with tissues, and notes on assumptions in making it.
 
     Attributes
     ----------
@@ -524,32 +522,32 @@ def labelled_bone(
     empty: Collection[str] = EMPTY,
     smooth: float | None = None,
 ) -> LabelledBone:
-    """Bone whose occupancy is that of grey values and whose tissues are those of labels.
+    """Bone with occupancy from grey values and tissues from labels.
 
     Parameters
     ----------
     source : Volume, ndarray of uint8 or None
-        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and what
-        is labelled as one of `empty` is empty, and all else is solid.
+        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and the
+        structures in `empty` are empty, all else is solid.
     labels : LabelVolume
-        On the voxels of the volume, or on a box of them, as segmentations are often saved: 0 outside it.
+        On the voxels of the volume, or on a box of them; outside the box, labels are 0.
     tissues : Tissues
-        What the labels are. Without a row for label 0, that is "unlabelled", with the bone's values.
+        Tissues of the labels. Without a row for label 0 it is "unlabelled", with the bone's values.
     mapping : OccupancyMap, optional
-        Of the grey values.
+        Map of the grey values.
     fill : mapping of str to float, optional
-        By tissue, the least occupancy of its voxels, 0 to 1: nerves and vessels have grey values that a map
-        for bone takes as empty, and what is empty cannot be injured.
+        Least occupancy of a tissue's voxels, 0 to 1. A map for bone makes nerves and vessels empty, and empty
+        voxels cannot be injured.
     spacing : float or (x, y, z), optional
-        Of the bone [mm]; default that of the volume. Occupancy is interpolated, labels are the nearest.
+        Spacing of the bone [mm]; default that of the volume. Occupancy is interpolated, labels are nearest.
     empty : collection of str
-        Structures that hold no bone where labels are alone, by the name that the default table gives them:
-        air and the ear canal. `fill` makes one solid.
+        Structures without bone if labels are alone, by their names in the default table: air and the ear
+        canal. `fill` makes one solid.
     smooth : float, optional
-        Of labels alone: standard deviation of a Gaussian over what is solid [mm], 1 to 10 of the finest side
-        of a voxel. The sum of levels stays; critical structures stay full, and what is empty and nearest to
-        one stays empty; an empty voxel that gets a part gets the label of the nearest solid one too.
-        docs/tissues.md says which width, and what it does.
+        For labels alone: standard deviation of a Gaussian over the solid voxels [mm], 1 to 10 times the
+        finest voxel side. The volume hardly changes; the notes say by how much. Critical structures stay
+        full, and empty voxels nearest to one stay empty. Another empty voxel that gets bone also gets the
+        label of the nearest solid voxel. docs/tissues.md recommends a width and describes the effects.
 
     Returns
     -------
@@ -559,10 +557,10 @@ def labelled_bone(
     Raises
     ------
     ValueError
-        If the labels are on other voxels, one of them is not in the table, the map is missing, given for
-        nothing, a filled tissue is not in the table, or `smooth` is given with a source or out of its range.
+        If the labels are on other voxels, a label or a filled tissue is not in the table, the map is missing
+        or given without grey values, or `smooth` is given with a source or out of range.
     TypeError
-        If `source` is none of these.
+        If `source` is of another type.
 
     Examples
     --------
@@ -617,12 +615,12 @@ def labelled_bone(
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
-    """The labels on all voxels of a volume; labels that cover a box of it are 0 outside the box.
+    """The labels on all voxels of a volume; if they cover a box of it, 0 outside the box.
 
     Raises
     ------
     ValueError
-        If they are not on voxels of the volume, with both geometries.
+        If the labels are not on voxels of the volume; the message has both geometries.
     """
     offset = (volume.direction.T @ (labels.origin - volume.origin)) / volume.spacing
     start = np.rint(offset).astype(int)
@@ -665,7 +663,7 @@ def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None
 
 
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
-    """The table, with a row for label 0 if the labels need one; ValueError if it lacks any other label."""
+    """The table, with a row for label 0 if the labels need one; ValueError if it lacks another label."""
     known = {tissue.label for tissue in tissues}
     strange = [label for label in counts if label not in known and label != 0]
     if strange:
@@ -691,7 +689,7 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
     direct[own[own < direct.size]] = np.flatnonzero(own < direct.size)
     small = labels.dtype.itemsize <= 2 or labels.max() < direct.size
     numbers = np.empty(labels.shape, np.uint8)
-    for k, plane in enumerate(labels):  # plane by plane: no large arrays of places
+    for k, plane in enumerate(labels):  # plane by plane: no large arrays of indices
         numbers[k] = direct[plane] if small else order[np.searchsorted(own, plane, sorter=order)]
     return numbers
 
@@ -699,14 +697,14 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
 def _smoothed(
     full: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
-    """Levels and numbers with smoothed borders, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
+    """Smoothed levels, tissue numbers, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
     refuse(
         not 0.999 <= width / apart.min() <= 10.001,
         f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}",
     )
     weights = [_gaussian(width / side) for side in apart]
     part = (full > 0).astype(np.float32)
-    for axis in range(3):  # whole numbers up to 2^24: exact, on every machine
+    for axis in range(3):  # whole numbers up to 2^24: exact on every machine
         correlate1d(part, weights[axis], axis, output=part, mode="reflect")
     owner = np.where(full > 0, numbers + np.uint8(1), np.uint8(0))
     for _ in range(max(map(len, weights)) // 2):
@@ -729,7 +727,7 @@ def _smoothed(
 
 
 def _gaussian(deviation: float) -> NDArray[np.float64]:
-    """A Gaussian's weights in each voxel as whole numbers with the sum 256; its standard deviation is in voxels."""
+    """Weights of a Gaussian as whole numbers with the sum 256; its standard deviation is in voxels."""
     edges = np.arange(-np.ceil(4 * deviation), np.ceil(4 * deviation) + 2) - 0.5
     return np.asarray(np.trim_zeros(np.diff(np.rint(256 * ndtr(edges / deviation)))))
 

@@ -1,4 +1,4 @@
-"""Inhomogeneous bone: a random field of occupancy, a function of seed and position alone."""
+"""Inhomogeneous bone: a random field of occupancy that depends on seed and position alone."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from burrlab.common.study import stored_as
 
 Floats = NDArray[np.float64]
 
-#: Noise nodes a correlation length: the variance between them then ripples by 2 exp(-2 pi^2), 5e-9.
+#: Noise nodes per correlation length: the variance varies by 2 exp(-2 pi^2), 5e-9, between nodes.
 NODES_A_LENGTH = 2
-#: Nodes on either side of a point; the Gaussian weight of the first one left out is below 2e-7.
+#: Nodes on either side of a point; the Gaussian weight of the first node left out is below 2e-7.
 REACH = 8
 #: Edge of the cubes in which noise is drawn [nodes].
 CUBE = 8
-#: Second key word of the noise, so that no other use of the same seed shares it.
+#: Second key word of the noise: no other use of the same seed shares it.
 STREAM = 0xB09EF1E1D
-#: Voxel layers that are filled at a time, which bounds the memory.
+#: Voxel layers filled at a time; this limits the memory.
 LAYERS = 16
 
 
@@ -36,8 +36,8 @@ class BoneField:
 
         E[g(x) g(x + d)] = exp(-d^2/(2 L^2)),
 
-    the occupancy is B^-1(Phi(g)): Phi the normal distribution function, B^-1 the quantile function of the
-    beta distribution with the mean and standard deviation asked for.
+    the occupancy is B^-1(Phi(g)). Phi is the normal distribution function, B^-1 the quantile function of the
+    beta distribution with the given mean and standard deviation.
 
     Parameters
     ----------
@@ -51,25 +51,26 @@ class BoneField:
     Raises
     ------
     ValueError
-        If mean is outside (0, 1], contrast is negative or more than an occupancy between 0 and 1 can have,
-        sqrt((1 - mean)/mean), the standard deviation is not 0 but below one of 255 levels, or
+        If mean is outside (0, 1]; contrast is negative or not below sqrt((1 - mean)/mean), the limit for an
+        occupancy between 0 and 1; the standard deviation is not 0 but below one of 255 levels; or
         correlation_length is not positive and finite.
 
     Notes
     -----
     The form of the correlation (the squared exponential of geostatistics) and the beta distribution are ours.
-    A beta distribution lies in 0..1, so nothing is clipped and mean and contrast hold exactly; `realised`
-    says what rounding to levels leaves of them. The occupancy itself correlates by `correlation`.
+    A beta distribution lies in 0..1, so nothing is clipped, and mean and contrast hold exactly; `realised`
+    gives them after rounding to levels. `correlation` is the correlation of the occupancy itself.
 
     g is Gaussian white noise on a lattice of spacing L/2, smoothed by a Gaussian of standard deviation
-    L/sqrt(2) that is evaluated at the voxel centres themselves, and divided by the root of the sum of its
-    squared weights. Thus it is a function of (seed, position): no voxel size, block or interpolation enters,
-    and a larger block continues a smaller one. Weights are products over the axes, so that a block for R = 3
-    mm at 0.1 mm takes 5 ms; a sum of 1000 random cosines, as independent of the grid, takes 50 times that and
-    is only nearly Gaussian. In one bone (contrast 0.1 and 0.2, L = 0.25 to 1 mm, 0.5 and 2 N) the mean
-    velocity at 0.05, 0.2 and 0.25 mm is within 1.3 % of that at 0.1 mm, which is what homogeneous bone shows
-    too, L = one voxel included. Noise comes from a counter-based generator (Philox, key seed, counter the
-    node's place).
+    L/sqrt(2) at the voxel centres, and divided by the root of the sum of its squared weights. g thus depends
+    on seed and position alone, not on voxel size or block; a larger block continues a smaller one.
+
+    Weights are products over the axes, so a block for R = 3 mm at 0.1 mm takes 5 ms. A sum of 1000 random
+    cosines is as independent of the grid, but takes 50 times as long and is only nearly Gaussian. Noise comes
+    from a counter-based generator (Philox; key: seed, counter: place of a cube of nodes).
+
+    In one bone (contrast 0.1 and 0.2, L = 0.25 to 1 mm, 0.5 and 2 N) the mean velocity at 0.05, 0.2 and 0.25
+    mm is within 1.3 % of that at 0.1 mm, also where L is one voxel. Homogeneous bone shows the same.
 
     Examples
     --------
@@ -105,7 +106,7 @@ class BoneField:
 
     @property
     def realised(self) -> tuple[float, float]:
-        """Mean and standard deviation of the occupancy once it is rounded to levels, by its distribution."""
+        """Mean and standard deviation of the occupancy after rounding to levels, by its distribution."""
         level = np.arange(256) / 255
         if self.contrast == 0:
             return float(np.rint(255 * self.mean) / 255), 0.0
@@ -115,11 +116,11 @@ class BoneField:
         return mean, float(np.sqrt(share @ (level - mean) ** 2))
 
     def correlation(self, distance: ArrayLike) -> Floats:
-        """Correlation of the occupancy at two places.
+        """Correlation of the occupancy at two places a distance d apart.
 
-        With c_n the coefficients of B^-1(Phi(g)) in normalised Hermite polynomials of g,
-        sum c_n^2 exp(-n d^2/(2 L^2))/sum c_n^2 over n >= 1. It is the correlation of g within 0.02 where
-        the beta distribution is near a normal one, and lower where it is skew.
+        It is sum c_n^2 exp(-n d^2/(2 L^2))/sum c_n^2 over n >= 1, with c_n the coefficients of B^-1(Phi(g))
+        in normalised Hermite polynomials of g. It is within 0.02 of the correlation of g if the beta
+        distribution is nearly normal, and lower if it is skew.
 
         Parameters
         ----------
@@ -145,14 +146,14 @@ class BoneField:
         return np.asarray(powers @ np.array(power) / sum(power))
 
     def levels(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, seed: int) -> NDArray[np.uint8]:
-        """Levels of the bone at the places of a grid.
+        """Levels of the bone at the points of a grid.
 
         Parameters
         ----------
         x, y, z : array_like, shape (n_x,), (n_y,), (n_z,)
             Coordinates of the grid [mm].
         seed : int
-            Of the field.
+            Seed of the field.
 
         Returns
         -------
@@ -169,7 +170,7 @@ class BoneField:
         out = np.full([len(c) for c in axes], np.rint(255 * self.mean), dtype=np.uint8)
         if self.contrast == 0 or out.size == 0:
             return out
-        # A level is reached where g passes its threshold: exact, and no beta quantile a voxel.
+        # Thresholds of g for each level: exact, without a beta quantile per voxel.
         threshold = special.ndtri(special.betainc(*self._beta(), (np.arange(255) + 0.5) / 255))
         stencils = [_stencil(c * (NODES_A_LENGTH / self.correlation_length)) for c in axes]
         low = [int(first.min()) for first, _ in stencils]
@@ -194,27 +195,27 @@ class BoneField:
         axis: Vector = (0.0, 0.0, -1.0),
         offset: Vector = (0.0, 0.0, 0.0),
     ) -> Specimen:
-        """This bone below a plane through the origin, in a block as `half_space` makes it.
+        """This bone below a plane through the origin, in a block like that of `half_space`.
 
         Parameters
         ----------
         burr, voxel, depth, axis, offset
-            See `half_space`. The field stays where it is when the offset moves the burr.
+            See `half_space`. The offset moves the burr, not the field.
         seed : int
-            Of the field; another seed is another bone.
+            Seed of the field; another seed is another bone.
 
         Returns
         -------
         Specimen
-            Voxels hold the occupancy at their centres, times the part of them below the plane.
+            Voxels hold the occupancy at their centres, times their fraction below the plane.
 
         Raises
         ------
         ValueError
-            If the seed is not in 0..2^64 - 1 or the correlation length below a voxel; else as `half_space`.
+            If the seed is not in 0..2^64 - 1 or the correlation length is below a voxel; and as `half_space`.
         """
         block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
-        # Centres at a spacing of L leave 0.2 % of g's variance an axis beyond what they can represent.
+        # At a spacing of L, voxel centres cannot represent 0.2 % of g's variance along each axis.
         refuse(
             self.contrast > 0 and self.correlation_length < block.spacing.max(),
             f"correlation_length must be at least one voxel, {block.spacing.max():g} mm, "
@@ -237,16 +238,16 @@ class BoneField:
 
 
 def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """First node (n,) and weights (2 REACH, n), with squares that sum to 1, of places in node spacings."""
+    """First node (n,) and weights (2 REACH, n) of places in node spacings; squared weights sum to 1."""
     first = np.floor(place).astype(np.int64) - (REACH - 1)
     distance = place - (first + np.arange(2 * REACH)[:, None])
-    # The kernel has a variance of L^2/2, here NODES_A_LENGTH^2/2; its square's correlation is that of g.
+    # The kernel has a variance of L^2/2, here NODES_A_LENGTH^2/2; its autocorrelation is that of g.
     weight = np.exp(-((distance / NODES_A_LENGTH) ** 2))
     return first, weight / np.sqrt(np.sum(weight**2, axis=0))
 
 
 def _smooth(field: Floats, first: NDArray[np.int64], weight: Floats, axis: int) -> Floats:
-    """Weighted sums along an axis in a fixed order, so that every block has the same bits; a BLAS does not do that."""
+    """Weighted sums along an axis in a fixed order: every block gets the same bits, unlike with a BLAS."""
     shape = [1, 1, 1]
     shape[axis] = len(first)
     total = weight[0].reshape(shape) * np.take(field, first, axis=axis)
@@ -256,7 +257,7 @@ def _smooth(field: Floats, first: NDArray[np.int64], weight: Floats, axis: int) 
 
 
 def _white_noise(low: list[int], high: list[int], seed: int) -> Floats:
-    """Standard normal draws at the nodes low..high - 1 (z, y, x), each a function of seed and node alone."""
+    """Standard normal draws at nodes low..high - 1 (z, y, x); each depends on seed and node alone."""
     begin = [i // CUBE for i in low]
     count = [-(-j // CUBE) - i for i, j in zip(begin, high, strict=True)]
     raw = np.empty([CUBE * n for n in count], dtype=np.uint64)

@@ -1,1 +1,1 @@
-"""What knows nothing of bone: checks, files, tables, records, studies."""
+"""Code independent of bone: checks, files, tables, records, studies."""

@@ -1,4 +1,4 @@
-"""Checks of what public functions are given, and of the memory that a file or a bone would take."""
+"""Checks of arguments, and of the memory that a file or a bone needs."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 
 def require_type(name: str, value: object, kind: type, example: str) -> None:
-    """TypeError in one sentence unless `value` is a `kind`."""
+    """TypeError unless `value` is a `kind`."""
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be a {kind.__name__}, such as {example}, got {value!r}")
 
 
 def real(value: object, name: str) -> NDArray[np.float64]:
-    """A copy in float64; ValueError in one sentence for what is not real: complex numbers, flags, bytes, 10**400."""
+    """A copy in float64; ValueError for complex numbers, flags, bytes, 10**400 and anything not real."""
     try:
         found = np.asarray(value)
         if found.dtype.kind in "iufUO":
@@ -34,7 +34,7 @@ def real(value: object, name: str) -> NDArray[np.float64]:
 
 
 def whole(name: str, value: object, end: int, end_text: str) -> int:
-    """The whole number from 0 and below `end`; ValueError in one sentence for anything else, True and False included."""
+    """A whole number from 0 and below `end`; ValueError for anything else, also True and False."""
     try:
         number = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
@@ -44,21 +44,21 @@ def whole(name: str, value: object, end: int, end_text: str) -> int:
 
 
 def check_positive(name: str, value: float) -> None:
-    """ValueError unless a number is positive and finite."""
+    """ValueError unless the number is positive and finite."""
     refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
 
 
 def seed_or_new(seed: int | None) -> int:
-    """The seed, or a drawn one for None; ValueError unless it is from 0 and below 2^64."""
+    """The seed, or a random one for None; ValueError unless it is from 0 and below 2^64."""
     if seed is None:
         return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
     refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
     return seed
 
 
-#: Deflate makes at most so many bytes of one: two bits can stand for 258 bytes.
+#: Most bytes that Deflate unpacks from one: two bits can stand for 258 bytes.
 DEFLATE = 1032
-#: What may follow the values in a packed stream (ours) [bytes].
+#: Most data after the values in a packed stream [bytes] (ours).
 _BEHIND = 1 << 20
 
 _SHORT = reprlib.Repr()
@@ -66,26 +66,26 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 120, 120
 
 
 def shown(value: object) -> str:
-    """A value as a refusal shows it: shortened, so that a large value costs nothing."""
+    """Short text of a value for a message; a large value costs no time."""
     text = _SHORT.repr(value)
     return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def available_memory() -> float:
-    """Free memory of the machine or its container [bytes]; infinity where it is not known."""
+    """Free memory of the machine or its container [bytes]; infinity if unknown."""
     found = [math.inf]
     with contextlib.suppress(OSError, ValueError, AttributeError):
         found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     with contextlib.suppress(OSError):
         told = re.search(r"^MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
         found.append(1024 * int(told[1]) if told else math.inf)
-    with contextlib.suppress(OSError, ValueError):  # "max" where there is no limit
+    with contextlib.suppress(OSError, ValueError):  # "max" means no limit
         found.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
     return min(found)
 
 
 def check_memory(size: float, what: str) -> None:
-    """ValueError where something needs more memory than there is [bytes]."""
+    """ValueError if `size` [bytes] exceeds the available memory; `what` names the object."""
     refuse(
         size > (there := available_memory()),
         f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there",
@@ -93,12 +93,12 @@ def check_memory(size: float, what: str) -> None:
 
 
 def check_bone(voxels: float, each: float) -> None:
-    """ValueError where the machine has no memory for a bone of that many voxels, of `each` bytes. C++ checks it too."""
+    """ValueError if memory is too small for a bone of `voxels` voxels of `each` bytes. C++ checks it too."""
     check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
 
 
 def check_packed(size: float, packed: float, name: str) -> None:
-    """ValueError where a file says that its packed bytes hold more than they can."""
+    """ValueError if `packed` bytes of Deflate cannot hold `size` bytes."""
     refuse(
         size > DEFLATE * packed,
         f"{name}: the file is cut short: {packed:.0f} packed bytes cannot hold {size} of values",
@@ -106,15 +106,15 @@ def check_packed(size: float, packed: float, name: str) -> None:
 
 
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
-    """At most `size` bytes from the file's position on, unpacked if they are packed, and what follows in the packed stream.
+    """At most `size` unpacked bytes from the file's position, and the rest of the packed stream.
 
-    A packed stream is one of zlib or gzip. Its checksum is checked, and the file is left at its end.
+    A packed stream is zlib or gzip. Its checksum is checked, and the file's position is then at its end.
 
     Raises
     ------
     ValueError
-        If it is damaged, holds far more, or less than `size` by all that is known, or the machine has not as
-        much memory.
+        If the stream is damaged, holds far more than `size`, cannot hold `size`, or needs more memory than
+        the machine has.
     """
     left = max(os.fstat(file.fileno()).st_size - file.tell(), 0)
     if packed:
@@ -140,7 +140,7 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
             chunk = stream.unconsumed_tail
             continue
         chunk = stream.unused_data + file.read(2)
-        if not chunk.startswith(b"\x1f\x8b"):  # no further part, as some gzip files have
+        if not chunk.startswith(b"\x1f\x8b"):  # no further part; some gzip files have several
             file.seek(-len(chunk), os.SEEK_CUR)
             return values[:have], rest
         stream = zlib.decompressobj(32 + zlib.MAX_WBITS)
@@ -148,6 +148,6 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
 
 
 def refuse(broken: object, sentence: str) -> None:
-    """ValueError with this sentence where a rule is broken."""
+    """ValueError with this sentence if the rule is broken."""
     if broken:
         raise ValueError(sentence)

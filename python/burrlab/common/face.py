@@ -1,4 +1,4 @@
-"""Faces of packages: the names in a stub and the modules, each imported when it is first asked for."""
+"""Faces of packages: public names from a stub, and modules, imported at first use."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ _LINE = re.compile(r"^from (\S+) import (\w+) as (\w+)$", re.MULTILINE)
 
 
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """`__getattr__`, `__dir__` and `__all__` of a package whose `__init__.pyi` says where its public names are.
+    """`__getattr__`, `__dir__` and `__all__` of a package whose `__init__.pyi` lists its public names.
 
     Parameters
     ----------
     package, file : str
-        Its `__name__` and `__file__`.
+        `__name__` and `__file__` of the package.
     """
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     places = {name: (module, known) for module, known, name in _LINE.findall(stub)}

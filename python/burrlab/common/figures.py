@@ -1,4 +1,4 @@
-"""Figures fit for a paper; every function returns Axes and never shows."""
+"""Figures for papers: size, colours and style."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: One colour a quantity throughout the package (Okabe and Ito's palette, distinguishable without colour
-#: vision).
+#: Colour of each quantity throughout the package (Okabe and Ito's palette, for colour-blind readers too).
 FORCE, POSITION, VELOCITY, REFERENCE = "#0072B2", "#009E73", "#D55E00", "#555555"
 
 
 def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
-    """A figure of its own [inch], outside pyplot, so that many threads and notebooks may draw."""
+    """A new figure [inch] outside pyplot: threads and notebooks may draw at the same time."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
-    """The given axes, or those of a new pyplot figure of the usual size."""
+    """The given axes, or axes of a new pyplot figure of the usual size."""
     if axes is not None:
         return axes
     from matplotlib import pyplot
@@ -31,7 +30,7 @@ def axes_or_new(axes: Axes | None) -> Axes:
 
 
 def tidy(axes: Axes) -> Axes:
-    """Quiet grid, no upper and right frame."""
+    """Gives axes a light grid, without upper and right frame."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,7 +1,6 @@
-"""Files that appear when they are whole, are locked or are on disk; HDF5 files that a full disk or damage cannot turn into a crash.
+"""Writes, locks and syncs files; handles HDF5 so that a full disk or damage does not crash the process.
 
-Run as a script, it asks libhdf5 for what a reader would, so that a damaged file hangs or crashes that process
-and no other.
+As a script, this module makes libhdf5 read a file: a damaged file hangs or crashes that process alone.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ if TYPE_CHECKING:
     import h5py
 
 
-#: What a write says where the disk is full, a quota or limit is met, or the disk fails.
+#: Error numbers of a write: the disk is full, a quota or limit is reached, or the disk fails.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def check_folder(target: Path) -> None:
-    """FileNotFoundError or PermissionError where no file can be made beside a path."""
+    """FileNotFoundError or PermissionError if no file can be made beside a path."""
     folder = target.resolve().parent
     if not folder.is_dir():
         raise FileNotFoundError(f"folder must exist, got {folder}")
@@ -40,7 +39,7 @@ def check_folder(target: Path) -> None:
 
 
 def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str | None:
-    """Writes something elsewhere, beside its path or among temporary files, and returns where; None if neither works."""
+    """Path to which `write` wrote: beside `path`, or among temporary files; None if both fail."""
     beside, folder = f"{path}{Path(name).suffix}", ""
     if not os.path.lexists(beside) and (
         os.path.isfile(path) or not os.path.exists(path)
@@ -60,12 +59,12 @@ def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str 
 
 
 def lock(file: int, taken: str, *, wait: bool = False) -> None:
-    """Takes the lock of an open file or folder, which ends when that is closed and with the process.
+    """Takes the lock of an open file or folder, until it is closed or the process ends.
 
     Raises
     ------
     BlockingIOError
-        If another has it, unless told to wait; `taken` says so.
+        With the text `taken`, if another process has the lock and `wait` is False.
     """
     import fcntl
 
@@ -77,9 +76,9 @@ def lock(file: int, taken: str, *, wait: bool = False) -> None:
 
 @contextlib.contextmanager
 def new_part(target: Path, ending: str = "") -> Iterator[Path]:
-    """A new, empty file beside a path. Its user moves it to the path once it is whole; else it is removed.
+    """A new, empty file beside a path. The caller moves it to the path when complete; else it is removed.
 
-    A process that is killed leaves it behind. OSError where it cannot be made.
+    A killed process leaves it behind. OSError if it cannot be made.
     """
     check_folder(target)
     part = target.with_name(f".{target.name[:40]}.{os.getpid()}-{secrets.token_hex(4)}.part{ending}")
@@ -95,19 +94,19 @@ def new_part(target: Path, ending: str = "") -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to be filled, which gets its name at the end and is removed after an error; OSError where it cannot be made."""
+    """A folder to fill: named `target` at the end, removed after an error; OSError if it cannot be made."""
     part = target.with_name(f".{target.name}.part")
     part.mkdir(exist_ok=True)
     descriptor = os.open(part, os.O_RDONLY | _NO_LINK)
     try:
-        if os.fstat(descriptor).st_uid != os.geteuid():  # who could put links into it meanwhile
+        if os.fstat(descriptor).st_uid != os.geteuid():  # its owner could put links into it
             raise PermissionError(f"{part} is another user's")
         taken = f"{target} is being written by another process"
         lock(descriptor, taken)
-        if not _is_at(descriptor, part):  # it got its name meanwhile
+        if not _is_at(descriptor, part):  # another process renamed it
             raise BlockingIOError(taken)
         try:
-            for left in part.iterdir():  # by a process that was killed
+            for left in part.iterdir():  # files of a killed process
                 left.unlink()
             yield part
             os.rename(part, target)
@@ -133,20 +132,20 @@ def write_synced(path: Path, content: bytes) -> None:
         os.fsync(file.fileno())
 
 
-_PATIENCE = 30.0  # with libhdf5 in a file without checksums, on a busy machine [s]
+_PATIENCE = 30.0  # longest wait for libhdf5 in a file without checksums, on a busy machine [s]
 
 
 @contextlib.contextmanager
 def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File]:
-    """A new file, or an older one emptied, on disk at the end; OSError where it cannot be written.
+    """A new file, or an older one emptied; on disk at the end. OSError if it cannot be written.
 
     Notes
     -----
-    libhdf5 writes much of a file when it is closed. Where that fails it leaves its memory in disorder, and
-    the process crashes at once or at its end. So libhdf5 is told of no error, and the first one is raised
-    when the file is closed.
+    libhdf5 writes much of a file when the file is closed. If this fails, its memory is corrupt and the
+    process crashes at once or at its end. So errors are hidden from libhdf5, and the first one is raised when
+    the file is closed.
 
-    The format of HDF5 1.10 has checksums on all that describes the data but texts of no fixed length:
+    The format of HDF5 1.10 has checksums on all metadata except texts of variable length; see
     `put_attributes`.
     """
     import h5py
@@ -165,7 +164,10 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
 
 
 def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -> None:
-    """Writes attributes, texts with a fixed length: the heap of other texts has no checksum, and zeros in it hang libhdf5 for ever."""
+    """Writes attributes, with texts of fixed length.
+
+    The heap of texts of variable length has no checksum, and zeros in it hang libhdf5.
+    """
     import h5py
 
     for name, value in values.items():
@@ -177,7 +179,7 @@ def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -
 
 
 def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
-    """All attributes, texts as str."""
+    """All attributes, with texts as str."""
     for name in item.attrs:
         check_heap(item, item.attrs.get_id(name).dtype)
     return {
@@ -187,13 +189,13 @@ def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
 
 
 def check_heap(item: h5py.Group | h5py.Dataset, dtype: Any) -> None:
-    """ValueError where a value of no fixed length hangs or crashes libhdf5, in a file whose other parts have checksums."""
+    """ValueError if a value of variable length, which has no checksum, hangs or crashes libhdf5."""
     if dtype.hasobject and item.file.id.get_create_plist().get_version()[0] > 2:
         check_walk(item.file.filename)
 
 
 def check_walk(path: str | os.PathLike[str]) -> None:
-    """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
+    """ValueError if libhdf5 hangs or crashes in a file, as in damaged files without checksums."""
     command = [sys.executable, "-P", __file__, os.fspath(path)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     with contextlib.suppress(subprocess.TimeoutExpired):
@@ -206,7 +208,7 @@ def check_walk(path: str | os.PathLike[str]) -> None:
 
 
 class _Disk(io.FileIO):
-    """A new file whose writing never fails for libhdf5; `failure` is the first error that libhdf5 was not told of."""
+    """A new file whose writes never fail for libhdf5; `failure` is the first hidden error."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "w+")
@@ -232,11 +234,11 @@ class _Disk(io.FileIO):
             return self.tell() if size is None else size
 
 
-_MEMORY, _TIME = 4 << 30, 2  # that the process may have [bytes], and of the processor [s]
+_MEMORY, _TIME = 4 << 30, 2  # limits of the process: memory [bytes] and processor time [s]
 
 
 def walk(item: Any, depth: int = 0) -> None:
-    """Asks for attributes, members, the place of each chunk, and the values of small datasets."""
+    """Reads attributes, members, the place of each chunk, and values of small datasets."""
     dict(item.attrs.items())
     if hasattr(item, "keys"):
         for name in ["none", *itertools.islice(item, 1000 if depth < 4 else 0)]:
@@ -255,15 +257,15 @@ if __name__ == "__main__":
         import resource
 
         for what, most in ((resource.RLIMIT_AS, _MEMORY), (resource.RLIMIT_CPU, _TIME)):
-            given = resource.getrlimit(what)[1]  # more than that nobody may set
+            given = resource.getrlimit(what)[1]  # the hard limit
             least = most if given == resource.RLIM_INFINITY else min(most, given)
             resource.setrlimit(what, (least, least))
-    with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader says it better
+    with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader reports errors
         walk(file)
 
 
 def lock_run(file: int, path: Path, *, wait: bool = False) -> None:
-    """The lock of a run's open file; BlockingIOError if another process has it, unless told to wait."""
+    """Takes the lock of a run's open file; BlockingIOError if another process has it and `wait` is False."""
     lock(file, f"{path}: another process has this run open", wait=wait)
 
 
@@ -278,13 +280,7 @@ def locked(file: int, path: Path, *, wait: bool = False) -> Iterator[None]:
 
 
 def synced_write(file: int, path: Path, text: bytes) -> None:
-    """Appends all of the text to a file, on disk, or none of it.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-    """
+    """Appends all of the text to a file, on disk; or, with an OSError, nothing."""
     before = os.fstat(file).st_size
     try:
         if (written := os.write(file, text)) < len(text):
@@ -292,13 +288,13 @@ def synced_write(file: int, path: Path, text: bytes) -> None:
         os.fsync(file)
     except OSError as error:
         os.ftruncate(file, before)
-        if error.filename is None and error.errno is not None:  # a disk that is full does not say where
+        if error.filename is None and error.errno is not None:  # such an error names no file
             raise OSError(error.errno, error.strerror, os.fspath(path)) from None
         raise
 
 
 def sync_folder(folder: Path) -> None:
-    """Puts the names in a folder on disk, so that new files outlive a power cut."""
+    """Puts the names in a folder on disk: new files survive a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,4 +1,4 @@
-"""Where a result comes from."""
+"""Provenance of results."""
 
 from __future__ import annotations
 

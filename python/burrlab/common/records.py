@@ -1,4 +1,4 @@
-"""Reading JSON text, with a refusal in one sentence; and results as plain objects for JSON, and back."""
+"""Reads JSON text with one-sentence errors; converts results to plain objects for JSON, and back."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Made = TypeVar("Made")
 
-#: Errors of reading text that is nested too deeply, too large, or of another kind than expected.
+#: Errors in reading text that is nested too deeply, too large, or not of the expected kind.
 UNREADABLE = (
     LookupError,
     TypeError,
@@ -41,7 +41,7 @@ UNREADABLE = (
 def parsed(
     name: str, text: str | bytes, what: str, make: Callable[[Any], Made], *, finite: bool = True
 ) -> Made:
-    """What `make` makes of the values in JSON; ValueError that names the file where there is no such thing in it."""
+    """Result of `make` on the values in JSON text; ValueError that names the file if this fails."""
     hooks: dict[str, Any] = (
         {"parse_int": _whole, "parse_float": _real, "parse_constant": _real} if finite else {}
     )
@@ -53,12 +53,12 @@ def parsed(
 
 
 def in_one_line(error: object, most: int = 200) -> str:
-    """An error as text on one short line, which another sentence can quote."""
+    """An error as text on one short line, to be quoted in a message."""
     return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), most))
 
 
 def check_texts(value: object) -> None:
-    """ValueError where a text in a JSON value holds control characters or half of a character."""
+    """ValueError if a text in a JSON value holds control characters or a lone surrogate."""
     found = re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False))
     refuse(found, "a text has control characters")
 
@@ -75,31 +75,31 @@ def _real(text: str) -> float:
     return number
 
 
-#: Key of a derived number -> how it is made of the result, or key of a field -> its name.
+#: Key in JSON -> name of its field, or the function that derives its value.
 Keys: TypeAlias = Mapping[str, str | Callable[[Any], Any]]
 _SPELT = ("inf", "-inf", "nan")
 
 
 class Codec:
-    """Dataclasses as plain objects for JSON, and back, by the types of their fields.
+    """Converts dataclasses to plain objects for JSON, and back, by the types of their fields.
 
     Arrays, tuples and NamedTuples become lists, mappings dicts, paths and shapes texts, a burr its radius
-    [mm] and a material a dict. Reading is strict: no text is taken for a number, no 2.9 for 2, no unknown key
-    is passed over.
+    [mm] and a material a dict. Reading is strict: a text is no number, 2.9 is not read as 2, unknown keys are
+    errors.
 
     Parameters
     ----------
     not_finite : str
-        JSON has no infinity and no NaN. ``"null"`` writes them as null, which is read as NaN; ``"spelt"``
-        writes "inf", "-inf" and "nan", and passes over unknown keys; ``"kept"`` leaves them to `json.dumps`
-        and reads them in arrays only.
+        Treatment of infinity and NaN, which JSON lacks. ``"null"`` writes null and reads it as NaN.
+        ``"spelt"`` writes "inf", "-inf" and "nan", and ignores unknown keys. ``"kept"`` leaves them to
+        `json.dumps` and reads them in arrays only.
     keys : mapping
-        Class -> key in JSON -> name of its field, or a function of the object for what is derived from it:
-        that is written, and passed over on reading. A class that is not there is written with its fields.
+        Class -> key in JSON -> name of its field, or a function of the object for a derived value, which is
+        written and ignored in reading. Other classes are written with their fields.
     null : mapping
-        (class, field) -> what null stands for, where it is another number than NaN.
+        (class, field) -> number that null stands for, if not NaN.
     kinds : mapping
-        Text under the key ``"kind"`` -> class, for fields that hold one of several.
+        Text under the key ``"kind"`` -> class, for fields that hold one of several classes.
     """
 
     def __init__(
@@ -118,11 +118,11 @@ class Codec:
         )
 
     def plain(self, value: Any) -> Any:
-        """The value as what JSON knows."""
+        """The value in types of JSON."""
         return self._converter.unstructure(value)
 
     def made(self, kind: type[Made], value: Any) -> Made:
-        """The object that `plain` took apart; ValueError in one sentence with the place of the first fault."""
+        """The object from the result of `plain`; ValueError with the place of the first fault."""
         import cattrs
 
         try:
@@ -168,7 +168,7 @@ class Codec:
         return made
 
     def _known(self, kind: type) -> Keys:
-        """What `keys` says of a class, or of the one that it is made from."""
+        """Entry of a class, or of its first base class with one, in `keys`."""
         return next((self._keys[one] for one in kind.__mro__ if one in self._keys), {})
 
     def _written(self, value: float) -> Any:
@@ -193,7 +193,7 @@ class Codec:
         return found.astype(np.float64)
 
     def _taken_apart(self, kind: type) -> Callable[[Any], Any]:
-        """How a dataclass is written."""
+        """Function that writes a dataclass."""
         own = {field.name: field.name for field in fields(kind) if field.init}
         keys = self._known(kind) or own
         tags = {one: {"kind": name} for name, one in self._kinds.items()}
@@ -207,7 +207,7 @@ class Codec:
         }
 
     def _put_together(self, kind: type, converter: Converter) -> Callable[[Any, Any], Any]:
-        """How a dataclass is read."""
+        """Function that reads a dataclass."""
         from cattrs.gen import make_dict_structure_fn, override
 
         keys = {field.name: field.name for field in fields(kind) if field.init}
@@ -231,7 +231,7 @@ class Codec:
         return read
 
     def _chosen(self, value: Any, union: Any) -> Any:
-        """What a field that holds one of several types holds."""
+        """Value of a field that may hold several types."""
         some = [kind for kind in typing.get_args(union) if kind is not type(None)]
         if value is None and len(some) < len(typing.get_args(union)):
             return None
@@ -252,7 +252,7 @@ class Codec:
 
 
 def _is(*kinds: type) -> Callable[[Any], bool]:
-    """Whether a type, as a field is declared with, is one of `kinds`."""
+    """A test of whether a field's declared type is one of `kinds`."""
 
     def asked(declared: Any) -> bool:
         found = typing.get_origin(declared) or declared
@@ -310,7 +310,7 @@ def _sequence(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
 
 
 def _sentence(error: Exception) -> str:
-    """The first fault that the converter met, with its place."""
+    """The first fault that the converter found, with its place."""
     from cattrs import ForbiddenExtraKeysError, transform_error
 
     def said(fault: BaseException, _: object) -> str:
@@ -327,7 +327,7 @@ _CODEC = Codec("spelt")
 
 
 def plain(value: Any) -> Any:
-    """Dataclasses as dicts of their fields, tuples and arrays as lists; JSON has no infinity: it is spelt "inf".
+    """Dataclasses as dicts of their fields, tuples and arrays as lists, infinity as the text "inf".
 
     Examples
     --------
@@ -338,11 +338,11 @@ def plain(value: Any) -> Any:
 
 
 def restored(kind: type[Made], values: Mapping[str, Any]) -> Made:
-    """The dataclass that `plain` took apart.
+    """The dataclass from the result of `plain`.
 
     Raises
     ------
     ValueError
-        If a field is missing, unknown, or holds something else than it should.
+        If a field is missing or holds a wrong value.
     """
     return _CODEC.made(kind, values)

@@ -1,4 +1,4 @@
-"""Studies: many independent items of work on threads, processes or a cluster, resumed from a store of results on disk."""
+"""Studies: independent items of work on threads, processes or a cluster, with a store of results on disk."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from burrlab._core import Burr, Material, Shape, VoxelBone, __version__
 from burrlab.common.check import refuse
 from burrlab.common.records import UNREADABLE, parsed
 
-#: What a study takes for a store: one, or the path of its file.
+#: A store, or the path of its file.
 StorePath: TypeAlias = "Store | str | os.PathLike[str]"
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 Thing = TypeVar("Thing")
 
-#: Of keys and lines together: a store of another format is refused.
+#: Version of keys and lines; a store of another format is refused.
 FORMAT = 1
 _NAME = "burrlab store, format"
 _STORED_AS = "_stored_as"
 _HEADER = json.dumps({_NAME: FORMAT}).encode()
-_SYNC = 1.0  # a result is forced to the disk unless the last one was less than this ago [s] (ours)
-_NUMBERS = "biufc"  # kinds of NumPy's numbers that are nothing but their bytes
+_SYNC = 1.0  # shortest time between two syncs to disk [s] (ours)
+_NUMBERS = "biufc"  # kinds of NumPy numbers that their bytes determine
 
 _PARTS: dict[type, tuple[str, ...]] = {
     Burr: ("radius",),
@@ -47,7 +47,7 @@ _PARTS: dict[type, tuple[str, ...]] = {
 
 
 def stored_as(name: str) -> Callable[[Thing], Thing]:
-    """Decorator: stores know a function or dataclass by this name, wherever it stands, so that their keys stay valid."""
+    """Decorator: name of a function or dataclass in stores; keys stay valid if it moves to another module."""
 
     def named(thing: Thing) -> Thing:
         setattr(thing, _STORED_AS, name)
@@ -61,7 +61,7 @@ def _name(thing: Any) -> str:
 
 
 def _identity(value: Any) -> Any:
-    """What tells `value` from every other one, as JSON can hold it: floats to the bit, types named."""
+    """Identity of `value` as JSON values: floats to the bit, types by name."""
     if value is None or type(value) in (bool, int, str):
         return value
     if isinstance(value, np.float64) or type(value) is float:
@@ -93,16 +93,14 @@ def key_of(function: Callable[..., Any], item: Any) -> str:
     Parameters
     ----------
     function : callable
-        A function of a module. Its name counts, not what it does: after a change it needs another name or
-        store.
+        A function of a module. Only its name counts: after a change it needs another name or store.
     item : object
-        Floats count to the bit; of a dataclass, the fields that take part in its comparison; of a bone, its
-        digest.
+        Floats count to the bit, dataclasses by the fields that they compare, bones by their digest.
 
     Raises
     ------
     TypeError
-        If the function is none of a module, or the item holds something else than described there.
+        If the function is not one of a module, or the item holds a type that a store does not know.
 
     Examples
     --------
@@ -161,11 +159,10 @@ def _decode(value: Any) -> Any:
 
 
 class Store:
-    """Results of a study in a file, one line of JSON each, only ever appended to.
+    """Results of a study in a file, one line of JSON each; lines are only appended.
 
-    A line is written at once, so that a kill loses at most the result it came with, and that processes of one
-    machine may write into the same file. What a process finds is what was there when it opened the store, and
-    its own.
+    Each line is written in one call: a kill loses at most one result, and processes of one machine may write
+    into the same file. A process sees the results that the file held when it opened the store, and its own.
 
     Parameters
     ----------
@@ -175,16 +172,16 @@ class Store:
     Raises
     ------
     ValueError
-        If the file is no store, or one of another format.
+        If the file is no store, or a store of another format.
     OSError
         If the file cannot be read and written.
 
     Notes
     -----
     A result may hold None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers and
-    arrays of numbers; it comes back the same to the bit and type. Every write is the system's at once, so
-    that it outlives the process; it is forced to the disk once a second at most, so that a power cut may cost
-    the last second. A line that a kill has torn is left out; `repr` tells how many.
+    arrays of numbers; it is restored to the bit and type. A written result survives the process. It is forced
+    to the disk at most once a second, so a power cut may lose the last second. Lines torn by a kill are left
+    out; `repr` counts them.
 
     Examples
     --------
@@ -199,10 +196,10 @@ class Store:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        self._results: dict[str, str] = {}  # as JSON: what is handed out can be changed without harm
+        self._results: dict[str, str] = {}  # as JSON: callers may change what they get
         self._torn = 0
         self._synced = -math.inf
-        with self.path.open("ab") as file:  # also shows early that it can be written
+        with self.path.open("ab") as file:  # also tests early that it can be written
             new = file.tell() == 0
         if new:
             self._append(_HEADER + b"\n")
@@ -210,7 +207,7 @@ class Store:
             self._append(b"\n" + _HEADER + b"\n")
 
     def _load(self, data: bytes) -> bool:
-        """Reads the lines; True if there is nothing yet but a torn header."""
+        """Reads the lines; True if the file holds nothing but a torn header."""
         lines = [line for line in data.split(b"\n") if line]
         while lines and lines[0] != _HEADER and _HEADER.startswith(lines[0]):
             self._torn += 1
@@ -238,7 +235,7 @@ class Store:
         return False
 
     def _append(self, text: bytes) -> None:
-        # Opened anew each time: on a network file system closing hands the text to the server.
+        # Opened for each line: on a network file system, closing sends the text to the server.
         file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
             written = os.write(file, text)
@@ -251,19 +248,19 @@ class Store:
             os.close(file)
 
     def add(self, key: str, result: Any) -> None:
-        """Appends a result; one that is there already is kept as it is.
+        """Appends a result; a result that the store has under this key is kept.
 
         Raises
         ------
         TypeError
-            If it holds a type that a store does not.
+            If the result holds a type that a store does not know.
         OSError
-            If it cannot be written.
+            If the file cannot be written.
         """
         if key in self._results:
             return
         text = json.dumps(_encode(result), allow_nan=False)
-        # The newline comes first, so that what another process left torn stays a line of its own.
+        # The newline comes first: a line torn by another process stays separate.
         self._append(f'\n{{"key": {json.dumps(key)}, "result": {text}}}'.encode())
         self._results[key] = text
 
@@ -275,7 +272,7 @@ class Store:
         KeyError
             If there is none.
         ValueError
-            If the file holds something else under it than `add` writes.
+            If the file holds no valid result under this key.
         """
         return parsed(str(self.path), self._results[key], "a store's result", _decode, finite=False)
 
@@ -299,9 +296,9 @@ class StudyInterrupted(RuntimeError):
 
 
 def cancel_event() -> threading.Event | None:
-    """Set once the study is over whose item this thread works on; None in another process.
+    """Event that is set when the study of this thread's item is over; None in another process.
 
-    A function whose items take long looks at it, and raises KeyboardInterrupt once it is set.
+    A function with long items checks the event, and raises KeyboardInterrupt when it is set.
 
     Examples
     --------
@@ -315,7 +312,7 @@ Work = tuple[list[Any], BaseException | None, str]  # results, the error that en
 
 
 def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading.Event | None) -> Work:
-    """Results of a chunk up to the first error, which comes with them: none that is finished is lost."""
+    """Results of a chunk up to the first error, and this error: no finished result is lost."""
     results: list[Any] = []
     _here.event = event
     try:
@@ -335,24 +332,24 @@ def _is_dask(kind: type) -> bool:
 
 
 def _has_died(error: BaseException) -> bool:
-    """Whether an error is the executor's end rather than something that could not be sent."""
+    """Whether an error is the end of the executor, not a failure to send an item."""
     return isinstance(error, BrokenExecutor | CancelledError) or _is_dask(
         type(error)
     )  # KilledWorker and others
 
 
 def cores() -> int:
-    """Cores that this process may use: a batch system often gives fewer than the machine has."""
+    """Number of cores that this process may use; a batch system often gives fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Study(Generic[Item, Result]):
-    """The items of a study while it runs: iterate to run it, once; see `run_items` for the parameters.
+    """A study that one iteration runs; see `run_items` for the parameters.
 
     Attributes
     ----------
     results : dict
-        What is done, by the item's place; complete after iteration, partial after an interrupt.
+        Results by the item's index: all after the iteration, some after an interrupt.
     """
 
     def __init__(
@@ -383,7 +380,7 @@ class Study(Generic[Item, Result]):
         self._finished: queue.SimpleQueue[Future[Work]] = queue.SimpleQueue()
 
     def __iter__(self) -> Iterator[int]:
-        """Yields the place of each item as it is done: first those that the store knows."""
+        """Yields the index of each finished item, first of those in the store."""
         missing = []
         for i in range(len(self._items)):
             if self._store is not None and self._keys[i] in self._store:
@@ -411,7 +408,7 @@ class Study(Generic[Item, Result]):
                 self._keep_finished()
 
     def _submit(self, executor: Executor, missing: list[int], over: threading.Event) -> None:
-        # Dask would know a task by its arguments, and answer with a failure that it remembers.
+        # Otherwise dask identifies a task by its arguments and repeats a remembered failure.
         options: dict[str, Any] = {"pure": False} if _is_dask(type(executor)) else {}
         event = over if isinstance(executor, ThreadPoolExecutor) else None
         for first in range(0, len(missing), self._chunk):
@@ -434,7 +431,7 @@ class Study(Generic[Item, Result]):
             try:
                 return self._finished.get(timeout=_LOOK)
             except queue.Empty:
-                # What was on its way when a dask client lost its scheduler never arrives.
+                # Results under way when a dask client loses its scheduler never arrive.
                 client = getattr(self._executor, "_client", None)
                 if getattr(client, "status", None) == "closed":
                     raise self._interrupted(ConnectionError("the client is closed")) from None
@@ -450,10 +447,10 @@ class Study(Generic[Item, Result]):
         places = self._open[future][: len(results)]
         for i, result in zip(places, results, strict=True):
             self._keep(i, result)
-        del self._open[future]  # not before: Ctrl-C may come in between
+        del self._open[future]  # after `_keep`: Ctrl-C may come in between
         yield from places
         if failure is not None:
-            if failure.__traceback__ is None:  # it came from another process
+            if failure.__traceback__ is None:  # from another process
                 failure.add_note(trace)
             raise failure
 
@@ -463,7 +460,7 @@ class Study(Generic[Item, Result]):
             self._store.add(self._keys[i], result)
 
     def _keep_finished(self) -> None:
-        """What has arrived and was not taken yet, when the study ends early."""
+        """Keeps results that have arrived but are not yet taken, when the study ends early."""
         for future, places in list(self._open.items()):
             if future.done() and not future.cancelled() and future.exception() is None:
                 for i, result in zip(places, future.result()[0], strict=False):
@@ -493,26 +490,26 @@ def run_items(
 ) -> list[Result]:
     """function(item) of every item, in the order of the items.
 
-    Results do not depend on the executor, the number of workers or the order of completion, as long as an
-    item alone, with the seed in it, determines its result.
+    Results do not depend on the executor, the number of workers or the order of completion, if an item,
+    including its seed, determines its result.
 
     Parameters
     ----------
     function : callable
-        Of a module; picklable.
+        A picklable function of a module.
     items : sequence
-        Small and picklable, such as frozen dataclasses.
+        Small and picklable items, such as frozen dataclasses.
     executor : concurrent.futures.Executor, optional
-        Threads, processes, or a dask client's ``client.get_executor()``. Default: threads over the cores,
-        which serve where the work is the core's. It is not shut down.
+        Threads, processes, or a dask client's ``client.get_executor()``. It is not shut down. Default: one
+        thread per core, which suits work in the C++ core.
     store : Store or path, optional
-        Keeps every result as it arrives. What it knows is not run again.
+        Keeps every result as it arrives. Items with a result in the store are not run again.
     progress : callable, optional
-        Called with the number of items done, those of the store too, and their total.
+        Called with the number of finished items, including those of the store, and their total.
     chunk : int, optional
-        Items sent at once, for items so cheap that sending them counts; default 1.
+        Items sent at once, for items so short that sending them matters; default 1.
     cancel : threading.Event, optional
-        Ends the study as Ctrl-C does.
+        Ends the study like Ctrl-C.
 
     Returns
     -------
@@ -521,14 +518,15 @@ def run_items(
     Raises
     ------
     TypeError
-        If the executor is none; with a store, if an item or result holds what a store does not.
+        If the executor is no Executor; with a store, if an item or result holds a type that a store does not
+        know.
     ValueError
         If chunk is below 1, or the store's file is no store.
     StudyInterrupted
         If the executor died.
     KeyboardInterrupt
-        After Ctrl-C or `cancel`. Nothing more is begun, threads are told to end, and what is finished is kept
-        in the store; as in every other case.
+        After Ctrl-C or `cancel`. No further item starts, and threads are told to end. Finished results are in
+        the store, as after every error.
 
     Examples
     --------

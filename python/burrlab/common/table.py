@@ -1,4 +1,4 @@
-"""Tables: CSV files with units in their column names, TSV files, columns of data sets, text and HTML of reports."""
+"""Tables: CSV files with units in the column names, TSV files, data sets, text and HTML of reports."""
 
 from __future__ import annotations
 
@@ -29,45 +29,45 @@ if TYPE_CHECKING:
 
 
 Path: TypeAlias = str | os.PathLike[str]
-Problem: TypeAlias = tuple[str, str] | None  # (name of a column, sentence)
+Problem: TypeAlias = tuple[str, str] | None  # (name of a column, message)
 
 
 def number(text: str) -> float:
-    """The number in a field of a CSV file, NaN of an empty field; ValueError with a sentence on any other text."""
+    """Number in a field of a CSV file, NaN for an empty field; ValueError for any other text."""
     if not text:
         return math.nan
     try:
         value = _float(text)
     except ValueError:
         raise ValueError(f"{shown(text)} is not a number") from None
-    if math.isnan(value):  # an empty field is the one way to say "no number"
+    if math.isnan(value):  # only an empty field means "no number"
         raise ValueError(f"must be a finite number, or empty where there is none: got {shown(text)}")
     return value
 
 
 def _float(text: str) -> float:
-    return float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
+    return float(text.replace("_", " "))  # 1_000 is no number in a spreadsheet
 
 
 def finite(value: float, unit: str, rule: str = "", fine: bool = True) -> str | None:
-    """The sentence on a number that is not finite or breaks a further rule; None where it is sound."""
+    """Message for a number that is not finite or breaks a further rule, else None."""
     if math.isfinite(value) and fine:
         return None
     return f"must be a finite number{rule}{unit and f', in {unit}'}: got {shown(value)}"
 
 
 def positive(value: float, unit: str) -> str | None:
-    """The sentence on a number that is not finite or not above 0."""
+    """Message for a number that is not finite or not above 0, else None."""
     return finite(value, unit, " above 0", value > 0)
 
 
 def positive_or_nan(value: float, unit: str) -> str | None:
-    """The sentence on a number that is neither NaN, nor finite and above 0."""
+    """Message for a number that is neither NaN nor finite and above 0, else None."""
     return None if math.isnan(value) else positive(value, unit)
 
 
 def not_negative_or_nan(value: float, unit: str) -> str | None:
-    """The sentence on a number that is neither NaN, nor finite and at least 0."""
+    """Message for a number that is neither NaN nor finite and at least 0, else None."""
     return None if math.isnan(value) else finite(value, unit, " at least 0", value >= 0)
 
 
@@ -78,16 +78,16 @@ class Column:
     Attributes
     ----------
     name : str
-        Of the field of a data set that holds it; the heading in the file is this name with the unit.
+        Name of the field of a data set that holds the column; the heading in the file adds the unit.
     unit : str
     type : callable
-        Makes the value of a field's text; its ValueError is the sentence on a text that has no value.
+        Converts a field's text to its value; its ValueError has the message for a text without a value.
     check : callable
-        The sentence on a value and its unit where the value breaks the column's rule, else None.
+        Returns the message for a value (with its unit) that breaks the column's rule, else None.
     optional : bool
         Whether the column may be missing.
     due : str
-        What an empty field lacks; "" where fields may be empty.
+        Content that an empty field lacks; "" if fields may be empty.
     """
 
     name: str
@@ -105,15 +105,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """The columns of one kind of CSV file, and the rules that join them.
+    """Columns of one kind of CSV file, and rules between columns.
 
     Attributes
     ----------
     columns : tuple of Column
     pairs : tuple of (str, str)
-        Names of columns that need one another.
+        Names of columns that need each other.
     rule : callable
-        What a row whose columns are sound breaks, as (name of a column, sentence), else None.
+        Returns (name of a column, message) for a row that breaks a rule between columns, else None.
     """
 
     columns: tuple[Column, ...]
@@ -126,7 +126,7 @@ class Table:
         return {column.name: column for column in self.columns}
 
     def problem(self, row: Mapping[str, Any]) -> Problem:
-        """The first rule that the values of a row break, as (name of a column, sentence), else None."""
+        """(name of a column, message) of the first rule that the values of a row break, else None."""
         for name, value in row.items():
             if said := self.named[name].check(value, self.named[name].unit):
                 return name, said
@@ -138,10 +138,9 @@ class Table:
         Raises
         ------
         ValueError
-            If the file is not such a table: one sentence with the file, the line, the column, the rule and
-            the value.
+            If the file is not such a table; the message has file, line, column, rule and value.
         OSError
-            If it cannot be read.
+            If the file cannot be read.
         """
         name, text = text_of(file)
         comments: dict[str, str] = {}
@@ -157,7 +156,7 @@ class Table:
     def rows(
         self, name: str, text: str, comments: dict[str, str] | None = None
     ) -> Iterator[tuple[str, dict[str, str]]]:
-        """For each row its place ("file, line 3") and its texts by column name; fills `comments`."""
+        """Place ("file, line 3") and texts by column name of each row; fills `comments`."""
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
         refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
@@ -173,7 +172,7 @@ class Table:
         refuse(not where, f"{name}: there is no row below the column names")
 
     def values(self, where: str, texts: Mapping[str, str]) -> dict[str, Any]:
-        """The values of a row's texts by column name; ValueError with place and column for a text without a value."""
+        """Values of a row by column name; ValueError with place and column for a text without a value."""
         found = {}
         for name, text in texts.items():
             column = self.named[name]
@@ -212,20 +211,20 @@ class Table:
 
 
 def decoded(name: str, content: bytes) -> str:
-    """The text of a file; ValueError if it is no text in UTF-8."""
+    """Text of a file's content; ValueError if it is no text in UTF-8."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ValueError(f"{name}: this is not a text file in UTF-8") from None
     refuse("\0" in text, f"{name}: this is not a text file, it holds zero bytes")
-    # Nor may a sentence about it hold them.
+    # Messages quote the text: it must hold no control characters.
     if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
         raise ValueError(f"{name}: this is not a text file, it holds the control character {found[0]!r}")
     return text
 
 
 def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping[str, Sequence[Any]]) -> None:
-    """Comment lines, column names and rows; NaN becomes an empty field."""
+    """Writes comment lines, column names and rows; NaN becomes an empty field."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "w", encoding="utf-8", newline="") as stream:
             write(stream, comments, columns)
@@ -239,7 +238,7 @@ def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping
 
 
 def origin(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
-    """Source, by default the file's name, and the provenance if the comments hold one."""
+    """Source (default: the file's name), and provenance if the comments hold one."""
     kept: dict[str, Any] = {"source": comments.get("source", os.path.basename(file))}
     if "provenance" in comments:
         try:
@@ -251,7 +250,7 @@ def origin(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
 
 
 def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> float | None:
-    """A number above 0 among the comments; None where there is none."""
+    """A number above 0 from the comments; None if there is none."""
     if key not in comments:
         return None
     try:
@@ -268,7 +267,7 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
 def agreed_number(
     file: str, comments: Mapping[str, str], key: str, name: str, argument: float | None
 ) -> float:
-    """A number that a data set needs, from the comment `key` or the argument `name`; both must agree."""
+    """A number from the comment `key` or the argument `name`, which must agree; ValueError without either."""
     noted = number_in_comments(file, comments, key)
     if noted is None:
         if argument is None:
@@ -282,7 +281,7 @@ def agreed_number(
 
 
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
-    """A mapping as JSON would give it back: NumPy's numbers and arrays, and tuples, as plain ones."""
+    """A mapping after writing and reading JSON: NumPy numbers and arrays, and tuples, become plain."""
 
     text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     result: dict[str, Any] = json.loads(text)
@@ -290,7 +289,7 @@ def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def text_of(file: Path | IO[str] | IO[bytes]) -> tuple[str, str]:
-    """The name of a file and its text; ValueError where it is no text in UTF-8."""
+    """Name of a file and its text; ValueError if it is no text in UTF-8."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()
@@ -301,7 +300,7 @@ def text_of(file: Path | IO[str] | IO[bytes]) -> tuple[str, str]:
 
 
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:
-    """Lines of the table with their numbers, from 1; `comments` gets the `# key: value` lines above."""
+    """Lines of the table with their numbers from 1; `comments` gets the `# key: value` lines above."""
     in_head = True
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         line = line.strip()
@@ -330,15 +329,15 @@ NOTHING = "n/a"
 
 @dataclass(frozen=True)
 class TextTable:
-    """The fields of a file, as text.
+    """The fields of a file as text.
 
     Attributes
     ----------
     name : str
-        Of the file.
+        Name of the file.
     columns : tuple of str
     rows : tuple of (int, mapping)
-        Number of the line, from 1, and its fields by column.
+        Number of each line from 1, and its fields by column.
     """
 
     name: str
@@ -347,7 +346,7 @@ class TextTable:
 
 
 def split_torn(content: bytes) -> tuple[bytes, bytes]:
-    """The whole lines, and the rest: a line whose writing was broken off."""
+    """Complete lines, and the rest: a line whose writing was interrupted."""
     end = content.rfind(b"\n") + 1
     return content[:end], content[end:]
 
@@ -358,8 +357,8 @@ def parse(name: str, content: bytes) -> TextTable:
     Raises
     ------
     ValueError
-        If it is not text in UTF-8, holds no column names, has a column twice or without a name, or a row has
-        another number of fields than there are columns: with the file, and the line where there is one.
+        If the content is no text in UTF-8 or has no column names, a column is there twice or has no name, or
+        a row has another number of fields than columns. The message has the file, and the line if known.
     """
     lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
     numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]
@@ -384,7 +383,7 @@ def parse(name: str, content: bytes) -> TextTable:
 
 
 def line(fields: Sequence[str]) -> bytes:
-    """A line of the file.
+    """A line of a TSV file.
 
     Raises
     ------
@@ -439,7 +438,7 @@ Made = TypeVar("Made")
 
 
 class DataSet(ABC):
-    """Base of data sets: they are equal if their fields are, and give their table as a DataFrame."""
+    """Base of data sets: compares by value, converts to a DataFrame."""
 
     @abstractmethod
     def _table(self) -> Mapping[str, Sequence[Any]]:
@@ -465,10 +464,10 @@ class DataSet(ABC):
 
 
 class TableData(DataSet):
-    """A data set that a `Table` describes: its columns, numbers that hold for all rows, source and provenance."""
+    """A data set with the columns of a `Table`, numbers that hold for all rows, source and provenance."""
 
     _TABLE: ClassVar[Table]
-    _WHAT: ClassVar[str]  #: In a sentence.
+    _WHAT: ClassVar[str]  #: Name of the data set in a message.
     source: str
     provenance: Mapping[str, Any]
 
@@ -501,12 +500,12 @@ class TableData(DataSet):
             )
 
     def _columns(self) -> dict[str, Any]:
-        """The columns that are there by their names."""
+        """Columns that are not None, by their names."""
         found = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
         return {name: values for name, values in found.items() if values is not None}
 
     def _check_rows(self) -> None:
-        """ValueError unless there is a row, and every row obeys the table's rules."""
+        """ValueError unless there is a row and every row obeys the table's rules."""
         refuse(not len(self), f"{self._WHAT} needs at least one row")
         columns = self._columns()
         for i, row in enumerate(
@@ -536,14 +535,14 @@ class TableData(DataSet):
 
 
 def by_value(kind: type[Made]) -> type[Made]:
-    """A dataclass with arrays, whose objects are then equal if all their fields are."""
+    """Decorator for a dataclass with arrays: objects are equal if all their fields are."""
     kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
     kind.__hash__ = None  # type: ignore[assignment]
     return kind
 
 
 def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> pandas.DataFrame:
-    """The columns as a pandas DataFrame; ImportError with one sentence without pandas."""
+    """The columns as a pandas DataFrame; ImportError without pandas."""
     try:
         import pandas
     except ImportError:
@@ -552,7 +551,7 @@ def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> panda
 
 
 def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
-    """A title and a table for notebooks."""
+    """HTML of a title and a table, for notebooks."""
 
     def cell(value: object) -> str:
         return str(value) if not isinstance(value, float) else "" if math.isnan(value) else f"{value:.5g}"
@@ -562,12 +561,12 @@ def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
 
 
 def data_label(source: str) -> str:
-    """The name of data in a legend; it says if they are synthetic or simulated."""
+    """Name of data in a legend, with "synthetic" or "simulated" if the source begins so."""
     return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")
 
 
 def plot_points(ax: Axes, x: Floats, y: Floats, sigma: Floats | None, source: str) -> None:
-    """Draws measured points as squares, with error bars of y where sigma is known."""
+    """Draws measured points as squares, with error bars of y if sigma is known."""
     if sigma is not None:
         ax.errorbar(x, y, sigma, fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
     style: dict[str, Any] = {"color": "black", "mfc": "white", "ms": 4.5, "mew": 0.9, "zorder": 3}
@@ -575,7 +574,7 @@ def plot_points(ax: Axes, x: Floats, y: Floats, sigma: Floats | None, source: st
 
 
 def log_ticks(axis: Axis) -> None:
-    """Plain numbers at 1, 2 and 5 of every decade of a logarithmic axis."""
+    """Sets plain numbers at 1, 2 and 5 of every decade of a logarithmic axis."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -584,7 +583,7 @@ def log_ticks(axis: Axis) -> None:
 
 
 def _same(a: object, b: object) -> bool:
-    """Whether two values of a field are the same; NaN is the same as NaN."""
+    """Whether two values of a field are equal; NaN equals NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     if isinstance(a, VoxelBone) and isinstance(b, VoxelBone):
@@ -596,12 +595,15 @@ def _same(a: object, b: object) -> bool:
     return a is b if a is None or b is None else bool(a == b)
 
 
-#: What a column of a report belongs to, its name, its cells.
+#: Group, name and cells of a report's column.
 ReportColumn: TypeAlias = tuple[str, str, list[str]]
 
 
 def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> list[str]:
-    """The lines of one table, or of as many as fit the width; each begins with the first column and keeps groups together."""
+    """Lines of one table, or of several that fit the width.
+
+    Each table begins with the first column; groups stay together.
+    """
     if width is None:
         return table_lines(columns)
     first = columns[0]
@@ -618,7 +620,7 @@ def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> l
 
 
 def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
-    """Sentences wrapped between words to the width; lines that continue one are indented."""
+    """Lines wrapped between words to the width; continuation lines are indented."""
     if width is None:
         return list(lines)
     found: list[str] = []
@@ -631,7 +633,7 @@ def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
 
 
 def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
-    """The lines of a table: columns under their heads, with a common head over columns that belong together."""
+    """Lines of a table: columns under their heads, with a common head over each group."""
     widths = [max(len(head), *map(len, cells), 1) for _, head, cells in columns]
     above = ""
     for first, last in _groups(columns):
@@ -649,7 +651,7 @@ def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
 
 
 def _groups(columns: Sequence[ReportColumn]) -> list[tuple[int, int]]:
-    """First and last column of those that belong together."""
+    """First and last column of each group."""
     found: list[tuple[int, int]] = []
     for place, (group, *_) in enumerate(columns):
         if found and group and columns[found[-1][0]][0] == group:
@@ -660,7 +662,7 @@ def _groups(columns: Sequence[ReportColumn]) -> list[tuple[int, int]]:
 
 
 def table_html(columns: Sequence[ReportColumn]) -> str:
-    """The table as HTML for notebooks."""
+    """HTML of a table, for notebooks."""
     heads = "".join(
         f"<th>{html.escape(f'{group}: {head}' if group else head)}</th>" for group, head, _ in columns
     )
@@ -672,7 +674,7 @@ def table_html(columns: Sequence[ReportColumn]) -> str:
 
 
 def two_decimals(value: float) -> str:
-    """The number with two decimals, without a negative zero; infinity as inf, NaN as an empty text."""
+    """A number with two decimals, without negative zero; infinity as inf, NaN as an empty text."""
     if math.isnan(value):
         return ""
     if math.isinf(value):
@@ -681,7 +683,7 @@ def two_decimals(value: float) -> str:
 
 
 def interval_text(ends: tuple[float, float]) -> str:
-    """An interval as text, closed or open above."""
+    """An interval as text; [low, inf) if its upper end is infinite."""
     low, high = ends
     return f"[{low:.2f}, inf)" if math.isinf(high) else f"[{low:.2f}, {high:.2f}]"
 
@@ -692,7 +694,7 @@ def p_text(p: float) -> str:
 
 
 def tsv_text(value: float | int | str | None) -> str:
-    """A field: n/a for nothing, numbers to the last bit."""
+    """Text of a TSV field: n/a for None and NaN, floats to the last bit."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "n/a"
     return repr(value) if isinstance(value, float) else str(value)

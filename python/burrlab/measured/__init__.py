@@ -1,1 +1,1 @@
-"""What was measured: curves, indentations, depth traces; and synthetic ones."""
+"""Measured data: curves, indentations and depth traces; synthetic ones too."""

@@ -1,4 +1,4 @@
-"""Velocity-force curves: the penetration velocity of a burr at a set of constant forces."""
+"""Velocity-force curves: penetration velocities of a burr at constant forces."""
 
 from __future__ import annotations
 
@@ -33,38 +33,38 @@ def _window_rule(row: Mapping[str, Any]) -> Problem:
 class VelocityCurve(TableData):
     """Penetration velocity against constant force, one row a run.
 
-    Repeats are rows of their own; they are used, not averaged away. A row without a number (no window, or a
-    run that did not settle) keeps its force and says why in `status`. Every array is copied and read-only.
+    Repeats are separate rows and are not averaged. A row without a velocity (no window, or a run that did not
+    settle) keeps its force; `status` says why. Arrays are read-only copies.
 
     Parameters
     ----------
     force : array_like, shape (n,)
         Constant contact force F [N], > 0.
     velocity : array_like, shape (n,)
-        Penetration velocity v [mm/s], > 0; NaN where a run gave no number.
+        Penetration velocity v [mm/s], > 0; NaN for a run without one.
     sigma : array_like, shape (n,), optional
         Standard uncertainty of `velocity` [mm/s], > 0; NaN where unknown.
     window_start, window_end : array_like, shape (n,), optional
-        Immersions [mm] between which `velocity` was taken; both or neither. NaN in a row stands for the
-        default window max(R/6, static immersion) .. R/3.
+        Immersions [mm] between which `velocity` was taken; both or neither. NaN in a row means the default
+        window max(R/6, static immersion) .. R/3.
     status : sequence of str, optional
-        How each run ended; ``"ok"`` or ``""`` where it gave its number.
+        How each run ended; ``"ok"`` or ``""`` for a run with a velocity.
     source : str
-        Where the numbers come from, one line.
+        Source of the numbers, one line.
     provenance : mapping
-        What made them: versions, parameters, seed.
+        Versions, parameters and seed.
     radius : float, optional
-        Burr radius R [mm], where it is known.
+        Burr radius R [mm], if known.
 
     Raises
     ------
     ValueError
-        If there is no row, lengths differ, or a number breaks its rule; the sentence names row and column.
+        If there is no row, lengths differ, or a number breaks its rule; the message names row and column.
 
     Notes
     -----
-    The velocity falls by a factor of 3.6 between the immersions R/6 and R/3, so a number means nothing
-    without its window. A fit compares each row over the row's own window.
+    The velocity falls by a factor of 3.6 between the immersions R/6 and R/3, so a velocity means nothing
+    without its window. A fit compares each row over its own window.
 
     Examples
     --------
@@ -132,7 +132,7 @@ class VelocityCurve(TableData):
         """Read a curve from a CSV file.
 
         Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]
-        [, status]``. An empty velocity is a run without a number; an empty window is the default window.
+        [, status]``. An empty velocity is a run without one; an empty window is the default window.
         Lines that begin with ``#`` are comments; ``# source:``, ``# radius_mm:`` and ``# provenance:`` above
         the column names are kept.
 
@@ -147,7 +147,7 @@ class VelocityCurve(TableData):
         Raises
         ------
         ValueError
-            If the file is not such a table; one sentence with the file, the line and the column.
+            If the file is not such a table; the message names file, line and column.
         OSError
             If the file cannot be read.
 
@@ -181,19 +181,19 @@ class VelocityCurve(TableData):
 
     @property
     def ok(self) -> NDArray[np.bool_]:
-        """Rows that hold a number to be used: a velocity, and a status of "ok", "" or none. Shape (n,)."""
+        """Usable rows: with a velocity, and with a status of "ok", "" or none. Shape (n,)."""
         fine = [text in ("", "ok") for text in self.status or len(self) * ("",)]
         return np.isfinite(self.velocity) & np.array(fine, dtype=np.bool_)
 
     def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
-        """Draw the velocities as squares over the force, with error bars where sigma is known.
+        """Draw the velocities as squares over the force, with error bars if sigma is known.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Default: axes of a new figure.
         log : bool
-            Both axes logarithmic. The thin-layer law is a straight line of slope 8/3 there (parabolic f).
+            Make both axes logarithmic; the thin-layer law is then a line of slope 8/3 (parabolic f).
 
         Returns
         -------

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: Parts of the window by which the record may fall short of its end, and fall back once in it (ours).
+#: Allowed shortfall before the window's end, and allowed retreat within the window [parts of it] (ours).
 _SHORTFALL, _RETREAT = 0.05, 0.25
 
 
@@ -31,14 +31,13 @@ _SHORTFALL, _RETREAT = 0.05, 0.25
 class DepthTrace(TableData):
     """Immersion over time of one run at constant force, evenly sampled, from contact to stop.
 
-    Where a single penetration velocity says how fast the burr sank on average, the record also says how the
-    velocity fell on the way, at one and the same force. It ends with the run: what a rig does after the stop
-    is not part of it. Every array is copied and read-only.
+    The record shows how the velocity falls with depth at one force; a penetration velocity is only its mean.
+    The record ends with the run, at the stop. Arrays are read-only copies.
 
     Parameters
     ----------
     time : array_like, shape (n,)
-        [s], rising from row to row.
+        [s], increasing.
     immersion : array_like, shape (n,)
         Depth H of the burr's tip below the untouched surface [mm], as read.
     force : float
@@ -46,18 +45,18 @@ class DepthTrace(TableData):
     radius : float
         Burr radius R [mm], > 0.
     start_mm, end_mm : float, optional
-        Immersions [mm] between which the force was held: by default max(R/6, first immersion) and
+        Immersions [mm] between which the force was held; default max(R/6, first immersion) and
         min(R/3, deepest immersion).
     source : str
-        Where the record comes from, one line.
+        Source of the record, one line.
     provenance : mapping
-        What made it: versions, parameters, seed.
+        Versions, parameters and seed.
 
     Raises
     ------
     ValueError
-        If lengths differ, a number breaks its rule, or the record does not rise through its window with ten
-        samples in it.
+        If lengths differ, a number breaks its rule, or the record does not rise through its window with at
+        least ten samples.
 
     Examples
     --------
@@ -148,7 +147,7 @@ class DepthTrace(TableData):
 
     @classmethod
     def from_descent(cls, run: Any) -> DepthTrace:
-        """The record of a descent: its set-point, radius and, where it has one, its window.
+        """The record of a descent, with its set-point, radius and (if it has one) window.
 
         Parameters
         ----------
@@ -184,14 +183,14 @@ class DepthTrace(TableData):
         """Read a record from a CSV file.
 
         Columns, in any order: ``time_s, immersion_mm``. Lines that begin with ``#`` are comments;
-        ``# force_N:``, ``# radius_mm:``, ``# window_mm:`` with the window's two ends, ``# source:`` and
+        ``# force_N:``, ``# radius_mm:``, ``# window_mm:`` (start and end), ``# source:`` and
         ``# provenance:`` above the column names are kept.
 
         Parameters
         ----------
         file : path or open file
         force, radius : float, optional
-            Set-point [N] and burr radius [mm], for a file that does not say them.
+            Set-point [N] and burr radius [mm], for a file without them.
 
         Returns
         -------
@@ -200,8 +199,8 @@ class DepthTrace(TableData):
         Raises
         ------
         ValueError
-            If the file is not such a table, or its force or radius is unknown or not the one given; one
-            sentence with the file, and the line and column where there is one.
+            If the file is not such a table, or its force or radius is unknown or differs from the given one;
+            the message names the file, and line and column if there is one.
         OSError
             If the file cannot be read.
 
@@ -239,19 +238,19 @@ class DepthTrace(TableData):
         self._write(file, {"force_N": self.force, "radius_mm": self.radius}, window_mm=window)
 
     def segments(self, n: int = 5) -> TraceSegments:
-        """Penetration velocities between start_mm and end_mm, in n segments of equal depth.
+        """Penetration velocities in n segments of equal depth between start_mm and end_mm.
 
         The model's value for a segment is `penetration_velocity(burr, material, force, start_mm, end_mm)`.
 
         Parameters
         ----------
         n : int
-            How many.
+            Number of segments.
 
         Returns
         -------
         TraceSegments
-            Depths, velocities and the standard errors of ln(velocity).
+            Depths, velocities and standard errors of ln(velocity).
 
         Raises
         ------
@@ -260,11 +259,10 @@ class DepthTrace(TableData):
 
         Notes
         -----
-        Slopes are those of every penetration velocity here, of the record made monotone (see
-        `burrlab.measured.depth_trace.rising`), which is the record itself where it has neither noise nor
-        steps. A burr stopped at the first reading of end_mm has been half a step less deep: with steps of 10
-        um and R = 3 mm the last of five segments is 0.6 % too fast. The standard error is that of
-        `burrlab.measured.depth_trace.slope_error`, over the velocity.
+        Slopes are least-squares slopes of the monotone record (`burrlab.measured.depth_trace.rising`), which
+        equals the record if that has neither noise nor steps. A burr that stops at the first reading of
+        end_mm was half a step less deep: with steps of 10 um and R = 3 mm the last of five segments is 0.6 %
+        too fast. The standard error is `burrlab.measured.depth_trace.slope_error` over the velocity.
         """
         refuse(n < 1, f"n must be at least 1: got {n!r}")
         edges = np.linspace(self.start_mm, self.end_mm, n + 1)
@@ -289,14 +287,14 @@ class DepthTrace(TableData):
         return TraceSegments(edges[:-1].copy(), edges[1:].copy(), velocities, errors, counts)
 
     def plot(self, ax: Axes | None = None, *, n: int = 5) -> Axes:
-        """Draw immersion, downwards, over time, and the slopes of n segments, each second one shaded.
+        """Draw immersion, downwards, over time, with the slopes of n segments; every second one is shaded.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Default: axes of a new figure.
         n : int
-            Segments.
+            Number of segments.
 
         Returns
         -------
@@ -339,16 +337,15 @@ class DepthTrace(TableData):
 
 Counts: TypeAlias = NDArray[np.int64]
 
-#: Fewest samples in a segment: three serve the quadratic, and as many its residuals (ours).
+#: Fewest samples in a segment: three for the quadratic and three for its residuals (ours).
 FEWEST_SAMPLES = 6
-#: Largest correlation of neighbouring residuals is 1 - 3/n: no more memory than a third of the segment
-#: (ours).
+#: The largest correlation of neighbouring residuals is 1 - 3/n, a memory of a third of the segment (ours).
 _LONGEST_MEMORY = 3.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TraceSegments:
-    """What `DepthTrace.segments` gives, one row a segment; arrays are read-only.
+    """Result of `DepthTrace.segments`, one row a segment; arrays are read-only.
 
     Attributes
     ----------
@@ -357,10 +354,9 @@ class TraceSegments:
     velocity : ndarray, shape (n,)
         Least-squares slope of immersion over time [mm/s].
     log_sigma : ndarray, shape (n,)
-        Standard error of ln(velocity) from the residuals of the record alone: it knows nothing of what makes
-        one run differ from another.
+        Standard error of ln(velocity) from the residuals of the record alone, without scatter between runs.
     samples : ndarray of int, shape (n,)
-        Samples in each.
+        Samples in each segment.
     """
 
     start_mm: Floats
@@ -385,20 +381,19 @@ class TraceSegments:
 
 
 def rising(immersion: Floats) -> Floats:
-    """The record made monotone: its readings in rising order, steps of the encoder joined by straight lines.
+    """The record made monotone: readings in rising order, with steps of the encoder joined by straight lines.
 
-    As many samples lie before a depth as read less. Without noise and steps it is the record itself, but for
-    its ends. Noise would let the first sample at a depth come early, by several standard deviations in a slow
-    descent, and steps would move the ends of a segment by up to half a step: 1 % to 3 % in the velocity of a
-    segment of 0.1 mm in a burr of 3 mm. Here both average out. The first and the last reading are steps cut
-    off by the record's ends, so that their middles say nothing: the record goes on there as the mirror image
-    of what lies inside.
+    As many samples lie before a depth as have a smaller reading. A record without noise and steps stays
+    unchanged except at its ends. Noise would bring the first sample at a depth early, by several standard
+    deviations in a slow descent. Steps would move the ends of a segment by up to half a step: 1 % to 3 % of
+    the velocity in a segment of 0.1 mm with a burr of 3 mm. Both average out here. The record's ends cut off
+    the first and the last step. These are left out: the record continues there as its point reflection.
     """
     readings, counts = np.unique(immersion, return_counts=True)
     middle = np.cumsum(counts) - (counts + 1) / 2
     whole = (readings > immersion[0]) & (readings < immersion[-1])
     if np.count_nonzero(whole) > 2:
-        # Each goes on at both ends as its point reflection about its end.
+        # Both arrays continue at each end as their point reflection about it.
         readings, middle = (
             np.concatenate([2 * x[0] - x[:0:-1], x, 2 * x[-1] - x[-2::-1]])
             for x in (readings[whole], middle[whole])
@@ -409,26 +404,26 @@ def rising(immersion: Floats) -> Floats:
 def slope_error(time: Floats, immersion: Floats) -> float:
     """Standard error of the least-squares slope of immersion over time [mm/s].
 
-    Residuals about a quadratic are taken as a first-order autoregression, which gives the variance of the
-    slope and so the effective number of samples:
+    Residuals about a quadratic are modelled as a first-order autoregression, which gives the variance of the
+    slope:
 
         var(b) = s^2 sum_ij w_i rho^|i-j| w_j,    w_i = (t_i - t_mean)/sum (t - t_mean)^2
 
     Notes
     -----
     rho is the residuals' lag-one correlation plus its bias, (3 + 5 rho)/n for residuals about a quadratic
-    [1]_, not below 0; s^2 makes up for what the quadratic took from correlated noise. Without the two, the
+    [1]_, not below 0. s^2 is corrected for the correlated noise that the quadratic absorbs. Without both, the
     error is a quarter too small at rho = 0.9 and 200 samples. 1.96 errors cover the slope in 95 % of the
-    cases of white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200.
+    cases for white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200.
 
-    Readings in steps without noise have residuals that cancel period by period, which a first-order model
-    does not know: with ten steps of 10 um a segment it says 2 %, where the velocity is known to 0.3 % if a
-    step holds ten samples. With noise of a fifth of a step the error is up to 40 % too large.
+    Residuals of readings in steps without noise cancel in each period, which a first-order model ignores:
+    with ten steps of 10 um a segment it gives 2 %, but the velocity is known to 0.3 % if a step holds ten
+    samples. With noise of a fifth of a step the error is up to 40 % too large.
 
     References
     ----------
-    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954. It
-       is (1 + 3 rho)/n about a mean; about a quadratic we take the series on and check it by simulation.
+    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954. The
+       bias is (1 + 3 rho)/n about a mean. We extend the series to a quadratic, and check it by simulation.
     """
     n = len(time)
     centred = time - time.mean()

@@ -1,4 +1,4 @@
-"""Static indentation: force against depth of a burr that does not turn, pressed into intact bone."""
+"""Static indentation: force against depth of a stopped burr in intact bone."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Indentation(TableData):
 
         F = c_e R^2 (h/R)^(3/2)    (Eqs. 2 and 3)
 
-    Nothing is eroded, so the rows tell c_e alone. Under a flat surface the penetration depth h of Eq. 2 is
-    the depth of the burr's tip. Every array is copied and read-only.
+    Nothing erodes, so the rows determine c_e alone. Under a flat surface the penetration depth h of Eq. 2 is
+    the depth of the burr's tip. Arrays are read-only copies.
 
     Parameters
     ----------
@@ -37,14 +37,14 @@ class Indentation(TableData):
     sigma : array_like, shape (n,), optional
         Standard uncertainty of `force` [N], > 0; NaN where unknown.
     source : str
-        Where the numbers come from, one line.
+        Source of the numbers, one line.
     provenance : mapping
-        What made them: versions, parameters, seed.
+        Versions, parameters and seed.
 
     Raises
     ------
     ValueError
-        If there is no row, lengths differ, or a number breaks its rule; the sentence names row and column.
+        If there is no row, lengths differ, or a number breaks its rule; the message names row and column.
 
     References
     ----------
@@ -101,7 +101,7 @@ class Indentation(TableData):
         ----------
         file : path or open file
         radius : float, optional
-            Burr radius [mm], for a file that does not say it.
+            Burr radius [mm], for a file without it.
 
         Returns
         -------
@@ -110,8 +110,8 @@ class Indentation(TableData):
         Raises
         ------
         ValueError
-            If the file is not such a table, or its radius is unknown or not the one given; one sentence with
-            the file, and the line and column where there is one.
+            If the file is not such a table, or its radius is unknown or differs from the given one; the
+            message names the file, and line and column if there is one.
         OSError
             If the file cannot be read.
 
@@ -147,14 +147,14 @@ class Indentation(TableData):
         self._write(file, {"radius_mm": self.radius})
 
     def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
-        """Draw the forces as squares over the depth, with error bars where sigma is known.
+        """Draw the forces as squares over the depth, with error bars if sigma is known.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
+            Default: axes of a new figure.
         log : bool
-            Both axes logarithmic. Eq. 3 is a straight line of slope 3/2 there.
+            Make both axes logarithmic; Eq. 3 is then a line of slope 3/2.
 
         Returns
         -------

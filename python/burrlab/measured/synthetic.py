@@ -1,4 +1,4 @@
-"""Synthetic data sets, labelled as such."""
+"""Synthetic data sets; their sources say so."""
 
 from __future__ import annotations
 
@@ -34,17 +34,15 @@ def synthetic_curve(
     Parameters
     ----------
     burr : Burr
-        The burr.
     material : Material
-        What it sinks into.
     forces : array_like
-        Constant forces [N]. A force that leaves no window gives a row without velocity, status "overloaded".
+        Constant forces [N]. A force without a window gives a row without velocity, status "overloaded".
     repeats : int
         Rows a force.
     scatter : float
         Standard deviation of ln v; 0.08 is 8 %.
     seed : int or None
-        None draws one, which the curve records. Row k of force i depends on (seed, i, k) alone.
+        None draws a seed; the curve records it. Row k of force i depends on (seed, i, k) alone.
 
     Returns
     -------
@@ -98,9 +96,7 @@ def synthetic_indentation(
     Parameters
     ----------
     burr : Burr
-        The burr, not turning.
     material : Material
-        What it is pressed into.
     depths : array_like
         Penetration depths h [mm], below 2R.
     repeats : int
@@ -108,7 +104,7 @@ def synthetic_indentation(
     scatter : float
         Standard deviation of ln F; 0.1 is 10 %.
     seed : int or None
-        None draws one, which the data set records. Row k of depth i depends on (seed, i, k) alone.
+        None draws a seed; the data set records it. Row k of depth i depends on (seed, i, k) alone.
 
     Returns
     -------
@@ -118,8 +114,7 @@ def synthetic_indentation(
     Raises
     ------
     ValueError
-        If a depth is not finite, above 0 and below 2R, repeats is below 1, or scatter is negative or not
-        finite.
+        If a depth is not above 0 and below 2R, repeats is below 1, or scatter is negative or not finite.
 
     Examples
     --------
@@ -155,28 +150,26 @@ def synthetic_trace(
     sample_ms: float = 1.0,
     seed: int | None = None,
 ) -> DepthTrace:
-    """The record of a mean-field descent with its own rate, noise of position, and readings in steps.
+    """A record of a mean-field descent with scatter of its rate, noise of position, and readings in steps.
 
         H(t) = step round((H_mean_field(t exp(-run_scatter z)) + noise e(t))/step),  z, e standard normal
 
     Parameters
     ----------
     burr : Burr
-        The burr.
     material : Material
-        What it sinks into.
     force : float
         Constant force [N].
     run_scatter : float
         Standard deviation of the logarithm of the run's duration; 0.08 is 8 %.
     noise : float
-        Standard deviation of a position before it is read [mm].
+        Standard deviation of a position before rounding [mm].
     step : float
-        To which positions are read [mm]; 0 reads them exactly.
+        Step to which positions are rounded [mm]; 0: no rounding.
     sample_ms : float
         Time between samples [ms].
     seed : int or None
-        None draws one, which the record keeps.
+        None draws a seed; the record keeps it.
 
     Returns
     -------
@@ -187,7 +180,7 @@ def synthetic_trace(
     ------
     ValueError
         If run_scatter, noise or step is negative or not finite, sample_ms is not positive and finite, fewer
-        than ten samples lie in the window, or the force is not one of a `mean_field_descent`.
+        than ten samples lie in the window, or `mean_field_descent` refuses the force.
 
     Examples
     --------
@@ -229,7 +222,7 @@ def _seed(seed: int | None) -> int:
 
 
 def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:
-    """Each value `repeats` times with log-normal scatter; z of row k of value i depends on (seed, i, k). Checks both."""
+    """Each value `repeats` times with log-normal scatter; z of row k of value i depends on (seed, i, k)."""
     refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1: got {repeats!r}")
     _check_not_negative("scatter", scatter)
     rows = [(i, k) for i in range(len(values)) for k in range(repeats)]

@@ -1,1 +1,1 @@
-"""Closed forms and the mean field: what follows from the equations without a voxel."""
+"""Theory without voxels: closed forms and the mean field."""

@@ -1,4 +1,4 @@
-"""Closed forms of the descent at constant force, and the penetration velocity in its window (docs/descent.md)."""
+"""Closed forms of the descent at constant force, and its penetration velocity (docs/descent.md)."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from burrlab._core import Burr, Material, shape_kappa
 
 
 def relative_force(burr: Burr, material: Material, force: float) -> float:
-    """phi = F/(c_e R^2), the one number besides f that a descent depends on."""
+    """phi = F/(c_e R^2), the force without units."""
     return force / (material.c_e * burr.radius**2)
 
 
 def static_immersion(burr: Burr, material: Material, force: float) -> float:
-    """Depth of the tip at which intact bone alone carries the force, R phi^(2/3) (Eqs. 2, 3) [mm].
+    """Depth of the tip where intact bone alone carries the force, R phi^(2/3) (Eqs. 2, 3) [mm].
 
     Examples
     --------
@@ -29,30 +29,30 @@ def static_immersion(burr: Burr, material: Material, force: float) -> float:
 
 
 def contact_stiffness(c_e: float, radius: float, force: float, immersion: float) -> float:
-    """k = dF/dH at force F in a hole of depth H [N/mm].
+    """Stiffness k = dF/dH at force F in a hole of depth H [N/mm].
 
-    k = 1.5 c_e sqrt(u) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(2/3). It grows as F falls in a
-    hole.
+    k = 1.5 c_e sqrt(u) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(2/3). k grows as F falls in a hole.
 
     Parameters
     ----------
     c_e : float
         [N/mm^2]
     radius, immersion : float
-        R, H [mm]; H is taken at least at the static contact.
+        R, H [mm]; an H below the static immersion is raised to it.
     force : float
         F [N]
     """
     u = min((force / (c_e * radius**2)) ** (2 / 3), 1.0)
     depth = min(max(immersion, u * radius), radius)
-    area = 2 * radius * depth - depth**2  # wetted, projected on the axis, over pi
+    area = 2 * radius * depth - depth**2  # contact area projected on the axis, over pi
     return float(1.5 * c_e * math.sqrt(u) * area / (radius * (2 * u - u * u)))
 
 
 def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | None:
-    """Thickness of the layer in which the burr cuts, delta_0 = sqrt(2 pi R v/(kappa alpha))/2 [mm].
+    """Thickness of the cut layer, delta_0 = sqrt(2 pi R v/(kappa alpha))/2 [mm].
 
-    kappa = -f'(1): 2 for the parabolic, 1 for the linear shape; None for an f whose zero is not simple.
+    kappa = -f'(1): 2 for the parabolic, 1 for the linear shape. None if the zero of f is not simple, or alpha
+    is 0.
 
     Parameters
     ----------
@@ -67,9 +67,9 @@ def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | 
 
 Array = NDArray[np.float64]
 
-#: Half width of the band around the set-point that counts as settled, relative (ours).
+#: Relative half width of the band around the set-point that counts as settled (ours).
 SETTLED_BAND = 0.05
-#: Fewest ticks in a window whose force is held exactly (ours).
+#: Fewest ticks in a window with exactly held force (ours).
 FEWEST_TICKS = 10
 
 
@@ -88,7 +88,7 @@ def settled_immersion(immersion: Array, force: Array, setpoint: float, *, span: 
     Returns
     -------
     float or None
-        [mm]; None if the centred mean of the force leaves the set-point by 5 % up to the end.
+        [mm]; None if the record is shorter than `span`, or its mean force ends more than 5 % off.
     """
     if len(force) < span:
         return None
@@ -100,7 +100,7 @@ def settled_immersion(immersion: Array, force: Array, setpoint: float, *, span: 
 
 
 def samples_between(immersion: Array, start: float, end: float) -> slice:
-    """Samples from the first at `start` [mm] to the last before `end` [mm] is passed."""
+    """Samples from the first at or beyond `start` [mm] to the last before one beyond `end` [mm]."""
     first = int(np.argmax(immersion >= start)) if np.any(immersion >= start) else len(immersion)
     beyond = np.flatnonzero(immersion[first:] > end)
     return slice(first, first + int(beyond[0]) if beyond.size else len(immersion))
@@ -119,7 +119,7 @@ def penetration_velocity_between(time: Array, immersion: Array, start: float, en
     Returns
     -------
     float or None
-        [mm/s]; None with fewer than two samples there.
+        [mm/s]; None with fewer than two samples between them.
     """
     rows = samples_between(immersion, start, end)
     t, h = time[rows], immersion[rows]

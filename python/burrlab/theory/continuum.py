@@ -1,6 +1,6 @@
-"""The descent in the continuum: Eqs. 2 to 4 solved without voxels, and the master curve on which all descents lie.
+"""The descent in the continuum: Eqs. 2 to 4 without voxels, and the master curve of all descents.
 
-v = alpha R Psi(phi, window; f) with phi = F/(c_e R^2): one curve for an erosion shape f and a window.
+v = alpha R Psi(phi, window; f) with phi = F/(c_e R^2): one curve for each erosion shape f and window.
 
 References
 ----------
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Floats: TypeAlias = NDArray[np.float64]
 
-WINDOW_START, WINDOW_STOP = 1 / 6, 1 / 3  # default window [R]; it never starts before static contact
+WINDOW_START, WINDOW_STOP = 1 / 6, 1 / 3  # default window [R]; it starts at static contact if that is deeper
 PER_SECOND = 1e3  # alpha is per ms
 
 
@@ -42,7 +42,7 @@ class MeanFieldDescent:
     immersion : ndarray, shape (n,)
         Depth H of the burr's tip [mm], rising; read-only. H is linear in time between points.
     burr, material, force, resolution
-        What was asked for; force in N.
+        As given to `mean_field_descent`; force in N.
     """
 
     time: Floats
@@ -53,9 +53,9 @@ class MeanFieldDescent:
     resolution: float
 
     def window(self, start_mm: float | None = None, stop_mm: float | None = None) -> tuple[float, float]:
-        """The window [mm] that `velocity` uses: by default max(R/6, static immersion) .. R/3.
+        """Window [mm] that `velocity` uses; default max(R/6, static immersion) .. R/3.
 
-        It never starts before static contact; an end that is not above its start means that there is none.
+        It never starts before static contact. If its end is not above its start there is no window.
         """
         start = WINDOW_START * self.burr.radius if start_mm is None else float(start_mm)
         stop = WINDOW_STOP * self.burr.radius if stop_mm is None else float(stop_mm)
@@ -72,7 +72,7 @@ class MeanFieldDescent:
         Returns
         -------
         float
-            [mm/s]; NaN where static contact is beyond the window.
+            [mm/s]; NaN if static contact is beyond the window.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class MeanFieldDescent:
         return _core.window_velocity(self.time, self.immersion, start, min(stop, end))
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Immersion over time; returns the Axes."""
+        """Draws immersion over time; returns the Axes."""
         if ax is None:
             from matplotlib import pyplot
 
@@ -113,8 +113,8 @@ def mean_field_descent(
 ) -> MeanFieldDescent:
     """The descent of a burr along its axis into solid bone at constant force.
 
-    Density depends on depth and lateral radius only; at every step the time is found at which the bone left
-    in the burr has the mass that balances the force (Eqs. 2 and 3), while it erodes by Eq. 4.
+    Density depends on depth and lateral radius only. Each step finds the time at which the bone left in the
+    burr, eroding by Eq. 4, has the mass that balances the force (Eqs. 2 and 3).
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ def mean_field_descent(
     force : float
         F [N], below c_e R^2 (stop/R)^1.5.
     stop : float, optional
-        Immersion at which it ends [mm], up to R; R/3 by default.
+        Immersion at the end of the descent [mm], up to R; default R/3.
     resolution : float
-        Multiplies the number of steps; the error falls with its square.
+        Factor of the number of steps; the error falls with its square.
 
     Returns
     -------
@@ -134,8 +134,8 @@ def mean_field_descent(
     Raises
     ------
     ValueError
-        If the force, the resolution or the material's alpha is not positive and finite, if stop is not in
-        (0, R], if static contact alone reaches it, or if the descent takes more than 200 000 steps.
+        If the force, the resolution or the material's alpha is not positive and finite, stop is not in (0,
+        R], static contact alone reaches stop, or the descent takes more than 200 000 steps.
 
     Notes
     -----
@@ -171,14 +171,14 @@ def mean_field_descent(
 def thin_layer_velocity(
     burr: Burr, material: Material, force: ArrayLike, immersion: ArrayLike
 ) -> np.float64 | Floats:
-    """Velocity at an immersion when the eroding layer is thin: the limit of small forces.
+    """Velocity at an immersion for a thin eroding layer: the limit of small forces.
 
     With f = kappa ((R - r)/R)^k + ... near r = R, q = (k + 2)/(k + 1) and u = phi^(2/3),
 
         v = kappa alpha R/(k + 1) [q u^2 (1 - u/3)/(2 Gamma(q) (1 - (1 - H/R)^q))]^(k + 1),
 
-    so that v ~ F^(4(k+1)/3). For k = 1 it is the law of a parabolic (kappa = 2) or linear (1) f; power(k) has
-    kappa = 2^k; for constant f, k = 0, it is exact.
+    so v ~ F^(4(k+1)/3). k = 1 is the law of a parabolic (kappa = 2) or linear (kappa = 1) f; power(k) has
+    kappa = 2^k. For constant f, k = 0, the law is exact.
 
     Parameters
     ----------
@@ -197,12 +197,12 @@ def thin_layer_velocity(
     Raises
     ------
     ValueError
-        If a force is not positive and finite, or an immersion out of range.
+        If a force is not positive and finite, or an immersion is out of range.
 
     Notes
     -----
-    A column of bone that the front meets at slope cos(theta) holds rho = exp(-int f dy/v), y the height above
-    the front; the mass of all columns of the immersed cap must be that of Eq. 2. For parabolic f the
+    A column of bone that the front meets at slope cos(theta) has rho = exp(-int f dy/v), with y the height
+    above the front. The mass of all columns of the immersed cap must be that of Eq. 2. For parabolic f the
     penetration velocity over R/6 .. R/3 is 2.0 % above this law at phi = 0.025 and 0.2 % above it at 0.005.
 
     Examples
@@ -231,7 +231,7 @@ def positive(name: str, values: ArrayLike) -> Floats:
 
 
 def check_window(start: float | None, stop: float | None) -> tuple[float, float]:
-    """Window ends in units of R, the default ones for None; ValueError unless in order and within R."""
+    """Window ends [R], the default ones for None; ValueError unless in order and within R."""
     low, high = WINDOW_START if start is None else float(start), WINDOW_STOP if stop is None else float(stop)
     refuse(
         not 0 <= low < high <= 1,
@@ -241,18 +241,18 @@ def check_window(start: float | None, stop: float | None) -> tuple[float, float]
 
 
 _Knot: TypeAlias = tuple[float, Floats, Floats]  # phi, time [1/alpha], immersion [R]
-_LOWEST = 0.02  # phi/stop^1.5 of the lowest knot that is a descent; below, the thin-layer law
-_KNOTS = 24  # descents shared by all windows, evenly in log phi
-_GAP = 1e-4  # of the spline's range: from its last knot to the phi at which the window ends
+_LOWEST = 0.02  # phi/stop^1.5 of the lowest knot from a descent; below it the thin-layer law holds
+_KNOTS = 24  # descents shared by all windows, evenly spaced in log phi
+_GAP = 1e-4  # gap between the last knot and the phi where the window vanishes [spline's range]
 
 
 class MasterCurve:
     """Psi(phi) = v/(alpha R): penetration velocity against phi = F/(c_e R^2) for one erosion shape.
 
-    For a window, log Psi over log phi is a cubic spline on either side of the kink at phi = start^1.5, above
-    which the window begins at static contact; a knot lies on it. At phi = stop^1.5 the window has shrunk to
-    nothing. Below 0.02 stop^1.5 the thin-layer law goes on, times a correction that fits the lowest knot.
-    `start` and `stop` are in units of R: by default max(1/6, phi^(2/3)) .. 1/3.
+    For each window, log Psi over log phi is a cubic spline on either side of a kink at phi = start^1.5, which
+    is a knot; above it the window begins at static contact. At phi = stop^1.5 the window vanishes. Below 0.02
+    stop^1.5 the thin-layer law continues the curve, times a correction that fits the lowest knot. `start` and
+    `stop` are in units of R; default max(1/6, phi^(2/3)) .. 1/3.
 
     Parameters
     ----------
@@ -261,9 +261,9 @@ class MasterCurve:
 
     Notes
     -----
-    Within 0.2 % of single descents at any phi. Most knots are descents whose H(t) serve every window; they
-    are made once a shape and process, the splines once a window (tens of milliseconds; tenths of a second
-    where k is not whole).
+    The curve is within 0.2 % of single descents at any phi. Most knots are descents whose H(t) serve every
+    window: they are made once per shape and process. Splines are made once per window, in tens of
+    milliseconds (tenths of a second if k is not whole).
 
     Examples
     --------
@@ -294,7 +294,7 @@ class MasterCurve:
         Returns
         -------
         ndarray of the shape of phi
-            NaN where phi >= stop^1.5: static contact alone reaches the window's end.
+            NaN for phi >= stop^1.5, where static contact alone reaches the window's end.
 
         Raises
         ------
@@ -309,9 +309,9 @@ class MasterCurve:
     def local_slope(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None
     ) -> np.float64 | Floats:
-        """d log Psi/d log phi, the local exponent of v ~ F^n; to the right of the kink where phi is on it.
+        """d log Psi/d log phi, the local exponent of v ~ F^n; at the kink, its value to the right.
 
-        Parameters, values without a window and errors are those of `velocity_ratio`.
+        Parameters, NaN and errors as `velocity_ratio`.
         """
         spline = _window_spline(self._name, start, stop)
         phi = positive("phi", phi)
@@ -328,7 +328,7 @@ def penetration_velocity(
     start_mm: float | None = None,
     stop_mm: float | None = None,
 ) -> np.float64 | Floats:
-    """Penetration velocity v = alpha R Psi(F/(c_e R^2)), from the master curve of the material's shape.
+    """Penetration velocity v = alpha R Psi(F/(c_e R^2)) from the master curve of the material's shape.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def penetration_velocity(
     force : array_like
         F [N], above 0.
     start_mm, stop_mm : float, optional
-        Window [mm]; max(R/6, static immersion) .. R/3 by default. It never starts before static contact.
+        Window [mm]; default max(R/6, static immersion) .. R/3. It never starts before static contact.
 
     Returns
     -------
@@ -365,7 +365,7 @@ def penetration_velocity(
 
 @dataclass(frozen=True)
 class _WindowSpline:
-    """log Psi over log phi for one window, linear below the first break; `end` is its phi = stop^1.5."""
+    """log Psi over log phi for one window, linear below the first break; `end` is phi = stop^1.5."""
 
     end: float
     log_ratio: PPoly
@@ -374,7 +374,7 @@ class _WindowSpline:
 
 @lru_cache(maxsize=64)
 def _knots(shape: str, reach: float) -> list[_Knot]:
-    """The descents to an immersion `reach`, by rising phi."""
+    """Descents to immersion `reach`, by rising phi."""
     grid = reach**1.5 * np.geomspace(_LOWEST, 1, _KNOTS, endpoint=False)
     return [_knot(shape, phi, reach) for phi in grid.tolist()]
 
@@ -393,7 +393,7 @@ def _window_spline(shape: str, start: float | None, stop: float | None) -> _Wind
     else:
         left, right = _branch(shape, low, kink, start, stop), _branch(shape, kink, end, start, stop)
         poly = PPoly(np.hstack([left.c, right.c]), np.concatenate([left.x, right.x[1:]]))
-    # a straight line to the left of all: PPoly extrapolates its first piece
+    # a straight line as the first piece, which PPoly extrapolates
     value, slope = float(poly(poly.x[0])), float(poly(poly.x[0], 1))
     first = np.array([[0.0], [0.0], [slope], [value - slope]])
     poly = PPoly(np.hstack([first, poly.c]), np.concatenate([[poly.x[0] - 1], poly.x]))
@@ -401,11 +401,10 @@ def _window_spline(shape: str, start: float | None, stop: float | None) -> _Wind
 
 
 def _branch(shape: str, low: float, high: float, start: float, stop: float) -> PPoly:
-    """The spline from phi = low to high; left of the kink the thin-layer law continues it to smaller phi.
+    """Spline from phi = low to high; left of the kink the thin-layer law continues it to smaller phi.
 
-    Descents shared by all windows serve as knots in the middle. At both ends the spline has knots of its own,
-    and more of them close to `high`: there the window begins in the first transient, and log Psi bends on a
-    scale 1/k.
+    Knots in the middle are descents shared by all windows. Both ends have their own knots, more of them close
+    to `high`: there the window begins in the first transient, and log Psi bends on a scale of 1/k.
     """
     reach = min(1.0, 1.5 ** np.ceil(np.log(3 * stop) / np.log(1.5) - 1e-9) / 3)
     top = high - _GAP * (high - low) if high == stop**1.5 else high
@@ -425,8 +424,8 @@ def _branch(shape: str, low: float, high: float, start: float, stop: float) -> P
 def _log_thin_ratio(shape: str, phi: Floats, low: float, y: float, start: float, stop: float) -> Floats:
     """log Psi(phi) - log Psi(low) for phi < low, where Psi(low) = exp(y).
 
-    The thin-layer law, whose slope in a fixed window goes with a power of Eq. 2's mass, times a correction
-    linear in the thickness of the layer, ~ phi^(4/3), that fits Psi(low).
+    It is the thin-layer law, a power of Eq. 2's mass in a fixed window, times a correction that fits Psi(low)
+    and is linear in the layer's thickness, ~ phi^(4/3).
     """
     f = Shape(shape)
     H = np.linspace(start, stop, 1000)

@@ -1,1 +1,1 @@
-"""The temporal bone that is made, not scanned."""
+"""Phantom: a procedural temporal bone."""

@@ -1,4 +1,4 @@
-"""Air cells: a honeycomb whose cells have sizes from a given distribution."""
+"""Air cells: a honeycomb with cell sizes from a given distribution."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from burrlab.common.check import refuse
 
 #: Edge of the blocks that share a list of nearby cells [mm].
 BLOCK = 2.0
-#: Second key word of the draws, so that no other use of the same seed shares them.
+#: Second key word of the draws: no other use of the same seed shares them.
 STREAM = 0xA14CE115
-#: Lattices on which the cells are given their volumes, coarse and fine [median diameters], and rounds on
-#: each.
+#: Lattice steps for setting the cells' volumes, coarse and fine [median diameters], and rounds on each.
 STEPS = ((0.4, 25), (0.2, 20))
 
 
 @dataclass(frozen=True)
 class AirCells:
-    """What the air cells of a mastoid are like.
+    """Sizes of the air cells of a mastoid.
 
     Parameters
     ----------
     median_diameter : float
-        Of the sphere as large as a cell, to the middle of its walls [mm].
+        Median diameter of the sphere with a cell's volume, to the middle of its walls [mm].
     geometric_deviation : float
-        Of that diameter, which is log-normal: 1 is one size, 1.4 means two thirds lie within a factor of 1.4.
+        Geometric standard deviation of this diameter, which is log-normal: 1 is one size; with 1.4 two thirds
+        lie within a factor of 1.4.
     wall : float
         Thickness of the walls between cells [mm].
 
@@ -46,7 +46,7 @@ class AirCells:
     Notes
     -----
     Surface over volume of the air in eight mastoids is 22 /cm (micro-CT, Hear. Res., October 2016;
-    docs/phantom.md), which spheres of 2.7 mm have; a median of 2 mm with a deviation of 1.4 gives that ratio
+    docs/phantom.md), as for spheres of 2.7 mm. A median of 2 mm with a deviation of 1.4 gives the same ratio
     of moments, 2 exp(2.5 ln(1.4)^2) mm. The deviation, the log-normal form and the wall are assumed.
     """
 
@@ -70,18 +70,18 @@ class AirCells:
         )
 
     def draw(self, volume: float, seed: int) -> Floats:
-        """Diameters [mm] of cells that fill a volume [mm^3], largest first, each a function of seed and its place."""
+        """Diameters [mm] of cells that fill a volume [mm^3], largest first; draw k depends on seed and k."""
         sigma = math.log(self.geometric_deviation)
         most = int(2 * volume / (math.pi / 6 * self.median_diameter**3 * math.exp(4.5 * sigma**2))) + 100
         normal = special.ndtri(uniform(seed, 0, most))
-        # Rounded, so that the last bit of exp, which differs between processors, decides nothing.
+        # Rounded: the last bit of exp differs between processors.
         diameter = np.round(self.median_diameter * np.exp(sigma * normal), 6)
         filled = np.cumsum(math.pi / 6 * diameter**3)
         return np.sort(diameter[: max(1, int(np.searchsorted(filled, volume)))])[::-1]
 
 
 def uniform(seed: int, purpose: int, count: int) -> Floats:
-    """Draws in (0, 1), a function of seed and purpose alone."""
+    """Draws in (0, 1) that depend on seed and purpose alone."""
     key = np.array([seed, STREAM], dtype=np.uint64)
     raw = np.random.Philox(key=key, counter=np.array([0, 0, 0, purpose], dtype=np.uint64)).random_raw(count)
     return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)
@@ -98,11 +98,11 @@ class Honeycomb:
     weights : ndarray, shape (n,)
         [mm^2]
     drawn : ndarray, shape (n,)
-        Diameter of the sphere as large as the cell was to be [mm].
+        Drawn diameter of the sphere with the cell's volume [mm].
     realised : ndarray, shape (n,)
-        Diameter of the sphere as large as the cell is [mm], by counting points of a lattice.
+        Realised diameter of this sphere [mm], by counting lattice points.
     vanished : int
-        Cells that were drawn and are not there: too small to hold their own between their neighbours.
+        Drawn cells without volume: too small between their neighbours.
     """
 
     sites: Floats = field(repr=False)
@@ -159,7 +159,7 @@ class Honeycomb:
         own = int(np.argmin(power))
         excess = power - power[own]
         apart = np.sqrt(((self.sites - self.sites[own]) ** 2).sum(axis=1))
-        # Powers differ by a linear function, whose slope is twice the distance between the sites.
+        # The difference of two powers is linear, with twice the distance of the sites as its slope.
         owners = excess <= 2 * half * apart
         widest = float(apart[owners].max())
         return np.flatnonzero(excess <= 2 * half * apart + 2 * reach * (apart + widest))
@@ -181,7 +181,7 @@ def _block_edges(places: Floats) -> list[slice]:
 
 
 def _owners(sites: Floats, weights: Floats, points: Floats) -> NDArray[np.int64]:
-    # A power distance is a plain one from sites lifted into a fourth dimension.
+    # A power distance is a Euclidean one to sites lifted into a fourth dimension.
     lifted = np.column_stack([sites, np.sqrt(weights.max() - weights)])
     return np.asarray(cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))[1])
 
@@ -193,7 +193,7 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
     ----------
     cells : AirCells
     lattice : callable
-        The points of a cubic lattice of the given step [mm] that lie in the region, shape (n, 3).
+        Returns the points of a cubic lattice of the given step [mm] in the region, shape (n, 3).
     seed : int
 
     Returns
@@ -202,10 +202,9 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
 
     Notes
     -----
-    Volumes are drawn first; weights are then raised where a cell is too small and lowered where it is too
-    large, while each site moves to the middle of its cell, which makes cells round. That weights exist for
-    any volumes is known from optimal transport (Aurenhammer, Hoffmann, Aronov, Algorithmica 1998); the steps
-    are ours.
+    Volumes are drawn first. Then the weight of a cell that is too small is raised, and of one that is too
+    large lowered; each site moves to the middle of its cell, which makes cells round. Weights exist for any
+    volumes by optimal transport (Aurenhammer, Hoffmann, Aronov, Algorithmica 1998); the steps are ours.
     """
     step = STEPS[0][0] * cells.median_diameter
     points = lattice(step)
@@ -218,33 +217,32 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
         for k in range(rounds):
             own = _owners(sites, weights, points)
             count = np.bincount(own, minlength=len(sites))
-            # A change of the weight moves the walls by its part of twice the distance to the neighbours.
+            # A weight's change moves a wall by the change over twice the distance to the neighbour.
             change = (wanted - count) * step**3 / (math.pi * drawn / 2)
             weights = weights + 0.8 * np.clip(change, -0.3 * drawn**2, 0.3 * drawn**2)
             lost = np.flatnonzero(count == 0)
             weights[lost] = (drawn[lost] / 4) ** 2 - _least_power(sites[lost], sites, weights)
-            if k < 2 * rounds // 3:  # then the sites stay, and the volumes settle
+            if k < 2 * rounds // 3:  # later the sites stay, and the volumes settle
                 full = count > 0
                 for axis in range(3):
                     total = np.bincount(own, weights=points[:, axis], minlength=len(sites))
                     sites[full, axis] += 0.7 * (total[full] / count[full] - sites[full, axis])
     sites, weights = np.round(sites, 6), np.round(weights, 6)
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
-    # A site that owns no point here can still own a sliver between the points: without it, it is no cell
-    # anywhere.
+    # A site without a lattice point may own a sliver between the points: such sites are removed.
     there = count > 0
     realised = np.cbrt(6 / math.pi * count[there] * step**3)
     return Honeycomb(sites[there], weights[there], drawn[there], realised, int(np.count_nonzero(~there)))
 
 
 def _least_power(points: Floats, sites: Floats, weights: Floats) -> Floats:
-    """The least power at each point; a new site there owns the point if its power is lower [mm^2]."""
+    """Least power at each point [mm^2]; a new site there owns the point if its power is lower."""
     power = ((points[:, None, :] - sites[None, :, :]) ** 2).sum(axis=2) - weights
     return np.asarray(power.min(axis=1))
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:
-    """One site for each cell, largest first: of 20 drawn places the one farthest from the other sites."""
+    """One site per cell, largest cell first: of 20 drawn places the farthest from all other cells."""
     draws = uniform(seed, 1, 20 * len(diameter)).reshape(-1, 20)
     sites = np.empty((len(diameter), 3))
     for k, row in enumerate(draws):

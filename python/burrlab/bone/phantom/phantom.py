@@ -1,4 +1,4 @@
-"""A procedural temporal bone: seeded, at any resolution, for trials that need no patient's data."""
+"""A procedural temporal bone from a seed, at any resolution; it needs no patient's data."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from burrlab.bone.tissues import default_tissues
 from burrlab.common.check import check_bone, real, refuse
 from burrlab.common.table import by_value
 
-#: Occupancy of nerve, sinus, dura and labyrinth: softer than bone, and yet seen at level 128 (ours, assumed).
+#: Occupancy of nerve, sinus, dura and labyrinth (ours, assumed): softer than bone, but above level 128.
 SOFT = 0.6
 
 _NAMES = ("air", "cortex", "mastoid", "facial nerve", "sigmoid sinus", "dura", "labyrinth", "ossicles")
@@ -29,14 +29,14 @@ _AIR, _CORTEX, _MASTOID, _NERVE, _SINUS, _DURA, _LABYRINTH, _OSSICLES = range(8)
 
 
 def phantom_tissues(material: Material = materials["bone"]) -> Tissues:
-    """The tissues of a phantom, as `default_tissues` has them: the values of `material`, assumed for all but bone."""
+    """Tissues of a phantom, by `default_tissues`: values of `material`, assumed for all but bone."""
     return default_tissues(_NAMES, material=material)
 
 
 def paint(
     at: Structures, fields: Fields, cells: Honeycomb, grid: Grid, wall: float, width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Levels, tissue numbers and target of a slab, in the frame of a right ear."""
+    """Levels, tissue numbers and target of a slab in the frame of a right ear."""
     one = np.float32(1.0)
     numbers = np.full(grid.shape, _CORTEX, dtype=np.uint8)
     part = fields.on("pneumatised", grid)
@@ -76,7 +76,10 @@ def _lay(
     *,
     replace: bool = False,
 ) -> Singles:
-    """Fills a part of each voxel with a tissue. A voxel of which the tissue has half, or most of its content, gets its number."""
+    """Fills a part of each voxel with a tissue.
+
+    A voxel gets the tissue's number if the tissue has half of the voxel, or most of its content.
+    """
     before = held * (np.float32(1.0) - part) if replace else held
     added = np.float32(level) * part
     numbers[(part >= np.float32(0.5)) | (added > before)] = number
@@ -89,34 +92,34 @@ Floats = NDArray[np.float64]
 SIZE = (34.0, 46.0, 47.0)
 #: Corner of the default box of a right ear, least x, y, z [mm].
 CORNER = (-2.0, -14.0, -29.0)
-#: Most voxels of a phantom: some gigabytes while it is made (ours).
+#: Most voxels of a phantom (ours); making it takes some gigabytes.
 MOST_VOXELS = 4e8
-#: Voxels that are filled at a time, which bounds the memory.
+#: Voxels filled at a time; this limits the memory.
 AT_A_TIME = 1_000_000
 
 
 @by_value
 @dataclass(frozen=True)
 class Phantom:
-    """A temporal bone, the places of its structures, and the cavity that is to be drilled.
+    """A temporal bone, the places of its structures, and the planned cavity.
 
     Attributes
     ----------
     bone : VoxelBone
-        With tissues. In the bone frame x points to the left of the head, y back and z up (LPS), the origin is
-        the spine of Henle; in a right ear depth grows with x, in a left ear it falls.
+        With tissues. In the bone frame x points to the left of the head, y back and z up (LPS); the origin is
+        the spine of Henle. Depth grows with x in a right ear, and against x in a left ear.
     target : ndarray of bool, shape (z, y, x)
         The cavity of a planned simple mastoidectomy.
     landmarks : mapping of str to ndarray, shape (3,)
         Points (x, y, z) [mm].
     entry : ndarray, shape (3,)
-        Where the planned cavity opens, on the surface [mm].
+        Middle of the planned cavity's opening, on the surface [mm].
     axis : ndarray, shape (3,)
-        Unit vector from there into the bone, towards the antrum.
+        Unit vector from the entry to the antrum.
     cells : Honeycomb
-        The air cells, in the frame of a right ear.
+        Air cells, in the frame of a right ear.
     seed, side
-        As asked for.
+        As given to `temporal_bone`.
     """
 
     bone: VoxelBone
@@ -130,20 +133,20 @@ class Phantom:
 
     @property
     def labels(self) -> NDArray[np.uint8]:
-        """Number of the tissue of each voxel, shape (z, y, x); a copy."""
+        """A copy of the tissue number of each voxel, shape (z, y, x)."""
         numbers = self.bone.tissue_numbers
         assert numbers is not None
         return numbers
 
     @property
     def target_labels(self) -> LabelVolume:
-        """The planned cavity with its geometry, 1 inside: for `write_volume`, and `burrlab metrics --target`."""
+        """Planned cavity as labels, 1 inside, for `write_volume` and `burrlab metrics --target`."""
         origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
         labels = self.target.astype(np.uint8)
         return LabelVolume(labels, spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"})
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON: how to make it again, and where things are [mm]."""
+        """Parameters, digest and landmarks [mm], ready for JSON."""
         return {
             "seed": self.seed, "side": self.side, "spacing_mm": list(self.bone.spacing),
             "shape": list(self.bone.shape), "origin_mm": list(self.bone.origin), "digest": self.bone.digest(),
@@ -169,18 +172,18 @@ def temporal_bone(
     voxel : float or (x, y, z)
         Spacing [mm].
     seed : int
-        Another seed is another ear: its cells, and its structures by some tenths of a millimetre to 2 mm.
+        Another seed is another ear: other cells, and structures shifted by some tenths of a mm to 2 mm.
     size : (x, y, z)
-        Of the box [mm]; the default holds the mastoid, the middle and the inner ear.
+        Sides of the box [mm]; the default holds the mastoid, the middle and the inner ear.
     corner : (x, y, z), optional
         Least coordinates of the box, for a part of the whole [mm].
     side : {"right", "left"}
         A left ear is the mirror image of the right one.
     material : Material
-        Of all tissues.
+        Material of all tissues.
     air_cells : AirCells
     progress : callable, optional
-        Called with the part that is done, 0..1.
+        Called with the completed part, 0..1.
 
     Returns
     -------
@@ -189,13 +192,13 @@ def temporal_bone(
     Raises
     ------
     ValueError
-        If voxel is not 0.02 to 1 mm, size is not positive, the box holds none or too many voxels, the side is
+        If voxel is not 0.02 to 1 mm, size is not positive, the box holds no or too many voxels, the side is
         neither right nor left, or the seed is not in 0..2^64 - 1.
 
     Notes
     -----
-    Everything is a function of (seed, position): voxels of any size show the same ear, and a smaller box is a
-    part of a larger one, bit by bit if both corners are whole voxels from the origin. docs/phantom.md has
+    All values depend on seed and position alone: voxels of any size show the same ear, and a smaller box is a
+    part of a larger one, to the bit if both corners are whole voxels from the origin. docs/phantom.md has
     numbers and sources.
 
     Examples
@@ -213,7 +216,7 @@ def temporal_bone(
     mirrored = side == "left"
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
-    width = float(np.sqrt(np.mean(spacing**2)))  # of a voxel along a normal, root mean square over directions
+    width = float(np.sqrt(np.mean(spacing**2)))  # along a normal, root mean square over directions
     levels, numbers = np.empty((2, *grid.shape), dtype=np.uint8)
     target = np.empty(grid.shape, dtype=np.bool_)
     layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))
@@ -262,7 +265,7 @@ def _checked_grid(
         not 1 <= count.prod(dtype=float) <= MOST_VOXELS or count.min() < 1,
         f"size and voxel must give 1 to {MOST_VOXELS:g} voxels, got {tuple(count.tolist())} along x, y, z",
     )
-    check_bone(count.prod(dtype=float), 6.0)  # while it is made, as measured
+    check_bone(count.prod(dtype=float), 6.0)  # measured peak while it is made
     x, y, z = ((f + np.arange(n) + 0.5) * s for f, n, s in zip(first, count, spacing, strict=True))
     return spacing, Grid(x, y, z)
 

@@ -12,15 +12,15 @@ from scipy.interpolate import PchipInterpolator
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
-#: Step of the lattice on which smooth fields are evaluated [mm]; its nodes are multiples of it in any volume.
+#: Step of the lattice for smooth fields [mm]; its nodes are multiples of the step in any volume.
 LATTICE = 0.5
-#: Distances beyond it are not told apart [mm].
+#: Largest distance; larger ones count as this one [mm].
 FAR = 15.0
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Coordinates x, y, z [mm] of the points of a grid; fields on it have the shape (z, y, x)."""
+    """Coordinates x, y, z [mm] of the points of a grid; its fields have the shape (z, y, x)."""
 
     x: Floats
     y: Floats
@@ -36,12 +36,12 @@ class Grid:
         return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
     def open(self) -> tuple[Floats, Floats, Floats]:
-        """x, y and z in shapes that broadcast to the grid's."""
+        """x, y and z in shapes that broadcast to the grid's shape."""
         return self.x[None, None, :], self.y[None, :, None], self.z[:, None, None]
 
 
 def lattice_around(grid: Grid) -> Grid:
-    """The nodes that interpolation at the points of a grid needs."""
+    """Lattice nodes that interpolation at the points of a grid needs."""
 
     def nodes(places: Floats) -> Floats:
         first, last = np.floor(places[0] / LATTICE), np.floor(places[-1] / LATTICE) + 1
@@ -51,7 +51,7 @@ def lattice_around(grid: Grid) -> Grid:
 
 
 def interpolate(field: Singles, lattice: Grid, grid: Grid) -> Singles:
-    """A field of the lattice at the points of a grid, trilinear."""
+    """Trilinear interpolation of a field on the lattice to the points of a grid."""
     for axis, (nodes, places) in enumerate([(lattice.z, grid.z), (lattice.y, grid.y), (lattice.x, grid.x)]):
         low = np.floor(places / LATTICE)
         first = (low - np.rint(nodes[0] / LATTICE)).astype(np.int64)
@@ -65,14 +65,14 @@ def interpolate(field: Singles, lattice: Grid, grid: Grid) -> Singles:
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """Balls along a polyline, their radius linear between its points; points (n, 3) and radius (n,) [mm]."""
+    """Tube around a polyline; points (n, 3) and radius (n,) [mm], linear between the points."""
 
     points: Floats
     radius: Floats
 
     @classmethod
     def along(cls, points: ArrayLike, radius: ArrayLike, *, step: float = 1.0) -> Tube:
-        """A tube along a smooth curve through the points, in pieces of about `step` [mm]."""
+        """Tube along a smooth curve through the points, in pieces of about `step` [mm]."""
         corners = np.asarray(points, dtype=float)
         at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
         fine = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
@@ -82,7 +82,7 @@ class Tube:
 
     @classmethod
     def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> Tube:
-        """A torus: `radius` of its circle, `thickness` the radius of the tube [mm]."""
+        """Torus: `radius` is that of its circle, `thickness` that of the tube [mm]."""
         n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
         one = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
         one /= np.linalg.norm(one)
@@ -92,7 +92,7 @@ class Tube:
         return cls(circle, np.full(len(circle), thickness))
 
     def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:
-        """Lowers a field to the signed distance from the tube, wherever that is below `reach` [mm]."""
+        """Lowers a field to the signed distance from the tube where this distance is below `reach` [mm]."""
         for k in range(len(self.points) - 1):
             a, b = self.points[k], self.points[k + 1]
             _merge_piece(field, grid, (a, b), (float(self.radius[k]), float(self.radius[k + 1])), reach)
@@ -124,7 +124,7 @@ def _merge_piece(
 
 
 def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:
-    """Signed distance from tubes, FAR where it is above `reach` [mm]."""
+    """Signed distance from tubes [mm]; FAR where it is above `reach`."""
     out = np.full(grid.shape, FAR)
     for tube in tubes:
         tube.merge_into(out, grid, reach)
@@ -132,7 +132,7 @@ def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:
 
 
 def ellipsoid(grid: Grid, centre: ArrayLike, half_axes: ArrayLike) -> Floats:
-    """Signed distance from an ellipsoid, to first order at its surface [mm]."""
+    """Signed distance from an ellipsoid [mm], to first order at its surface."""
     c, h = np.asarray(centre, dtype=float), np.asarray(half_axes, dtype=float)
     x, y, z = grid.open()
     u, v, w = (x - c[0]) / h[0], (y - c[1]) / h[1], (z - c[2]) / h[2]
@@ -142,17 +142,17 @@ def ellipsoid(grid: Grid, centre: ArrayLike, half_axes: ArrayLike) -> Floats:
 
 
 def smooth_min(a: Floats, b: Floats, width: float) -> Floats:
-    """The smaller of two, with the edge where they meet rounded over a width [mm]."""
+    """The smaller of two distances, rounded over a width where they meet [mm]."""
     h = np.maximum(width - np.abs(a - b), 0.0) / width
     return np.asarray(np.minimum(a, b) - h * h * (width / 4.0))
 
 
 def smooth_max(a: Floats, b: Floats, width: float) -> Floats:
-    """The larger of two, with the edge where they meet rounded over a width [mm]."""
+    """The larger of two distances, rounded over a width where they meet [mm]."""
     return -smooth_min(-a, -b, width)
 
 
 def share(distance: Singles, width: float) -> Singles:
-    """Part of a voxel of that width [mm] inside a surface at that signed distance [mm] from its centre, 0..1."""
+    """Part of a voxel inside a surface, 0..1, from its centre's signed distance and its width [mm]."""
     part = np.float32(0.5) - distance * np.float32(1.0 / width)
     return np.asarray(np.clip(part, np.float32(0.0), np.float32(1.0)))

@@ -1,7 +1,7 @@
-"""Where things are in the phantom: surfaces, plates, tubes and their sizes, as fields on a lattice, for a right ear.
+"""Geometry of the phantom's structures, a right ear: surfaces, plates and tubes as fields on a lattice.
 
-The frame has its origin at the spine of Henle, on the bone's surface; x is depth (towards the middle of the
-head), y points back, z up [mm].
+The origin is the spine of Henle, on the bone's surface. x is depth (towards the middle of the head), y points
+back, z up [mm].
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from burrlab.bone.phantom.shapes import (
 
 #: Thickness of the dura [mm], assumed.
 DURA = 1.0
-#: Radius of the bony ear canal [mm], assumed; of the sigmoid sinus [mm], assumed.
+#: Radius of the bony ear canal and of the sigmoid sinus [mm], assumed.
 CANAL, SINUS = 4.2, 4.5
 
-#: Two points and the radii there [mm]: handle and head of the malleus, incus and its long process, stapes;
-#: assumed.
+#: Ends and their radii [mm]: handle and head of the malleus, incus and its long process, stapes; assumed.
 OSSICLES = (
     ((14.6, -4.2, -4.0), (15.4, -4.6, 1.2), (0.4, 0.7)),
     ((15.4, -4.6, 1.2), (15.7, -3.9, 2.0), (1.2, 1.2)),
@@ -37,7 +36,7 @@ OSSICLES = (
     ((15.7, -2.9, 1.6), (16.6, -3.2, -2.0), (0.7, 0.4)),
     ((16.6, -3.2, -2.0), (19.0, -2.6, -1.6), (0.4, 0.6)),
 )
-#: Centre, normal, radius and thickness of the lateral, the anterior and the posterior canal [mm]. Radii of
+#: Centre, normal, radius and thickness of the lateral, anterior and posterior canals [mm]. Radii of
 #: curvature: Spoor and Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
 CANALS = (
     ((20.2, 1.2, 1.5), (-0.3, 0.3, 1.0), 2.3, 0.6),
@@ -52,7 +51,7 @@ class Structures:
 
     nerve: Tube
     sinus: Tube
-    canals: tuple[Tube, ...]  # of the labyrinth, its cochlea and what joins them
+    canals: tuple[Tube, ...]  # canals of the labyrinth, cochlea and connections
     vestibule: tuple[Floats, Floats]  # centre and half axes
     ossicles: tuple[Tube, ...]
     antrum: tuple[Floats, Floats]
@@ -60,13 +59,13 @@ class Structures:
     ear_canal: Tube
     tympanum: tuple[Floats, Floats]
     tip: Tube
-    tegmen: Floats  # height at (12, 6), its slopes along x and y
-    genu: int  # of the nerve's points
-    fossa: float  # of the plane x + 0.8 y that the posterior fossa begins at
+    tegmen: Floats  # height at (12, 6), slopes along x and y
+    genu: int  # index in the nerve's points
+    fossa: float  # x + 0.8 y on the plane where the posterior fossa begins
 
     @classmethod
     def of(cls, seed: int) -> Structures:
-        """Places and sizes jittered by the seed, so that no two ears are alike."""
+        """Anatomy with places and sizes varied by the seed."""
         draw = iter((2.0 * uniform(seed, 2, 64) - 1.0).tolist())
 
         def jitter(width: float) -> float:
@@ -75,7 +74,7 @@ class Structures:
         def shift(width: float) -> Floats:
             return np.array([jitter(width) for _ in range(3)])
 
-        inner = shift(0.4)  # of the labyrinth, and with it nerve and middle ear
+        inner = shift(0.4)  # moves labyrinth, nerve and middle ear
         nerve_points = np.array(
             [
                 [33.0, -2.5, 1.5],
@@ -131,7 +130,7 @@ class Structures:
 
     @property
     def tubes(self) -> tuple[Tube, ...]:
-        """The structures that are too thin for the lattice: nerve, labyrinth, ossicles."""
+        """Structures too thin for the lattice: nerve, labyrinth, ossicles."""
         return (self.nerve, *self.canals, *self.ossicles)
 
     @property
@@ -161,7 +160,7 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     centre = shift + [22.2, -0.5, -0.4]
     common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
     low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
-    # 2.5 turns, 9.2 mm across and 5.1 mm high, that narrow and rise towards the front and side.
+    # 2.5 turns, 9.2 mm across and 5.1 mm high; they narrow and rise towards the front and side.
     axis = np.array([-0.55, -0.8, -0.25])
     axis /= np.linalg.norm(axis)
     one = np.cross(axis, [0.0, 0.0, 1.0])
@@ -180,17 +179,15 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
 
 #: Thickness of the compact bone over the air cells [mm], assumed.
 CORTEX = 2.0
-#: Plates over dura and sinus, and bone around ear canal, nerve and labyrinth that hold no cells [mm],
-#: assumed.
+#: Thickness of bone without cells over dura and sinus, around ear canal, nerve and labyrinth [mm], assumed.
 PLATE, AROUND_CANAL, AROUND_NERVE, AROUND_LABYRINTH = 0.8, 1.5, 1.0, 1.5
-#: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and the wall left to the ear canal
-#: [mm]; ours.
+#: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and wall to the ear canal [mm]; ours.
 MARGINS = {"dura": 1.0, "sigmoid sinus": 1.0, "facial nerve": 1.5, "labyrinth": 2.0, "ear canal": 2.0}
-#: How far the planned cavity reaches out of the bone [mm], so that it holds the voxels that the surface cuts.
+#: Reach of the planned cavity out of the bone [mm]: it includes voxels that the surface cuts.
 ABOVE = 1.0
 #: Radii of the planned cavity at the surface and at the antrum [mm]; ours.
 OPENING, BOTTOM = 15.0, 7.5
-#: Box that holds the air cells whatever the seed: least and largest (x, y, z) [mm].
+#: Box that holds the air cells of any seed: least and largest (x, y, z) [mm].
 CELLS_BOX = ((-1.0, -9.0, -29.0), (19.0, 28.0, 13.0))
 
 
@@ -241,12 +238,12 @@ class Fields:
         return cls(lattice, *(part.astype(np.float32) for part in parts))
 
     def on(self, name: str, grid: Grid) -> Singles:
-        """The field of this name at the points of a grid."""
+        """The named field at the points of a grid."""
         return interpolate(getattr(self, name), self.lattice, grid)
 
 
 def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:
-    """A field that is negative where all margins are kept."""
+    """Field that is negative where all margins are kept."""
     return np.asarray(np.maximum.reduce([margin[name] - distance[name] for name in margin]))
 
 
@@ -272,7 +269,7 @@ def _rooms(at: Structures, grid: Grid, canal: Floats) -> Floats:
 
 
 def _mastoid(grid: Grid, outside: Floats) -> Floats:
-    """Where cells may be: below the cortex, behind and above the ear canal, lateral to the inner ear."""
+    """Region for cells: below the cortex, behind and above the ear canal, lateral to the inner ear."""
     _, y, z = grid.open()
     front = np.broadcast_to(np.minimum(2.0, -2.9 - 0.82 * z) - y, grid.shape)
     body = ellipsoid(grid, [5.0, 8.0, -4.0], [13.0, 20.0, 26.0])
@@ -280,7 +277,7 @@ def _mastoid(grid: Grid, outside: Floats) -> Floats:
 
 
 def _funnel(at: Structures, grid: Grid) -> Floats:
-    """A cone that narrows from the opening to the antrum, and ends at its far wall."""
+    """Cone that narrows from the opening to the antrum and ends at the antrum's far wall."""
     a, b = at.landmarks["entry"] - [2.0, 0.0, 0.0], at.antrum[0]
     span = b - a
     x, y, z = grid.open()

@@ -1,4 +1,4 @@
-"""Pages and effects of session and replica: options, refusals and the final report."""
+"""What session and replica show beside themselves: options, refusals and what is said at the end."""
 
 import json
 
@@ -18,7 +18,7 @@ BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 @pytest.fixture
 def shown(monkeypatch):
-    """In place of a page: notes what it would show, and waits for the end of the session."""
+    """In place of a page: notes what it would show, until the session has ended."""
     served = {}
 
     def serve(source, **options):

@@ -80,7 +80,7 @@ def test_script_and_two_burrs(tmp_path, capsys):
             for name in ("effects", "stereo")
         ),
         (["--device", "hand", "--publish", "70000"], "must be a port, 0 to 65535, got '70000'"),
-        # a trace is never replaced; the refusal comes before any work
+        # a trace is never replaced, and that is said before any work
         (
             ["--device", "hand", "--volume", "none", "--record", "x.nrrd"],
             "--record must be a new file, x.nrrd exists",
@@ -95,7 +95,7 @@ def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
 
 
 def start(*arguments):
-    """A command in its own process, and the first line that it prints."""
+    """A command in a process of its own, and the first line that it says."""
     run = subprocess.Popen(
         [sys.executable, "-m", "burrlab", *map(str, arguments)],
         stderr=subprocess.PIPE,
@@ -106,7 +106,7 @@ def start(*arguments):
 
 
 def test_leader_and_replica(tmp_path):
-    """Two processes: a replica is interrupted and started again, then the leader is interrupted."""
+    """Two processes; the replica's is interrupted in the middle and run again, then the leader's."""
     path, bone = tmp_path / "leader.h5", tmp_path / "bone.h5"
     leader, first = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
     assert "published on 127.0.0.1, port" in first
@@ -140,7 +140,7 @@ def test_leader_and_replica(tmp_path):
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_interrupted_session_is_whole(tmp_path, name):
-    """Signals leave a session as Ctrl-C does, which ends the leader above."""
+    """As Ctrl-C leaves it, which ends the leader above."""
     path = tmp_path / "cut.h5"
     run, _ = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
     time.sleep(0.5)
@@ -154,7 +154,7 @@ def test_interrupted_session_is_whole(tmp_path, name):
 
 
 def test_waiting_device_is_said(tmp_path):
-    """With a network device without a server the session says that it waits."""
+    """A network device without a server: the session says that it waits."""
     said, told = [], threading.Event()
     device = burrlab.IgtlDevice("127.0.0.1", 9)
     bone = burrlab.VoxelBone.block((8, 8, 3), 0.4)

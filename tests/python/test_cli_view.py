@@ -1,4 +1,4 @@
-"""burrlab view: its files, and its refusals in one sentence."""
+"""burrlab view: what it writes, and one sentence for what it cannot."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def trace(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def volume(tmp_path_factory):
-    """8 x 6 x 4 mm of grey 1000 under air, voxels of 0.5 mm, a quarter turn about z."""
+    """8 x 6 x 4 mm of grey 1000 under air, at half a millimetre, turned by a quarter about z."""
     sitk = pytest.importorskip("SimpleITK")
     grey = np.full((8, 12, 16), 1000, np.int16)
     grey[6:] = -1000
@@ -46,7 +46,7 @@ def volume(tmp_path_factory):
 
 
 def test_pictures_need_no_extra(trace, tmp_path):
-    """In a process that cannot import pyvista; the scene is refused in one sentence."""
+    """In a process that cannot import pyvista; the scene says so in one sentence."""
     made, depth = tmp_path / "slices.png", tmp_path / "slices-depth.png"
     program = f"""
 import sys
@@ -68,7 +68,7 @@ def test_pictures_of_a_volume_are_in_the_bone_frame(volume, tmp_path, capsys):
     told = result(
         capsys, "view", "--volume", volume, "--map", "-1000:1000", "--pictures", made, "--entry", "9,21,32"
     )
-    assert told["written"] == [str(made)]  # nothing removed: no depth map
+    assert told["written"] == [str(made)]  # nothing removed: no depth
     assert read(made).shape == (780, 1920, 3)
 
 
@@ -140,7 +140,7 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
     (tmp_path / "broken.h5").write_bytes(trace.read_bytes()[:1000])
     no_trace = "; --volume shows a volume, --bone a bone that was kept"
     for said, *arguments in (
-        ("burrlab view: --pictures: - must end in one of ", trace, "--pictures", "-"),  # a figure cannot go to standard output
+        ("burrlab view: --pictures: - must end in one of ", trace, "--pictures", "-"),  # is no file, nor text
         ("must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'", trace, "--size", "8x8"),
         ("burrlab view: --pictures: a.xyz must end in one of ", trace, "--pictures", "a.xyz"),
         ("unrecognized arguments: --pict", trace, "--pict", "a.png"),
@@ -217,7 +217,7 @@ def test_picture_of_bone_and_volume(volume, tmp_path, capsys):
     code = call(capsys, "view", "--volume", volume, "--map", "-1000:1000", "--png", png, *look, *SMALL)[0]
     assert code == 0
     middle = read(png)[120, 160].astype(int)
-    assert middle.min() > 90  # bone lies at the entry, in the volume's own coordinates
+    assert middle.min() > 90  # bone is where the entry is, in the volume's own coordinates
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Critical structures in the commands session, metrics and replica."""
+"""What the commands session, metrics and replica say of critical structures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ nrrd = pytest.importorskip("nrrd", reason="needs the extra medical")
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A user's files: grey volume, labels, their table, and a script down into the nerve."""
+    """Grey volume, labels, their table and a script down into the nerve, as a user has them."""
     folder, bone = tmp_path_factory.mktemp("cli"), nerve_bone()
     header = {
         "space": "left-posterior-superior", "space directions": np.diag(bone.spacing), "space origin": np.array(bone.origin),
@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def session(folder, capsys):
-    """Runs the command session; returns what it prints."""
+    """What the command session says."""
     words = [
         "session", "--device", f"scripted:{folder / 'down.csv'}", "--volume", folder / "grey.nrrd", "--map", "0:255",
         "--labels", folder / "labels.nrrd", "--tissues", folder / "tissues.csv", "--radius", "1.5", "--seed", "1",
@@ -54,7 +54,7 @@ def test_a_session_watches_and_metrics_tell(folder, session, capsys) -> None:
     told = session("--record", path, "--json", kept, "--approach", "1", "--injury", "0.1")
     table = told[told.index("burr beside") : told.index("events:")]
     assert "time [s] within" in table
-    assert max(map(len, table.splitlines())) <= 80  # the width of a terminal
+    assert max(map(len, table.splitlines())) <= 80  # it fits a terminal
     assert "burrlab: burr 0: touches nerve at tick" in told
     anatomy = json.loads(kept.read_text())["anatomy"]
     assert anatomy["removed_mm3"]["nerve"] > 0.1
@@ -113,7 +113,7 @@ def options(given):
 
 
 def followed(bone, depth, **options):
-    """A session that went down to a depth, and its replica, both ended."""
+    """A session that goes down to a depth, at its end, and its replica."""
     device = straight([(0, 0, 1.5), (0, 0, depth)], [0, 0.4])
     session = burrlab.Session(
         bone, tool(), device, seed=3, duration=0.4, wall_clock=False, publish=0, **options

@@ -1,4 +1,4 @@
-"""What a user sees is as it was frozen (tests/golden/cases.py): names, commands, files, results, figures, messages."""
+"""What a user sees equals the frozen cases (tests/golden/cases.py): names, commands, files, results, figures."""
 
 from pathlib import Path
 

@@ -68,7 +68,7 @@ def main() -> None:
     counts, times = [], defaultdict(list)
 
     def timed(name: str, work: Callable[..., Any], *given: object) -> Any:
-        """The result of `work`; timed by wall clock and by the thread's CPU clock, which ignores other load."""
+        """The result of `work`, timed by wall clock and by the thread's CPU clock, without other load."""
         begin, busy = time.perf_counter(), time.thread_time()
         found = work(*given)
         times[name].append(time.perf_counter() - begin)

@@ -492,7 +492,7 @@ def messages(_: Path) -> Any:
 
 @case
 def page(_: Path) -> Any:
-    """What the page sends to a browser, and what a browser may send."""
+    """State that the page sends to a browser, and calls that a browser may send."""
     made = make_page(page_source(burrlab.load_trace(FILES / "trace.h5")))
     made.state.tell("wanted_s", 0.9)
     made._turn(1.0)

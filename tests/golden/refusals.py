@@ -1,7 +1,7 @@
 """Every refusal in the tests: type and message of caught errors, exit status and message of commands.
 
-REFUSALS=folder python -m pytest -p golden.refusals -m "not slow" tests/python     # each process writes its part
-python tests/golden/refusals.py before after                                       # differences of two runs
+REFUSALS=folder python -m pytest -p golden.refusals -m "not slow" tests/python  # each process writes its part
+python tests/golden/refusals.py before after                                    # differences of two runs
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Coverage studies: they agree with the fit, repeat and resume; intervals hold the truth as often as stated."""
+"""Coverage studies agree with the fit, repeat and resume; intervals hold the truth as often as stated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user sees equals the frozen cases (tests/golden/cases.py): names, commands, files, results, figures."""
+"""Names, commands, files, results, figures and messages equal the frozen ones (tests/golden/cases.py)."""
 
 from pathlib import Path
 

@@ -106,7 +106,7 @@ class Oracle:
         return [one / mean for one in self.record]
 
     def residuals(self, c_e: float, alpha: float, unit: np.ndarray | None = None) -> list[tuple]:
-        """Of each scatter: residuals, number of free ones, whether sigma is known, model error [same unit]."""
+        """Residuals, number of free ones, whether sigma is known, and model error, for each scatter."""
         model = alpha * (self.unit(c_e) if unit is None else unit)
         v = np.array([row[1] for row in self.velocities])
         groups: list[tuple] = []

@@ -1,4 +1,4 @@
-"""What the commands share: options and their types, refusals, output and the end by a signal."""
+"""Shared by the commands: options and their types, refusals, output and the end by a signal."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ Series: TypeAlias = tuple[float, tuple[float, ...], int]  # radius [mm], forces 
 @stored_as("burrlab.fitting.experiment.Experiment")
 @dataclass(frozen=True)
 class Experiment:
-    """What is measured in one data set, without outcomes; small and picklable.
+    """The measurements of one data set, without outcomes; small and picklable.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ class Coverage:
         Interval ends by data set, quantity (c_e [N/mm^2], alpha [1/ms], alpha/c_e^exponent) and level (68,
         95, 99.7 %); 0 and infinite where open.
     exponent : ndarray, shape (n,)
-        Of the combination, chosen for each data set.
+        Exponent of the combination, chosen for each data set.
     rise : ndarray, shape (n, 2)
         Rise of -2 log L over its minimum, at the true c_e and at the true c_e and alpha.
     joint_limit : ndarray, shape (n, 3)
@@ -314,7 +314,7 @@ def _template(experiment: Experiment, shape: str) -> tuple[Observations, MeanFie
 
 
 def replicate(item: CoverageItem) -> Floats:
-    """What the fit to one synthetic data set says about the truth.
+    """Numbers of the fit to one synthetic data set that concern the truth.
 
     Returns
     -------

@@ -81,7 +81,7 @@ class Combination:
 @by_value
 @dataclass(frozen=True)
 class Profile:
-    """What the likelihood says: intervals, regions and the curves they come from.
+    """Intervals and regions of a likelihood, and the curves they come from.
 
     Attributes
     ----------

@@ -20,7 +20,7 @@ from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
 class Model(Protocol):
-    """What predicts the velocity rows of an `Observations`; the velocity is proportional to alpha."""
+    """Predicts the velocity rows of an `Observations`; the velocity is proportional to alpha."""
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """Velocity [mm/s] at alpha = 1 /ms, shape of c_e and (n,); NaN where c_e leaves no window."""
@@ -141,7 +141,7 @@ class Likelihood:
         return self._pressed_log - np.log(stiffness)
 
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
-        """Of each scatter: name, whether sigma is known, residuals (last axis), number of free ones."""
+        """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
         unit = self.model.unit(c_e)
         tables = [
             ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
@@ -240,7 +240,7 @@ class Likelihood:
         return 1.0 if known else float(np.sum(r**2)) / n + floor
 
     def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:
-        """Of each scatter: name, known, derivatives of the residuals by (log c_e, log alpha), residuals, n.
+        """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals and n, by scatter.
 
         Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
         """

@@ -40,7 +40,7 @@ _OPEN = Interval(None, None)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitRecord:
-    """What a fit keeps, what follows from it, and its JSON; `Fit` adds tests and figures.
+    """The data of a fit, what follows from them, and their JSON; `Fit` adds tests and figures.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class FitRecord:
     seed : int
         Seed of the voxel engine's descents.
     evaluations : int
-        Of the objective, in all searches.
+        Evaluations of the objective, in all searches.
     seconds : float
         Duration of the fit [s].
     record : tuple
@@ -166,7 +166,7 @@ class FitRecord:
 
     @property
     def ridge(self) -> Ridge | None:
-        """Where the data lie relative to the ridge."""
+        """The position of the data relative to the ridge."""
         return None if self.evidence is None else self.evidence.ridge
 
     @property

@@ -71,7 +71,7 @@ class NewData:
 
 @dataclass(frozen=True, eq=False)
 class NewRegion:
-    """What is left after new data, for each of several truths, shape (t,)."""
+    """The region after new data, for each of several truths, shape (t,)."""
 
     log_area: Floats  #: of the joint 95 % region, in (log c_e, log alpha)
     ratio: Floats  #: upper over lower end of c_e's 95 % interval; infinite where one is open

@@ -189,7 +189,7 @@ class ShapeComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is rejected, what cannot be told apart, and what that means for alpha."""
+        """Sentences on rejected shapes, shapes that cannot be told apart, and alpha."""
         return tuple(sentences(self))
 
     def report(self) -> str:

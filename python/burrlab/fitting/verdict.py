@@ -1,4 +1,4 @@
-"""What a fit may claim: its status, and in plain words what the data determine."""
+"""The status of a fit, and what the data determine in plain words."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Ridge:
-    """Where the data cannot tell c_e from alpha, and what they determine instead.
+    """The ridge along which the data cannot tell c_e from alpha, and what they determine there.
 
     Along the ridge every window starts deeper than static contact, and predictions depend on
     alpha/c_e^exponent alone (docs/model.md, section 5 iii).

@@ -184,7 +184,7 @@ class VoxelTable:
     low, high : float
         Range of the descents' c_e [N/mm^2]. Below it some force has no window; above, the last value holds.
     coefficients : ndarray, shape (replicates, rows, 4)
-        By rising power of log(c_e/low).
+        Coefficients by rising power of log(c_e/low).
     error : float
         RMS deviation of the descents, averaged over replicates, from the polynomials.
     noise : float

@@ -314,7 +314,7 @@ def _template(experiment: Experiment, shape: str) -> tuple[Observations, MeanFie
 
 
 def replicate(item: CoverageItem) -> Floats:
-    """Numbers of the fit to one synthetic data set that concern the truth.
+    """Intervals of the fit to one synthetic data set, and the rises of -2 log L at the truth.
 
     Returns
     -------

@@ -55,7 +55,7 @@ class MeanFieldModel:
         return alpha * self.unit(c_e)
 
 
-#: Error of the master curve against single descents [1]; a smaller scatter cannot be told from it.
+#: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
 MODEL_ERROR = 2e-3
 _LARGEST = 500.0  # largest |log alpha|: limits beyond are cut to it, so that they stay finite
 

@@ -62,7 +62,7 @@ class FitRecord:
     chi2_reduced : float or None
         Chi-square over degrees of freedom; None where a velocity has no sigma.
     n_points, n_skipped, n_censored : int
-        Rows used, rows without a velocity, and those of the latter that bound c_e from above.
+        Rows used, rows without a velocity, and censored ones, which bound c_e from above.
     status : str
         ``"ok"``; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
         ``"disagreement"``: searches ended equally well at different parameters; ``"not-converged"``.
@@ -74,7 +74,7 @@ class FitRecord:
     bounds : dict
         Bounds of ``c_e`` and ``alpha`` in the search.
     given_bounds : tuple of str
-        Names of the bounds that were given.
+        Names of given bounds.
     evidence : Evidence or None
         Profiles, regions, information, scatters; None where nothing could be fitted.
     lack_of_fit : HypothesisTest or None
@@ -259,7 +259,7 @@ class FitRecord:
 @by_value
 @dataclass(frozen=True)
 class Evidence:
-    """What the likelihood says about a fit.
+    """Evidence of the likelihood.
 
     Attributes
     ----------

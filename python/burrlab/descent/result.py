@@ -243,7 +243,7 @@ def evaluate(
         reason = "the burr met no bone on its way"
     elif settled is None:
         status = "never-settled"
-        reason = f"the mean of {span} samples of the force left {setpoint:g} N by over 5 % up to the stop"
+        reason = f"up to the stop the mean of {span} samples of the force was off {setpoint:g} N by over 5 %"
     else:
         start = max(burr.radius / 6, settled)
         rows = samples_between(h, start, stop)

@@ -1,9 +1,10 @@
-# make demo | test | test-slow | bench | fuzz | format | clean. Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
+# make demo | test | test-slow | bench | fuzz | figures | format | clean.
+# Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
-# All is built in build/, each file once. The installation is editable: a changed Python line compiles nothing.
+# build/ holds all builds, each file once. The installation is editable: a change in Python compiles nothing.
 SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
@@ -52,13 +53,13 @@ test: $(VENV)/developed
 test-slow: $(VENV)/developed
 	$(BIN)/python -m pytest -m slow tests/python
 
-# BENCH=--quick for a look whether it runs
+# BENCH=--quick only tries whether it runs
 bench: $(VENV)/benched
 	$(CONFIGURE) -DBURRLAB_BENCH=ON
 	$(BIN)/cmake --build build --target burrlab_bench
 	$(BIN)/python tests/bench/bench.py --library build/burrlab_bench.so --out bench $(BENCH)
 
-# SECONDS=10 for a look whether it runs
+# SECONDS=10 only tries whether it runs
 fuzz: SECONDS := 600
 fuzz: $(VENV)/developed
 	$(CONFIGURE) -DBURRLAB_TESTS=ON

@@ -2,7 +2,7 @@
 
     python examples/demo.py [OUTPUT_FOLDER]
 
-The data is synthetic: made by this script with the mean-field engine, bone's parameters and a scatter of 8 %.
+The data are synthetic: from the mean-field engine with bone's parameters and a scatter of 8 %.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One descent through the virtual rig, and the same with the force held exactly.
+"""One descent with the virtual rig, and the same with the force held exactly.
 
 python examples/descent.py [OUT.png]
 """

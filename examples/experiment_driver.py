@@ -2,9 +2,9 @@
 
     python examples/experiment_driver.py CONFIG.toml 01
 
-Takes subject 01 through the tasks of a protocol at the terminal it is typed in; typed again it goes on where
-it was ended. The driver's loop runs all the time, in a thread of its own: in an interval the mailbox has the
-force of the material, between intervals zero.
+Takes subject 01 through the tasks of a protocol at this terminal; the same command resumes an interrupted
+run. The driver's loop runs all the time, in its own thread. In an interval the mailbox holds the force of the
+material, between intervals zero.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from burrlab.psychophysics.seat import TerminalSeat
 
 
 class Hardware:
-    """Stands for a device's own library: a hand that lowers the burr of radius R [mm] and lifts it, once in 2 s.
+    """In place of a device's library: a hand that lowers and lifts the burr of radius R [mm] once in 2 s.
 
-    Its motors give way by 0.2 mm/N.
+    Its motors yield by 0.2 mm/N.
     """
 
     def __init__(self, radius: float) -> None:
@@ -42,7 +42,7 @@ class Hardware:
 
 @contextlib.contextmanager
 def driven(hardware: Hardware, box: burrlab.MailboxDevice, on: bool) -> Iterator[None]:
-    """The driver's loop, some 400 Hz, while this is entered. One that ends is noticed: the device is lost."""
+    """Runs the driver's loop at about 400 Hz. If the loop ends early, the device counts as lost."""
     over = threading.Event()
 
     def loop() -> None:
@@ -72,11 +72,11 @@ def main() -> int:
     box = burrlab.MailboxDevice(name="driver", lost_after=protocol.lost_after)
     sitting = Sitting(protocol, options.subject, device=box, again="the same command")
     try:
-        # By probing nothing is eroded whatever the switch says.
+        # Probing erodes nothing, even with the switch on.
         with driven(hardware, box, on=True), TerminalSeat() as seat:
             sitting.run(lambda task: seat)
             seat.close("That was all. Thank you.")
-    except (DeviceLost, KeyboardInterrupt) as error:  # why, and what to type, is in the experimenter's log
+    except (DeviceLost, KeyboardInterrupt) as error:  # the experimenter's log says why
         print("Please wait. Every answer is kept.")
         return 1 if isinstance(error, DeviceLost) else 130
     return 0

@@ -2,8 +2,8 @@
 
     python examples/grid_independence.py [OUT.png] [--fast]
 
-Descents at exactly held force, bone, burr of 3 mm: each marker is the mean over places of the burr within the
-voxel grid, its bar one standard deviation.
+Descents with the force held exactly, in bone, burr of 3 mm. A marker is the mean over places of the burr
+within the voxel grid, its bar one standard deviation.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ BONE = burrlab.materials["bone"]
 VOXELS = (0.4, 0.3, 0.2, 0.15, 0.1, 0.075)  # [mm]
 FORCES = {0.5: ("#0072B2", "o"), 1.0: ("#009E73", "s"), 2.0: ("#D55E00", "^")}  # [N]
 PLACES = 8
-LONGEST = 150.0  # simulated time [s] after which a run is given up
+LONGEST = 150.0  # simulated time [s] after which a run is abandoned
 
 Key = tuple[str, float, float]
 
 
 def velocity(scheme: str, force: float, voxel: float, seed: int, longest: float) -> float:
-    """Penetration velocity [mm/s]; NaN where a run does not come to its stop within `longest` [s]."""
+    """Penetration velocity [mm/s]; NaN if the run does not reach its stop within `longest` [s]."""
     run = burrlab.descend(
         BURR, BONE, force, voxel=voxel, seed=seed, scheme=scheme, ideal=True, max_duration=longest
     )
@@ -40,7 +40,7 @@ def velocity(scheme: str, force: float, voxel: float, seed: int, longest: float)
 
 
 def measure(fast: bool) -> dict[Key, np.ndarray]:
-    """Velocities [mm/s], one a place, for every scheme, force and voxel size."""
+    """Velocities [mm/s] at all places, for every scheme, force and voxel size."""
     voxels = (0.4, 0.2) if fast else VOXELS
     forces = (1.0, 2.0) if fast else FORCES
     places = 2 if fast else PLACES

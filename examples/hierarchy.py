@@ -1,9 +1,9 @@
-"""What a tick looks at: a section through a burr that slides through bone, with the levels of the hierarchy.
+"""The voxels that a tick visits: a section through a burr that slides through bone, with the hierarchy.
 
     python examples/hierarchy.py [hierarchy.png]
 
-Above the occupancy by which empty space is passed, below the bricks about the burr and the rows visited in
-them.
+Above: the occupancy, by which the tick skips empty space. Below: the bricks about the burr, and the rows
+visited in them.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def outline(ax: Axes, x: float, z: float, width: float, height: float, **style: 
 
 
 def occupancy(ax: Axes, q: NDArray[np.uint8]) -> None:
-    """Which blocks, and blocks of blocks, hold bone."""
+    """The blocks, and the blocks of blocks, that hold bone."""
     for size, style in ((BLOCK, {"ec": "0.45", "lw": 0.5}), (SUPERBLOCK, {"ec": "k", "lw": 1.6})):
         for z in range(0, q.shape[0], size):
             for x in range(0, q.shape[2], size):
@@ -60,7 +60,7 @@ def occupancy(ax: Axes, q: NDArray[np.uint8]) -> None:
 
 
 def bricks(ax: Axes, q: NDArray[np.uint8], center: NDArray[np.float64]) -> None:
-    """Bricks that the section cuts: passed by, covered whole, or visited in rows."""
+    """Bricks in the section: skipped, wholly covered, or visited in rows."""
     y = round(center[1] / VOXEL)
     for z in range(0, q.shape[0], BRICK):
         for x in range(0, q.shape[2], BRICK):

@@ -1,8 +1,8 @@
-"""A mastoidectomy without a patient: a procedural temporal bone, a scripted burr, what it removed.
+"""A mastoidectomy without a patient: a procedural temporal bone, a scripted burr and the bone it removes.
 
     python examples/phantom.py [OUTPUT_FOLDER]
 
-Leaves phantom.png, slices before and after with the planned cavity, and target.png, volumes against the plan
+Writes phantom.png, slices before and after with the planned cavity, and target.png, volumes against the plan
 by tissue.
 """
 
@@ -35,7 +35,7 @@ def main(folder: Path) -> None:
     path = mastoidectomy_path(phantom, burr, layer=1.0, step=2.0, speed=40.0)
     print(f"path: {path.layers} layers, {path.duration:.0f} s of drilling")
 
-    # One period follows the other as fast as it goes: the same result on every machine.
+    # Periods run as fast as they can: the result is the same on every machine.
     tool = burr, burrlab.materials["bone"]
     with burrlab.Session(phantom.bone, tool, path.device(), seed=1, wall_clock=False) as session:
         session.wait()
@@ -50,7 +50,7 @@ def main(folder: Path) -> None:
 
 
 def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
-    """Three planes through the antrum, before and after, the planned cavity outlined."""
+    """Three planes through the antrum, before and after, with the planned cavity outlined."""
     figure = Figure(figsize=(9.6, 7.2), layout="constrained")
     rows = figure.subplots(2, 3)
     at = np.rint((phantom.landmarks["antrum"] - bone.origin) / bone.spacing).astype(int)
@@ -69,7 +69,7 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
             across, up = (i for i in range(3) if i != axis)
             extent = (*ends[across], *ends[up])
             ax.imshow(
-                # half full is drawn as full, so that soft tissue keeps the colour of its name
+                # half full is drawn as full, so that soft tissue keeps its colour
                 colours[phantom.labels[tuple(plane)]] * np.minimum(shown / 127.5, 1.0)[..., None],
                 extent=extent,
                 origin="lower",

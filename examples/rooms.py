@@ -1,4 +1,4 @@
-"""The rooms of the package and the imports between them, drawn from the code: `python examples/rooms.py [architecture.png]`."""
+"""The rooms of the package and the imports between them: `python examples/rooms.py [architecture.png]`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from matplotlib.patches import FancyBboxPatch
 from burrlab.common.figures import REFERENCE, new_figure
 
 PACKAGE = Path(__file__).parents[1] / "python" / "burrlab"
-#: In the order in which the work is done: each imports only from those before it.
+#: In the order of the work: each room imports only from those before it.
 ROOMS = ("common", "theory", "bone", "measured", "descent", "fitting", "anatomy", "session", "effects", "view",
          "psychophysics", "cli")  # fmt: skip
 
@@ -29,7 +29,7 @@ def trees() -> dict[str, ast.Module]:
 
 
 def imported(tree: ast.AST) -> set[str]:
-    """Modules and names of burrlab that a tree imports; "." for a relative import."""
+    """Modules and names of burrlab that a tree imports; "." stands for a relative import."""
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -51,7 +51,7 @@ def draw(path: str) -> None:
         if (mine := room(name)) is None:
             continue
         sizes[mine] += sum(isinstance(node, ast.stmt) for node in ast.walk(tree))
-        theirs = {room(other) for other in imported(tree)} - {None, mine, "common"}  # which all import
+        theirs = {room(other) for other in imported(tree)} - {None, mine, "common"}  # all rooms import common
         arrows.update((mine, other) for other in theirs)
     figure = new_figure(11.0, 3.0)
     ax = figure.subplots()

@@ -3,7 +3,7 @@
     python examples/session_driver.py [--seconds 4]
 
 The driver's loop reads its hardware, leaves the position in a mailbox and takes the force from it. It may be
-slower than the loop, and late: the loop uses the latest position, and ends the session when that is 100 ms
+slower than the session's loop, and late: the session uses the latest position, and ends when that is 100 ms
 old.
 """
 
@@ -19,7 +19,7 @@ import burrlab
 
 
 class Hardware:
-    """Stands for a device's own library: it follows a circle, and its motors give way by 0.2 mm/N."""
+    """In place of a device's library: it follows a circle, and its motors yield by 0.2 mm/N."""
 
     def __init__(self) -> None:
         self.begin = time.perf_counter()
@@ -45,7 +45,7 @@ def main() -> None:
         while time.perf_counter() - hardware.begin < seconds and session.running:
             box.put(hardware.position(), on=True)
             hardware.force = box.force
-            time.sleep(0.002)  # a driver at some 400 Hz
+            time.sleep(0.002)  # a driver at about 400 Hz
         session.stop("the driver has done its circle")
     print(session.report())
 

@@ -2,8 +2,8 @@
 
     python examples/session_leader.py [TRACE.h5] [--seconds 20] [--port 18944]
 
-A simulated hand burrs a block of bone. Start examples/session_replica.py beside it, with the same port, and
-examples/session_peer.py to see what a standard OpenIGTLink program is sent.
+A simulated hand burrs a block of bone. Start examples/session_replica.py beside it with the same port, and
+examples/session_peer.py to see what a standard OpenIGTLink program receives.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
     python examples/session_peer.py [--port 18944]
 
-Uses pyigtl (pip install pyigtl), which keeps only the newest message of a device and does not know SENSOR, in
-which the force is sent. Without a session at that port it makes one of its own.
+Uses pyigtl (pip install pyigtl), which keeps only the newest message of a device and does not know SENSOR,
+the message of the force. Without --port it starts a session of its own.
 """
 
 from __future__ import annotations

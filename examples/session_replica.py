@@ -1,8 +1,8 @@
-"""A replica: another process, or another machine, that holds the bone of a published session to the bit.
+"""A replica: another process or machine that holds the bone of a published session, bit for bit.
 
     python examples/session_replica.py [HOST] [--port 18944]
 
-Without a leader at that address it makes one of its own, to show what happens.
+Without HOST it starts a leader of its own.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def main() -> None:
             print("no leader given: following a session of this process")
         replica = follow(host, port)
         while not replica.wait(1.0):
-            changed = replica.take()  # for a display: what is new since the last look
+            changed = replica.take()  # for a display: changes since the last call
             status = replica.status
             print(
                 f"tick {changed['tick']}, {len(changed['bricks'])} bricks changed, "

@@ -2,7 +2,7 @@
 
     python examples/velocity_force_fit.py [DATA.csv RADIUS_MM [OUT.png]]
 
-Without a file it makes synthetic data first: the mean-field curve of bone with a scatter of 8 %.
+Without a file it makes synthetic data: the mean-field curve of bone with a scatter of 8 %.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Do the tests notice? Faults thought of by hand and drawn by a seed, each with the quickest test files that run its function.
+"""Do the tests notice faults? By hand and by seed, each with the quickest test files that run its function.
 
-    python tests/mutants.py trace calls.json                  # functions that each test file runs, and its time
+    python tests/mutants.py trace calls.json                  # functions that each test file runs, its time
     python tests/mutants.py draw 180 >> tests/golden/mutants.jsonl
     python tests/mutants.py draw_core 20 >> tests/golden/mutants.jsonl
-    python tests/mutants.py run calls.json result.jsonl 1/2   # every second fault, from the first; goes on where it ended
+    python tests/mutants.py run calls.json result.jsonl 1/2   # every second fault, from the first; resumes
     python tests/mutants.py compare before.jsonl after.jsonl
 
-A fault is named by its function and by an expression in it, so that it is found again wherever the function moves;
-one of the core by a line of it. The core's C++ tests run before the files of its room.
+A fault is named by its function and an expression in it, so that it is found wherever the function moves; a
+fault of the core by its line. For these the C++ tests run before the test files of the room.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def pytest_unconfigure() -> None:
 
 
 def _pytest(files: list[str], package: Path, *options: str, **environment: str) -> tuple[int | None, float]:
-    """Exit status, None where it took too long, and CPU seconds: other work on the machine does not count."""
+    """Exit status, None after too long a time, and CPU seconds: other work on the machine does not count."""
     begun = _children_time()
     path = os.pathsep.join([str(package), str(ROOT / "tests")])
     process = subprocess.Popen(
@@ -120,7 +120,7 @@ def trace(out: str) -> None:
 
 
 def _functions(tree: ast.AST, above: str = "") -> Iterator[tuple[str, ast.FunctionDef]]:
-    """Each function by its qualified name, those within it apart."""
+    """Each function with its qualified name; functions inside it are separate."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.FunctionDef):
             yield above + node.name, node
@@ -130,7 +130,7 @@ def _functions(tree: ast.AST, above: str = "") -> Iterator[tuple[str, ast.Functi
 
 
 def _expressions(function: ast.FunctionDef) -> Iterator[ast.expr]:
-    """Those of its own body; not of what it raises, prints in texts, or is annotated with."""
+    """Expressions of a function's own body, without raised errors, f-strings and annotations."""
 
     def walk(node: ast.AST) -> Iterator[ast.expr]:
         if isinstance(
@@ -150,7 +150,7 @@ def _expressions(function: ast.FunctionDef) -> Iterator[ast.expr]:
 
 
 def _mutated(node: ast.expr) -> ast.expr | None:
-    """The same with another operator, one more or less, or the other way round."""
+    """The expression with another operator, without its `not`, or with 1 added to its number."""
     new = copy.deepcopy(node)
     if isinstance(new, ast.Compare) and len(new.ops) == 1:
         new.ops = [SWAPS[type(new.ops[0])]()]
@@ -166,7 +166,7 @@ def _mutated(node: ast.expr) -> ast.expr | None:
 
 
 def draw(count: str) -> None:
-    """Faults of every room by its size, at least three each, a line each."""
+    """Prints faults, one per line: for every room by its size, at least three."""
     rooms: dict[str, list[dict[str, Any]]] = {}
     files = {
         path: list(_functions(ast.parse(path.read_text(encoding="utf-8"))))
@@ -177,7 +177,7 @@ def draw(count: str) -> None:
         room = path.relative_to(PACKAGE).parts[0] if path.parent != PACKAGE else "loose"
         for name, function in functions:
             seen: Counter[str] = Counter()
-            if named[name] > 1:  # which of them could not be told
+            if named[name] > 1:  # the name alone does not find it
                 continue
             for node in _expressions(function):
                 before, nth = ast.unparse(node), seen[ast.unparse(node)]
@@ -194,7 +194,7 @@ def draw(count: str) -> None:
 
 
 def draw_core(count: str) -> None:
-    """Lines of the core with another operator; not those that refuse, print or are no statements."""
+    """Prints faults of the core: statements with another operator, except those that refuse or print."""
     rows = []
     for path in sorted((ROOT / "cpp/src").rglob("*.[ch]pp")):
         for line in map(str.strip, path.read_text(encoding="utf-8").splitlines()):
@@ -209,7 +209,7 @@ def draw_core(count: str) -> None:
 
 
 def placed(fault: dict[str, Any]) -> tuple[Path, str]:
-    """The file that holds the fault's function now, and its text with the fault; LookupError where neither is found."""
+    """The file with the fault's function, and its text with the fault; LookupError if it is not found."""
     if fault["room"] == "core":
         for path in sorted((ROOT / "cpp/src").rglob("*.[ch]pp")):
             lines = path.read_text(encoding="utf-8").split("\n")
@@ -239,7 +239,7 @@ def placed(fault: dict[str, Any]) -> tuple[Path, str]:
 
 
 def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | None:
-    """Whether the tests of the core do; None where it does not compile. Only what holds the line is built anew."""
+    """Whether the core's tests notice the fault; None if it does not compile. The build is incremental."""
     tree, build = folder / "core", folder / "build"
     jobs = [[sys.executable, "-m", "cmake", "--build", str(build)]]
     if not tree.exists():
@@ -313,7 +313,7 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
 
 
 def _chosen(calls: dict[str, Any], function: str) -> list[str]:
-    """Test files that run a function: those which run the fewest others, then the quickest."""
+    """Test files that run a function, those first that run few others and are quick."""
     able = [name for name, one in calls.items() if function in one["functions"]]
     chosen: list[str] = []
     for name in sorted(able, key=lambda name: len(calls[name]["functions"]) * (10 + calls[name]["seconds"])):
@@ -324,7 +324,7 @@ def _chosen(calls: dict[str, Any], function: str) -> list[str]:
 
 
 def compare(before: str, after: str) -> int:
-    """Faults that were caught and are not now, and by room how many survive; 1 where it is worse."""
+    """Prints faults that only the first run caught, and the survivors by room; 1 if any fault was lost."""
     was, now = ({json.dumps(row["fault"]): row for row in _rows(file)} for file in (before, after))
     lost = [key for key, row in was.items() if row["caught"] and not now.get(key, {}).get("caught")]
     print(*(f"no longer caught: {key}" for key in lost), sep="\n")

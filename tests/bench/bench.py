@@ -1,9 +1,9 @@
-"""Cost of a tick: the core beside a plain C++ loop, Numba and NumPy, on one thread, with the same random bits.
+"""Cost of a tick: the core, a plain C++ loop, Numba and NumPy, on one thread, with the same random bits.
 
     python tests/bench/bench.py --library build/burrlab_bench.so [--out bench] [--quick]
 
-Writes results.json and tick.png. First all implementations are held against tests/reference/tick.py: the run ends
-with an error where one differs in a bit.
+Writes results.json and tick.png. First it compares all implementations with tests/reference/tick.py; a
+difference in one bit ends the run with an error.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from native import Native
 from plot import draw
 from scenes import RESOLUTIONS, growing
 
-SPLIT_SCENES = ("slide 50", "buried 50")  # also timed in two passes, and held against the memory's bandwidth
+SPLIT_SCENES = ("slide 50", "buried 50")  # also timed in two passes and compared with memory bandwidth
 
 
 def say(text: str) -> None:
@@ -36,7 +36,7 @@ def say(text: str) -> None:
 
 
 def run(native: Native, quick: bool, reference: str) -> dict[str, Any]:
-    """All that is measured; `reference` is the CPU path that baselines are compared with."""
+    """All measurements; `reference` is the CPU path that baselines are compared with."""
     split = ("slide 25", "buried 25") if quick else SPLIT_SCENES
     scenes, once = {}, {}
     with on_one_core():

@@ -1,4 +1,4 @@
-"""Are all implementations equal to tests/reference/tick.py, bit for bit? What is not equal is not compared."""
+"""The check that all implementations equal tests/reference/tick.py, bit for bit, before they are timed."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from reference import tick as reference
 
 TICKS = 3
-FIRST_TICK = 2**32 - 2  # so that both words of the tick count
+FIRST_TICK = 2**32 - 2  # so that both words of the tick number matter
 
 
 class Case:
-    """A bone of random levels and a path of a burr in it, partly outside the volume."""
+    """A bone of random levels and a burr's path in it, partly outside the volume."""
 
     def __init__(self, scheme: str, alpha: float, resolution: float, seed: int) -> None:
         rng = np.random.default_rng(seed)
@@ -46,7 +46,7 @@ def index_sums(case: Case, q: Levels, center: Numbers) -> NDArray[np.int64]:
 
 
 def expected(case: Case, table: NDArray[np.float32]) -> tuple[NDArray[np.int64], Numbers, Levels]:
-    """Of the reference: sums (n, 5), moments (n, 4) and the levels at the end."""
+    """Sums (n, 5), moments (n, 4) and final levels of the reference."""
     b, q = case.burring, case.q.copy()
     contact = reference.ReferenceContact(
         q, case.p, b.spacing, b.origin, b.radius, b.c_e, b.alpha, "parabolic", b.seed, 0, b.scheme, table

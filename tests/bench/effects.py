@@ -1,11 +1,11 @@
-"""What the secondary effects cost beside a running session: frames against their budget, ticks with and without.
+"""Cost of the secondary effects beside a session: frames against their budget, ticks with and without.
 
     python tests/bench/effects.py [--seconds 60] [--parcels 20000] [--rounds 2] [--json FILE]
 
-A burr of 3 mm strokes through a block with two tissues, one of which bleeds, at 1 kHz; beside it run effects at 20 Hz
-with water, a sucker and a camera, and twice a second somebody takes a copy of the parcels. In the first 5 s parcels fill
-up to the number given; what comes after is measured. Each round runs the same session without effects too, over the
-same ticks, before or after by turns, so that the ratio of the ticks is of one machine in one run.
+A burr of 3 mm strokes at 1 kHz through a block with two tissues, one of which bleeds. Beside it run effects
+at 20 Hz with water, a sucker and a camera; twice a second the parcels are copied. Parcels reach the given
+number in the first 5 s, then the measurement begins. Each round also runs the same session without effects
+over the same ticks, before or after by turns, so that the ratio of the ticks is of one machine in one run.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import burrlab
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
 from burrlab.effects.companion import Companion
 
-WARM = 5.0  # in which parcels fill up [s]
+WARM = 5.0  # time for parcels to reach their number [s]
 
 
 def main() -> None:
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def block() -> burrlab.VoxelBone:
-    """24 x 24 x 10 mm at 0.1 mm, top at z = 0; the half with x > 0 bleeds."""
+    """A block of 24 x 24 x 10 mm at 0.1 mm, top at z = 0; the half with x > 0 bleeds."""
     bone = burrlab.VoxelBone.block((24, 24, 10), 0.1, origin=(-11.95, -11.95, -9.95))
     solid = burrlab.materials["bone"]
     rows = [
@@ -58,7 +58,7 @@ def block() -> burrlab.VoxelBone:
 
 
 def session(seconds: float) -> burrlab.Session:
-    """A script that strokes along x, in rows along y, and sinks by 60 um/s."""
+    """A session whose script strokes along x, in rows along y, and sinks by 60 um/s."""
     times = np.arange(0.0, WARM + seconds + 0.2, 0.005)
     depth = 0.2 + 0.06 * times
     positions = np.stack(
@@ -71,7 +71,7 @@ def session(seconds: float) -> burrlab.Session:
 
 
 def companion_of(made: burrlab.Session, parcels: int) -> Companion:
-    """Soon as many parcels as asked for, and not fewer: at the limit a merge leaves 95 % of it, and some go."""
+    """Effects that soon hold at least `parcels`; a merge at the limit leaves 95 %, and some parcels go."""
     return Companion(
         made,
         seed=1,
@@ -85,7 +85,7 @@ def companion_of(made: burrlab.Session, parcels: int) -> Companion:
 
 
 def ticks_us(loop: Any, before: dict[str, NDArray[np.uint64]] | None = None) -> dict[str, Any]:
-    """Counts of a loop's times of ticks; of those since `before` median and p99, upper ends of bins 1/32 of their value wide."""
+    """Counts of tick times; since `before`: median and p99, upper ends of bins 1/32 of their value wide."""
     counts = {"cpu": loop.tick_time.counts, "wall": loop.wall_time.counts}
     if before is None:
         return counts
@@ -133,7 +133,7 @@ def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
 
 
 def run(seconds: float, parcels: int, *, alone_first: bool = True) -> dict[str, Any]:
-    """The same session without and with effects."""
+    """Results of the same session without and with effects."""
     alone = run_alone(seconds) if alone_first else None
     result = run_beside(seconds, parcels)
     alone = alone or run_alone(seconds)

@@ -1,4 +1,4 @@
-"""What is measured once: volume size, a whole descent, a call from Python, memory bandwidth, a sweep."""
+"""Measurements made once: volume size, a whole descent, a call from Python, memory bandwidth, a sweep."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from times import in_turns, quartiles
 import burrlab
 
 SWEEP_FORCES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # [N]
-FORCE = 1.0  # of the descent [N]
+FORCE = 1.0  # set-point of the descent [N]
 
 
 def volume_scaling(native: Native, path: str, quick: bool) -> dict[str, Any]:
-    """The same slide in volumes of growing size, in turns; core on one CPU path, and the plain loop."""
+    """The same slide in volumes of growing size, in turns: the core on one CPU path, and the plain loop."""
     free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     wanted = (64, 128) if quick else (256, 512, 1024)
     sides = [side for side in wanted if 6 * side**3 <= free]
@@ -77,7 +77,7 @@ def descent_scene(
 
 
 def python_step(native: Native, quick: bool) -> dict[str, float]:
-    """What a call of `step` from Python costs over the tick itself; air, far from bone."""
+    """Cost of a call of `step` from Python over the tick itself, in air far from bone."""
     scene = air(5.0, 0.1, near=False, quick=quick)
     b, center = scene.burring, tuple(scene.path[0].tolist())
     path = burrlab._core.cpu_path()
@@ -105,7 +105,7 @@ def python_step(native: Native, quick: bool) -> dict[str, float]:
 
 
 def bandwidth(native: Native, quick: bool) -> dict[str, float]:
-    """Of one core, memory beyond the caches as far as `large_bytes` leaves them."""
+    """Memory bandwidth of one core; `large_bytes` should exceed the caches."""
     large = 2**25 if quick else 2**29
     return {
         "large_bytes": large,
@@ -117,7 +117,7 @@ def bandwidth(native: Native, quick: bool) -> dict[str, float]:
 
 
 def sweep(quick: bool) -> dict[str, Any]:
-    """Seconds of a sweep of voxel descents on all cores of this machine, and with one worker."""
+    """Seconds of a sweep of voxel descents on all cores, and with one worker."""
     forces, repeats, voxel = ((2.0, 3.0), 1, 0.2) if quick else (SWEEP_FORCES, 4, 0.1)
 
     def run(executor: ThreadPoolExecutor | None) -> tuple[float, burrlab.VelocityCurve]:

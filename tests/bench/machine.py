@@ -1,4 +1,4 @@
-"""What was measured on."""
+"""The machine of a measurement."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import burrlab
 
 
 def cpu_model() -> str:
-    """As the system names it."""
+    """Name of the processor."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:
@@ -42,13 +42,13 @@ def machine(native: Native) -> dict[str, Any]:
         "numba": numba.__version__,
         "burrlab": burrlab.__version__,
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "clock_ns": 1e9 * native.library.bench_clock(1000),  # of a look at the clock
+        "clock_ns": 1e9 * native.library.bench_clock(1000),  # cost of reading the clock
     }
 
 
 @contextmanager
 def on_one_core() -> Iterator[None]:
-    """Keeps this process on one core, where the system can."""
+    """Keeps this process on one core, if the system can."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return

@@ -1,4 +1,4 @@
-"""Scenes timed: the core on every CPU path over all ticks, the baselines beside it at samples of the run."""
+"""Times of scenes: the core on every CPU path over all ticks, the baselines at samples of the run."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from native import ERODE, FUSED, PROBE, SPLIT, Burring, Core, Levels, Native
 from scenes import Scene
 from times import Numbers, Times, quartiles
 
-WARM_UP = 0.1  # part of a run that is not counted
+WARM_UP = 0.1  # first part of a run, not counted
 BASELINES = ("plain", "numba", "numpy")
 HALVES = {"split": SPLIT, "probe": PROBE, "erode": ERODE}
 
@@ -25,7 +25,7 @@ def core_ticks(core: Core, scene: Scene, centers: Numbers, how: int = FUSED) -> 
 def baseline_ticks(
     native: Native, scene: Scene, name: str, q: Levels, p: Levels, first: int, centers: Numbers
 ) -> Times:
-    """By the plain loop, Numba or NumPy; erodes `q`."""
+    """Times of the plain loop, Numba or NumPy; erodes `q`."""
     step, times = {"numba": numba_tick.step, "numpy": numpy_tick.step}.get(name), []
     for tick, center in enumerate(centers, first):
         if scene.fresh:
@@ -45,9 +45,9 @@ def baseline_ticks(
 def compare(
     native: Native, scene: Scene, main: Core, p: Levels, tick: int, baselines: Sequence[str], passes: str | None
 ) -> dict[str, Times]:  # fmt: skip
-    """Times of the same ticks by everyone; RuntimeError if the levels differ in the end."""
+    """Times of the same ticks by all implementations; RuntimeError if the final levels differ."""
     centers = scene.path[tick : tick + scene.effort.burst]
-    many = np.repeat(centers, scene.batch, axis=0)  # a batch is for air, which nothing changes
+    many = np.repeat(centers, scene.batch, axis=0)  # only scenes in air, which stay the same, have a batch
     ways = {path: (path, FUSED) for path in native.cpu_paths}
     if passes is not None:
         ways |= {f"{passes} {name}": (passes, how) for name, how in HALVES.items()}
@@ -67,7 +67,7 @@ def compare(
 
 
 def measure(native: Native, scene: Scene, reference: str, *, passes: str | None = None) -> dict[str, Any]:
-    """Times one scene, for results.json; `passes` names a CPU path whose split tick is timed too."""
+    """Times of one scene, for results.json; `passes` names a CPU path whose split tick is timed too."""
     p, effort = scene.levels(), scene.effort
     cores = {path: Core.of(native, p, scene.burring, path) for path in native.cpu_paths}
     main = cores[native.cpu_paths[-1]]
@@ -99,7 +99,7 @@ def measure(native: Native, scene: Scene, reference: str, *, passes: str | None 
 
 
 def summary(scene: Scene, runs: dict[str, Times], bursts: dict[str, Times], reference: str) -> dict[str, Any]:
-    """Medians and 95th percentiles, of the run or else of the samples; ratios, tick by tick side by side, with quartiles.
+    """Medians and 95th percentiles of the run, or of the samples; tick-by-tick ratios with quartiles.
 
     CPU paths come first, then baselines, then the passes of a split tick.
     """
@@ -124,7 +124,7 @@ def summary(scene: Scene, runs: dict[str, Times], bursts: dict[str, Times], refe
 
 
 def touched_bytes(q: Levels, p: Levels, b: Burring, center: Numbers, native: Native) -> int:
-    """Bytes that a tick has to move: q of every voxel with mass read and written, p read but where it is deep."""
+    """Bytes that a tick moves: q of every voxel with mass is read and written, p is read if not deep."""
     _, (z, y, x), r2 = numpy_tick.select(q, b.spacing, b.origin, b.radius, tuple(center.tolist()))
     level = q[z, y, x].astype(np.int64)
     mass, _ = numpy_tick.mass_and_shape(

@@ -15,12 +15,12 @@ from times import Numbers, Times
 
 Levels = NDArray[np.uint8]
 
-FUSED, SPLIT, PROBE, ERODE = range(4)  # how a tick is made, as in bench_lib.cpp
+FUSED, SPLIT, PROBE, ERODE = range(4)  # kinds of a tick, as in bench_lib.cpp
 
 
 @dataclass(frozen=True)
 class Burring:
-    """What stays the same over the ticks of a scene.
+    """Constant parameters of a scene's ticks.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Burring:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def arguments(self, tick: int, table: NDArray[np.float32], center: Numbers) -> tuple[Any, ...]:
-        """Of the Numba and NumPy tick, behind the levels."""
+        """Arguments of the Numba and NumPy tick after the levels."""
         place, layer = tuple(center.tolist()), self.scheme == "layer"
         return (
             self.spacing,
@@ -67,7 +67,7 @@ class Burring:
 
 
 def address(array: NDArray[np.generic] | None) -> int | None:
-    """Of a C-contiguous array."""
+    """Address of a C-contiguous array."""
     if array is None:
         return None
     if not array.flags.c_contiguous:
@@ -124,7 +124,7 @@ class Native:
     def plain_run(
         self, q: Levels, p: Levels, burring: Burring, tick: int, centers: Numbers
     ) -> tuple[Times, NDArray[np.int64]]:
-        """Ticks of the plain loop, one a centre; erodes `q`. Their times, and sums (n, 5)."""
+        """Times and sums (n, 5) of ticks of the plain loop, one per centre; erodes `q`."""
         shape, origin = np.array(q.shape, dtype=np.int64), np.array(burring.origin)
         times, sums = Times.empty(len(centers)), np.empty((len(centers), 5), dtype=np.int64)
         self.check(
@@ -148,7 +148,7 @@ class Core:
     def of(
         cls, native: Native, p: Levels, burring: Burring, path: str, *, q: Levels | None = None, tick: int = 0
     ) -> Core:
-        """From pristine levels, and present ones where these differ."""
+        """A bone of pristine levels, with present ones where these differ."""
         shape, origin = np.array(p.shape, dtype=np.int64), np.array(burring.origin)
         handle = native.library.core_new(
             address(shape), address(p), address(q), burring.spacing, address(origin), burring.radius,
@@ -169,7 +169,7 @@ class Core:
     def run(
         self, centers: Numbers, *, how: int = FUSED, batch: int = 1, moments: Numbers | None = None
     ) -> Times:
-        """Ticks, one a centre; times a tick, means over `batch` ticks. `moments` takes m0 and m1 of each, shape (n, 4)."""
+        """Times of ticks, one per centre, as means over `batch`; m0 and m1 of each go to `moments` (n, 4)."""
         if len(centers) % batch:
             raise ValueError("the number of ticks must be a multiple of batch")
         times, centers = Times.empty(len(centers) // batch), np.ascontiguousarray(centers)
@@ -182,7 +182,7 @@ class Core:
         return times
 
     def run_fresh(self, centers: Numbers, how: int = FUSED) -> Times:
-        """Ticks that each meet the bone as loaded."""
+        """Times of ticks that each begin with the bone as loaded."""
         times = []
         for center in centers:
             self.native.check(self.library.core_reset(self.handle))
@@ -192,7 +192,7 @@ class Core:
     def hold(
         self, force: float, start: Numbers, axis: Numbers, *, begin: float, travel: float, ticks: int
     ) -> tuple[Numbers, float]:
-        """Sinks at an exactly held force [N]; positions along the axis [mm], and seconds of all ticks."""
+        """Positions along the axis [mm] at an exactly held force [N], and seconds of all ticks."""
         positions, seconds = np.empty(ticks), np.empty(1)
         done = self.native.check(
             self.library.core_hold(
@@ -203,7 +203,7 @@ class Core:
         return positions[:done].copy(), float(seconds[0])
 
     def set_tissues(self, numbers: Levels, count: int, *, watched: int = 0) -> None:
-        """`count` tissues with the values of the burr's material; distances to the first `watched` are asked for."""
+        """Sets `count` tissues with the burr's material; ticks query distances to the first `watched`."""
         self.native.check(self.library.core_set_tissues(self.handle, address(numbers), count, watched))
 
     def density(self) -> Levels:

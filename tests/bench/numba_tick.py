@@ -1,6 +1,7 @@
 """The tick as a loop over the sphere compiled by Numba: a baseline of the benchmark, docs/tick.md to the bit.
 
-Cubic voxels, f parabolic. What the page calls f32 is `numpy.float32` here: every literal that meets one is too.
+Cubic voxels, f parabolic. Numbers called f32 on that page are `numpy.float32`, and literals combined with
+them too.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def eroded_fraction(f, scale, doublings):
 
 @njit
 def place(center, origin, spacing, extent, count):
-    """Along one axis: nearest voxel, the rest of the position, and the range of voxels of the sphere."""
+    """Along one axis: nearest voxel, rest of the position, and the sphere's range of voxels."""
     c = (center - origin) / spacing
     base = np.rint(c)
     frac = np.rint((c - base) * 1048576.0) / 1048576.0
@@ -82,11 +83,11 @@ def step(q, p, spacing, origin, radius, layer, a, seed, index, tick, table, cent
     Parameters
     ----------
     q, p : ndarray of uint8, (nz, ny, nx)
-        Levels now and pristine.
+        Present and pristine levels.
     spacing : float
         [mm]
     origin, center : (x, y, z)
-        Of voxel (0, 0, 0), and of the burr [mm].
+        Centres of voxel (0, 0, 0) and of the burr [mm].
     radius : float
         [mm]
     layer : bool

@@ -1,7 +1,7 @@
 """The tick in whole arrays over the sphere's box: a baseline of the benchmark, docs/tick.md to the bit.
 
-Cubic voxels, f parabolic. Voxels that hold bone inside the sphere are selected first; all that is expensive is
-done for these alone, in part by functions of the reference, which take arrays of any shape.
+Cubic voxels, f parabolic. A first step selects voxels that hold bone inside the sphere; expensive work is for
+these alone, in part by functions of the reference, which take arrays of any shape.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ WORD = 0xFFFFFFFF
 def mass_and_shape(
     level: Integer, pristine: Levels, r2: Float, radius: float, spacing: float, layer: bool, table: Float
 ) -> tuple[Integer, Float]:
-    """M [1/256 level] of every voxel, and the erosion shape f where that mass lies."""
+    """M [1/256 level] of every voxel, and the erosion shape f at that mass."""
     R, s = f32(radius), f32(spacing)
     inv_R, inv_s = ONE / R, ONE / s
     inv_R2 = inv_R * inv_R
@@ -52,7 +52,7 @@ def mass_and_shape(
 def draw_lanes(
     z: Integer, y: Integer, x: Integer, shape: tuple[int, ...], tick: int, index: int, draw: int, seed: int
 ) -> NDArray[np.uint32]:
-    """The 16-bit random number of every voxel (z, y, x); a block is drawn once for all voxels of its column."""
+    """The 16-bit random number of every voxel (z, y, x); a block is drawn once for all of its column."""
     if z.size == 0:
         return np.empty(0, dtype=np.uint32)
     _, ny, nx = shape
@@ -78,7 +78,7 @@ def select(
     radius: float,
     center: tuple[float, float, float],
 ) -> tuple[list[int], list[Integer], Float]:
-    """Voxels within the sphere's reach that hold bone: base (x, y, z), their indices (z, y, x), and r^2 [mm^2]."""
+    """Voxels with bone within the sphere's reach: base (x, y, z), indices (z, y, x) and r^2 [mm^2]."""
     reach = radius + 0.501 * spacing  # beyond it no voxel is covered
     base, offset, box = [], [], []
     for axis in range(3):
@@ -112,7 +112,7 @@ def step(
     table: Float,
     center: tuple[float, float, float],
 ) -> tuple[int, int, int, int, int]:
-    """One tick; erodes `q` in place. Parameters and result as of `numba_tick.step`."""
+    """One tick; erodes `q` in place. Parameters and result as for `numba_tick.step`."""
     base, (z, y, x), r2 = select(q, spacing, origin, radius, center)
     level = q[z, y, x].astype(np.int64)
     mass, f = mass_and_shape(level, p[z, y, x], r2, radius, spacing, layer, table)

@@ -1,8 +1,8 @@
-"""What handing an item to a worker costs: threads, processes and a dask cluster, with and without a store.
+"""Cost of handing an item to a worker: threads, processes and a dask cluster, with and without a store.
 
     python tests/bench/overhead.py [--items 500] [--rounds 3]
 
-Prints a table of microseconds an empty item, each the least of the rounds; the workers are warm. Two workers everywhere.
+Prints a table of microseconds per empty item, the least of the rounds, with two warm workers.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ WORKERS, CHUNKS = 2, (1, 50)
 
 @dataclass(frozen=True)
 class Item:
-    """As small as an item can be, with a seed."""
+    """The smallest item with a seed."""
 
     seed: int
 
 
 def nothing(item: Item) -> float:
-    """The work: none."""
+    """No work."""
     return 0.5 * item.seed
 
 

@@ -29,14 +29,14 @@ def plain_number(value: float, _: object = None) -> str:
 
 
 def draw_line(axes: Axes, name: str, x: object, y: object, more: str = "") -> str:
-    """In the style of an implementation; returns its colour."""
+    """Draws in the style of an implementation; returns its colour."""
     colour, marker, label = STYLES[name]
     axes.plot(x, y, color=colour, marker=marker, markersize=5, linewidth=1.2, label=label + more)
     return colour
 
 
 def finish(axes: Axes, ticks: list[float], labels: list[str], along: str, title: str) -> None:
-    """Logarithmic scales, with ticks along x where something was measured."""
+    """Logarithmic scales, with ticks along x at the measurements."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks(ticks, labels)
@@ -49,7 +49,7 @@ def finish(axes: Axes, ticks: list[float], labels: list[str], along: str, title:
 
 
 def draw_growth(axes: Axes, curves: dict[str, tuple[list[float], list[float]]]) -> None:
-    """One line an implementation, with the exponent fitted from R/voxel = 25 on."""
+    """One line per implementation, with the exponent fitted from R/voxel = 25 on."""
     for name in (name for name in STYLES if name in curves):
         slope = exponent(*curves[name])
         draw_line(axes, name, *curves[name], f": {slope:.2f}" if np.isfinite(slope) else "")

@@ -1,4 +1,4 @@
-"""Figures against targets, and the table."""
+"""Measured values against targets, and the table."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import tissues
 
-Results = dict[str, Any]  # as of results.json
+Results = dict[str, Any]  # as in results.json
 
 #: Least ratio of the time of a baseline to that of a CPU path (medians, side by side), by scene.
 RATIO_TARGETS = {
@@ -23,7 +23,7 @@ TIME_TARGETS = {"slide 50": 65.0, "slide 12.5 R 2.5": 3.0, "buried 50": 650.0}
 AIR_TARGETS = {"air far": 0.5, "air near": 6.0}
 LARGEST_EXPONENT = 2.4  # of the cost of a slide against R/voxel, 25 to 100
 LARGEST_VOLUME_RATIO = 1.1  # cost in the largest volume over that in the smallest
-LARGEST_HIERARCHY = 0.04  # bytes a voxel
+LARGEST_HIERARCHY = 0.04  # bytes per voxel
 LARGEST_HIERARCHY_WITH_TISSUES = 0.06
 #: Largest median cost of a tick with 16 tissues over one with one, distance queries included.
 TISSUE_TARGETS = {"bricks": 1.5, "random": 2.0}
@@ -52,7 +52,7 @@ def exponent(x: list[float], y: list[float], start: float = EXPONENT_FROM) -> fl
 
 
 def targets(results: Results) -> list[Results]:
-    """All targets that this run has figures for."""
+    """All targets that this run has measured."""
     scenes = {name: one["implementations"] for name, one in results["scenes"].items()}
     rows: list[Results] = []
 
@@ -95,7 +95,7 @@ def targets(results: Results) -> list[Results]:
 
 
 def limits(scenes: Results, bandwidth: dict[str, float], path: str) -> list[Results]:
-    """Time to move the bytes of a tick at the memory's bandwidth, beside the time measured."""
+    """Time to move the bytes of a tick at the memory's bandwidth, beside the measured time."""
     rate = 1e9 * max(bandwidth["read_GB_per_s"], bandwidth["copy_GB_per_s"])
     rows = []
     for name, one in scenes.items():
@@ -116,7 +116,7 @@ def spread(ratio: dict[str, float] | None) -> str:
 
 
 def table(results: Results) -> Iterator[str]:
-    """Every scene and implementation, times beside ratios with their quartiles."""
+    """Lines for every scene and implementation: times, and ratios with quartiles."""
     reference = results["reference_path"]
     last = f"this / {reference}"
     yield f"{'scene':<19} {'implementation':<14} {'median':>10} {'95 %':>10}   {'plain / this':<24} {last}"
@@ -134,7 +134,7 @@ def table(results: Results) -> Iterator[str]:
 
 
 def summary(results: Results) -> Iterator[str]:
-    """What is measured once, growth and targets, in lines."""
+    """Lines on growth, single measurements and targets."""
     slopes = {name: exponent(x, y) for name, (x, y) in growth(results, "slide").items()}
     yield ""
     if np.isfinite(list(slopes.values())).all():

@@ -1,4 +1,4 @@
-"""The reference scenes: bones, burrs and paths. Bone of solid voxels below a surface, air above, all in the volume."""
+"""The scenes of the benchmark: solid bone below a surface, air above, a burr and its path in the volume."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Effort:
     samples : int
         States of a run at which all implementations are compared side by side.
     numpy_samples : int
-        How many of these NumPy takes part in.
+        Number of these that include NumPy.
     burst : int
         Ticks at each.
     warm : int
-        Of these the first that are not counted: caches and branch prediction settle.
+        First ticks of these, not counted: caches and branch prediction settle.
     """
 
     samples: int = 20
@@ -52,11 +52,11 @@ class Scene:
     path : ndarray, shape (n, 3)
         Burr centres (x, y, z) [mm].
     varied : bool
-        Levels drawn from 64..255 in place of solid bone.
+        Whether levels are drawn from 64..255 instead of solid bone.
     fresh : bool
-        Every tick meets the bone as loaded.
+        Whether every tick begins with the bone as loaded.
     batch : int
-        Ticks a look at the clock.
+        Ticks per reading of the clock.
     effort : Effort
     """
 
@@ -104,14 +104,14 @@ def voxels(length: float, spacing: float) -> int:
 
 
 def surface_at(layers: int, spacing: float) -> float:
-    """Height of the surface of so many layers of bone [mm]."""
+    """Height of the surface of `layers` of bone [mm]."""
     return (layers - 0.5) * spacing
 
 
 def along_x(
     burring: Burring, travel: Numbers, height: float, begin: float = 0.0, y: float | None = None
 ) -> Numbers:
-    """Centres on a line, two voxels from the volume's edges, or from `begin`, or at `y` [mm]."""
+    """Centres on a line, two voxels from the volume's edges or from `begin`, or at `y` [mm]."""
     x, other = burring.radius + 2 * burring.spacing + begin + OFF_GRID[:2] * burring.spacing
     return np.stack(
         [x + travel, np.full_like(travel, other if y is None else y), np.full_like(travel, height)], axis=1
@@ -127,7 +127,7 @@ def slide(
     ticks: int = SLIDE_TICKS,
     quick: bool = False,
 ) -> Scene:
-    """Burr sunk to R/3 that moves at 20 mm/s through fresh bone, cutting."""
+    """Scene of a burr sunk to R/3 that cuts fresh bone at 20 mm/s."""
     burring, resolution = Burring(spacing, radius, scheme), radius / spacing
     layers, side = voxels(radius / 3, spacing) + 4, voxels(2 * radius, spacing) + 6
     travel = SPEED * 1e-3 * burring.dt * np.arange(ticks)
@@ -142,7 +142,7 @@ def slide(
 
 
 def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
-    """Sphere wholly in solid bone, fresh at every tick, at places that differ by parts of a voxel."""
+    """Scene of a sphere wholly in solid bone, fresh at every tick, at places within a voxel of each other."""
     resolution = radius / spacing
     ticks = 20 if quick else int(np.clip(4e7 / resolution**3, 40, 400))
     side = voxels(2 * radius, spacing) + 6
@@ -154,7 +154,7 @@ def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
 
 
 def air(radius: float, spacing: float, *, near: bool, quick: bool = False) -> Scene:
-    """Burr that touches nothing: a radius above the bone, or just above its surface."""
+    """Scene of a burr without contact: a radius above the bone, or just above its surface."""
     ticks, resolution, burring = 1000 if quick else 4000, radius / spacing, Burring(spacing, radius)
     layers, across = voxels(radius, spacing), voxels(3.2 * radius, spacing)
     travel = SPEED * 1e-3 * np.arange(ticks) % (across * spacing - 2 * (radius + 3 * spacing))
@@ -167,7 +167,7 @@ def air(radius: float, spacing: float, *, near: bool, quick: bool = False) -> Sc
 
 
 def descent(resolution: float, *, quick: bool = False) -> tuple[Scene, Numbers, Numbers]:
-    """Where a descent at held force begins: a scene without a path, start (x, y, z) [mm] and axis."""
+    """Begin of a descent at held force: a scene without a path, start (x, y, z) [mm] and axis."""
     radius, spacing = 3.0, 3.0 / resolution
     burring = Burring(spacing, radius)
     layers = voxels(radius / 3, spacing) + 6
@@ -181,7 +181,7 @@ def descent(resolution: float, *, quick: bool = False) -> tuple[Scene, Numbers, 
 
 
 def volume(side: int, *, quick: bool = False) -> Scene:
-    """A slide in a cube of `side` voxels of 0.1 mm, bone below a surface, the same place within the bricks."""
+    """Scene of a slide in a cube of `side` voxels of 0.1 mm, always at the same place within the bricks."""
     radius, spacing, small, ticks = (2.5, 0.2, 64, 200) if quick else (LARGE_RADIUS, 0.1, 256, 600)
     burring, layers = Burring(spacing, radius), side - voxels(5 * radius / 3, spacing) - 8
     offset = (side - small) // 2 // 64 * 64  # whole blocks of bricks
@@ -194,7 +194,7 @@ def volume(side: int, *, quick: bool = False) -> Scene:
 
 
 def growing(quick: bool) -> list[Scene]:
-    """All scenes that are timed alike: those that grow with R/voxel, and the named targets."""
+    """All scenes timed alike: those that grow with R/voxel, and the named targets."""
     resolutions = (12.5, 25.0) if quick else RESOLUTIONS
     ticks = 200 if quick else SLIDE_TICKS
     scenes = []

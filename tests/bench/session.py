@@ -1,10 +1,10 @@
-"""How a session keeps its time: a hand that cuts bone at 1 kHz, recorded and published, idle and beside busy processes.
+"""Timing of a session: a hand cuts bone at 1 kHz, recorded and published, alone and beside busy processes.
 
     python tests/bench/session.py [--seconds 120] [--json FILE]
 
-Each case is a session of its own: with and without real-time priority, alone and beside two processes that never
-rest. The tick is measured on its thread's CPU clock, the period on the wall clock. What they give depends on the
-machine and on who else uses it.
+Each case is its own session: with and without real-time priority, alone and beside two busy processes. The
+tick is measured on its thread's CPU clock, the period on the wall clock. The results depend on the machine
+and on its other users.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def run(seconds: float, rate: float, realtime: bool) -> burrlab.SessionReport:
-    """One session: R = 3 mm in bone of 30 x 30 x 10 mm at 0.1 mm."""
+    """The report of a session: R = 3 mm in bone of 30 x 30 x 10 mm at 0.1 mm."""
     bone = burrlab.VoxelBone.block((30, 30, 10), 0.1, origin=(-14.95, -14.95, -9.95))
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
     with tempfile.TemporaryDirectory() as folder:

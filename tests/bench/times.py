@@ -1,4 +1,4 @@
-"""Times of ticks, and what is said of them."""
+"""Times of ticks and their statistics."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ Numbers = NDArray[np.float64]
 Name = TypeVar("Name")
 
 FEWEST = 5  # undisturbed ticks for a median
-CHUNK = 25  # ticks of one before the next one's turn
+CHUNK = 25  # ticks of one run before the turn of the next
 
 
 @dataclass(frozen=True)
 class Times:
     """Wall-clock times of ticks.
 
-    A tick in which another process takes the core measures that process. The longer the tick, the likelier this
-    is, so that on a busy machine it would distort ratios: such ticks count only where hardly any other is left.
+    If another process takes the core during a tick, the time includes that process. This is likelier for
+    longer ticks, so it would distort ratios: such ticks count only where hardly any others are left.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ class Times:
 
     @property
     def median(self) -> float:
-        """Of the ticks that count [s]."""
+        """Median of the ticks that count [s]."""
         return float(np.median(undisturbed(self.seconds[self.made], self.interrupted[self.made])))
 
     @property
     def percentile_95(self) -> float:
-        """Of all ticks, interrupted ones too [s]."""
+        """95th percentile of all ticks, interrupted ones too [s]."""
         return float(np.percentile(self.seconds[self.made], 95))
 
     @property
@@ -65,14 +65,14 @@ class Times:
         return float(np.mean(self.interrupted[self.made]))
 
     def over(self, other: Times) -> Numbers:
-        """Ratios, tick by tick, of the ticks that both made."""
+        """Tick-by-tick ratios of the ticks that both made."""
         both = self.made & other.made
         ratio = self.seconds[both] / other.seconds[both]
         return undisturbed(ratio, (self.interrupted | other.interrupted)[both])
 
 
 def undisturbed(values: Numbers, interrupted: NDArray[np.bool_]) -> Numbers:
-    """Without the interrupted ones, unless too few are left."""
+    """Values without the interrupted ones, unless too few are left."""
     quiet = values[~interrupted]
     return quiet if len(quiet) >= min(FEWEST, len(values)) else values
 
@@ -88,9 +88,9 @@ def quartiles(values: Numbers) -> dict[str, float] | None:
 def in_turns(
     runs: dict[Name, tuple[Numbers, Callable[[int, Numbers], Times]]],
 ) -> dict[Name, Times]:
-    """Paths of one length, CHUNK ticks of one before the next one's turn; the first tenth is not counted.
+    """Times of runs over paths of one length, CHUNK ticks of each in turn, without the first tenth.
 
-    Each is called with the number of its first tick, and the centres of the burr.
+    Each run is called with the number of its first tick and the centres of the burr.
     """
     found: dict[Name, list[Times]] = {name: [] for name in runs}
     ticks = max(len(path) for path, _ in runs.values())

@@ -1,4 +1,4 @@
-"""Cost of a tick in a bone with tissues over that of the same tick without, in turns, distance queries included."""
+"""Cost of a tick in bone with tissues over that of the same tick without, in turns, with distance queries."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scenes import Scene, buried, slide
 from times import in_turns, quartiles
 
 COUNT = 16  # tissues
-WATCHED = COUNT  # of them: all, more than any patient has
+WATCHED = COUNT  # all of them, more than any patient has
 
 
 def numbers_of(layout: str, shape: tuple[int, int, int]) -> Levels:
-    """One number throughout, one a brick, or one a voxel."""
+    """Tissue numbers: one throughout, one per brick, or one per voxel."""
     random = np.random.default_rng(1)
     if layout == "one":
         return np.zeros(shape, dtype=np.uint8)
@@ -34,7 +34,7 @@ LAYOUTS = {
 
 
 def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
-    """Medians [us] by layout, and ratios to one tissue, tick by tick; RuntimeError where levels differ."""
+    """Medians [us] by layout, and tick-by-tick ratios to one tissue; RuntimeError if levels differ."""
     p = scene.levels()
     cores = {name: Core.of(native, p, scene.burring, path) for name in LAYOUTS}
     for name, given in LAYOUTS.items():
@@ -55,14 +55,14 @@ def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
         name: {
             "median_us": 1e6 * times[name].median,
             "over_one": quartiles(times[name].over(times["one"])),
-            "hierarchy_over_voxels": core.hierarchy_bytes / (512 * bricks),  # of whole bricks
+            "hierarchy_over_voxels": core.hierarchy_bytes / (512 * bricks),  # in whole bricks
         }
         for name, core in cores.items()
     }
 
 
 def tissue_cost(native: Native, quick: bool) -> dict[str, Any]:
-    """Of slides and of a buried burr, by CPU path: a large burr, and small ones, beside which a distance counts."""
+    """Costs of slides and of a buried burr, by CPU path; beside small burrs the distance queries matter."""
     radius, spacing = (2.5, 0.2) if quick else (5.0, 0.1)
     ticks = 100 if quick else 600
     scenes = [slide(radius, spacing, ticks=ticks, quick=quick), buried(radius, spacing, quick=quick)]
@@ -75,7 +75,7 @@ def tissue_cost(native: Native, quick: bool) -> dict[str, Any]:
 
 
 def rows_of(cost: dict[str, Any]) -> Iterator[tuple[str, str, str, dict[str, Any]]]:
-    """Scene, CPU path, layout and what was found."""
+    """Scene, CPU path, layout and result."""
     for scene, paths in cost.items():
         for path, layouts in paths.items():
             for layout, row in layouts.items():
@@ -83,7 +83,7 @@ def rows_of(cost: dict[str, Any]) -> Iterator[tuple[str, str, str, dict[str, Any
 
 
 def lines(cost: dict[str, Any]) -> Iterator[str]:
-    """For the summary."""
+    """Lines for the summary."""
     yield f"Tissues: a tick with {COUNT} over one with one, tick by tick [quartiles]; watched: with {WATCHED} distances"
     for scene, path, layout, row in rows_of(cost):
         ratio = row["over_one"]

@@ -1,4 +1,4 @@
-"""Cost of the surface: blocks that changed as a scene takes them over, against a rebuild, in one run. Needs the extra viz3d.
+"""Cost of the surface: update of the changed blocks of a scene, against a rebuild, in one run; needs viz3d.
 
 Run: python tests/bench/view.py"""
 
@@ -26,7 +26,7 @@ TICKS = 50  # at 1 kHz: a frame of 20 Hz
 
 
 def changed_bricks(bone: burrlab.VoxelBone, low: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """Bricks of a box, which begins at a brick, that lost something."""
+    """Bricks that lost bone in a box, which begins at a brick."""
     differs = bone.read(low, before.shape) != before
     n = [side // 8 for side in before.shape]
     return np.argwhere(differs.reshape(n[0], 8, n[1], 8, n[2], 8).any(axis=(1, 3, 5))) + np.asarray(low) // 8
@@ -39,7 +39,7 @@ def summary(values: list[float]) -> dict[str, float]:
 
 
 def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, int, int]) -> None:
-    """What VTK does for a box, from levels to triangles with normals."""
+    """VTK's work for a box, from levels to triangles with normals."""
     levels = bone.read(start, shape)
     image = vtkImageData()
     image.SetDimensions(shape[2], shape[1], shape[0])
@@ -68,7 +68,7 @@ def main() -> None:
     counts, times = [], defaultdict(list)
 
     def timed(name: str, work: Callable[..., Any], *given: object) -> Any:
-        """What it returns; on the thread's CPU clock too, which a machine busy with others does not change."""
+        """The result of `work`, timed by wall clock and by the thread's CPU clock, without other load."""
         begin, busy = time.perf_counter(), time.thread_time()
         found = work(*given)
         times[name].append(time.perf_counter() - begin)
@@ -85,7 +85,7 @@ def main() -> None:
         bricks = changed_bricks(bone, low, before)
         timed("scene_update", scene.update, bone, bricks)
         blocks = timed("extraction_of_the_blocks", extraction.update, bone, bricks)
-        if options.draw:  # by software where there is no graphics card
+        if options.draw:  # in software without a graphics card
             timed("drawing", scene.render)
         changed = [extraction.blocks[b] for b in blocks if b in extraction.blocks]
         counts.append((len(bricks), len(blocks), sum(len(block.triangles) for block in changed)))

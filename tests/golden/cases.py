@@ -1,9 +1,9 @@
-"""What must stay as it was: each case makes what a user sees, and frozen/NAME.json holds what it was.
+"""Results that must not change: each case makes what a user sees; frozen/NAME.json holds its first result.
 
-    python tests/golden/cases.py      # freezes what is not frozen yet; what is frozen is never made again
+    python tests/golden/cases.py      # freezes new cases; never replaces a frozen one
 
-`files/` was written by the same version: a trace, kept bones, volumes of each format with their drilled pairs, a store,
-an experiment with answers. Later versions read them.
+The same version wrote `files/`: a trace, kept bones, volumes of each format with their drilled pairs, a
+store, an experiment with answers. Later versions read them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def frozen(name: str) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """As JSON has it; of long arrays their shape and two sums."""
+    """A value as JSON has it; a long array becomes its shape and two sums."""
     if isinstance(value, dict):
         return {str(key): plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
@@ -83,7 +83,7 @@ def plain(value: Any) -> Any:
 
 
 def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
-    """Where two differ; numbers within 1e-6 of each other are equal."""
+    """The differences of two values; numbers within a relative 1e-6 are equal."""
     if isinstance(before, dict) and isinstance(now, dict):
         for key in {**before, **now}:
             if key not in now or key not in before:
@@ -105,7 +105,7 @@ def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
 
 @case
 def names(_: Path) -> Any:
-    """Public names of the faces, with signatures, and the members of classes with theirs."""
+    """Public names of the faces and members of their classes, with signatures."""
     modules = {face: importlib.import_module(face) for face in FACES}
     return {
         face: {name: _told(getattr(module, name)) for name in sorted(module.__all__)}
@@ -137,7 +137,7 @@ def _signature(item: Any) -> str:
 
 @case
 def imports(_: Path) -> Any:
-    """The modules and names that pages, notebooks and examples import: each is still there."""
+    """The modules and names that pages, notebooks and examples import, and whether each exists."""
     path = FROZEN / "imports.json"
     wanted = frozen("imports") if path.exists() else dict.fromkeys(_imported())
     return {name: _is_there(*name.split(":")) for name in wanted}
@@ -178,7 +178,7 @@ def _is_there(module: str, name: str) -> bool:
 
 @case
 def help_texts(_: Path) -> Any:
-    """Of each command and action; widths and headings are argparse's, of one version of Python."""
+    """Options of each command and action, because help layouts depend on the version of Python."""
     found = {}
 
     def walk(parser: argparse.ArgumentParser, *way: str) -> None:
@@ -235,7 +235,7 @@ experiment analyse experiment.toml --json analysis.json --tsv analysis.tsv
 experiment analyse new.toml
 burr
 """.strip().splitlines()
-#: What differs from one run or machine to the next.
+#: Texts that differ between runs or machines.
 VARIES = [
     (r"(/[\w.-]+)+/(?=[\w-]+\.\w)", ""), (r"function evals +=.*|\d+ in [\d.]+ s\b", "EVALUATIONS"), (r"burrlab \d+\.\d+\.\d+\S*", "burrlab VERSION"), (r"\b\d+(\.\d+)? (us|ms of CPU)", "TIME us"),
     (r"seed \d{6,}", "seed DRAWN"), (r"(?m)^  (tick|period|after|follower|real-time|timer|burr \d+: energy).*$", "  VARIES"),
@@ -250,7 +250,7 @@ def told(text: str) -> list[str]:
 
 
 def keys(value: Any) -> Any:
-    """The keys of a JSON, and kinds of values; of lists the kinds that occur."""
+    """Keys of a JSON and types of its values; a list becomes the set of its types."""
     if isinstance(value, dict):
         return {key: keys(one) for key, one in value.items()}
     if isinstance(value, list):
@@ -260,7 +260,7 @@ def keys(value: Any) -> Any:
 
 @case
 def commands(folder: Path) -> Any:
-    """Exit status, what is printed, and the JSON's keys, of each command, right and wrong, in one folder in turn."""
+    """Exit status, output and JSON keys of right and wrong commands, in turn in one folder."""
     for name in ("trace.h5", "curve.csv", "labels.nrrd", "grey.nrrd", "experiment.toml"):
         shutil.copy(FILES / name, folder)
     (folder / "text.txt").write_text("no table\n")
@@ -292,7 +292,7 @@ def commands(folder: Path) -> Any:
 
 @case
 def descents(_: Path) -> Any:
-    """Velocity, window, status and digest of ten."""
+    """Velocity, window and status of ten descents."""
     found = {}
     for place, (material, force, radius, voxel, options) in enumerate([
         ("bone", 1.0, 3.0, 0.3, {}), ("bone", 2.0, 3.0, 0.2, {}), ("pvc", 1.5, 2.0, 0.2, {}), ("pettigrew", 0.6, 1.5, 0.15, {}),
@@ -310,7 +310,7 @@ def descents(_: Path) -> Any:
 
 @case
 def fits(_: Path) -> Any:
-    """Of each kind of data, residual, model and status."""
+    """Fits of several kinds of data, residuals, models and statuses."""
     data = curve()
     flat = burrlab.synthetic_curve(BURR, BONE, [0.8, 0.85, 0.9], repeats=2, scatter=0.08, seed=3)
     presses = burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1)
@@ -361,7 +361,7 @@ def objects() -> dict[str, Any]:
 
 @case
 def results(folder: Path) -> Any:
-    """How results print themselves, as text, as HTML and as JSON."""
+    """Results as text, as HTML and as JSON."""
     found = {}
     for name, one in objects().items():
         html = getattr(one, "_repr_html_", None)
@@ -382,7 +382,7 @@ def plots(folder: Path) -> Any:
     found = {}
     for name, one in objects().items():
         for way in (member for member in dir(one) if member == "plot" or member.startswith("plot_")):
-            with contextlib.suppress(ValueError):  # what this one does not hold
+            with contextlib.suppress(ValueError):  # a figure that this result lacks
                 made = getattr(one, way)()
                 found[f"{name}.{way}"] = [
                     _artists(axes) for axes in (made if isinstance(made, list) else [made])
@@ -407,7 +407,7 @@ def _artists(axes: Any) -> Any:
 
 
 def _layouts(folder: Path) -> Any:
-    """Names, types and attributes in what HDF5 files hold, and the lines of a store."""
+    """Names, types and attributes in HDF5 files, and the lines of a store."""
     found: dict[str, Any] = {}
     for path in (folder / "trace.h5", folder / "bone.h5", *folder.glob("drilled.nrrd.*.h5")):
         with h5py.File(path) as file:
@@ -426,20 +426,20 @@ def _layouts(folder: Path) -> Any:
 
 @case
 def layouts(_: Path) -> Any:
-    """Of the files that this version wrote."""
+    """Layouts of the frozen files."""
     return _layouts(FILES)
 
 
 @case
 def written(folder: Path) -> Any:
-    """Of what is written now."""
+    """Layouts of newly written files."""
     make_files(folder)
     return _layouts(folder)
 
 
 @case
 def read(_: Path) -> Any:
-    """What the files hold that this version wrote: values, digests, replays, answers."""
+    """Contents of the frozen files: values, digests, replays, answers."""
     trace = burrlab.load_trace(FILES / "trace.h5")
     bone, tick = burrlab.load_bone(FILES / "bone.h5")
     found: dict[str, Any] = {
@@ -492,7 +492,7 @@ def messages(_: Path) -> Any:
 
 @case
 def page(_: Path) -> Any:
-    """What the page tells a browser, and what a browser may tell it."""
+    """State that the page sends to a browser, and calls that a browser may send."""
     made = make_page(page_source(burrlab.load_trace(FILES / "trace.h5")))
     made.state.tell("wanted_s", 0.9)
     made._turn(1.0)
@@ -506,7 +506,7 @@ def page(_: Path) -> Any:
 
 @case
 def notebooks(_: Path) -> Any:
-    """What the cells of the notebooks print, as they were executed last."""
+    """Outputs of the notebooks' cells, as last executed."""
     found = {}
     for path in sorted(ROOT.glob("notebooks/*.ipynb")):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]

@@ -1,4 +1,4 @@
-"""One of each file that a version of burrlab writes or reads, a few kB each; `files/` has those of before the rooms were redrawn."""
+"""One of each file that burrlab writes or reads, a few kB each; `files/` has those of an earlier version."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def make_files(folder: Path) -> None:
     for ending in ("nrrd", "nii.gz", "mha"):
         save_drilled(folder / f"drilled.{ending}", drilled, volume, mapping=mapping, tick=tick)
     write_dicom(folder / "grey_dicom", volume)
-    with contextlib.chdir(folder):  # its name goes into the pair
+    with contextlib.chdir(folder):  # the pair keeps the file's name
         like = burrlab.read_volume("grey_dicom")
         again = like.to_bone(mapping)
         again.restore(drilled.density)
@@ -93,7 +93,7 @@ def make_files(folder: Path) -> None:
 
 
 def _others(folder: Path, grey: np.ndarray, labels: np.ndarray) -> None:
-    """What is read and not written: headers with their values beside them, and slices as volumetric_drilling ships them."""
+    """Files that are only read: headers with separate values, and slices as of volumetric_drilling."""
     from PIL import Image
 
     (folder / "grey.raw").write_bytes(grey.tobytes())

@@ -1,7 +1,7 @@
-"""Every refusal that the tests meet: type and message of what `pytest.raises` catches, exit status and sentence of commands.
+"""Every refusal in the tests: type and message of caught errors, exit status and message of commands.
 
-REFUSALS=folder python -m pytest -p golden.refusals -m "not slow" tests/python     # each process writes its part
-python tests/golden/refusals.py before after                                       # what one run met and the other did not
+REFUSALS=folder python -m pytest -p golden.refusals -m "not slow" tests/python  # each process writes its part
+python tests/golden/refusals.py before after                                    # differences of two runs
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-_MOST = 300  # characters: what follows quotes the value
+_MOST = 300  # characters of a message; the rest quotes values
 met: set[str] = set()
 
 
 def masked(text: str) -> str:
-    """In one line, without the folders and numbers of this run."""
+    """The text in one line, without the folders and numbers of this run."""
     text = re.sub(r"(/[\w.+-]+)+/", "", text.replace("\n", " "))
     return re.sub(r"(?<![A-Za-z_])[+-]?(\d[\d,.e+-]*|nan|inf)", "#", text)[:_MOST]
 

@@ -1,4 +1,4 @@
-"""Runs a command in this process, as a shell sees it."""
+"""Runs commands in this process, as in a shell."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ def call(capsys, *words):
 
 
 def said(capsys, *words, status=0):
-    """All that `burrlab WORDS` writes; it must end with this status."""
+    """All that `burrlab WORDS` writes; the command must end with this status."""
     code, out, err = call(capsys, *words)
     assert code == status, err
     return out + err
 
 
 def refusal(capsys, *words):
-    """What a command says that is refused: status 2, one line, and nothing on standard output."""
+    """The message of a refused command: status 2, one line, and nothing on standard output."""
     code, out, err = call(capsys, *words)
     assert (code, out, err.count("\n")) == (2, "", 1)
     return err
 
 
 def result(capsys, *words):
-    """What a command that ends well writes as JSON."""
+    """The JSON of a command that succeeds."""
     code, out, _ = call(capsys, *words, "--json", "-")
     assert code == 0
     return json.loads(out)

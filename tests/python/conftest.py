@@ -1,4 +1,4 @@
-"""What the tests share."""
+"""Fixtures that the tests share."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(autouse=True)
 def _no_figures_left() -> Iterator[None]:
-    """pyplot keeps every figure that is not closed, and warns of the twenty-first."""
+    """Closes all figures: pyplot keeps open ones, and warns at the twenty-first."""
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
@@ -33,7 +33,7 @@ def _no_figures_left() -> Iterator[None]:
 
 @pytest.fixture(autouse=True)
 def _patient_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a busy machine a thread may wait for longer than the watchdog does. Its tests make their loops themselves."""
+    """On a busy machine a thread may wait longer than the watchdog, whose tests make their own loops."""
     patient = functools.partial(_core.HapticLoop, stall_limit=5000.0)
     monkeypatch.setattr("burrlab.session.session.HapticLoop", patient)
 
@@ -50,7 +50,7 @@ def bone():
 
 @pytest.fixture(params=_core.cpu_paths())
 def cpu_path(request):
-    """Every path of the tick's code in turn; afterwards the one that was in use."""
+    """Each CPU path of the tick in turn; restores the path that was in use."""
     before = _core.cpu_path()
     _core.use_cpu_path(request.param)
     yield request.param
@@ -59,7 +59,7 @@ def cpu_path(request):
 
 @pytest.fixture
 def keep_cpu_path():
-    """A test may choose paths as it likes: the one in use before comes back."""
+    """Restores the CPU path after a test that chooses its own."""
     before = _core.cpu_path()
     yield before
     _core.use_cpu_path(before)
@@ -78,7 +78,7 @@ def eroded_bone():
 
 @pytest.fixture
 def shared_data():
-    """Folder of the local test data, which is no part of the project; skips without it."""
+    """Folder of local test data, which is not part of the project; skips without it."""
     folder = Path(os.environ.get("BURRLAB_SHARED", ROOT.parent / "shared")) / "data"
     if not folder.is_dir():
         pytest.skip(f"local test data is not here: {folder} (set BURRLAB_SHARED)")

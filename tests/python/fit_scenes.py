@@ -1,4 +1,4 @@
-"""Data sets that the tests of the fit share, and their fits: each is made once."""
+"""Data sets that the tests of the fit share, and their fits, each made once."""
 
 from __future__ import annotations
 

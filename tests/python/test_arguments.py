@@ -1,4 +1,4 @@
-"""Values that are no numbers, names or ports are refused where they go in, and never taken for others."""
+"""Values that are no numbers, names or ports are refused, and never converted to others."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ NAMES = {
 }  # fmt: skip
 
 
-@pytest.mark.filterwarnings("ignore")  # NumPy's, as it drops imaginary parts
+@pytest.mark.filterwarnings("ignore")  # NumPy warns when it drops imaginary parts
 @pytest.mark.parametrize(
     ("take", "value"),
     [(take, value) for take in NUMBERS.values() for value in (10**400, 1 + 2j, np.complex128(1 + 2j), True, b"x")]

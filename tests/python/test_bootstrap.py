@@ -1,4 +1,4 @@
-"""The bootstrap: reproducible, resumable, and of one mind with the profile where that is sure."""
+"""The bootstrap: reproducible, resumable, and in agreement with the profile where the data are good."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_any_executor_gives_the_same(tmp_path):
         for executor in (threads, processes):
             assert result.bootstrap(30, seed=4, executor=executor) == expected
     assert not np.array_equal(result.bootstrap(30, seed=5).c_e, expected.c_e)
-    # replicate k is the same in a longer study, which goes on where a shorter one ended
+    # replicate k is the same in a longer study, which resumes a shorter one
     store = Store(tmp_path / "study.jsonl")
     result.bootstrap(20, seed=4, store=store)
     assert len(store) == 20
@@ -37,7 +37,7 @@ def test_any_executor_gives_the_same(tmp_path):
 
 @pytest.mark.parametrize("kind", ["parametric", "residual"])
 def test_agrees_with_the_profile_on_a_wide_design(kind):
-    """22 degrees of freedom: F's 95 % is 8 % wider than the normal's, percentiles of 200 are known to 14 %."""
+    """22 degrees of freedom: F's 95 % is 8 % wider than the normal's; percentiles of 200 have 14 % error."""
     result = fit(CURVE)
     found = result.bootstrap(200, kind=kind, seed=1)
     assert found.on_ridge == 0
@@ -54,7 +54,7 @@ def test_on_the_ridge():
     assert found.intervals["combination"]["95"].closed
     assert "open" in repr(found)
     assert found.to_dict()["intervals"]["c_e"]["95"][1] is None
-    result = fit([RIDGE, PRESSED])  # an indentation tells c_e there
+    result = fit([RIDGE, PRESSED])  # an indentation determines c_e there
     ours, theirs = result.bootstrap(80, seed=1).intervals["c_e"]["68"], result.intervals["c_e"]["68"]
     assert (ours.lower, ours.upper) == pytest.approx((theirs.lower, theirs.upper), rel=0.03)
 

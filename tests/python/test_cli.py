@@ -1,4 +1,4 @@
-"""The command line's contract."""
+"""The command line."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def test_descent_into_a_hand(capsys, shared_data, tmp_path):
         "0,1,0", "--seed", 1, "--plot", figure,
     )  # fmt: skip
     assert sunk["status"] == "ok"
-    # A narrow bone: faster than a half-space, for the burr wets less of it.
+    # Faster than in a half-space, because the burr wets less of a narrow bone.
     assert 0.0785 < sunk["penetration_velocity_mm_s"] < 0.4
     assert any("coarse" in text for text in sunk["warnings"])
     assert figure.stat().st_size > 10_000
@@ -123,7 +123,7 @@ sys.exit(main())
 
 @pytest.mark.parametrize("modules", [3, 150, 800])
 def test_ctrl_c_while_modules_load_is_no_traceback(modules):
-    """In the importing of so many modules, the first of which is the package itself."""
+    """Ctrl-C comes at the n-th import, the first of which is the package."""
     program = [sys.executable, "-c", AT_AN_IMPORT, str(modules)]
     done = subprocess.run(program, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 130

@@ -1,4 +1,4 @@
-"""burrlab experiment, where no terminal is needed."""
+"""burrlab experiment without a terminal."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def simulated(action, *more, subject="01", task="match"):
 
 
 def cut(path, lines):
-    """Leaves the first lines of a file, as a kill does; what it was."""
+    """Keeps the first lines of a file, as a kill does; returns the whole."""
     whole = path.read_bytes()
     path.write_bytes(b"".join(whole.splitlines(keepends=True)[:lines]))
     return whole
@@ -139,7 +139,7 @@ def test_simulated_subjects_from_run_to_analysis(config, capsys, monkeypatch):
 
 
 def test_simulated_run_is_a_function_of_its_seed(config, capsys):
-    """As if killed within each task, and with one not begun; intervals that are felt again leave another trace."""
+    """A run cut within each task, with one task not begun; intervals felt again leave another trace."""
     config.write_text(CONFIG.replace("seed = 3", "seed = 3\ntrace = true") + THRESHOLDS)
     protocol, run = Protocol.read(config), ["test.toml", "--simulated", "--subject", "02", "--weber", "0.2"]
     files = {task: protocol.data.answers("02", task) for task in protocol.tasks}
@@ -232,7 +232,7 @@ def test_experimenter_sees_it_in_a_fifo(tmp_path, fifo):
         experimenter.say("trial 1")
         assert os.read(reader, 100).endswith(b" trial 1\n")
         os.close(reader)
-        experimenter.say("trial 2")  # nobody reads any more, and the run goes on
+        experimenter.say("trial 2")  # without a reader the run goes on
     assert [line[9:] for line in (tmp_path / "log.txt").read_text().splitlines()] == ["trial 1", "trial 2"]
 
 

@@ -195,7 +195,7 @@ def test_a_descent_into_labels(run: Callable[..., str], capsys: pytest.CaptureFi
 
 def test_a_kept_bone_of_another_material(run: Callable[..., str]) -> None:
     run(*HAND, "--material", "pvc", *BOTH, *THERE, "--save", "kept.nrrd")
-    run(*HAND, "--bone", "kept.nrrd", *THERE)  # its own, not the default
+    run(*HAND, "--bone", "kept.nrrd", *THERE)  # the bone's own material
     refused = run(*HAND, "--material", "pettigrew", "--bone", "kept.nrrd", *THERE, status=2)
     assert "material must be that of the bone's tissues" in refused
 

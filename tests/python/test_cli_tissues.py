@@ -55,7 +55,7 @@ def test_a_template_is_completed_by_hand(run: Callable[..., str]) -> None:
     assert refused in run("labels.nii.gz", "--tissues", "new.csv", status=2)
     named = Path("new.csv").read_text().replace("structure 4", "facial nerve").replace("structure 1", "bone")
     Path("new.csv").write_text(named)
-    _, bone, nerve = read_tissues("new.csv")  # what stayed empty follows from the names
+    _, bone, nerve = read_tissues("new.csv")  # empty cells follow from the names
     assert (bone.assumed, nerve.assumed, nerve.critical, nerve.colour) == (False, True, True, (244, 214, 49))
     assert "--template: new.csv is there already" in run("labels.nii.gz", "--template", "new.csv", status=2)
 

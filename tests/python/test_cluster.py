@@ -18,7 +18,7 @@ dask = pytest.importorskip("dask")
 
 @pytest.fixture(scope="module")
 def client():
-    # A free port for the dashboard: the default one warns where another cluster has it.
+    # A free port for the dashboard: the default port warns if another cluster has it.
     settings = {"distributed.scheduler.allowed-failures": 1, "distributed.worker.profile.enabled": False}
     with (
         dask.config.set(settings),
@@ -32,7 +32,7 @@ def client():
 
 @pytest.fixture
 def executor(client):
-    """Of two workers: one that an earlier test killed has come back."""
+    """Waits for two workers: one that an earlier test killed comes back."""
     client.wait_for_workers(2, timeout=60)
     return client.get_executor()
 
@@ -69,7 +69,7 @@ def test_an_error_of_the_function_comes_back(executor, tmp_path):
     with pytest.raises(ZeroDivisionError, match="item seven"):
         run_items(work, [Item(i, str(tmp_path)) for i in range(10)], executor=executor)
     (tmp_path / "poison").unlink()
-    # Dask must not answer with the failure it remembers.
+    # Dask must not answer with the remembered failure.
     assert run_items(work, [Item(7, str(tmp_path))], executor=executor) == [work(Item(7))]
 
 
@@ -88,7 +88,7 @@ def test_a_worker_killed_from_outside_is_made_up_for(client, executor, tmp_path)
 
 
 def test_a_study_that_kills_its_workers_ends_and_goes_on(executor, tmp_path):
-    """Item 7 kills every worker that it is given to, so that dask gives up."""
+    """Item 7 kills every worker that gets it, so that dask gives up."""
     (tmp_path / "poison").touch()
     items = [Item(i, str(tmp_path), "kill") for i in range(40)]
     path = tmp_path / "s.jsonl"

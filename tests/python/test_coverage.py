@@ -1,4 +1,4 @@
-"""Coverage studies: reproducible, resumable, like the fit; and whether intervals hold the truth as often as they say."""
+"""Coverage studies agree with the fit, repeat and resume; intervals hold the truth as often as stated."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class TestStudy:
                 raise KeyboardInterrupt
 
         path, told = tmp_path / "study.jsonl", []
-        # the executor is left before lowest is replaced: it may still work on its last item
+        # the executor ends before lowest is replaced, for it may still work on its last item
         with ThreadPoolExecutor(1) as executor, pytest.raises(KeyboardInterrupt):
             coverage_study(WIDE, BONE, n=30, seed=3, store=path, progress=stop, executor=executor)
         kept = len(Store(path))
@@ -110,7 +110,7 @@ class TestStudy:
         assert same(resumed, coverage_study(WIDE, BONE, n=30, seed=3))
 
     def test_wide_data_cover(self):
-        # closed; 150 sets: false alarm 1e-6 for a coverage of 94 to 95 %
+        # 150 sets: a false alarm of 1e-6 for a coverage of 94 to 95 %
         study = coverage_study(WIDE, BONE, n=150, seed=1)
         low, high = stats.binom.ppf(2.5e-7, 150, 0.94), stats.binom.isf(2.5e-7, 150, 0.95)
         for name in ("c_e", "alpha", "identified", "joint"):
@@ -118,7 +118,7 @@ class TestStudy:
         assert study.closed().all()
 
     def test_narrow_data_are_open(self):
-        # 95.3 % of 4000 were: in 50 sets so few open is below 1e-12
+        # 95.3 % of 4000 are open: fewer than this in 50 sets has a probability below 1e-12
         study = coverage_study(one_burr(0.3, 0.6), BONE, n=50, seed=1)
         least = stats.binom.ppf(1e-12, 50, 0.953)
         assert study.open_above("c_e").k >= least
@@ -195,7 +195,7 @@ class TestTable:
 
 
 def test_the_joint_limit_of_two_scatters():
-    """A parameter each: the rise is the sum of n log(1 + t^2/nu), whose 95 % point is 7.37 by simulation."""
+    """Each scatter gives one parameter: sum of n log(1 + t^2/nu), whose 95 % point is 7.37 by simulation."""
     scatters = (Scatter("velocity", 30, False, 1.0, 0.1), Scatter("force", 5, False, 1.0, 0.1))
     made = Calibration(scatters, np.eye(2), np.array([np.diag([0.0, 1.0]), np.diag([1.0, 0.0])]))
     random, N = np.random.default_rng(1), 200_000
@@ -204,7 +204,7 @@ def test_the_joint_limit_of_two_scatters():
     assert np.mean(rise <= made.limit(0.95)) == pytest.approx(0.95, abs=0.005)
 
 
-FRESH = 2  # bounds were set beside the figures of docs/fit.md, which are of seed 1
+FRESH = 2  # not seed 1, the seed of the figures in docs/fit.md that the bounds follow
 
 CLOSED = {
     "wide": WIDE,
@@ -227,7 +227,7 @@ def executor():
 
 @pytest.mark.slow
 class TestCoverage:
-    """Of 4000 data sets: a standard error of 0.35 %."""
+    """4000 data sets give a standard error of 0.35 %."""
 
     @pytest.mark.parametrize("name", CLOSED)
     def test_closed(self, name, executor):
@@ -240,10 +240,10 @@ class TestCoverage:
 
     @pytest.mark.parametrize("name", OPEN)
     def test_open(self, name, executor):
-        """On the ridge the truth has no upper end to be found: only sets whose scatter excludes it are closed.
+        """On the ridge c_e has no upper end: only sets whose scatter excludes the truth are closed.
 
-        So coverage of c_e and alpha is above 95 % in all, and among the few closed sets far below: there is no
-        interval of c_e that covers 95 % of all and of these.
+        So the coverage of c_e and alpha is above 95 % over all sets, and far below among the few closed ones.
+        No interval of c_e covers 95 % of both.
         """
         study = coverage_study(OPEN[name], BONE, n=4000, seed=FRESH, executor=executor)
         for quantity in ("c_e", "alpha"):
@@ -255,7 +255,7 @@ class TestCoverage:
         assert study.separately_identified.value < 0.1
 
     def test_closed_but_wide(self, executor):
-        """2.0 to 2.6 N: the open sets, one in fifteen, are those whose scatter leans to the ridge."""
+        """2.0 to 2.6 N: in the open sets, one in fifteen, the scatter happens to favour the ridge."""
         study = coverage_study(one_burr(2.0, 2.6), BONE, n=4000, seed=FRESH, executor=executor)
         assert study.open_above().value < 0.1
         assert study.ratio("c_e") > 1.7
@@ -271,5 +271,5 @@ class TestCoverage:
         )
         for quantity in ("c_e", "alpha", "identified", "joint"):
             assert 0.93 < study.coverage(quantity).value < 0.975
-        for column in (0, 1):  # c_e, and both
+        for column in (0, 1):  # c_e, then both
             assert np.mean(study.rise[:, column] <= stats.chi2.ppf(0.95, column + 1)) < 0.9

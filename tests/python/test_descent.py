@@ -28,7 +28,7 @@ ARRAYS = re.compile(r"NDArray|Array\b|Floats|^Any$")
 
 
 def virtual(material=BONE, voxel=0.4, *, seed=5, **options):
-    """A rig of its own over a half-space."""
+    """A virtual rig over a half-space."""
     specimen = burrlab.half_space(BURR, voxel, depth=2.0)
     contact = burrlab.BurrContact(specimen.bone, BURR, material, seed=seed)
     return burrlab.VirtualRig(contact, specimen, **options)
@@ -36,7 +36,7 @@ def virtual(material=BONE, voxel=0.4, *, seed=5, **options):
 
 @pytest.fixture(scope="module")
 def known():
-    """Through controller and rig."""
+    """A descent with controller and rig."""
     return burrlab.descend(BURR, BONE, 0.8, voxel=0.2, seed=5)
 
 
@@ -99,12 +99,12 @@ def press(_):
         (SOFT, 0.8, {"voxel": 0.2, "ideal": True}, "window-too-short", "10 are needed"),
         (BONE, 0.5, {"voxel": 0.2, "stop": 0.6}, "window-too-short", "R/15"),
         (HARD, 1.0, {"ideal": True, "max_duration": 0.2}, "stalled", "when the run was given up"),
-        # Time that is over before contact is no overload, and cut bone is not untouched.
+        # A run without time for contact is not overloaded; a run that cut bone has touched it.
         (BONE, 1.0, {"max_duration": 0.1}, "stalled", "when the run was given up"),
         (BUTTER, 1.0, {}, "never-settled", "over 5 %"),
         (BONE, 1.0, {"specimen": EMPTY, "ideal": True}, "never-touched", "no bone"),
         (BONE, 1.0, {"specimen": EMPTY}, "never-touched", "no bone"),
-        # A run that is interrupted keeps its record.
+        # An interrupted run keeps its record.
         (BONE, 0.3, {"ideal": True, "cancel": CANCEL}, "interrupted", "at an immersion of 0."),
         (BONE, 0.3, {"cancel": CANCEL}, "interrupted", "at an immersion of"),
         (BONE, 0.3, {"ideal": True, "progress": press}, "interrupted", "at an immersion of 0."),
@@ -145,7 +145,7 @@ def test_own_controller_and_rig():
 
 
 class Laboratory:
-    """A rig that knows neither its material nor where the surface is, as a real one; its readings may go wrong."""
+    """A rig with unknown material and surface, like a real one; `fault` can spoil its readings."""
 
     def __init__(self, inner, fault=lambda reading: reading, force_limit=10.0):
         self.inner, self.period, self.force_limit, self.surface = inner, inner.period, force_limit, None
@@ -167,7 +167,7 @@ def test_unknown_rig_finds_surface_and_stiffness_from_first_contact(known):
     assert run.status == "ok"
     assert run.immersion[0] == pytest.approx(-0.2, abs=0.06), "zero of the immersion"
     assert run.penetration_velocity == pytest.approx(known.penetration_velocity, rel=0.1)
-    # A material so stiff that the force rises within one step of 50 um: the surface is right to a step.
+    # In a very stiff material the force rises within one step of 50 um: the surface is right to a step.
     rig = virtual(burrlab.Material("stiff", c_e=400.0, alpha=0.5), 0.1, encoder_step=0.05)
     run = burrlab.descend(BURR, None, 1.0, rig=Laboratory(rig), max_duration=1.0)
     assert run.immersion[0] == pytest.approx(-0.2, abs=0.06)
@@ -189,7 +189,7 @@ def test_series_frame_save_and_load(known, tmp_path, monkeypatch):
 
 
 def test_results_with_arrays_are_compared():
-    """Equal or not, and never NumPy's question which of the values is meant."""
+    """Comparison gives True or False, never NumPy's error about an ambiguous truth value."""
     found = 0
     for module in {part.name for part in pkgutil.walk_packages(burrlab.__path__, "burrlab.")}:
         kinds = [] if module.endswith("__main__") else vars(importlib.import_module(module)).values()
@@ -248,7 +248,7 @@ def test_bad_rig(change, message):
 
 
 def test_stiffness_is_the_slope_of_the_force():
-    """k = dF/dH in a carved hole, against a difference of the voxel force."""
+    """k = dF/dH in a carved hole, compared with a difference of the voxel force."""
     cut = burrlab.half_space(BURR, 0.1)
     contact = burrlab.BurrContact(cut.bone, BURR, BONE, seed=1)
     start = cut.center(0.0, BURR)

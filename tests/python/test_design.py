@@ -1,4 +1,4 @@
-"""The next measurement: candidates off the ridge come first, and what is foretold of them comes true."""
+"""The next measurement: candidates off the ridge come first, and simulations confirm the predictions."""
 
 import json
 import sys
@@ -57,7 +57,7 @@ class TestRanking:
         assert found[None, 0.2, 3.0] < 0.2
         assert max(found[F, None, R] for F in (2.0, 4.0) for R in (1.5, 3.0)) < 0.6
         assert found[0.5, None, 1.5] < 0.5 * found[0.5, None, 3.0]  # a smaller burr leaves the ridge too
-        # more of the same is worth nearly nothing: the region is a band, its width goes with the root of the rows
+        # more of the same shrinks little: the region is a band, its width goes with the root of the rows
         again = next(one for one in result.rows if (one.force, one.radius) == (0.4, 3.0))
         assert (again.probability, again.c_e_ratio) == (0, np.inf)
         assert again.area_ratio == pytest.approx(np.sqrt(30 / 33), rel=0.02)
@@ -85,7 +85,7 @@ class TestRanking:
 class TestOracle:
     @pytest.mark.parametrize("force", [0.4, 3.0, None])
     def test_small_scatter_and_a_closed_region(self, narrow, force):
-        """The areas go with the roots of the determinants of information."""
+        """Areas go with the inverse root of the determinant of the information."""
         J, options = np.array([1.0, 0.0]), {"static": 0.3, "static_scatter": 0.01}
         if force is not None:
             J, options = np.array([-MasterCurve("parabolic").local_slope(force / (9 * narrow.c_e)), 1.0]), {}
@@ -111,7 +111,7 @@ class TestOracle:
 
 
 def area(result, end=None):
-    """Of the joint 95 % region in (log c_e, log alpha), up to c_e = end."""
+    """Area of the joint 95 % region in (log c_e, log alpha), up to c_e = end."""
     region = result.region()
     x = np.log(region.c_e)
     even = np.linspace(x[0], min(x[-1], np.log(result.bounds["c_e"][1] if end is None else end)), 3000)
@@ -119,7 +119,7 @@ def area(result, end=None):
 
 
 def simulated(before, result, candidate):
-    """log(area ratio) and whether c_e was identified, of new data made at each truth and fitted."""
+    """log(area ratio), and whether c_e is identified, for new data made at each truth and fitted."""
     grid = RegionGrid.of(before)
     old, made = area(before), []
     truths = zip(*grid.truths(result.truths, np.random.default_rng(result.seed)), strict=True)
@@ -136,10 +136,10 @@ def simulated(before, result, candidate):
 
 
 class TestSimulation:
-    """Real outcomes with scatter at the truths of the design, fitted again."""
+    """Fits to outcomes with scatter at the truths of the design."""
 
-    # At each truth the logarithm differs from the one foretold by its outcome's scatter, with a standard
-    # deviation of 0.1 to 0.45, measured; 0.5 times 4.9 over the root of the number is false once in 1e6.
+    # The outcome's scatter moves the logarithm at each truth from its prediction, with a measured standard
+    # deviation of 0.1 to 0.45; the limit of 0.5 times 4.9 over the root of the number fails once in 1e6.
     @pytest.mark.parametrize(
         ("name", "n", "truths"),
         [("ridge", 3, 24), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("ridge", 3, 200), ("across", 2, 100), ("across", 8, 100)))],
@@ -154,7 +154,7 @@ class TestSimulation:
             assert abs(log_ratio.mean() - np.log(one.area_ratio)) < tolerance
             if one.kind == "velocity":
                 assert abs(identified.mean() - one.probability) < bias + 4.9 * 0.4 / np.sqrt(result.truths)
-        # those that differ by more than the simulation can tell are in the right order
+        # candidates whose difference the simulation can tell are in the right order
         foretold = np.array([one.area_ratio for one in result.rows])
         for i in range(len(found) - 1):
             clear = foretold > 1.15 * foretold[i]
@@ -163,13 +163,13 @@ class TestSimulation:
 
 class TestOverloaded:
     def test_bounds_c_e_from_above(self, across):
-        (one,) = design(across, 4.0, 3.0, 1).rows  # needs c_e > 2.31 N/mm^2, which bone has not
+        (one,) = design(across, 4.0, 3.0, 1).rows  # needs c_e > 2.31 N/mm^2, more than bone has
         assert one.overloaded > 0.8
         assert one.area_ratio < 1
         bounded = fit([ACROSS, synthetic_curve(BURR, BONE, 4.0, repeats=1, seed=1)])
         assert bounded.n_censored == 1
         ceiling = 4.0 * 27**0.5 / 9
-        below = fit(ACROSS, bounds={"c_e": (0.1, ceiling)})  # the same bound, given
+        below = fit(ACROSS, bounds={"c_e": (0.1, ceiling)})  # the same bound as an argument
         assert area(bounded) == pytest.approx(area(below), rel=0.03)
         found = RegionGrid.of(across).below(ceiling).log_area[0]
         assert found == pytest.approx(np.log(area(bounded)), abs=0.03)
@@ -216,7 +216,7 @@ class TestScatter:
 def test_seeds(ridge):
     one = design(ridge, 2.0, 3.0, 3, seed=None)
     assert design(ridge, 2.0, 3.0, 3, seed=one.seed) == one
-    # truths are drawn systematically, so that a hundred do
+    # truths are drawn systematically, so a hundred are enough
     many = design(ridge, 2.0, 3.0, 3, truths=2000)
     assert one.best.area_ratio == pytest.approx(many.best.area_ratio, rel=0.05)
 

@@ -1,4 +1,4 @@
-"""What the README and the pages show, runs or is there: scripts, commands, links."""
+"""Scripts and commands of the README and the pages run, and links lead somewhere."""
 
 from __future__ import annotations
 
@@ -67,11 +67,11 @@ def test_commands_of_the_readme(tmp_path, monkeypatch):
     ],
 )
 def test_blocks_run(name, tmp_path, monkeypatch):
-    """As they stand, one after the other."""
+    """The blocks of a page run one after the other."""
     monkeypatch.chdir(tmp_path)
     found = blocks(f"{name}.md")
     assert len(found) > 0
-    if name == "experiment":  # it needs a folder of answers; a device of one's own needs a terminal
+    if name == "experiment":  # its blocks need answers; TerminalSeat needs a terminal
         found = [block for block in found if "TerminalSeat" not in block]
         simulated = "--simulated --subject 01 --fast --task probing"
         for line in ("new experiment.toml", f"run experiment.toml {simulated}"):
@@ -80,7 +80,7 @@ def test_blocks_run(name, tmp_path, monkeypatch):
 
 
 def commands(page: str) -> list[str]:
-    """Lines of their own, two in one apart; HOST:PORT stands for an address."""
+    """Commands on separate lines or between semicolons; HOST:PORT becomes an address."""
     lines = re.findall(r"^(?: {4,8})?(burrlab .*)$", TEXTS[page], re.MULTILINE)
     parts = [part.strip() for line in lines for part in line.split(" #")[0].split(";")]
     return [part.replace("HOST:PORT", "localhost:18944") for part in parts if part.startswith("burrlab ")]

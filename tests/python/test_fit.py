@@ -1,4 +1,4 @@
-"""The fit: known curves give their parameters back, what is not known is said in words, and how it is shown."""
+"""The fit: it recovers known parameters, says what the data leave open, and shows its results."""
 
 import io
 import json
@@ -22,7 +22,7 @@ from burrlab.measured.synthetic import synthetic_trace
 from burrlab.theory.continuum import penetration_velocity
 
 NAN = float("nan")
-ACROSS = np.geomspace(0.015, 0.15, 8) * 9  # from phi = 0.015 to 0.15 where c_e is 1: across the kink at 0.068
+ACROSS = np.geomspace(0.015, 0.15, 8) * 9  # phi = 0.015 to 0.15 at c_e = 1: across the kink at 0.068
 EXACT = {"seed": 1, "scatter": 0.0, "repeats": 1}
 CURVE, NOISY = (curve_of(BONE.c_e * ACROSS, **options) for options in (EXACT, {"seed": 1, "repeats": 3}))
 STEEP = Material("m", c_e=1.2, alpha=0.15, shape="quartic")
@@ -63,7 +63,7 @@ class TestRecovery:
         result = fit(VelocityCurve(force, velocity, None, *window), BURR)
         assert (result.c_e, result.alpha) == pytest.approx((2.145, 0.087), rel=1e-3)
         np.testing.assert_allclose(result.predicted, velocity, rtol=1e-4)
-        # over the default window the same numbers mean another material; NaN is the default window
+        # over the default window the same velocities give another material; NaN is the default window
         elsewhere = fit(VelocityCurve(force, velocity), BURR)
         assert elsewhere.residual_norm > 0.05
         same = fit(VelocityCurve(force, velocity, None, *2 * [np.full(10, NAN)]), BURR)
@@ -84,7 +84,7 @@ class TestHonesty:
         assert result.status == "ridge"
         assert not result.ridge.excluded
         assert result.ridge.exponent == pytest.approx(8 / 3)
-        # 8 points of 8 %: the combination is known to 2.8 %, times the lever of a c_e elsewhere
+        # 8 points of 8 %: the combination is known to 2.8 %, and less well far from the fitted c_e
         assert result.ridge.value == pytest.approx(0.087 / 2.145 ** (8 / 3), rel=0.15)
         assert "alpha/c_e^2.667" in result.reason
         assert "alpha/c_e^2.667 = " in result.report()
@@ -231,14 +231,14 @@ def ends(result: Fit, name: str) -> list[float]:
 
 
 def assert_alike(other: Fit, one: Fit, c_e: float = 1.0, alpha: float = 1.0) -> None:
-    """Parameters and intervals, but for the factors."""
+    """Parameters and intervals are equal up to the factors."""
     assert (other.c_e / c_e, other.alpha / alpha) == pytest.approx((one.c_e, one.alpha), rel=1e-4)
     assert np.divide(ends(other, "c_e"), c_e) == pytest.approx(ends(one, "c_e"), rel=1e-3)
     assert np.divide(ends(other, "alpha"), alpha) == pytest.approx(ends(one, "alpha"), rel=1e-3)
 
 
 class TestProperties:
-    # alpha leaves the search's bounds of 1e-5 to 10 /ms nowhere
+    # alpha always stays within the search's bounds of 1e-5 to 10 /ms
     @few
     @given(k=st.floats(1e-3, 1e2), kind=st.sampled_from(["relative", "absolute", "sigma"]), names=st.sampled_from([(), ("pressed",)]))  # fmt: skip
     def test_faster_by_a_factor(self, k, kind, names):
@@ -312,7 +312,7 @@ class TestWhatItSays:
             assert again.intervals == result.intervals
 
     def test_unknown_sigma_of_an_indentation(self):
-        # -2 log L of the forces is far below 0: no search may take the root of it
+        # -2 log L of the forces is far below 0: no search may take its root
         result = fitted("wide, sigma", "pressed", residuals="sigma")
         assert result.status == "ok"
         assert all(start.objective >= 0 for start in result.starts)
@@ -353,7 +353,7 @@ def test_plot_of_a_profile(name, direction, names):
     texts = {text.get_text() for text in ax.texts}
     assert {"68 %", "95 %", "99.7 %"} <= texts
     assert ("open above" in texts) == (names == ("ridge",))
-    # an indentation has a scatter of its own, so that the limits of alpha differ from those of c_e
+    # an indentation has its own scatter, so the limits of alpha differ from those of c_e
     limits = [result.evidence.calibration.limit(level, direction) for level in (0.68, 0.95, 0.997)]
     drawn = sorted(line.get_ydata()[0] for line in ax.lines if line.get_linestyle() == "--")
     np.testing.assert_allclose(drawn, limits)
@@ -363,7 +363,7 @@ def test_plot_of_a_profile(name, direction, names):
     assert x[0] < end < value < x[-1]
     assert np.interp(value, x, rise) < 0.1
     assert np.interp(end, x, rise) == pytest.approx(limits[1], rel=0.05)
-    if names == ("wide",):  # and without jags
+    if names == ("wide",):  # the curve is smooth
         near, low = rise < limits[2], int(np.argmin(rise))
         assert (np.diff(rise[low:])[near[low + 1 :]] > -1e-3).all()
         assert (np.diff(rise[: low + 1])[near[:low]] < 1e-3).all()

@@ -1,4 +1,4 @@
-"""The force controller as a rig uses it: terms, defaults, anti-windup, errors; tests/cpp has the filter and the gains."""
+"""The force controller of a rig: terms, defaults, anti-windup, errors; tests/cpp has the filter and gains."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_settings_are_readable() -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_integral_does_not_wind_up(side: int) -> None:
-    """After a long time at a limit the output leaves it with the error's sign, as if just arrived."""
+    """After any time at a limit the output leaves it as soon as the error changes sign."""
     short, long = (ForceController(1.0, 50.0, output_limits=(-3, 3)) for _ in range(2))
     for pid, ticks in ((short, 200), (long, 20000)):
         for _ in range(ticks):

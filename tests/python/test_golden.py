@@ -1,4 +1,4 @@
-"""What a user sees is as it was frozen (tests/golden/cases.py): names, commands, files, results, figures, messages."""
+"""Names, commands, files, results, figures and messages equal the frozen ones (tests/golden/cases.py)."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Tests of the fit's premises: they hold their level under the model, and reject what is not the model."""
+"""Tests of the fit's assumptions: they hold their level under the model and reject other data."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ FEW = FORCES[::2]
 
 
 def weighed(data) -> tuple[Likelihood, tuple[float, float]]:
-    """The likelihood of data and its best point, without the intervals that a fit makes besides."""
+    """The likelihood of data and its best point, without the intervals of a fit."""
     o = Observations.of(data, None)
     likelihood = Likelihood(o, "relative", MeanFieldModel(o, BONE.shape))
     return likelihood, lowest(likelihood, Domain.of(likelihood, bounds_of(o, None), {})).point
 
 
 def holds_its_level(p: list[float]) -> bool:
-    """Uniform by Kolmogorov and Smirnov, and not too many below 5 %: a false-alarm rate of 1e-6 each."""
+    """Uniform by Kolmogorov and Smirnov, and not too many below 5 %; false-alarm rate 1e-6 each."""
     few = sum(one < 0.05 for one in p) <= stats.binom.isf(1e-6, len(p), 0.05)
     return bool(few and stats.kstest(p, "uniform").pvalue > 1e-6)
 
@@ -93,9 +93,9 @@ class TestFall:
 
     @pytest.mark.parametrize("runs", [1, 3])
     def test_true_traces_are_rarely_rejected(self, runs):
-        """40 sets at one force; as many p below 5 % as found have a probability below 1e-6.
+        """40 sets at one force; more p below 5 % than allowed have a probability of 1e-6.
 
-        A level of 10 % is granted: standard errors of records are not exact.
+        The allowed level is 10 %, because standard errors of records are not exact.
         """
         found = [
             self.of([synthetic_trace(BURR, BONE, 0.8, seed=100 * seed + k) for k in range(runs)]).p_value

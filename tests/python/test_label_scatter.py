@@ -1,4 +1,4 @@
-"""Labels alone: how much the velocity at one place scatters, smoothed and not, as docs/tissues.md says."""
+"""Labels alone: velocities at one place, smoothed and not, scatter as docs/tissues.md says."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def bone_of(solid: np.ndarray, voxel: float, origin: np.ndarray, width: float) -
 
 
 def on_planes(ratio: float, rough: float, width: float) -> list[float]:
-    """R = 3 mm on surfaces tilted against the voxels, rough by some voxels; the width of the smoothing is in voxels too."""
+    """R = 3 mm on surfaces tilted against the voxels; `rough` and the smoothing's `width` are in voxels."""
     voxel, found = 3.0 / ratio, []
     at = (np.arange(-round(6 / voxel), round(6 / voxel)) + 0.5) * voxel
     noise = gaussian_filter(np.random.default_rng(1).normal(size=(len(at),) * 3), 1.0)
@@ -50,7 +50,7 @@ def on_planes(ratio: float, rough: float, width: float) -> list[float]:
 
 
 def on_phantom(ratio: float, width: float) -> list[float]:
-    """Six places of the phantom, voxels of 0.1 mm that are half full or more."""
+    """Six places of the phantom: voxels of 0.1 mm that are at least half full count as bone."""
     phantom = temporal_bone(0.1, seed=1, size=(12, 18, 18), corner=(-4, -1, -9.5))
     bone = bone_of(phantom.bone.density >= 128, 0.1, np.array(phantom.bone.origin), width)
     places = np.array([(0, 0), (4, 0), (-4, 0), (0, 4), (0, -4), (3, 3)])

@@ -101,7 +101,7 @@ class TestAgainstTheOracle:
     def test_fit(self, name):
         found, _, (c_e, alpha, base) = pair(name)
         assert found.evidence.profile.base == pytest.approx(base, abs=2e-5)
-        if found.status != "ridge":  # along it any point is as good
+        if found.status != "ridge":  # along a ridge any point is as good
             assert (found.c_e, found.alpha) == pytest.approx((c_e, alpha), rel=1e-3)
 
     def test_interval_of_c_e(self, name):
@@ -203,7 +203,7 @@ class TestCalibration:
 
     @pytest.mark.slow
     def test_static_indentation_alone_gives_a_t(self):
-        """c_e from five forces: log c_e is a mean of normals, and its interval Student's with 4 degrees.
+        """log c_e from five forces is a mean of normals; its interval is Student's with 4 degrees.
 
         600 intervals of 95 and 68 %; a coverage beyond 4.9 standard errors has a probability of 1e-6.
         """
@@ -218,7 +218,7 @@ class TestCalibration:
                 half = stats.t.ppf(0.975, 4) * estimates.std(ddof=1) / np.sqrt(5)
                 interval = found.intervals["c_e"]["95"]
                 ends = np.exp(estimates.mean() + np.array([-half, half]))
-                # 0.2 % in quadrature besides, and what little the velocities say
+                # the model's 0.2 % in quadrature, and what little velocities say
                 assert (interval.lower, interval.upper) == pytest.approx(ends, rel=6e-3)
             for level in covered:
                 covered[level] += 2.145 in found.intervals["c_e"][level]

@@ -23,7 +23,7 @@ def test_voxel_descents_at_the_fitted_values_lie_on_the_data(shared_data, burr, 
     means = np.array([np.exp(np.mean(np.log(curve.velocity[curve.force == f]))) for f in forces])
     # Five standard errors of a mean: one false alarm in a million.
     np.testing.assert_allclose(np.log(descents.velocity / means), 0.0, atol=5 * 0.08 / np.sqrt(3))
-    # On average they sit on the line.
+    # On average they lie on the line.
     assert abs(np.mean(np.log(descents.velocity / fit.velocity(forces)))) < 0.03
 
 

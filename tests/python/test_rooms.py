@@ -1,4 +1,4 @@
-"""The plan of the house holds: imports lead only to rooms on the left, stand at the top, and name modules in full."""
+"""The plan of the rooms holds: imports lead to the left, stand at the top, and name modules in full."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Model choice: which erosion shapes the data reject, which they cannot tell apart, and how often by mistake."""
+"""Model choice: erosion shapes that data reject or cannot tell apart, and the rates of errors."""
 
 import json
 from concurrent.futures import ProcessPoolExecutor
@@ -62,7 +62,7 @@ class TestFamily:
         assert np.isnan(FamilyCurve(k).velocity_ratio(0.2)), "no window"
 
     def test_profile_is_that_of_a_shape_of_its_own(self):
-        # near the best k, where the limits are: there the rise is of the order of 4
+        # near the best k, where the limits lie: the rise there is about 4
         family = family_of(made_of())
         own = lowest(observed(made_of(), member(1.04))[1], family.domain)
         assert family.lowest(1.04).minus2 == pytest.approx(own.minus2, abs=0.02)
@@ -90,7 +90,7 @@ class TestThreshold:
         free = family_of(made_of()).likelihood(weighed.k).objective(*weighed.free.point)
         S = observed(made_of(), comparison["quartic"].shape)[1].objective(*weighed.minima["quartic"].point)
         F = (S - free) / (free / (30 - 3))
-        # the model's own error, 0.2 % in a scatter of 5 %, makes them differ by 0.2 %
+        # the two differ by 0.2 % because of the model's own error, 0.2 % in a scatter of 5 %
         assert weighed.threshold.statistic(comparison["quartic"].rise) == pytest.approx(F, rel=5e-3)
         assert comparison["quartic"].p_value == pytest.approx(stats.f.sf(F, 1, 27), rel=0.05, abs=1e-12)
 
@@ -162,7 +162,7 @@ class TestResult:
         found = compare_shapes(made_of("constant", c_e=3.0), shapes=["constant"])
         assert found.power.intervals["95"].lower is None
         assert "0 (open: the family begins there)" in found.report()
-        assert found["constant"].alpha_ratio is None  # parabolic is not there to compare with
+        assert found["constant"].alpha_ratio is None  # no parabolic to compare with
 
     def test_plain_objects(self, comparison):
         values = json.loads(json.dumps(comparison.to_dict(), allow_nan=False))
@@ -173,7 +173,7 @@ class TestResult:
         assert values["rows"][2]["pattern"][0]["in_words"].endswith("N")
 
     def test_alpha_at_equal_predictions(self):
-        # Without scatter: linear needs less c_e, which takes part of the factor of 2 that kappa makes.
+        # Without scatter: linear needs less c_e, which takes part of the factor of 2 from kappa.
         found = compare_shapes(made_of(scatter=0.0, repeats=1), free=False)
         assert found["parabolic"].alpha_ratio == 1
         assert found["linear"].alpha_ratio == pytest.approx(1.66, abs=0.02)
@@ -241,7 +241,7 @@ class Drawn:
 
 
 def judged(item):
-    """p-value of each shape, and the p-value of the pair of linear and parabolic."""
+    """p-value of each shape, and of linear behind parabolic and of parabolic behind linear (else 1)."""
     o, _ = observed(made_of(item.shape, c_e=item.c_e, seed=item.seed))
     weighed = weigh_shapes(o, "relative", SHAPES)
     pair = next(pair for pair in weighed.pairs() if {pair.better, pair.worse} == {"parabolic", "linear"})
@@ -255,7 +255,7 @@ def rates(shape, n, *, c_e=2.145, executor=None):
 
 
 def assert_rate(count, n, nominal, *, at_most=False):
-    """A count within its binomial range at a false-alarm rate of 1e-6."""
+    """The count is in its binomial range at a false-alarm rate of 1e-6."""
     assert count <= stats.binom.isf(CLOSE / 2, n, nominal), (count, n, nominal)
     if not at_most:
         assert count >= stats.binom.ppf(CLOSE / 2, n, nominal), (count, n, nominal)
@@ -275,7 +275,7 @@ class TestRates:
     @pytest.mark.parametrize("truth", SHAPES)
     def test_a_thousand(self, truth):
         n = 1000
-        # constant at c_e = 3: the hard bound of c_e, 1.73, is then never reached
+        # constant at c_e = 3: the hard bound of c_e, 1.73, is out of reach
         with ProcessPoolExecutor(2) as executor:
             p = rates(truth, n, c_e=3.0 if truth == "constant" else 2.145, executor=executor)
         for level in (0.05, 0.01):

@@ -41,7 +41,7 @@ def test_rows_do_not_depend_on_workers_or_order(alone):
 
 
 def test_a_seed_keeps_its_meaning():
-    """Other numbers would be other data under the seeds that results tell."""
+    """Other values would give other data for the seeds in recorded results."""
     assert (item_seed(7, 1.5, 1), specimen_seed(7)) == (8615454696755746968, 17559002276220262541)
 
 
@@ -89,15 +89,15 @@ print(json.dumps([peak(), sweep(1, 1), sweep(24, 1), sweep(24, 3)]))
     not Path("/proc/self/status").exists(), reason="the peak of memory is read from Linux's /proc"
 )
 def test_memory_grows_with_workers_not_with_descents():
-    """Peak of a process of its own (ru_maxrss would begin at that of the process that started it).
+    """Peak memory of a separate process (ru_maxrss would begin at its parent's).
 
-    Were bones kept, it would grow by 23 copies, then by 24 more. The allocator may keep one for each thread.
+    If bones were kept, it would grow by 23 copies, then by 24 more. The allocator may keep one per thread.
     """
     process = subprocess.run([sys.executable, "-c", PEAKS], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
     before, one, many, threefold = json.loads(process.stdout)  # [MB]
     a_copy = 240 * 320 * 320 / 2**20
-    assert one - before > 0.5 * a_copy  # a copy is seen
+    assert one - before > 0.5 * a_copy  # the measure sees a copy
     assert many - one < 4 * a_copy
     assert threefold - one < 8 * a_copy
 
@@ -120,7 +120,7 @@ def test_bad_input(change, error, message):
 
 @dataclass(frozen=True)
 class Fuller:
-    """Half-spaces of a level drawn from the seed, and a note of each: what a sweep may draw specimens from."""
+    """A source of specimens: half-spaces of a level drawn from the seed, with a note of each."""
 
     lowest: int
     notes: str

@@ -1,4 +1,4 @@
-"""The voxel engine of the fit: resumes, does not depend on the executor, and owns up to its Monte Carlo error."""
+"""The voxel engine of the fit: resumption, independence of the executor, and Monte Carlo error."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_resumes_and_any_executor_gives_the_same(sparse, tmp_path):
         assert plain(voxel_fit(CURVE, store=store, executor=executor)) == plain(sparse)
         assert len(store) == n
     voxel_fit(CURVE, replicates=3, store=store)
-    assert n < len(store) < 3 * n  # a third replicate, the rest is there
+    assert n < len(store) < 3 * n  # only a third replicate is new
 
 
 def test_beyond_the_table_the_last_value_holds(sparse):
@@ -81,7 +81,7 @@ def test_uneven_bone_and_few_replicates_widen_the_limits():
 
     even, uneven = share(0.02, 8), share(0.3, 8)
     assert uneven[0] > 5 * even[0]
-    # the variance of the velocities of a replicate grows by over a hundred
+    # the variance of a replicate's velocities grows over a hundredfold
     assert uneven[1] > 20 * even[1]
     assert share(0.02, 2)[1] > 1.5 * even[1]
 

@@ -1,4 +1,4 @@
-"""The walk along c_e: as good as a search of every point of the box, whatever the data; and its check by BOBYQA."""
+"""The walk along c_e: as good as a search of the whole box for all kinds of data; and its check by BOBYQA."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORCES = {
 
 
 def data_sets(seeds: range) -> dict[str, tuple[list, dict]]:
-    """Data of every kind and residual, and options of their fit."""
+    """Data of every kind, with every residual, and options of their fit."""
     made = {}
     for seed in seeds:
         random = np.random.default_rng(seed)
@@ -65,9 +65,9 @@ def data_sets(seeds: range) -> dict[str, tuple[list, dict]]:
 
 
 def by_brute_force(result: Fit) -> float:
-    """The lowest -2 log L of a grid over the box, made closer about its lowest points.
+    """The lowest -2 log L of a grid over the box, refined about its lowest points.
 
-    -2 log L itself is held against an oracle in test_likelihood.
+    test_likelihood compares -2 log L itself with an oracle.
     """
 
     def heights(log_c_e: np.ndarray, log_alpha: np.ndarray) -> np.ndarray:
@@ -132,7 +132,7 @@ def test_every_minimum_is_found(heights, places):
 
 @pytest.mark.parametrize("seed", [5, 13])
 def test_where_the_ridge_is_flat_the_smallest_c_e_counts(seed):
-    """Forces within 0.3 %: from some c_e to the end of the search -2 log L differs by less than 1e-5."""
+    """Forces within 0.3 %: from some c_e to the end of the search, -2 log L varies by less than 1e-5."""
     curve = synthetic_curve(BURR, BONE, FORCES["one"], scatter=0.08, repeats=2, seed=seed)
     bounds = {"c_e": (2.0, 40.0)}
     result = fit(curve, bounds=bounds)
@@ -144,7 +144,7 @@ def test_where_the_ridge_is_flat_the_smallest_c_e_counts(seed):
     flat = c_e[inside][slices.profile[inside] <= slices.profile[inside].min() + 1e-5]
     assert flat[-1] > 1.05 * flat[0]
     assert result.c_e == pytest.approx(flat[0], rel=2e-3)
-    # rounding does not move it
+    # rounding does not move the fit
     again = fit(replace(curve, velocity=curve.velocity * (1 + 1e-13)), bounds=bounds)
     assert again.c_e == pytest.approx(result.c_e, rel=1e-6)
 
@@ -156,7 +156,7 @@ def test_a_flat_stretch_of_less_than_5_percent_is_one_place():
 
 
 def test_equal_minima_apart_disagree():
-    """The profile has two minima of equal RMS residual, on either side of a kink; an overloaded run ends c_e."""
+    """The profile has equal minima (by RMS residual) on both sides of a kink; an overloaded run ends c_e."""
     small = synthetic_curve(BURR, BONE, FORCES["ridge"], scatter=0.2, repeats=2, seed=22)
     curve = VelocityCurve([*small.force, 4.5], [*small.velocity, np.nan], status=[*[""] * 8, "overloaded"])
     result = fit(curve, BURR)
@@ -196,7 +196,7 @@ def bowl(c_e: float, alpha: float) -> float:
 
 
 def searched(objective, start=(1.0, 0.1)) -> tuple[Start, list[tuple[float, float, float]]]:
-    """The search, and every value and point that it saw; none may be outside the box."""
+    """The search, and every value and point that it evaluated; no point may be outside the box."""
     seen = []
 
     def noted(c_e, alpha):
@@ -245,6 +245,6 @@ def test_each_distinct_force_is_predicted_once_and_put_in_place():
     expected = [penetration_velocity(BURR, BONE, F, *w) for F, w in zip(force, windows, strict=True)]
     found = MeanFieldModel(o, BONE.shape).predict(BONE.c_e, BONE.alpha)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
-    # a row with a window of its own has a bound of its own
+    # a row with its own window has its own bound
     least = [F / (9 * (0.8 / 3 if w else 1 / 3) ** 1.5) for F, w in zip(force, windows, strict=True)]
     np.testing.assert_allclose(o.c_e_bounds(), least)

@@ -1,1 +1,1 @@
-"""Slow, obvious versions of the core's algorithms, written from their definitions: the tests' oracle."""
+"""Slow, obvious versions of the core's algorithms, from their definitions: the tests' oracles."""

@@ -1,4 +1,4 @@
-"""Distances to structures as segmented, and what is told of them, from their definitions."""
+"""Distances to segmented structures, and their events and doses, from the definitions."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def distance(points, labels, number, spacing, origin):
-    """points (n, 3) [mm], labels (z, y, x) -> (n,) [mm]"""
+    """Distances (n,) [mm] of points (n, 3) [mm] from a label in labels (z, y, x)."""
     centers = np.argwhere(labels == number)[:, ::-1] * np.asarray(spacing) + np.asarray(origin)
     half = np.asarray(spacing) / 2
     out = np.empty(len(points))
@@ -21,10 +21,10 @@ NEAR = (1.0, 2.0)
 
 
 def events(rows, distances, lost, *, approach, touch, injury, hysteresis):
-    """What is told of one structure: [(row, kind, burr)].
+    """Events of one structure: [(row, kind, burr)].
 
-    rows: (tick, burr) in the order of execution; distances of the burr's surface [mm] and volume removed from the structure
-    [mm^3] in each of them.
+    rows: burrs in the order of execution; distances of the burr's surface [mm] and volume lost by the
+    structure [mm^3] in each.
     """
     told, near, touched, injured, total = [], set(), set(), set(), 0.0
     for i, (burr, d, v) in enumerate(zip(rows, distances, lost, strict=True)):
@@ -48,7 +48,7 @@ def events(rows, distances, lost, *, approach, touch, injury, hysteresis):
 
 
 def dose(distances, k, on, force, *, touch):
-    """Of one burr beside one structure, times in periods: a dict with the names of `Dose`."""
+    """The dose of one burr beside one structure, times in periods: a dict with the names of `Dose`."""
     out = {"closest": distances.min(), "touching": k[distances <= touch].sum()}
     out["time_within"] = [k[distances <= edge].sum() for edge in EDGES]
     out["turning_within"] = [k[(distances <= edge) & on].sum() for edge in EDGES]

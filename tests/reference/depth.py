@@ -30,7 +30,7 @@ def layer_integral(a: float, e: float, order: float, moment: float = 0.0) -> flo
         The integral [1].
     """
     end = e + 1.0
-    if a > 0.0:  # beyond this end the profile is below exp(-50) of its peak, which quadrature might miss
+    if a > 0.0:  # beyond this end the profile is below exp(-50) of its peak; quadrature could miss the peak
         end = min(end, (e ** (order + 1.0) + 50.0 / a) ** (1.0 / (order + 1.0)))
 
     def integrand(x: float) -> float:
@@ -52,7 +52,7 @@ def effective_depth(e: float, tau: float, order: float) -> float:
     e : float
         Depth of the voxel's outer face below the sphere's surface, in voxels, >= 0 [1].
     tau : float
-        What is left of the voxel, 0..1 [1].
+        Remaining fraction of the voxel, 0..1 [1].
     order : float
         Order k of the zero of the erosion shape at the sphere's surface, > 0 [1].
 
@@ -63,7 +63,7 @@ def effective_depth(e: float, tau: float, order: float) -> float:
 
     Notes
     -----
-    Limits: tau = 0 gives G = e, as what is left sits at the outer face; tau = 1 gives a = 0, a uniform voxel.
+    Limits: tau = 0 gives G = e, for the rest lies at the outer face; tau = 1 gives a = 0, a uniform voxel.
     """
     if tau <= 0.0:
         return e

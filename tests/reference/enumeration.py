@@ -1,4 +1,4 @@
-"""How good estimates and intervals of d' are: every outcome of an experiment, weighed with its probability.
+"""The quality of estimates and intervals of d': every outcome of an experiment, weighted by its probability.
 
 `python tests/reference/enumeration.py` prints the tables of `docs/psychophysics.md`.
 """
@@ -25,12 +25,12 @@ D_PRIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
 
 
 def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Floats:
-    """Of d', for every outcome, in the order of `Outcomes.all`.
+    """p-values of d' for every outcome, in the order of `Outcomes.all`.
 
     p(x) = max over the criterion of P(deviance(X) >= deviance(x) | d', criterion), X all outcomes.
 
-    The likelihood-ratio test with its own distribution in place of chi-square's, at the worst criterion: an interval of
-    the d' with p > 1 - level holds the truth at least as often as it says, whatever the criterion.
+    This is the likelihood-ratio test with its exact distribution at the worst criterion. For any criterion,
+    the interval of the d' with p > 1 - level holds the truth at least as often as its level says.
     """
     deviance = Outcomes.all(signals, noises).deviance(rule, d_prime)
     of_hits, of_alarms = _probabilities(rule, signals, noises, d_prime)
@@ -43,7 +43,7 @@ def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Flo
 
 
 def outcome_probabilities(rule: Rule, trials: int, d_prime: float, criterion: float) -> Floats:
-    """Of `Outcomes.all(trials/2, trials/2)`."""
+    """Probabilities of `Outcomes.all(trials/2, trials/2)`."""
     hit, miss, alarm, rejection = rule.log_rates(d_prime, criterion)
     half = trials // 2
     return np.asarray(np.outer(binomial(half, hit, miss), binomial(half, alarm, rejection)).ravel())
@@ -58,14 +58,14 @@ def enumerate_estimator(
     shift: float = 0.0,
     level: float = 0.95,
 ) -> list[SimpleNamespace]:
-    """Over all outcomes, half of the trials of either kind, a row for each d': shares of experiments, and biases of the mean.
+    """For each d' a row of shares of experiments and of biases of the mean, over all outcomes.
 
-    `shift` is that of the criterion from the unbiased one [sd]. Of a row:
+    Half of the trials are of either kind; `shift` is the criterion's, from the unbiased one [sd]. In a row:
 
     * exact, profile: the interval of this level holds the truth; exact_open: it is open above;
-    * wald: estimate +- standard errors exists and holds the truth; wald_corrected: after the log-linear correction;
+    * wald: estimate +- standard errors exists and holds the truth; wald_corrected: log-linear correction;
     * equal: as many hits as false alarms, whose standard error is infinite;
-    * infinite, zero: of the estimates; bias: of those that are finite; bias_log_linear, bias_half: after a correction.
+    * infinite, zero: estimates; bias: of finite estimates; bias_log_linear, bias_half: after a correction.
     """
     law, half = rule_of(task, rule), trials // 2
     outcomes = Outcomes.all(half, half)
@@ -74,7 +74,7 @@ def enumerate_estimator(
     log_linear, by_half = law.invert(h, f)[0], law.invert(*outcomes.corrected("half"))[0]
     more = Outcomes(h * (half + 1.0), outcomes.signals + 1.0, f * (half + 1.0), outcomes.noises + 1.0)
     finite = np.isfinite(estimate)
-    # An interval is open above where its test keeps every d', however large.
+    # An interval is open above if its test keeps the largest d'.
     exact_open = exact_p_values(law, half, half, LARGEST) > 1.0 - level
     rows = []
     for d in d_primes:
@@ -99,14 +99,14 @@ def enumerate_estimator(
 
 
 def binomial_error_rate(trials: int, hit: float, *, nominal: float = 0.05) -> float:
-    """Of `binomial_test` at p <= nominal, for an observer who cannot tell: hit rate and false-alarm rate are both `hit`."""
+    """Error rate of `binomial_test` at p <= nominal if hit rate and false-alarm rate are both `hit`."""
     k = np.arange(trials // 2 + 1)
     score, p = k[:, None] + trials // 2 - k, binom.pmf(k, trials // 2, hit)
     return float(np.sum(np.outer(p, p)[binom.sf(score - 1, trials, 0.5) <= nominal]))
 
 
 def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
-    """In Markdown: shares [%] of exact, profile and Wald intervals that hold the truth; * open in over half the cases."""
+    """Markdown: shares [%] of exact, profile and Wald intervals that hold the truth; * is mostly open."""
 
     def cell(row: SimpleNamespace) -> str:
         shares = " / ".join(f"{100.0 * share:.1f}" for share in (row.exact, row.profile, row.wald))
@@ -116,7 +116,7 @@ def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: f
 
 
 def bias_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
-    """In Markdown: bias of the finite estimates, log-linear, "half"; share of infinite estimates [%] in brackets."""
+    """Markdown: bias of finite, log-linear and "half" estimates; share of infinite ones [%] in brackets."""
 
     def cell(row: SimpleNamespace) -> str:
         biases = " / ".join(f"{bias:+.2f}" for bias in (row.bias, row.bias_log_linear, row.bias_half))
@@ -138,7 +138,7 @@ def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[Simpl
 
 
 def _wald(outcomes: Outcomes, rule: Rule, d_prime: float, level: float) -> Booleans:
-    """Where estimate +- standard errors exists and holds d'."""
+    """Whether estimate +- standard errors exists and holds d', by outcome."""
     error, estimate = outcomes.standard_error(rule), outcomes.estimate(rule)[0]
     width = float(ndtri(0.5 * (1.0 + level))) * error
     return np.isfinite(error) & (np.abs(np.where(np.isfinite(error), estimate, 0.0) - d_prime) <= width)

@@ -1,4 +1,4 @@
-"""The likelihood of c_e and alpha by scipy's densities, its profiles by search and its intervals by root finding."""
+"""The likelihood of c_e and alpha by scipy's densities, profiles by search, intervals by root finding."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from burrlab.theory.continuum import penetration_velocity
 
 MODEL_ERROR = 2e-3  # of the master curve, added in quadrature to every residual of unknown scatter [1]
 SEGMENTS = 5  # of a trace
-FAR = 1e6  # an end that has not come at this many times the ridge's beginning is open
+FAR = 1e6  # an end beyond this many times the c_e where the ridge begins is open
 
 
 class Oracle:
@@ -32,7 +32,7 @@ class Oracle:
     shape : str
         Erosion shape.
     bounds : (float, float), optional
-        Of c_e [N/mm^2], given by the user: an interval is open there.
+        Bounds of c_e [N/mm^2] given by the user; an interval is open there.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Oracle:
         self.kind, self.shape = kind, shape
         self.velocities: list[tuple[float, float, float | None, float | None, float, float]] = []
         self.runs: list[list[int]] = []  # places of a run's segments in `velocities`
-        self.record: list[float] = []  # RMS error of log velocity that a run's record tells, with the model's
+        self.record: list[float] = []  # RMS error of log velocity by a run's record, with the model's
         self.presses: list[tuple[float, float, float, float]] = []
         self.low, self.high, self.entry = 0.0, math.inf, 0.0
         for one in data:
@@ -101,12 +101,12 @@ class Oracle:
         )
 
     def relative(self) -> list[float]:
-        """Scatter of each run's segments over the geometric mean of all."""
+        """Scatter of each run's segments over the geometric mean of all runs."""
         mean = math.exp(sum(math.log(one) for one in self.record) / len(self.record))
         return [one / mean for one in self.record]
 
     def residuals(self, c_e: float, alpha: float, unit: np.ndarray | None = None) -> list[tuple]:
-        """Residuals of each scatter, whether sigma is known, and the model's error in their unit."""
+        """Residuals, number of free ones, whether sigma is known, and model error, for each scatter."""
         model = alpha * (self.unit(c_e) if unit is None else unit)
         v = np.array([row[1] for row in self.velocities])
         groups: list[tuple] = []
@@ -134,7 +134,7 @@ class Oracle:
         return groups
 
     def minus2(self, c_e: float, alpha: float, unit: np.ndarray | None = None) -> float:
-        """-2 log L but for a constant, each scatter at its best."""
+        """-2 log L at the best scatters, without a constant."""
         total = 0.0
         for r, n, known, error in self.residuals(c_e, alpha, unit):
             S = float(np.sum(r**2))
@@ -142,7 +142,7 @@ class Oracle:
         return total
 
     def minus2_by_densities(self, c_e: float, alpha: float) -> float:
-        """The same by normal densities, each scatter sought; for runs n is below the number of residuals."""
+        """`minus2` by normal densities, each scatter searched; runs have fewer free residuals than rows."""
         total = 0.0
         for r, n, known, error in self.residuals(c_e, alpha):
             if known:
@@ -159,7 +159,7 @@ class Oracle:
         return total
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
-        """Density of the velocities [mm/s] and forces [N], scatters at their best: all constants in."""
+        """Log density of velocities [mm/s] and forces [N] at the best scatters, with all constants."""
         v, model = np.array([row[1] for row in self.velocities]), alpha * self.unit(c_e)
         groups = self.residuals(c_e, alpha)
         scatter = [1.0 if known else math.sqrt(np.sum(r**2) / n) for r, n, known, _ in groups]
@@ -167,7 +167,7 @@ class Oracle:
         if self.kind == "relative":
             rows = [i for i in range(len(v)) if not any(i in run for run in self.runs)]
             total += float(stats.lognorm.logpdf(v[rows], scatter[0], scale=model[rows]).sum())
-            # K segments: the mean scatters by scatter[0], what is about it by scatter[1], relative to the run
+            # K segments: their mean scatters by scatter[0], the rest by scatter[1] times the run's part
             for run, part in zip(self.runs, self.relative() if self.runs else [], strict=True):
                 K = len(run)
                 mean = np.full((K, K), 1 / K)
@@ -189,7 +189,7 @@ class Oracle:
         return total
 
     def best_alpha(self, c_e: float) -> tuple[float, float]:
-        """alpha [1/ms] of the lowest -2 log L at one c_e, and that."""
+        """alpha [1/ms] of the lowest -2 log L at one c_e, and that -2 log L."""
         unit = self.unit(c_e)
         first = np.exp(np.mean(np.log([row[1] for row in self.velocities]) - np.log(unit)))
         found = minimize_scalar(
@@ -204,7 +204,7 @@ class Oracle:
         return self.best_alpha(math.exp(log_c_e))[1]
 
     def minimum(self, points: int = 60) -> tuple[float, float, float]:
-        """c_e, alpha and -2 log L of the lowest point of a dense grid, made finer."""
+        """c_e, alpha and -2 log L of the lowest point: of a dense grid, then between its neighbours."""
         low = math.log(self.low * (1 + 1e-4))
         high = math.log(min(self.high, 30 * self.entry))
         grid = np.linspace(low, high, points)
@@ -221,7 +221,7 @@ class Oracle:
         return math.exp(x), alpha, height
 
     def interval_of_c_e(self, limit: float, best: float, base: float) -> tuple[float | None, float | None]:
-        """Where the profile crosses base + limit on either side of the best c_e; None is open."""
+        """Crossings of the profile with base + limit on both sides of the best c_e; None is open."""
         return (
             self._end(best, self.low * (1 + 1e-4), limit, base, self.low_open),
             self._end(best, self.high, limit, base, self.high_open),
@@ -239,7 +239,7 @@ class Oracle:
         return math.exp(brentq(above, grid[last], grid[last + 1], xtol=1e-10))
 
     def interval_of_alpha(self, limit: float, best: tuple[float, float], base: float) -> tuple[float, float]:
-        """Where the profile over alpha crosses base + limit; c_e is taken to have two ends."""
+        """Crossings of the profile over alpha with base + limit; c_e must have two ends."""
         a, b = self.interval_of_c_e(1.5 * limit, best[0], base)
         grid = np.linspace(math.log(a or self.low), math.log(b or self.high), 200)
         units = [self.unit(math.exp(x)) for x in grid]
@@ -259,10 +259,9 @@ class Oracle:
         return tuple(_crossing(profile, math.log(best[1]), side, base + limit) for side in (-1, 1))
 
     def information(self, c_e: float, alpha: float, step: float = 1e-3) -> np.ndarray:
-        """Of each scatter in (log c_e, log alpha), shape (groups, 2, 2).
+        """Information of each scatter in (log c_e, log alpha), shape (groups, 2, 2).
 
-        Second differences of half the sum of squares that the model's own predictions would have, over the
-        scatter's square.
+        Second differences of half the sum of squares of the residuals' changes, over the squared scatter.
         """
         here = self.residuals(c_e, alpha)
 
@@ -280,8 +279,9 @@ class Oracle:
     def limit(self, level: float, best: tuple[float, float], direction: Sequence[float] | None) -> float:
         """Rise of -2 log L: n log(1 + q F/(n - 2)) or chi-square for one scatter.
 
-        With several, Satterthwaite's rule in a direction, a gradient over (log c_e, log alpha); for both
-        parameters (None) chi-square's limit times the mean rise over 2. S_min/S is Beta((n - p)/2, p/2).
+        With several scatters: Satterthwaite's rule along `direction`, a gradient over (log c_e, log alpha).
+        For both parameters (None): chi-square's limit times the mean rise over 2, S_min/S is
+        Beta((n - p)/2, p/2).
         """
         q = 2 if direction is None else 1
         groups, shares = self.residuals(*best), self.information(*best)

@@ -1,7 +1,7 @@
-"""The statistics of docs/psychophysics.md from their definitions: observers by integration, tests by listing all outcomes.
+"""The statistics of docs/psychophysics.md from their definitions: integration and lists of all outcomes.
 
-Nothing of the package is used. A decision is integrated over the observations, standard normal about the stimuli's means
--d'/2 (A) and +d'/2 (B); "first" and "second" below are the alternatives' places.
+Nothing here uses the package. Decisions are integrated over the observations, standard normal about the
+stimuli's means -d'/2 (A) and +d'/2 (B). "First" and "second" are the places of the alternatives.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 
 Rates = tuple[float, float]
 
-FAR = 9.0  # standard deviations of an observation, beyond which nothing is integrated
+FAR = 9.0  # end of all integrals [standard deviations of an observation]
 
 
 def Phi(x: float) -> float:
@@ -35,11 +35,11 @@ def integral(
     return float(quad(function, low, high, points=points, epsabs=1e-12, epsrel=1e-12, limit=400)[0])
 
 
-# Observers. Each gives (rate of "different" or "first" where it is correct, the same rate where it is not).
+# Observers: (rate of "different" or "first" where this is correct, the same rate where it is wrong).
 
 
 def same_different_differencing(d: float, k: float) -> Rates:
-    """ "Different" where the two observations are more than k apart."""
+    """Says "different" where the two observations are more than k apart."""
 
     def different(one: float, two: float) -> float:
         return integral(lambda x: phi(x - one) * (Phi(x - k - two) + Phi(-x - k + two)), one - FAR, one + FAR)
@@ -48,22 +48,22 @@ def same_different_differencing(d: float, k: float) -> Rates:
 
 
 def same_different_independent(d: float, middle: float = 0.0) -> Rates:
-    """ "Different" where the two observations lie on two sides of the middle. At 0 the best without bias."""
-    a, b = Phi(middle + d / 2), Phi(middle - d / 2)  # each taken for A
+    """Says "different" where the observations lie on two sides of the middle; the best without bias at 0."""
+    a, b = Phi(middle + d / 2), Phi(middle - d / 2)  # probabilities that A and B are taken for A
     different = a * (1 - b) + b * (1 - a)
     return different, 0.5 * (2 * a * (1 - a) + 2 * b * (1 - b))
 
 
 def same_different_likelihood(d: float, bias: float) -> Rates:
-    """ "Different" where the likelihood of it, over that of "same", is above exp(bias): the best at any bias.
+    """Says "different" where its likelihood over that of "same" is above exp(bias): the best at any bias.
 
-    The ratio is cosh(d'(x - y)/2)/cosh(d'(x + y)/2), of the two observations.
+    For observations x and y the ratio is cosh(d'(x - y)/2)/cosh(d'(x + y)/2).
     """
     if d == 0.0:
         return (1.0, 1.0) if bias < 0.0 else (0.0, 0.0)
 
     def different(one: float, two: float) -> float:
-        # sum and difference of the observations are independent, with a variance of 2
+        # sum and difference of the observations are independent, each with a variance of 2
         def given_sum(s: float) -> float:
             wanted = math.exp(bias) * math.cosh(d * s / 2)
             reach = 2 / d * math.acosh(wanted) if wanted > 1.0 else 0.0
@@ -77,7 +77,7 @@ def same_different_likelihood(d: float, bias: float) -> Rates:
 
 
 def abx_differencing(d: float, bias: float = 0.0) -> Rates:
-    """ "First" where it is closer to the reference than the second, or farther by no more than `bias`."""
+    """Says "first" where it is closer to the reference than the second, or farther by at most `bias`."""
 
     def first(reference: float, one: float, two: float) -> float:
         def given(r: float) -> float:
@@ -94,21 +94,21 @@ def abx_differencing(d: float, bias: float = 0.0) -> Rates:
 
 
 def abx_independent(d: float) -> Rates:
-    """The reference is A or B by the middle; then the alternative that is more of it. Best without bias."""
+    """Takes the reference as A or B by the middle, then the alternative that is more of it; best unbiased."""
     category, larger = Phi(d / 2), Phi(d / math.sqrt(2))
     right = category * larger + (1 - category) * (1 - larger)
     return right, 1 - right
 
 
 def two_intervals(d: float, bias: float = 0.0) -> Rates:
-    """ "First" where its observation is the larger, or smaller by no more than `bias`."""
+    """Says "first" where its observation is the larger, or smaller by at most `bias`."""
     return (
         integral(lambda x: phi(x - d) * Phi(x + bias), d - FAR, d + FAR),
         integral(lambda x: phi(x) * Phi(x + bias - d), -FAR, FAR),
     )
 
 
-# One subject's d'. `rates(d, criterion)` is an observer; criteria a grid over which it is free.
+# One subject's d'. `rates(d, criterion)` is an observer; `criteria` is a grid of its criterion.
 
 
 def log_likelihood(rates: Rates, hits: int, signals: int, alarms: int, noises: int) -> float:
@@ -118,7 +118,7 @@ def log_likelihood(rates: Rates, hits: int, signals: int, alarms: int, noises: i
 def best_at(
     rates: Callable[[float, float], Rates], d: float, counts: Sequence[int], criteria: Sequence[float]
 ) -> float:
-    """Log-likelihood at the best criterion: of the grid, then between its neighbours."""
+    """Log-likelihood at the best criterion: on the grid, then between its neighbours."""
     values = [log_likelihood(rates(d, c), *counts) for c in criteria]
     best = int(np.argmax(values))
     ends = criteria[max(best - 1, 0)], criteria[min(best + 1, len(criteria) - 1)]
@@ -132,7 +132,7 @@ def best_at(
 
 
 def greatest(counts: Sequence[int]) -> float:
-    """Log-likelihood at the estimate: own rates, or one common rate where there are no more hits than false alarms."""
+    """Log-likelihood at the estimate: two rates, or one where hits are no more frequent than false alarms."""
     hits, signals, alarms, noises = counts
     common = (hits + alarms) / (signals + noises)
     above = hits * noises > alarms * signals
@@ -147,7 +147,7 @@ def outcomes(signals: int, noises: int) -> Iterator[tuple[int, int, int, int]]:
 def exact_p_values(
     rates: Callable[[float, float], Rates], d: float, signals: int, noises: int, criteria: Sequence[float]
 ) -> dict[tuple[int, int], float]:
-    """(hits, false alarms) -> the probability of a deviance as large or larger, at the worst criterion of the grid."""
+    """(hits, false alarms) -> probability of a deviance at least as large, at the grid's worst criterion."""
     deviance = {
         (one[0], one[2]): 0.0
         if one[0] + one[2] in (0, signals + noises)
@@ -169,7 +169,7 @@ def exact_p_values(
 
 
 def holm_rejected(p_values: Sequence[float], level: float) -> list[bool]:
-    """Step down: the smallest p against level/m, the next against level/(m - 1), until one is not rejected."""
+    """Steps down: the smallest p against level/m, the next against level/(m - 1), until one is kept."""
     order = sorted(range(len(p_values)), key=lambda i: p_values[i])
     out = [False] * len(p_values)
     for place, i in enumerate(order):

@@ -1,7 +1,7 @@
 """One tick of a burr on a voxel bone, written from docs/tick.md line by line; equal to the core bit for bit.
 
-Every voxel of the volume is visited. Numbers called f32 on that page are ``numpy.float32`` arrays and scalars
-here; no Python float meets one of them, so that no version of NumPy promotes them.
+The tick visits every voxel of the volume. Numbers called f32 on that page are ``numpy.float32`` arrays and
+scalars; none is combined with a Python float, so no version of NumPy promotes them.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ class ReferenceShape:
 
     @property
     def base(self) -> str:
-        """Which y."""
+        """Name of y."""
         return SHAPES.get(self.name, ("square", 0.0))[0]
 
     @property
@@ -155,7 +155,7 @@ class ReferenceShape:
         return result
 
     def at_depth(self, delta: Float, deep: NDArray[np.bool_], x2: Float) -> Float:
-        """f at the depth delta R below the sphere's surface; of deep voxels from x2 = (r/R)^2 (f32)."""
+        """f at the depth delta R below the sphere's surface; for deep voxels from x2 = (r/R)^2 (f32)."""
         if self.base == "one":
             return np.ones_like(delta)
         if self.base == "depth":
@@ -178,7 +178,7 @@ class ReferenceShape:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Where the voxels lie about the burr, and how much of each it covers."""
+    """Places of the voxels about the burr, and how much of each it covers."""
 
     base: tuple[float, float, float]
     frac: tuple[float, float, float]
@@ -198,7 +198,7 @@ def geometry(
     spacing: tuple[float, float, float],
     origin: tuple[float, float, float],
 ) -> Geometry:
-    """Position of the burr to 2^-20 voxel; of every voxel distance r, width s, covered fraction w, whether deep."""
+    """Position of the burr to 2^-20 voxel; for each voxel distance r, width s, coverage w, whether deep."""
     base, frac, offset = [], [], []
     for c, o, s, n in zip(np.asarray(center, dtype=np.float64), origin, spacing, shape[::-1], strict=True):
         position = (float(c) - o) / s
@@ -227,7 +227,7 @@ def geometry(
 
 
 def truncated(x: Float) -> Integer:
-    """int(x): towards zero."""
+    """int(x), towards zero."""
     return x.astype(np.int64)
 
 
@@ -251,7 +251,7 @@ def bilinear(table: Float, e: Float, tau: Float) -> Float:
 def depth_fraction(
     at: Geometry, q: NDArray[np.uint8], p: NDArray[np.uint8], m256: Integer, radius: float, table: Float
 ) -> Float:
-    """Depth d/R at which `layer` erodes a voxel; of no meaning where the voxel has no mass (f32)."""
+    """Depth d/R at which `layer` erodes a voxel; without meaning for a voxel without mass (f32)."""
     R, r, w = f32(radius), at.distance, at.coverage
     inv_R = ONE / R
     level = np.where(m256 > 0, p, 1).astype(f32)  # an empty voxel would divide by zero
@@ -305,14 +305,14 @@ def penetration_ratio(m: float) -> float:
 
 @dataclass(frozen=True)
 class ReferenceTissues:
-    """The tissue of every voxel, by number, and the elastic constant [N/mm^2] and erosion rate [1/ms] of each."""
+    """Tissue number of every voxel, and elastic constant [N/mm^2] and erosion rate [1/ms] of each tissue."""
 
     number: NDArray[np.uint8]
     c_e: Sequence[float]
     alpha: Sequence[float]
 
     def mean_c_e(self, m256: Integer) -> float:
-        """Mean of c_e over a mass that is not zero [N/mm^2]."""
+        """Mean of c_e over a positive mass [N/mm^2]."""
         K = np.array([int(np.rint(4096 * c)) for c in self.c_e])
         S0, S_K = int(m256.sum()), int((K[self.number] * m256).sum())
         return (S_K // S0 + float(S_K % S0) / float(S0)) / 4096
@@ -328,7 +328,7 @@ class ReferenceContact:
     Parameters
     ----------
     q, p : ndarray of uint8, (nz, ny, nx)
-        Level now and pristine level, 0..255, q <= p. The arrays are not copied: `step` changes `q` in place.
+        Present and pristine level, 0..255, q <= p. The arrays are not copied: `step` changes `q` in place.
     spacing : sequence of 3 float, or float
         Voxel size along (x, y, z) [mm].
     origin : sequence of 3 float
@@ -350,7 +350,7 @@ class ReferenceContact:
     depth_table : ndarray of float32, (25, 41), optional
         Effective depth G(i/8, j/40) of the shape's order; `layer` needs it unless the shape is constant.
     tissues : ReferenceTissues, optional
-        Without them every voxel has `c_e` and `alpha`.
+        By default every voxel has `c_e` and `alpha`.
     """
 
     q: NDArray[np.uint8]
@@ -383,8 +383,8 @@ class ReferenceContact:
         Returns
         -------
         dict
-            force [N], c_e [N/mm^2], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the flags
-            touching, ambiguous, coarse, faint.
+            force [N], c_e [N/mm^2], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the
+            flags touching, ambiguous, coarse, faint.
         """
         sx, sy, sz = spacing = tuple(float(s) for s in np.broadcast_to(self.spacing, 3))
         at = geometry(center, self.radius, self.q.shape, spacing, tuple(float(o) for o in self.origin))  # type: ignore[arg-type]

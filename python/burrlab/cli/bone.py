@@ -1,4 +1,4 @@
-"""The bone of a session, where it is kept at the end, and what the labels of a file are: burrlab tissues."""
+"""The bone of a session, how it is kept at the end, and the labels of a file: burrlab tissues."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ from burrlab.cli.options import (
 )
 from burrlab.common.check import refuse
 
-_BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
+_BLOCK = (30.0, 30.0, 10.0)  # the block of a session without a volume, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
 _OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS)
 
 
-#: A bone that is kept, and one to go on with.
+#: Options for keeping a bone and for going on with a kept one.
 KEPT = Group(
     "a bone that is kept, half-drilled",
     (
@@ -78,22 +78,22 @@ KEPT = Group(
 
 @dataclass(frozen=True)
 class Start:
-    """What a session begins with: its bone, and how the bone is kept at the end.
+    """The bone at the start of a session, and how it is kept at the end.
 
     Attributes
     ----------
     bone : VoxelBone
     tick : int
-        Ticks executed on it before.
+        Ticks executed on the bone before.
     material : Material
     source : dict
-        Its recipe.
+        Recipe of the bone.
     place : mapping
         Where a simulated hand begins.
     like : Volume, LabelVolume or None
-        In whose format it is saved.
+        Volume whose format is used to save the bone.
     mapping : OccupancyMap or None
-        Of its grey values.
+        Map of its grey values.
     """
 
     bone: VoxelBone
@@ -105,7 +105,7 @@ class Start:
     mapping: OccupancyMap | None = None
 
     def save(self, path: str, bone: VoxelBone, tick: int) -> None:
-        """Keeps the bone at the end of the session; errors as `rescued`."""
+        """Saves the bone at the end of the session; errors as for `rescued`."""
         with rescued(path, bone, tick):
             if self.like is None:
                 save_bone(path, bone, tick, source=json.dumps(self.source))
@@ -115,8 +115,7 @@ class Start:
 
 @contextlib.contextmanager
 def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
-    """Keeps a bone's exact state elsewhere where it cannot be kept as asked, as on a full disk; the NotKept
-    says where."""
+    """Keeps a bone's exact state elsewhere if saving fails, as on a full disk; the NotKept says where."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -126,8 +125,7 @@ def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:
-    """The start that the options describe; ValueError where they do not fit, or the bone could not be saved
-    as asked."""
+    """The start that the options describe; ValueError if they do not fit or the bone could not be saved."""
     recipe = _recipe(options, material)
     if recipe is None:
         refuse(options.axis is not None, "--axis goes with --volume, --labels or --bone")
@@ -144,7 +142,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     tick = 0
     if isinstance(recipe, DrilledRecipe):
         tick = recipe.tick
-        if bone.tissues is not None and material == materials["bone"]:  # the default: the bone knows its own
+        if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
             material = bone.tissues.material
     return Start(bone, tick, material, source, place, like, mapping)
 
@@ -193,8 +191,7 @@ def _placed(
 def _kept_as(
     path: str | None, recipe: Recipe | DrilledRecipe | None
 ) -> tuple[Volume | LabelVolume | None, OccupancyMap | None]:
-    """The volume in whose format the bone is saved, and its map; errors as `save_drilled`, before any
-    work."""
+    """The volume whose format is used to save the bone, and its map; errors as for `save_drilled`."""
     if path is None:
         return None, None
     if Path(path).suffix.lower() == ".h5":
@@ -210,22 +207,22 @@ def _kept_as(
     return like, recipe.mapping
 
 
-#: What says of which side an ear is.
+#: Structures that show the side of an ear.
 _EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")
-#: Of directions: what points less than this part of its length to a side is not said to point there (ours).
+#: Least cosine at which a direction counts as pointing to a side (ours).
 _SURE = 0.3
-_LAST = 26  # characters of the synonyms: a line holds 80
+_LAST = 26  # characters of the column of synonyms, for lines of 80
 
 
 def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
-    """A row for each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
+    """A row for each label of a volume: voxels, volume [mm^3], name in the file, and tissue.
 
     Parameters
     ----------
     labels : LabelVolume
     tissues : Tissues, optional
-        A table; without it the names of the file say what the labels are. `tissue` is None where neither
-        does.
+        A table of the tissues; by default they follow from the names in the file. `tissue` is None for an
+        unknown label.
     """
     own = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
     voxel = float(labels.spacing.prod())
@@ -244,28 +241,26 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
 
 
 def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
-    """The directions in which ear canal, jaw joint and the facial nerve's exit lie, and the side of such an
-    ear.
+    """The directions of the ear canal, the jaw joint and the facial nerve's exit, and the side of the ear.
 
     Parameters
     ----------
     labels : LabelVolume
     tissues : Tissues, optional
-        As of `labels_table`.
+        As for `labels_table`.
 
     Returns
     -------
     dict or None
-        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left";
-        empty where the three lie so that no side can be told. None where one of them is missing, or there
-        twice.
+        `lateral`, `anterior` and `inferior`, the nearest axes ("-x"), and `side`, "right" or "left"; empty
+        where the three structures do not show a side. None where one of them is missing or occurs twice.
 
     Notes
     -----
     Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the
     canal's middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is
-    farthest from its innermost tenth, and inferior is the side of the plane of lateral and anterior, through
-    the canal's middle, on which it lies. So nothing depends on the names of axes: in the coordinates of the
+    farthest from its innermost tenth. Inferior is the side on which the exit lies of the plane through the
+    canal's middle, lateral and anterior. So nothing depends on the names of axes: in the coordinates of the
     file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in a right ear and +1 in a
     left one. A mirrored file shows the other ear.
     """
@@ -307,10 +302,9 @@ def _farthest(points: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[
 
 
 def template(labels: LabelVolume) -> Tissues:
-    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the
-    bone's.
+    """A table of a volume's labels with the default tissues of the same names; c_e and alpha are the bone's.
 
-    ValueError where there are more labels than a bone has tissues.
+    ValueError if there are more labels than a bone can have tissues.
     """
     counts = label_counts(labels.labels, labels.path)
     refuse(
@@ -351,7 +345,7 @@ def _tissues(options: Options) -> int:
         deliver(options, result, _text(result["tissues"]))
         return 0
     table = None if options.tissues is None else read_tissues(options.tissues)
-    listed = options.unknown is None and is_stack(options.file)  # shown here, refused where a bone is made
+    listed = options.unknown is None and is_stack(options.file)  # listed here, refused when a bone is made
     labels = labels_of(
         options.file, spacing=options.spacing, unknown=0 if listed else unknown_colours(options), palette=table,
         unit=options.unit, transpose=transposed(options, options.file),
@@ -404,9 +398,9 @@ def _hex(colour: tuple[int, int, int]) -> str:
 
 
 def _text(rows: list[dict[str, Any]]) -> str:
-    """A table of the rows, under the names of their columns."""
+    """A table of the rows with a header."""
     texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
-    if isinstance(list(rows[0].values())[-1], list):  # a long last column goes on below itself
+    if isinstance(list(rows[0].values())[-1], list):  # a long last column is wrapped
         texts = [line for text in texts for line in _wrapped(text)]
     widths = [max(len(line[i]) for line in texts) for i in range(len(texts[0]))]
     numeric = [not isinstance(value, (str, bool, list, type(None))) for value in rows[0].values()]

@@ -146,7 +146,7 @@ def _fit(options: Options) -> int:
 
 
 def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:
-    """The data sets of a fit, each with its radius: its own or --radius."""
+    """The data sets of a fit, each with its own radius or --radius."""
     refuse(not options.file and not options.trace, "a fit needs velocities: give a FILE.csv or --trace")
     found: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
     for file in options.file:

@@ -164,7 +164,7 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
 
 
 def _draw(analysis: Analysis, folder: Path) -> int:
-    """Draws all figures into files; how many."""
+    """Draws all figures into files; returns their number."""
     import matplotlib.pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -194,7 +194,7 @@ def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
 
 
 def _sittings(options: Options) -> list[Sitting]:
-    """The sittings that the options ask for; whatever can be checked beforehand is."""
+    """The sittings that the options ask for, after all possible checks."""
     protocol = Protocol.read(options.config)
     _check_apart("experimenter", options.experimenter, options.config)
     if not options.simulated:
@@ -241,8 +241,8 @@ def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
     seat = stack.enter_context(TerminalSeat())
     try:
         answered = sitting.run(lambda task: seat)
-    except (DeviceLost, KeyboardInterrupt):  # why, and how it goes on, is the experimenter's to know
-        with contextlib.suppress(KeyboardInterrupt):  # the terminal may be what was lost
+    except (DeviceLost, KeyboardInterrupt):  # the experimenter sees the reason and the next step
+        with contextlib.suppress(KeyboardInterrupt):  # the terminal itself may be lost
             seat.close("Please wait. Every answer is kept.")
         raise
     if answered:
@@ -253,7 +253,7 @@ def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
 
 
 def _simulated(options: Options) -> Mapping[str, Any]:
-    """What the side-car says of simulated subjects. What a subject attends to depends on the mode."""
+    """The side-car's entry on simulated subjects; the cues that a subject uses depend on the mode."""
     return {
         "rendered": "each material once a task" if options.fast else "each interval",
         **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
@@ -276,7 +276,7 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
 
 
 def _command(action: str, options: Options, subject: str) -> str:
-    """The command to type."""
+    """The command line for an action."""
     words = ["burrlab", "experiment", action, str(options.config)]
     words += ["--all"] if options.all else ["--subject", subject]
     for name in ("task", "device", "experimenter", "weber", "decision"):

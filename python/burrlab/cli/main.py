@@ -1,4 +1,4 @@
-"""The parser of `burrlab COMMAND`, and what runs a command."""
+"""The parser of `burrlab COMMAND` and its main function."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from burrlab.starting import started
 
 class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
-        """Whole names only: what a script abbreviates today may mean another option tomorrow."""
+        """Takes whole names only: an abbreviation may mean another option later."""
         super().__init__(allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
-        """One line that names the option, exit status 2."""
+        """Prints one line that names the option, and exits with status 2."""
         self.exit(2, f"{self.prog}: {message}\n")
 
 
@@ -46,7 +46,7 @@ def _version(options: Options) -> int:
 
 
 def join_vectors(arguments: Sequence[str]) -> list[str]:
-    """`--entry -1,2,3` as `--entry=-1,2,3`: argparse takes a leading minus for an option."""
+    """`--entry -1,2,3` as `--entry=-1,2,3`: argparse reads a leading minus as an option."""
     joined: list[str] = []
     for text in arguments:
         if joined and joined[-1] in SIGNED and re.match(r"-[\d.]", text):
@@ -80,8 +80,8 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and
-    not kept as asked, 130 interrupted."""
+    """Runs one command; 0 is done (also without a number), 1 different or failed, 2 wrong input, 3 not saved
+    as asked, 130 interrupted."""
     started()
     options = argparse.Namespace(command="")
     try:

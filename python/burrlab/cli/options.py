@@ -1,5 +1,4 @@
-"""What the commands share: options and their types, refusals, what is written and said, the end by a
-signal."""
+"""Shared by the commands: options and their types, refusals, output and the end by a signal."""
 
 from __future__ import annotations
 
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 
 
 Options = argparse.Namespace
-#: Adds a command: its name, what runs it, its help.
+#: Adds a command: its name, the function that runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
 Recipe = VolumeRecipe | LabelledRecipe
 Numbers = tuple[float, float, float]
@@ -47,15 +46,14 @@ class Option(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Options under a title of their own in the help; without a title, options of which one at most is
-    given."""
+    """Options under their own title in the help; without a title, options that exclude one another."""
 
     title: str
     options: tuple[Option, ...]
 
 
 class Command(NamedTuple):
-    """A command: its name, what runs it, its help, its options in the order of the help."""
+    """A command: its name, the function that runs it, its help, its options in the order of the help."""
 
     name: str
     run: Callable[[Options], int]
@@ -69,7 +67,7 @@ def option(name: str, help: str | None = None, **settings: Any) -> Option:
 
 
 def flag(name: str, help: str, default: bool | None = False) -> Option:
-    """An option without a value; the default None tells that it was not given."""
+    """An option without a value; None as default shows that it was not given."""
     return Option(name, {"help": help, "action": "store_true", "default": default})
 
 
@@ -85,7 +83,7 @@ def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
 
 
 def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
-    """The type of an option whose refusal is the sentence of the ValueError of `parse`."""
+    """The type of an option; it refuses with the message of the ValueError of `parse`."""
 
     def parsed(text: str) -> Made:
         try:
@@ -116,7 +114,7 @@ def positive(text: str) -> float:
 
 
 def whole_number(rule: str, least: int = 0, most: float = math.inf) -> Callable[[str], int]:
-    """The type of an option that takes a whole number, and the rule as its refusal says it."""
+    """The type of an option that takes a whole number; `rule` completes "must be"."""
 
     def parse(text: str) -> int:
         refuse(not (text.isdecimal() and least <= int(text) <= most), f"must be {rule}, got '{text}'")
@@ -143,7 +141,7 @@ MATERIAL = (
 
 
 def chosen_material(options: Options) -> Material:
-    """The material of the options: a named one, or that with changes."""
+    """The material of the options: a named one, possibly with changes."""
     named = burrlab.materials[options.material]
     given = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
     if set(given.values()) == {None}:
@@ -156,27 +154,27 @@ def chosen_material(options: Options) -> Material:
 SIGNED = ("--entry", "--axis", "--map", "--crop")
 #: Options that say where a descent begins.
 PLACE = ("entry", "axis")
-#: Options that labels alone look at.
+#: Options that apply to labels only.
 OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown", "smooth")
 
 
 def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
-    """ValueError for the first of these that was given: --NAME why."""
+    """ValueError "--NAME why" for the first of these options that was given."""
     for name in names:
         value = getattr(options, name)
-        # --no-transpose is given as much as --transpose; a flag without a "no" is False where it is not
+        # --no-transpose counts as given and is False; other flags are False where they are not given
         given = value is not None and (value is not False or name == "transpose") and value != []
         refuse(given, f"--{name} {why}")
 
 
 def require_options(options: Options, names: Sequence[str], what: str) -> None:
-    """ValueError that names all of these that are missing: what needs --NAME and --NAME."""
+    """ValueError "what needs --NAME and --NAME" for those of these options that are missing."""
     missing = [f"--{name}" for name in names if getattr(options, name) is None]
     refuse(missing, f"{what} needs {' and '.join(missing)}")
 
 
 _FIGURES = ("plot", "region", "profile", "pictures")
-_KEPT = ("out", "save")  # may take the place of what was read: they look after it themselves
+_KEPT = ("out", "save")  # may replace the file that was read; they check this themselves
 _FILES = ("json", *_FIGURES, "out", "record", "save", "template", "tsv", "png", "video")
 
 
@@ -188,18 +186,17 @@ def save_figure(axes: Axes, path: str) -> None:
 
 
 def plot(path: str | None, draw: Callable[[], Axes]) -> None:
-    """Draws and writes a figure where one is asked for."""
+    """Draws and writes a figure if a path is given."""
     if path is not None:
         save_figure(draw(), path)
 
 
 class NotKept(OSError):
-    """The work is done, but its result is not whole where it was asked for."""
+    """The work is done, but its result could not be written where the user wanted it."""
 
 
 def not_kept(path: str, name: str, error: Exception, write: Callable[[str], object], what: str) -> NotKept:
-    """The error after a file could not be written: the result is kept elsewhere, if that can be, and the
-    error says where."""
+    """The error after a failed write; it says where the result is kept instead, if it can be kept."""
     number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     place = kept_elsewhere(path, name, write)
     return NotKept(number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path)
@@ -210,7 +207,7 @@ def _write(path: str, name: str, write: Callable[[str], object], what: str) -> N
         write(path)
     except OSError as error:
         if error.errno in NO_ROOM and os.path.isfile(path) and not os.path.islink(path):
-            os.unlink(path)  # torn
+            os.unlink(path)  # incomplete
         raise not_kept(path, name, error, write, what) from error
 
 
@@ -219,13 +216,13 @@ def check_outputs(options: Options) -> None:
     taken: dict[Path, str] = {}
     for name in _FILES:
         path = getattr(options, name, None)
-        if path is None or (path == "-" and name not in _FIGURES):  # standard output, which takes text
+        if path is None or (path == "-" and name not in _FIGURES):  # "-" is standard output, for text
             continue
         place, folder = Path(path).resolve(), Path(path).resolve().parent
         writable = folder.is_dir() and os.access(folder, os.W_OK)
         is_folder = place.is_dir() and name != "save"  # slices are saved as a folder
         refuse(not writable or is_folder, f"--{name}: {path} cannot be written")
-        # A trace is never replaced.
+        # No command replaces a trace.
         refuse(name == "record" and place.exists(), f"--record must be a new file, {path} exists")
         other = taken.setdefault(place, name)
         refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
@@ -242,15 +239,15 @@ def check_outputs(options: Options) -> None:
 
 
 def _read_files(options: Options) -> set[Path]:
-    """The files that exist among what the other options name."""
-    # an experiment looks after its own files
+    """The existing files that the other options name."""
+    # an experiment checks its own files
     named = [value for name, value in vars(options).items() if name not in (*_FILES, "config")]
     texts = [text for value in named for text in (value if isinstance(value, list) else [value])]
     return {Path(text).resolve() for text in texts if isinstance(text, str) and os.path.isfile(text)}
 
 
 def deliver(options: Options, result: dict[str, Any], text: str) -> None:
-    """Prints a result as text, and writes it as JSON where that is asked for; the text is printed first."""
+    """Prints a result as text, then writes it as JSON if --json is given."""
     if options.json == "-":
         print(json.dumps(result, allow_nan=False))
         return
@@ -262,7 +259,7 @@ def deliver(options: Options, result: dict[str, Any], text: str) -> None:
 
 def sentence(error: Exception) -> str:
     """The message of an error in one line."""
-    if isinstance(error, OSError) and error.strerror is not None:  # without the number of the error
+    if isinstance(error, OSError) and error.strerror is not None:  # without errno
         return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
@@ -281,17 +278,17 @@ def show_line(line: str) -> None:
 
 @contextlib.contextmanager
 def show_progress(what: str) -> Iterator[Callable[[float], object]]:
-    """A bar on a terminal, moved by a function that takes the part done, 0 to 1."""
+    """A function that sets a progress bar on a terminal to the fraction done, 0 to 1."""
     with tqdm(total=100, desc=what, unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
         yield lambda done: bar.update(int(100 * done) - bar.n)
 
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """Lets SIGTERM and a closed terminal end what runs as Ctrl-C does: with force zero and a whole trace."""
+    """Lets SIGTERM and a closed terminal act like Ctrl-C: with force zero and a whole trace."""
     names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
-        names = []  # only the main thread may
+        names = []  # only the main thread may set handlers
     before = {name: signal.signal(name, signal.default_int_handler) for name in names}
     try:
         yield
@@ -313,7 +310,7 @@ def filling(text: str) -> tuple[str, float]:
 
 @parsed_by
 def label_or_word(text: str) -> str | int:
-    """A label, or "nearest", or that with names of structures."""
+    """A label, "nearest", or "nearest:" with names of structures."""
     if text in ("nearest", "refuse") or text.startswith("nearest:"):
         return text
     refuse(not (text.isascii() and text.isdecimal()), f"must be nearest or a label, got '{text}'")
@@ -350,7 +347,7 @@ def _three(text: str, form: str, whole: str) -> Numbers:
     return x, y, z
 
 
-#: A volume and what goes with it, but for --voxel, which a block has too.
+#: Options of a volume, without --voxel, which a block has too.
 VOLUME = Group(
     "a grey volume instead of a block (NRRD, NIfTI, MetaImage, a folder of DICOM or PNG slices; extra medical)",
     (
@@ -374,7 +371,7 @@ VOLUME = Group(
         ),
     ),
 )  # fmt: skip
-#: What coloured slices need.
+#: Options of coloured slices.
 STACK = (
     option(
         "--unknown",
@@ -414,7 +411,7 @@ LABELS = Group(
 
 
 def unknown_colours(options: argparse.Namespace) -> str | int:
-    """The value of --unknown; without it unknown colours are refused."""
+    """The value of --unknown; the default refuses unknown colours."""
     return "refuse" if options.unknown is None else options.unknown
 
 
@@ -429,7 +426,7 @@ def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
 def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
     """The recipe that the options describe; None without --volume and --labels.
 
-    ValueError for options that do not fit, or a burr too small for the voxels.
+    ValueError for options that contradict one another, or a burr too small for the voxels.
     """
     transpose = transposed(options, options.volume, options.labels)
     if options.labels is None:
@@ -441,7 +438,7 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     else:
         grey = _grey_recipe(options, burr)
         refuse_options(options, ("smooth",), "goes without --volume")
-    # Of slices without a description of their size, --spacing alone says it.
+    # Only --spacing gives the size of slices without a description.
     sizeless = is_stack(options.labels) and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
     own = options.spacing if grey is None or sizeless else None
     stack: dict[str, Any] = {
@@ -494,6 +491,6 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
 
 
 def say_notes(recipe: Recipe | DrilledRecipe) -> None:
-    """Prints to standard error what was assumed on the way to the bone."""
+    """Prints the assumptions about the bone to standard error."""
     for note in recipe.notes():
         print(f"burrlab: {note}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""What runs live and what is done with its trace: burrlab session | replica | replay | metrics | export."""
+"""Live sessions and the use of their traces: burrlab session | replica | replay | metrics | export."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ from burrlab.view.web import check_page, serve, warning
 
 
 def check_live(options: Options) -> None:
-    """Before anything is started: ValueError for an option that nothing would look at, ImportError without an
-    extra, OSError without a screen or where the port is taken."""
+    """ValueError for an option that would have no effect, ImportError without an extra, OSError without a
+    screen or if the port is taken; for use before anything starts."""
     if options.view:
         pyvista()
         check_screen()
@@ -75,7 +75,7 @@ def check_live(options: Options) -> None:
 
 
 def start_effects(options: Options, source: Session | Replica) -> Companion | None:
-    """Starts the effects that were asked for, with the session's seed; None without them."""
+    """The effects that the options ask for, started with the session's seed; None without them."""
     if not options.effects:
         return None
     seed = source.seed if isinstance(source, Session) else int(json.loads(source.hello)["seed"])
@@ -83,7 +83,7 @@ def start_effects(options: Options, source: Session | Replica) -> Companion | No
 
 
 def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
-    """Ends the effects and reports them, as text and for JSON; both empty without effects."""
+    """Ends the effects; returns their report as text and for JSON, both empty without effects."""
     if effects is None:
         return "", {}
     effects.wait(2.0)  # for the last frame
@@ -98,8 +98,8 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
 
 
 def show_live(options: Options, source: Session | Replica, effects: Companion | None = None) -> None:
-    """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if the
-    session goes on then."""
+    """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if a
+    page ends before the session."""
     if options.view:
         both_eyes: dict[str, Any] = {"stereo": True, "size": SIZE} if options.stereo else {}
         view = LiveView(source, effects=effects, **both_eyes)
@@ -149,13 +149,13 @@ WATCH = Group(
 
 
 def watch_asked_for(options: argparse.Namespace) -> bool:
-    """Whether one of the options was given."""
+    """Whether an option of the watch was given."""
     return any(getattr(options, name) is not None for name in ("watch", *_LIMITS))
 
 
 def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
-    """The watch that the options describe; None where there is nothing to watch. ValueError if they do not
-    fit the bone."""
+    """The watch that the options describe, None without anything to watch; ValueError if they do not fit the
+    bone."""
     limits: dict[str, Any] = {
         name: value for name in _LIMITS if (value := getattr(options, name)) is not None
     }
@@ -215,7 +215,7 @@ def _session(options: Options) -> int:
 
 @contextlib.contextmanager
 def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[None]:
-    """Keeps the bone once the session has ended, also if it ended on an error."""
+    """Saves the bone after the session, also after an error."""
     try:
         yield
     finally:
@@ -276,7 +276,7 @@ def _replica(options: Options) -> int:
     effects = start_effects(options, replica)
     try:
         with ended_by_signals(), contextlib.ExitStack() as stack:
-            if options.duration is not None:  # ends a window or a page, too
+            if options.duration is not None:  # also ends a window or a page
                 timer = threading.Timer(min(options.duration, threading.TIMEOUT_MAX), replica.stop)
                 timer.daemon = True
                 timer.start()
@@ -300,7 +300,7 @@ def _replica(options: Options) -> int:
         status["anatomy"] = anatomy.to_dict()
     try:
         deliver(options, {**status, **effects_plain}, "\n".join(said) + effects_text)
-    finally:  # the bone is kept if that ended on an error, too
+    finally:  # an error does not keep the bone from being saved
         if options.save is not None:
             bone, tick = replica.snapshot()
             with rescued(options.save, bone, tick):
@@ -309,7 +309,7 @@ def _replica(options: Options) -> int:
 
 
 def _tell_events(replica: Replica, known: int) -> int:
-    """Says the events near watched structures that are not known yet; returns the number of all events."""
+    """Prints new events near watched structures; returns the number of all events."""
     events = replica_events(replica, known)
     for event in events:
         if event.kind != "away":
@@ -338,14 +338,14 @@ def _metrics(options: Options) -> int:
     trace, target = load_trace(options.file), None
     if options.target is not None:
         target = read_labels(options.target)
-        # What is wrong with it is said before the work.
+        # A wrong target is refused before the work.
         compare_with_target(trace.bone(), target, onto=options.onto)
     metrics = session_metrics(
         trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
     )  # fmt: skip
     asked = watch_asked_for(options)
-    # Not recorded, the session was killed, or another watch is wanted.
+    # The report was not recorded, the session was killed, or another watch is wanted.
     if asked or (metrics.anatomy is None and trace.tissues is not None):
         watch = chosen_watch(options, trace.bone()) if asked else None
         refuse(asked and watch is None, "--watch must name structures of the trace's bone, got none")

@@ -1,4 +1,4 @@
-"""What the surgeon sees, from the command line: burrlab view."""
+"""Views of bones, volumes and traces on the command line: burrlab view."""
 
 from __future__ import annotations
 
@@ -118,8 +118,7 @@ def _view(options: Options) -> int:
 
 
 def _check(options: Options) -> None:
-    """ValueError, before any work, for options that do not go together and files that could not be
-    written."""
+    """ValueError for options that exclude one another and files that could not be written."""
     of_volume = options.volume is not None or options.labels is not None
     refuse(
         (options.file is not None) + (options.bone is not None) + of_volume != 1,
@@ -182,7 +181,7 @@ def _player(file: str) -> TracePlayer:
 
 
 def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
-    """The bone of --bone, --volume or --labels, and what was assumed of it; brings entry and axis into the
+    """The bone of --bone, --volume or --labels, and the assumptions about it; brings entry and axis into the
     bone frame."""
     recipe = (
         chosen_recipe(options, materials["bone"]) if options.bone is None else DrilledRecipe(options.bone)
@@ -217,7 +216,7 @@ def _depth_file(pictures: str) -> Path:
 
 
 def _widest_opening(bone: VoxelBone) -> str:
-    """The one of six directions of looking along which the opening is widest; the first of equal ones."""
+    """The viewing direction, of six, along which the opening is widest; the first of equal ones."""
     area = dict(zip("xyz", (bone.spacing[k - 2] * bone.spacing[k - 1] for k in range(3)), strict=True))
     return max(
         ("-z", "z", "x", "-x", "y", "-y"),

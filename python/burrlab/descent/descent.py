@@ -1,4 +1,4 @@
-"""The descent experiment: a burr sinks into bone at a force that is held exactly, or by a controller and a rig."""
+"""The descent experiment: a burr sinks into bone at a force held exactly, or by a controller and a rig."""
 
 from __future__ import annotations
 
@@ -36,28 +36,28 @@ def descend(
     progress: Progress | None = None,
     cancel: threading.Event | None = None,
 ) -> Descent:
-    """Sinks a burr at constant force and measures its penetration velocity.
+    """Sink a burr at constant force and measure its penetration velocity.
 
     Parameters
     ----------
     burr : Burr
     material : Material or None
-        What is burred. None only with a `rig` of your own: gains then follow the first contact.
+        Material of the bone. None only with a `rig` of your own: gains then follow the first contact.
     force : float
         Set-point of the axial force [N].
     voxel : float or (x, y, z)
-        Voxel spacing of the block that is burred [mm]; not used with a specimen or rig.
+        Voxel spacing of the block [mm]; not used with a specimen or rig.
     dt : float
         Tick [ms]; a rig has its own period.
     seed : int, optional
-        Not used with a rig of your own. Of erosion, load cell noise, and the burr's place within a voxel of
-        the block. None draws one and records it.
+        Seed of erosion, load cell noise and the burr's place within a voxel of the block; not used with a rig
+        of your own. None draws one and records it.
     scheme : {"layer", "cell"}
         See `BurrContact`.
     ideal : bool
-        Hold the force exactly, the position solved every tick, without rig and controller.
+        Hold the force exactly: every tick solves the position, without rig and controller.
     specimen : Specimen, optional
-        Default: a half-space of solid bone. A copy is burred.
+        Default: a half-space of solid bone. The run burrs a copy.
     rig : Rig, optional
         Default: a `VirtualRig` with its default imperfections.
     controller : ForceController, optional
@@ -65,9 +65,9 @@ def descend(
     stop : float, optional
         Immersion at which the run ends [mm]; default R/3.
     max_duration : float
-        Time after which a run that has not come to the stop is called stalled [s].
+        Time after which a run that has not reached the stop is stalled [s].
     progress : callable, optional
-        Called now and then with the fraction of the way to the stop.
+        Called from time to time with the fraction of the way to the stop.
     cancel : threading.Event, optional
         Ends the run with status ``interrupted``, as Ctrl-C does.
 
@@ -79,17 +79,17 @@ def descend(
     Raises
     ------
     TypeError
-        If burr or material is something else.
+        If burr or material has another type.
     ValueError
-        If the force is not positive or above the rig's range, dt, stop or max_duration not positive,
-        max_duration of too many ticks, the seed out of range, the burr below 4 voxels, or `material` missing.
+        If the force is not positive or above the rig's range; dt, stop or max_duration is not positive;
+        max_duration has too many ticks; the seed is out of range; the burr is below 4 voxels; or `material`
+        is missing.
 
     Notes
     -----
-    In a specimen with tissues force and erosion are those of the tissues that the burr meets. What is
-    expected beforehand (static immersion and the window that it begins, phi, default gains) is computed with
-    the c_e and alpha of `material`: where the tissues differ much from it, give a controller, and read
-    velocities with care.
+    In a specimen with tissues, force and erosion are those of the tissues that the burr meets. Static
+    immersion and the start of the window, phi and default gains come from the c_e and alpha of `material`:
+    where the tissues differ much from it, give a controller, and read velocities with care.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def descend(
         )
         dt = rig.period
         series, ending = control(rig, burr, material, force, controller, stop, max_duration, interrupted)
-        # a caller's rig: its bone and seed acted, if it has them
+        # a given rig has its own bone and seed, if any
         contact, specimen = (rig.contact, rig.specimen) if isinstance(rig, VirtualRig) else (None, None)
     parameters: dict[str, Any] = {
         "seed": None if contact is None else contact.seed,
@@ -170,9 +170,9 @@ def descend(
 APPROACH_SPEED = 1.0
 #: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours).
 LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
-#: Longest way without contact of a rig that does not know the surface, and longest retreat [mm] (ours).
+#: Longest way without contact of a rig without a known surface, and longest retreat [mm] (ours).
 LONGEST_APPROACH, RETREAT = 20.0, 5.0
-#: Part of the set-point from which the integral of the default gains acts (ours).
+#: Fraction of the set-point from which the integral of the default gains acts (ours).
 ARRIVED = 0.95
 _CHUNK = 256  # ticks between looks at progress and interrupts
 
@@ -196,7 +196,7 @@ def hold(
     max_duration: float,
     interrupted: Callable[[float], bool],
 ) -> tuple[Series, str]:
-    """The exact mode: every tick acts where the force is as asked."""
+    """Series and ending of a run whose every tick acts where the force is the set-point."""
     burr = contact.burr
     start = specimen.center(0.0, burr)
     immersion = -free_clearance(contact, specimen, burr)
@@ -254,7 +254,7 @@ def control(
     max_duration: float,
     interrupted: Callable[[float], bool],
 ) -> tuple[Series, str]:
-    """Approach, then force control, until the stop."""
+    """Series and ending of a run: approach, then force control until the stop."""
     scheduled = controller is None
     pid = controller if controller is not None else ForceController(0.0)
     c_e = None if material is None else material.c_e
@@ -293,7 +293,7 @@ def control(
                 assert c_e is not None
                 if scheduled:
                     kp = LOOP_BANDWIDTH / contact_stiffness(c_e, burr.radius, force, immersion)
-                    # The integral keeps its preset until the force arrives: else it winds up in the impact.
+                    # The integral keeps its preset until the force arrives: no wind-up in the impact.
                     arrived = arrived or reading.force >= ARRIVED * force
                     pid.set_gains(kp, kp / INTEGRAL_TIME if arrived else 0.0)
                 command = pid.update(force, reading.force, rig.period)
@@ -323,7 +323,7 @@ def control(
 
 
 def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
-    """ValueError on a reading that no command may follow; the rig is stopped then."""
+    """ValueError on a reading that no command may follow; the caller stops the rig."""
     refuse(
         not np.isfinite(reading).all(),
         f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped",
@@ -336,7 +336,7 @@ def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:
-    """Measured force that counts as contact [N]: a tenth of the set-point, and out of the cell's noise."""
+    """Measured force that counts as contact [N]: a tenth of the set-point, above the cell's noise."""
     if len(rows) < 20:
         return max(0.1 * force, 0.05)
     recent = np.array([row[1] for row in rows[:200]])
@@ -350,7 +350,7 @@ def _first_contact(
     table = np.array(rows)
     first = int(np.argmax(table[:, 1] > above))
     pressed = table[first:]
-    if np.ptp(pressed[:, 0]) == 0:  # within one step of the encoder: from the step before it
+    if np.ptp(pressed[:, 0]) == 0:  # within one encoder step: add the step before
         before = np.flatnonzero(table[:first, 0] < pressed[0, 0])
         refuse(before.size == 0, "the rig's position must change before its force rises; it was stopped")
         pressed = table[before[-1] :]

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @by_value
 @dataclass(frozen=True)
 class Series:
-    """The record of a descent, one row a sample."""
+    """The record of a descent, one row per sample."""
 
     time: Array  #: [s]
     immersion: Array  #: [mm], as read
@@ -60,16 +60,15 @@ class Descent:
     penetration_velocity : float or None
         Least-squares slope of immersion over time in `window` [mm/s].
     window : (float, float) or None
-        Immersions [mm] between which it was measured. Velocity falls with depth: a number without its window
-        means nothing.
+        Immersions [mm] between which it was measured. Velocity falls with depth, so it needs its window.
     velocity_fall : float or None
-        Velocity in the first third of the window over that in its last third.
+        Velocity in the first third of the window over that in the last.
     layer_resolution : float or None
         Thickness of the cutting layer over the voxel spacing, delta_0/s.
     warnings : tuple of str
-        What to bear in mind: coarse voxels, faint bone, contact without a direction.
+        Coarse voxels, faint bone, contact without a direction, labels alone.
     phases : dict of str to (float, float)
-        Begin and end [s] of approach, impact, settling, steady; a phase that never came is missing.
+        Begin and end [s] of approach, impact, settling, steady; phases that did not occur are missing.
     time, immersion, force, command : ndarray, shape (n,)
         [s], [mm], [N], [mm/s]
     """
@@ -107,7 +106,7 @@ class Descent:
 
     @property
     def velocity(self) -> Array:
-        """Slope of immersion over 51 samples around each [mm/s]; fewer in a shorter record."""
+        """Slope of immersion over the 51 samples around each [mm/s]; fewer in a shorter record."""
         n = len(self.time)
         if n < 3:
             return np.full(n, np.nan)
@@ -138,7 +137,7 @@ class Descent:
 
     @staticmethod
     def load(path: str | Path) -> Descent:
-        """Reads what `save` wrote; ValueError with one sentence where the file is something else."""
+        """The result in a file of `save`; ValueError for another file."""
         return parsed(str(path), Path(path).read_bytes(), "the JSON of a descent", Descent._of, finite=False)
 
     @staticmethod
@@ -151,12 +150,12 @@ class Descent:
         return made
 
     def to_frame(self) -> pd.DataFrame:
-        """The series as a pandas frame, columns with units; ImportError with one sentence without pandas."""
+        """The series as a pandas frame, columns with units; ImportError without pandas."""
         units = {"time": "s", "immersion": "mm", "force": "N", "velocity": "mm_s", "command": "mm_s"}
         return frame({f"{name}_{unit}": getattr(self, name) for name, unit in units.items()})
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Force, position and velocity over time, as the paper's Fig. 4; returns the three Axes."""
+        """The three Axes of force, position and velocity over time, as in the paper's Fig. 4."""
         return plot_descent(self, figure)
 
     def _repr_html_(self) -> str:
@@ -244,7 +243,7 @@ def evaluate(
         reason = "the burr met no bone on its way"
     elif settled is None:
         status = "never-settled"
-        reason = f"the mean of {span} samples of the force left {setpoint:g} N by over 5 % up to the stop"
+        reason = f"up to the stop the mean of {span} samples of the force was off {setpoint:g} N by over 5 %"
     else:
         start = max(burr.radius / 6, settled)
         rows = samples_between(h, start, stop)
@@ -348,7 +347,7 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
         rows = samples_between(run.immersion, *run.window)
         t = run.time[rows]
         if not run.series.exact and len(t) > 2 * 51:
-            # The rig reads positions in steps: a longer slope shows the velocity under their ripple.
+            # The rig reads positions in steps; a slope over more samples smooths their ripple.
             span = max(51, len(t) // 8) | 1
             slope = savgol_filter(run.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
             bottom.plot(t, slope, color=VELOCITY, linewidth=1.6, label=f"over {span} samples")

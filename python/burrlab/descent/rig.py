@@ -1,4 +1,4 @@
-"""The rig of the descent experiment: something that moves a burr along an axis and measures the force."""
+"""The rig of the descent experiment: it moves a burr along an axis and measures the force."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from burrlab.common.check import check_positive, refuse
 
 
 class RigReading(NamedTuple):
-    """What a rig measures at one sample."""
+    """One sample of a rig."""
 
     position: float  #: along the axis, growing into the bone [mm]
     force: float  #: axial, positive where bone pushes the burr out [N]
@@ -20,11 +20,11 @@ class RigReading(NamedTuple):
 
 @runtime_checkable
 class Rig(Protocol):
-    """What `descend` needs of a rig, real or virtual.
+    """The interface of a rig, real or virtual, for `descend`.
 
-    `period` is the time between samples [ms], `force_limit` the largest force the load cell measures [N],
-    `surface` the position at which the tip touches the untouched surface [mm], or None where only the first
-    contact will tell.
+    `period` is the time between samples [ms], `force_limit` the largest force that the load cell measures
+    [N], `surface` the position at which the tip touches the untouched surface [mm]; None takes it from the
+    first contact.
     """
 
     period: float
@@ -32,10 +32,10 @@ class Rig(Protocol):
     surface: float | None
 
     def read(self) -> RigReading:
-        """Waits for the next sample, one period after the last, and returns it."""
+        """Waits for the next sample, one period after the last."""
 
     def command(self, velocity: float) -> None:
-        """Sets the velocity along the axis, into the bone positive [mm/s], until the next command."""
+        """Sets the velocity along the axis until the next command [mm/s]; positive is into the bone."""
 
 
 class VirtualRig:
@@ -44,30 +44,30 @@ class VirtualRig:
     Parameters
     ----------
     contact : BurrContact
-        Of the burr on the bone; it is eroded.
+        The burr on the bone, which the rig erodes.
     specimen : Specimen
         Surface point and axis.
     period : float
-        Of a tick and a sample [ms].
+        Tick and sample time [ms].
     velocity_limit : float
         [mm/s]
     lag : float
         Time constant of the velocity [ms]; 0 switches it off.
     encoder_step : float
-        The position is read to this [mm]; 0 switches it off. The motion itself has no steps.
+        Step of the position readings [mm]; 0 switches it off. The motion itself has no steps.
     noise : float
         Standard deviation of the load cell [N]; 0 switches it off.
     force_filter : float
         Time constant of the load cell's filter [ms]; 0 switches it off.
     force_limit : float
-        Range of the load cell [N] (ours: the paper does not tell).
+        Range of the load cell [N] (ours).
     clearance : float
         Distance of the tip from the surface at the start [mm].
 
     Raises
     ------
     ValueError
-        If a value is negative or not finite, or period or velocity limit are not positive.
+        If a value is negative or not finite, or a period or limit is not positive.
 
     Notes
     -----
@@ -102,19 +102,19 @@ class VirtualRig:
         self.lag, self.encoder_step, self.noise, self.force_filter = lag, encoder_step, noise, force_filter
         self.immersion = -clearance  #: true position of the tip [mm]
         self.velocity = 0.0  #: true velocity [mm/s]
-        self.touched = False  #: bone was met
-        self.ambiguous = self.faint = 0  #: ticks so flagged (see `Contact`)
+        self.touched = False  #: whether the burr met bone
+        self.ambiguous = self.faint = 0  #: ticks flagged so (see `Contact`)
         self._command = 0.0
         self._filtered = 0.0
         self._random = np.random.default_rng([contact.seed & 0xFFFFFFFF, contact.seed >> 32, contact.index])
 
     def command(self, velocity: float) -> None:
-        """Sets the velocity, held within the limit [mm/s]; ValueError unless finite."""
+        """Sets the velocity, clipped to the limit [mm/s]; ValueError unless finite."""
         refuse(not np.isfinite(velocity), f"velocity must be finite, got {velocity}")
         self._command = float(np.clip(velocity, -self.velocity_limit, self.velocity_limit))
 
     def read(self) -> RigReading:
-        """Moves on by one period, burrs, and measures."""
+        """The next sample: moves by one period, burrs and measures."""
         dt = self.period
         follow = 1.0 - np.exp(-dt / self.lag) if self.lag > 0 else 1.0
         self.velocity += follow * (self._command - self.velocity)

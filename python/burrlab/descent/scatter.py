@@ -1,4 +1,4 @@
-"""How much penetration velocities scatter because the bone is uneven."""
+"""The scatter of penetration velocities in uneven bone."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-#: Probability of all intervals.
+#: Level of all intervals.
 CONFIDENCE = 0.95
 
 
 @stored_as("burrlab.bone_scatter.ScatterItem")
 @dataclass(frozen=True)
 class ScatterItem:
-    """One descent: small, picklable, and a function of its own parameters alone."""
+    """One descent: small, picklable and self-contained."""
 
     burr: Burr
     material: Material
@@ -46,7 +46,7 @@ class ScatterItem:
 
 
 class Comparison(NamedTuple):
-    """What an F test says of a measured scatter beside a predicted one."""
+    """The outcome of an F test of a measured scatter against a predicted one."""
 
     p_value: float  #: two-sided
     text: str
@@ -65,7 +65,7 @@ def run_item(item: ScatterItem) -> tuple[float, str]:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Scatter:
-    """Scatter of ln v at every force, from descents in bones of their own.
+    """Scatter of ln v at every force, each descent in its own bone.
 
     Intervals are those of a normal distribution of ln v, by chi-square, at 95 %.
 
@@ -75,9 +75,9 @@ class Scatter:
         [N]
     log_velocity, homogeneous : ndarray, shape (n, repeats)
         ln of v [mm/s], and of v in bone that has the field's mean everywhere, with the same place within a
-        voxel and the same erosion seed; NaN where a descent gave no velocity.
+        voxel and the same erosion seed; NaN without a velocity.
     status : tuple of str
-        Of the descents in uneven bone, by force and repeat.
+        Status of the descents in uneven bone, by force and repeat.
     bone : BoneField
     burr : Burr
     material : Material
@@ -110,7 +110,7 @@ class Scatter:
 
     @property
     def pooled(self) -> float:
-        """Root of the mean variance of ln v over the forces, by degrees of freedom; NaN where there are none."""
+        """Root of the mean variance of ln v over the forces, by degrees of freedom; NaN without any."""
         return _pooled(self.sd, self.n_dof)
 
     @property
@@ -131,7 +131,7 @@ class Scatter:
 
     @property
     def shift(self) -> Floats:
-        """Mean of ln v less that in homogeneous bone, at each force, shape (n,); pairs with both velocities."""
+        """Mean of ln v less that in homogeneous bone, over pairs with both velocities, shape (n,)."""
         return np.array([d.mean() if d.size else np.nan for d in self._differences()])
 
     @property
@@ -143,7 +143,7 @@ class Scatter:
         return [row[np.isfinite(row)] for row in self.log_velocity - self.homogeneous]
 
     def compare(self, sd: float, n_dof: int) -> Comparison:
-        """Tests whether a measured scatter is that of this bone.
+        """Test whether a measured scatter is that of this bone.
 
         Parameters
         ----------
@@ -160,7 +160,7 @@ class Scatter:
         Raises
         ------
         ValueError
-            If sd is not positive and finite, n_dof below 1, or no force has two velocities.
+            If sd is not positive and finite, n_dof is below 1, or no force has two velocities.
 
         Notes
         -----
@@ -182,7 +182,7 @@ class Scatter:
         return Comparison(p, text)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Scatter with its intervals against force, the pooled one as a line; returns the Axes."""
+        """The Axes of the scatter and its intervals against force, the pooled scatter as a line."""
         ax = new_figure(4.8, 3.6).subplots() if ax is None else ax
         sd, interval = 100 * self.sd, 100 * self.interval
         ax.errorbar(
@@ -269,7 +269,7 @@ def predicted_scatter(
     store: StorePath | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Scatter:
-    """Scatter of the penetration velocity over bones that differ in their field alone, force held exactly.
+    """Scatter of the penetration velocity over realisations of a field, force held exactly.
 
     Parameters
     ----------
@@ -279,18 +279,18 @@ def predicted_scatter(
         [N], no two alike.
     field : BoneField
     repeats : int
-        Bones at each force, every one with its own descent; as many again in homogeneous bone.
+        Bones at each force, each with its own descent; as many descents again in homogeneous bone.
     voxel : float
         Spacing [mm].
     dt : float
         Tick [ms].
     seed : int, optional
-        Of the whole prediction; None draws one and records it. The seed of one bone, its erosion and place
-        within a voxel is ``burrlab.descent.sweep.item_seed(seed, force, repeat)``.
+        Seed of the whole; None draws one and records it. The seed of one bone, its erosion and place within
+        a voxel is ``burrlab.descent.sweep.item_seed(seed, force, repeat)``.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores. The result does not depend on it.
     store : Store or path, optional
-        Keeps every descent, so that an interrupted study goes on where it stopped.
+        Keeps every descent, so that an interrupted study resumes.
     progress : callable, optional
         Called with (descents done, descents in all).
 
@@ -301,18 +301,18 @@ def predicted_scatter(
     Raises
     ------
     TypeError
-        If burr, material or field is something else.
+        If burr, material or field has another type.
     ValueError
-        If no force is given, one is not positive or given twice, repeats is below 2, or the seed out of
-        range; else as `BoneField.specimen` and `descend`.
+        If no force is given, a force is not positive or given twice, repeats is below 2, or the seed is out
+        of range; else as for `BoneField.specimen` and `descend`.
     StudyInterrupted
         If the executor dies.
 
     Notes
     -----
     The window of a descent begins at its own static contact where that is deeper than R/6, in uneven bone as
-    on a bench. Descents without a velocity are left out and counted; where there are many, the scatter is
-    that of the bones that carry the force, and too small.
+    on a bench. Descents without a velocity are left out and counted. Where there are many, the scatter is too
+    small, because it is that of the bones that carry the force.
 
     Examples
     --------

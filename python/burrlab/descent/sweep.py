@@ -22,17 +22,17 @@ from burrlab.measured.curve import VelocityCurve
 
 @runtime_checkable
 class SpecimenSource(Protocol):
-    """What each descent of a sweep draws a specimen of its own from: small, picklable, a frozen dataclass."""
+    """A source of specimens, one for each descent of a sweep: a small, picklable, frozen dataclass."""
 
     def specimen(self, burr: Burr, voxel: float | tuple[float, ...], *, depth: float, seed: int) -> Specimen:
-        """A specimen for a descent to `depth` [mm] on voxels of `voxel` [mm], a function of its arguments alone."""
+        """A specimen for a descent to `depth` [mm] with `voxel` [mm]; it depends on the arguments alone."""
         ...
 
 
 @stored_as("burrlab.sweep._Given")
 @dataclass(frozen=True)
 class _Given:
-    """One specimen for all descents; a store knows it by its numbers."""
+    """One specimen for all descents; a store compares digest, surface and axis."""
 
     digest: str
     surface: tuple[float, ...]
@@ -51,7 +51,7 @@ class _Given:
 @stored_as("burrlab.sweep.SweepItem")
 @dataclass(frozen=True)
 class SweepItem:
-    """One descent of a sweep: picklable, and a function of its own parameters and seed alone."""
+    """One descent of a sweep: picklable and self-contained."""
 
     burr: Burr
     material: Material
@@ -67,14 +67,14 @@ class SweepItem:
 
 
 def item_seed(seed: int, force: float, repeat: int) -> int:
-    """Seed of one repeat at one force: a function of these alone, so that it can be rerun by itself."""
+    """Seed of one repeat at one force, from these alone, so that it can be rerun by itself."""
     bits = int(np.float64(force).view(np.uint64))
     sequence = np.random.SeedSequence(seed, spawn_key=(bits & 0xFFFFFFFF, bits >> 32, repeat))
     return int(sequence.generate_state(1, np.uint64)[0])
 
 
 def specimen_seed(seed: int) -> int:
-    """Seed of the specimen that a descent of this seed draws: independent of its erosion and place."""
+    """Seed of the specimen of a descent with this seed: independent of its erosion and place."""
     return int(np.random.SeedSequence(seed, spawn_key=(2,)).generate_state(1, np.uint64)[0])
 
 
@@ -131,36 +131,36 @@ def force_sweep(
     voxel, dt, scheme, stop, max_duration
         As for `descend`.
     specimen : Specimen or SpecimenSource, optional
-        Burred by every descent, each on its copy; or what each descent draws its own from, with a seed from
-        its own: an object with a method ``specimen(burr, voxel, *, depth, seed)``. Default: a half-space of
-        solid bone.
+        One specimen, of which every descent burrs a copy; or an object with a method
+        ``specimen(burr, voxel, *, depth, seed)``, which makes one for each descent with a seed of its own.
+        Default: a half-space of solid bone.
     seed : int, optional
-        Of the whole sweep; None draws one and records it.
+        Seed of the whole sweep; None draws one and records it.
     rig : bool
-        Through controller and virtual rig; else the force is held exactly.
+        Use controller and virtual rig; else the force is held exactly.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores.
     store : Store or path, optional
-        Keeps every descent as it ends; those that it knows are not run again. It needs a seed.
+        Keeps every descent as it ends and does not repeat those it holds; needs a seed.
     progress : bool
         Show a progress bar on standard error.
 
     Returns
     -------
     VelocityCurve
-        One row a descent, by force and repeat; velocity NaN without a window. Windows are given where they
-        are not the default one, max(R/6, static contact) to R/3. It does not depend on order or
-        number of workers. After Ctrl-C it holds what was done, the rest marked ``interrupted``.
+        One row per descent, by force and repeat; velocity NaN without a window. Windows are given where they
+        are not the default one, max(R/6, static contact) to R/3. The curve does not depend on order or number
+        of workers. After Ctrl-C the descents that did not run are marked ``interrupted``.
 
     Raises
     ------
     TypeError
-        If burr, material, specimen or executor is something else.
+        If burr, material, specimen or executor has another type.
     ValueError
-        If no force is given, one is not positive, repeats is below 1, a store comes without a seed or its
-        file is no store; else as `descend`.
+        If no force is given, a force is not positive, repeats is below 1, a store is given without a seed or
+        its file is no store; else as for `descend`.
     StudyInterrupted
-        If the executor died.
+        If the executor dies.
 
     Examples
     --------
@@ -190,7 +190,7 @@ def force_sweep(
         for f in values
         for k in range(repeats)
     ]  # fmt: skip
-    # Slow descents first: low forces sink for long.
+    # Slow descents first: low forces take longest.
     order = sorted(range(len(items)), key=lambda i: items[i].force)
     study = Study(run_item, [items[i] for i in order], executor=executor, store=store)
     with suppress(KeyboardInterrupt):
@@ -200,8 +200,8 @@ def force_sweep(
     for place, row in study.results.items():
         rows[order[place]] = row
     table = np.array([row[:3] for row in rows])
-    # With the force held exactly to R/3 the window is the default one, which a fit predicts from c_e; written
-    # out, its start would be taken as given and its information on c_e lost.
+    # With the force held exactly to R/3 the window is the default one, which a fit predicts from c_e. If it
+    # were written out, a fit would take its start as given and lose its information on c_e.
     about = "half-space of solid bone" if specimen is None else repr(specimen)
     volume: dict[str, Any] = {}
     if isinstance(specimen, Specimen):

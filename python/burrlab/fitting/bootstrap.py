@@ -24,12 +24,12 @@ from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelTable, model_of
 
 KINDS = ("parametric", "residual")
-_CHUNK = 25  # fits a submission: one takes milliseconds
+_CHUNK = 25  # fits per submission; one fit takes milliseconds
 
 
 @dataclass(frozen=True)
 class BootstrapItem:
-    """One replicate: small, picklable, and a function of itself alone."""
+    """One replicate: small, picklable and self-contained."""
 
     observations: Observations
     shape: Shape
@@ -39,7 +39,7 @@ class BootstrapItem:
     given_bounds: tuple[str, ...]
     c_e: float
     alpha: float
-    scatters: tuple[tuple[str, float, float], ...]  # name, value, residuals' inflation
+    scatters: tuple[tuple[str, float, float], ...]  # name, value, inflation of the residuals
     kind: str
     seed: int
     replicate: int
@@ -54,7 +54,7 @@ def _fitted(
     box: Box,
     given: tuple[str, ...],
 ) -> tuple[Likelihood, Domain]:
-    """What all replicates share."""
+    """The likelihood and domain of all replicates."""
     fitted = Likelihood(o, kind, model_of(o, Shape(shape), table))
     return fitted, Domain.of(fitted, box, dict.fromkeys(given))
 
@@ -72,7 +72,7 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
         if item.kind == "parametric":
             return value * random.standard_normal(len(residuals))
         centred = residuals - residuals.mean()
-        if name == "segments":  # a mean of each run has been taken off, and is taken off again
+        if name == "segments":  # each run's mean is subtracted twice: here and in _runs
             centred = centred * np.sqrt(len(residuals) / fitted.n_within)
         return inflation * random.choice(centred, len(residuals))
 
@@ -97,9 +97,9 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
 
 
 def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Floats:
-    """Deviation of log velocity of every segment: its run's, and its own, of mean 0 in the run.
+    """Deviation of each segment's log velocity: its run's, plus its own, which has mean 0 over the run.
 
-    `within` is over the relative `scatter` of each run.
+    `within` is in units of `scatter`, the relative scatter of each run.
     """
     log = np.zeros(len(o.force))
     begin = 0
@@ -119,8 +119,8 @@ class Bootstrap:
     Attributes
     ----------
     c_e, alpha : ndarray, shape (n,)
-        Fitted values [N/mm^2], [1/ms], by replicate; infinite where the fit lies on the ridge, which sets
-        them no upper limit.
+        Fitted values [N/mm^2], [1/ms], by replicate; infinite where the fit lies on the ridge, which gives
+        no upper limit.
     combination : ndarray, shape (n,)
         alpha/c_e^exponent, with the exponent of the fit's best-determined combination.
     exponent : float
@@ -147,7 +147,7 @@ class Bootstrap:
 
     @property
     def on_ridge(self) -> float:
-        """Part of the replicates whose fit lies on the ridge."""
+        """Fraction of the replicates whose fit lies on the ridge."""
         return float(np.mean(np.isinf(self.c_e)))
 
     def __repr__(self) -> str:
@@ -195,16 +195,16 @@ def bootstrap(
     ----------
     fit : FitRecord
     n : int
-        Replicates.
+        Number of replicates.
     kind : {"parametric", "residual"}
-        Outcomes drawn from the fitted model with the fitted scatter, or with the fit's residuals, centred,
-        drawn with replacement and enlarged by sqrt(n/(n - p)) for the parameters that they were fitted with.
+        Draws the scatter from normal distributions, or with replacement from the fit's residuals, centred
+        and enlarged by sqrt(n/(n - p)), p the number of parameters fitted.
     seed : int, optional
         None draws one, which the result records.
     executor : concurrent.futures.Executor, optional
-        Threads over the cores by default; a process pool is faster, for a fit holds the interpreter.
+        Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
     store : Store or path, optional
-        Keeps every replicate, so that an interrupted study goes on where it stopped.
+        Keeps every replicate, so that an interrupted study resumes.
 
     Returns
     -------
@@ -213,14 +213,14 @@ def bootstrap(
     Raises
     ------
     ValueError
-        If n is below 2, the kind is another, a store comes without a seed, or the fit gave nothing.
+        If n is below 2, the kind is unknown, a store is given without a seed, or the fit failed.
     StudyInterrupted
         If the executor dies.
 
     Notes
     -----
-    Forces, windows and censored runs stay as they are. Percentile intervals: those of the profile likelihood
-    are to be preferred along a ridge, where a replicate's c_e is anything.
+    Forces, windows and censored runs stay as they are. The intervals are percentiles. Along a ridge, where
+    the c_e of a replicate is arbitrary, prefer the intervals of the profile likelihood.
 
     References
     ----------
@@ -257,7 +257,7 @@ def bootstrap(
     ]
     ends = np.array(run_items(replicate, items, executor=executor, store=store, chunk=_CHUNK))
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
-    # an indentation tells c_e on the ridge too, and an overloaded run ends it
+    # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations
     endless = not len(o.pressed) and np.isinf(o.ceiling)
     on_ridge = ends[:, 0] > (float(o.ridge_entries().max()) if endless else np.inf)

@@ -1,4 +1,4 @@
-"""How often the intervals of a fit hold the truth, by synthetic data sets of one experiment."""
+"""How often the intervals of a fit hold the truth, from synthetic data sets of one experiment."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ Series: TypeAlias = tuple[float, tuple[float, ...], int]  # radius [mm], forces 
 @stored_as("burrlab.fitting.experiment.Experiment")
 @dataclass(frozen=True)
 class Experiment:
-    """What is measured in one data set: small, picklable, and without outcomes.
+    """The measurements of one data set, without outcomes; small and picklable.
 
     Parameters
     ----------
     velocities : sequence of (radius, forces, repeats)
-        Velocity-force curves over the default window: burr radius [mm], forces [N], runs a force.
+        Velocity-force curves over the default window: burr radius [mm], forces [N], runs per force.
     static : sequence of (radius, depths, repeats)
-        Static indentations: burr radius [mm], depths [mm], readings a depth.
+        Static indentations: burr radius [mm], depths [mm], readings per depth.
 
     Raises
     ------
@@ -70,7 +70,7 @@ class Experiment:
         return f"Experiment({'; '.join(parts)})"
 
     def observations(self) -> Observations:
-        """The rows, every outcome 1 [mm/s] or [N]."""
+        """The rows of a fit, every outcome 1 [mm/s] or [N]."""
         sets: list[Data] = [
             VelocityCurve(np.repeat(F, k), np.ones(len(F) * k), radius=R) for R, F, k in self.velocities
         ]
@@ -106,12 +106,12 @@ class Share:
 
     @property
     def value(self) -> float:
-        """k/n, NaN of none."""
+        """k/n; NaN where n is 0."""
         return self.k / self.n if self.n else np.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """In which the probability lies at 95 %."""
+        """95 % interval of the probability."""
         if not self.n:
             return 0.0, 1.0
         found = stats.binomtest(self.k, self.n).proportion_ci(0.95, method="exact")
@@ -132,7 +132,7 @@ class Coverage:
     ----------
     experiment : Experiment
     material : Material
-        The truth.
+        True c_e, alpha and shape.
     scatter, static_scatter : float
         Standard deviation of ln v and of ln F of the static readings.
     seed : int
@@ -141,11 +141,11 @@ class Coverage:
         Interval ends by data set, quantity (c_e [N/mm^2], alpha [1/ms], alpha/c_e^exponent) and level (68,
         95, 99.7 %); 0 and infinite where open.
     exponent : ndarray, shape (n,)
-        Of the combination, which every data set chooses for itself.
+        Exponent of the combination, chosen for each data set.
     rise : ndarray, shape (n, 2)
-        Of -2 log L over its minimum at the true c_e, and at the true c_e and alpha.
+        Rise of -2 log L over its minimum, at the true c_e and at the true c_e and alpha.
     joint_limit : ndarray, shape (n, 3)
-        Limit of that second rise, by level.
+        Limit of the second rise, by level.
     apart : ndarray of bool, shape (n,)
         Whether c_e and alpha are separately identified.
     provenance : dict
@@ -168,7 +168,7 @@ class Coverage:
         return len(self.exponent)
 
     def holds(self, quantity: str = "c_e", level: str = "95") -> NDArray[np.bool_]:
-        """Whether the interval of each data set holds the truth; of ``"joint"``, whether the region does.
+        """Whether the interval of each data set holds the truth; for ``"joint"``, whether the region does.
 
         Parameters
         ----------
@@ -178,7 +178,7 @@ class Coverage:
         Raises
         ------
         ValueError
-            If the quantity or level is another.
+            If the quantity or level is unknown.
         """
         if quantity == "joint":
             return np.asarray(self.rise[:, 1] <= self.joint_limit[:, _place("level", level, tuple(LEVELS))])
@@ -188,7 +188,7 @@ class Coverage:
         return np.asarray((lower <= truth) & (truth <= upper))
 
     def closed(self, quantity: str = "c_e", level: str = "95") -> NDArray[np.bool_]:
-        """Whether the interval of each data set has two ends; parameters and errors as of `holds`, but joint."""
+        """Whether the interval of each data set has two ends; arguments as for `holds`, without joint."""
         lower, upper = self._interval(quantity, level)
         return np.asarray((lower > 0) & (upper < np.inf))
 
@@ -198,16 +198,15 @@ class Coverage:
         Parameters
         ----------
         quantity, level : str
-            As of `holds`.
+            As for `holds`.
         among : {"all", "closed", "open"}
-            Those whose interval of the quantity is so. To select by the outcome is no fair test: where the
-            truth is on the ridge, the interval is closed in the sets whose scatter happened to exclude the
-            truth.
+            Data sets to count, by their interval. Selection by the outcome is no fair test: where the truth
+            is on the ridge, the interval is closed in the sets whose scatter happened to exclude the truth.
 
         Raises
         ------
         ValueError
-            If an argument is another.
+            If an argument is unknown.
         """
         _place("among", among, AMONG)
         holds = self.holds(quantity, level)
@@ -216,12 +215,12 @@ class Coverage:
         return Share(int(holds.sum()), len(holds))
 
     def open_above(self, quantity: str = "c_e", level: str = "95") -> Share:
-        """Share of the data sets that set no upper end."""
+        """Share of the data sets whose interval has no upper end."""
         above = self._interval(quantity, level)[1] == np.inf
         return Share(int(above.sum()), len(above))
 
     def ratio(self, quantity: str = "c_e", level: str = "95") -> float:
-        """Median of upper over lower end of the closed intervals; NaN of none."""
+        """Median ratio of upper to lower end of the closed intervals; NaN without any."""
         lower, upper = (ends[self.closed(quantity, level)] for ends in self._interval(quantity, level))
         return float(np.median(upper / lower)) if len(lower) else np.nan
 
@@ -235,7 +234,7 @@ class Coverage:
         return self.lower[where], self.upper[where]
 
     def rows(self, level: str = "95") -> list[list[str]]:
-        """The table as text, headed: coverage, shares open above, and widths, by quantity."""
+        """The table as text, header first."""
         table = [["", *AMONG, "open above", "upper/lower"]]
         for name in QUANTITIES:
             shares = [str(self.coverage(name, level, among=among)) for among in AMONG]
@@ -291,12 +290,12 @@ def _place(name: str, value: str, allowed: tuple[str, ...]) -> int:
     return allowed.index(value)
 
 
-_CHUNK = 25  # data sets a submission: one takes milliseconds
+_CHUNK = 25  # data sets per submission; one fit takes milliseconds
 
 
 @dataclass(frozen=True)
 class CoverageItem:
-    """One data set: small, picklable, and a function of itself alone."""
+    """One data set: small, picklable and self-contained."""
 
     experiment: Experiment
     c_e: float
@@ -315,7 +314,7 @@ def _template(experiment: Experiment, shape: str) -> tuple[Observations, MeanFie
 
 
 def replicate(item: CoverageItem) -> Floats:
-    """What the fit to one synthetic data set says about the truth.
+    """Intervals of the fit to one synthetic data set, and the rises of -2 log L at the truth.
 
     Returns
     -------
@@ -373,15 +372,15 @@ def coverage_study(
     material : Material
         The truth: c_e [N/mm^2], alpha [1/ms] and erosion shape. The fits know the shape.
     n : int
-        Data sets.
+        Number of data sets.
     scatter, static_scatter : float
         Standard deviation of ln v and of ln F; 0.08 is 8 %.
     seed : int, optional
         None draws one, which the result records. Data set k depends on (seed, k) alone.
     executor : concurrent.futures.Executor, optional
-        Threads over the cores by default; a process pool is faster, for a fit holds the interpreter.
+        Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
     store : Store or path, optional
-        Keeps every data set's outcome, so that an interrupted study goes on where it stopped.
+        Keeps every data set's outcome, so that an interrupted study resumes.
     progress : callable, optional
         Called with (data sets done, n).
 
@@ -392,7 +391,7 @@ def coverage_study(
     Raises
     ------
     TypeError
-        If the experiment or material is something else.
+        If the experiment or material has another type.
     ValueError
         If n is below 1, a scatter is not positive and finite, a force leaves no window in the material, or
         the experiment has fewer than three distinct forces.
@@ -401,8 +400,8 @@ def coverage_study(
 
     Notes
     -----
-    The intervals are those of `burrlab.fit`, whose search is replaced by the walk along c_e: some
-    milliseconds a data set.
+    The intervals are those of `burrlab.fit`, from the walk along c_e alone, without its check by BOBYQA: a
+    few milliseconds per data set.
 
     Examples
     --------

@@ -41,8 +41,8 @@ class Candidate:
     radius: float  #: R [mm]
     n: int  #: repeats
     area_ratio: float  #: area of the joint 95 % region, new over old; geometric mean over the truths
-    probability: float  #: that c_e then is separately identified: a closed 95 % interval within a factor of 2
-    c_e_ratio: float  #: upper over lower end of that interval, median over the truths; infinite: open
+    probability: float  #: that c_e is then separately identified: closed 95 % interval within a factor of 2
+    c_e_ratio: float  #: upper over lower end of that interval, median over the truths; infinite where open
     overloaded: float  #: probability that static contact passes R/3: the run only bounds c_e from above
 
 
@@ -55,20 +55,19 @@ class Design:
     Attributes
     ----------
     rows : tuple of Candidate
-        By rising area ratio; where these are equal in the order they were asked for.
+        By rising area ratio; equal ones in the order of the request.
     scatter : float
         Standard deviation of ln v of the new velocities.
     static_scatter : float or None
         Standard deviation of ln F of the new static pairs; None without such candidates.
     truths : int
-        Parameters that the means and probabilities are taken over.
+        Number of (c_e, alpha) that the means and probabilities are taken over.
     c_e_end : float
-        Upper end of what is counted [N/mm^2]: the area of an open region, and so its ratio, is the one up to
-        here, and no truth lies beyond.
+        Upper end of c_e [N/mm^2]: the area of an open region is counted up to here, and no truth lies beyond.
     open_above : bool
         Whether the joint 95 % region of the fit is open above, and so cut off at `c_e_end`.
     seed : int
-        Of the truths.
+        Seed of the truths.
     provenance : dict
         Package version, arguments and platform.
     """
@@ -129,10 +128,10 @@ class Design:
         return dataset.frame({column: [row[name] for row in rows] for name, column in _COLUMNS.items()})
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Area ratio over force, a line each radius; static candidates as a dashed line.
+        """Area ratio over force, one line per radius; static candidates as one dashed line.
 
-        A dashed line because the depth of a static pair does not matter. Hollow marks: the run is more likely
-        overloaded than not.
+        Static candidates share a line because their depth does not matter. A hollow mark is a run that is
+        more likely overloaded than not.
 
         Parameters
         ----------
@@ -219,7 +218,7 @@ def _cells(one: Candidate) -> list[str]:
     ]
 
 
-_STATIC_SCATTER = 0.1  # of the log of a static force, where no indentation tells it (ours)
+_STATIC_SCATTER = 0.1  # of the log of a static force, where the fit has no indentation (ours)
 
 
 def design(
@@ -244,7 +243,7 @@ def design(
     Parameters
     ----------
     fit : Fit
-        Of what was measured.
+        The fit to what was measured.
     forces, radii : array_like
         F [N] and burr radii R [mm]. Every pair is a candidate: n velocities over the default window. Either
         may be empty.
@@ -253,16 +252,16 @@ def design(
     static : array_like, optional
         Depths h [mm] below 2R, each a candidate: n pairs of force and depth of the burr at rest (Eq. 3).
     static_radius : float, optional
-        Burr radius of these [mm]; that of the fit by default.
+        Burr radius of the static pairs [mm]; that of the fit by default.
     scatter : float, optional
         Standard deviation of ln v of the new velocities: 0.08 is 8 %. That of the fit by default.
     static_scatter : float, optional
         Standard deviation of ln F of the new pairs. That of the fit's indentation by default, 0.1 where it
         has none.
     truths : int
-        Parameters that the mean is taken over.
+        Number of (c_e, alpha) that the mean is taken over.
     seed : int or None
-        Of their draw; None draws one, which the result records.
+        Seed of their draw; None draws a seed, which the result records.
 
     Returns
     -------
@@ -272,35 +271,35 @@ def design(
     Raises
     ------
     TypeError
-        If fit is something else.
+        If fit is no `Fit`.
     ValueError
-        If there is no candidate, a force, radius or scatter is not positive and finite, a depth is not above
-        0 and below 2R, n or truths is below 1 (n below 2 for static pairs that are the first), the fit gave
-        nothing, or what it does not know is not given: the radius of static candidates after data of several
-        radii, the scatter after residuals other than ``"relative"``.
+        If there is no candidate; a force, radius or scatter is not positive and finite; a depth is not above
+        0 and below 2R; n or truths is below 1 (n below 2 for the first static pairs); the fit failed;
+        `static_radius` is missing after data of several radii; or `scatter` is missing after residuals other
+        than ``"relative"``.
 
     Notes
     -----
-    Truths are drawn by exp(-rise/2), the rise of -2 log L with its scatter profiled out, flat in log c_e and
-    log alpha, within the 99.7 % region. An open region is cut off at the upper bound of c_e in the fit's
-    search, 100 times its lower one, and truths are drawn up to there: ``fit(bounds={"c_e": ...})`` says what
-    c_e can be. At each truth the candidate comes out as expected: a velocity by the scaling law (whatever the
-    engine of the fit), a static force by Eq. 3, or ``overloaded`` where static contact passes R/3. Then
+    Truths are drawn within the 99.7 % region with weight exp(-rise/2), flat in log c_e and log alpha; the
+    rise is that of -2 log L with its scatter profiled out. An open region, and the truths, end at the upper
+    bound of c_e in the fit's search, 100 times the lower one; ``fit(bounds={"c_e": ...})`` sets another. At
+    each truth the candidate has its expected outcome: a velocity by the scaling law (whatever the engine of
+    the fit), a static force by Eq. 3, or ``overloaded`` where static contact passes R/3. Then
 
         -2 log L_new(theta) = -2 log L(theta) + n (mu(theta) - mu(truth))^2/scatter^2,
 
-    mu the log of the outcome, and c_e is bounded from below by a window, from above by an overloaded run. The
-    region keeps its limit: what more data tell about the scatter is left out. Static pairs that are the first
-    of their kind have a scatter of their own, estimated from the n alone, and the limit that belongs to it.
+    where mu is the log of the outcome. A window bounds c_e from below, an overloaded run from above. The
+    region keeps its limit: what more data say about the scatter is left out. The first static pairs have a
+    scatter of their own, estimated from the n alone, and its limit.
 
-    Simulated and fitted again, up to a third more rows after 12 or more leave the area said here within 10 %;
-    more of them, or fewer before, a smaller one: 10 after 4 two thirds of it. The order stays.
-    The scatter of the outcome itself is left out, so that a probability near 0 or 1 is less sure than it
-    says. An area ratio above 1 is possible: outcomes as expected at the truth then undo a limit that the old
-    data set by chance. The Fisher information at the fit would not do: the region may be open, and the model
-    has a kink at phi = 0.068.
+    In simulations with new fits, up to a third more rows after 12 or more give this area within 10 %. More
+    new rows, or fewer old ones, give a smaller area: 10 after 4 give two thirds of it. The order of
+    candidates is the same. The scatter of the outcome itself is left out, so a probability near 0 or 1 is
+    less certain than it looks. An area ratio above 1 is possible: the expected outcomes then undo a limit
+    that the old data set by chance. The Fisher information at the fit would not serve: the region may be
+    open, and the model has a kink at phi = 0.068.
 
-    With log-normal scatter a static pair tells the same of c_e at any depth and radius.
+    With log-normal scatter a static pair says the same about c_e at any depth and radius.
 
     References
     ----------
@@ -377,9 +376,9 @@ def design(
 def _expected(
     grid: RegionGrid, truth: tuple[Rows, Rows], log_outcome: Floats, new: NewData, ceiling: float
 ) -> tuple[NewRegion, float]:
-    """The new region of each truth, and the part of the truths at which the run is overloaded.
+    """The new region of each truth, and the fraction of the truths at which the run is overloaded.
 
-    It is at and below the c_e [N/mm^2] of `ceiling`; 0 for what cannot be.
+    A run is overloaded at c_e [N/mm^2] up to `ceiling`; 0 for static pairs.
     """
     row, column = truth
     overloaded = np.exp(grid.log_c_e[row]) <= ceiling

@@ -51,7 +51,7 @@ def fit(
 ) -> Fit:
     """Fit the elastic constant c_e and the erosion rate alpha, and say what the data determine.
 
-    The likelihood is maximised over log c_e and log alpha, the scatter estimated with them, for
+    The likelihood is maximised over log c_e, log alpha and the scatter, for
 
     * ``"relative"``  log-normal velocities, r = ln(v/v_predicted),
     * ``"absolute"``  normal velocities of one scatter, r = v - v_predicted [mm/s], the paper's least squares,
@@ -61,28 +61,27 @@ def fit(
     ----------
     data : VelocityCurve, Indentation, DepthTrace or a sequence of them
         Rows of a curve without a velocity are skipped and counted; those of status ``"overloaded"`` are
-        censored: they bound c_e from above. Repeats are rows of their own. Rows with windows of their own are
-        compared over these, a trace in five parts of equal depth. Velocities of all curves, and of the runs
-        of all traces, share one scatter; indentations have another.
+        censored: they bound c_e from above. Each repeat is a row. A row with a window of its own is compared
+        over that window, a trace in five parts of equal depth. Velocities of all curves, and of the runs of
+        all traces, share one scatter; indentations have another.
     burr : Burr, optional
-        The burr of the data sets that do not say their radius.
+        The burr of data sets without a radius.
     shape : Shape or str
-        Erosion shape function f; alpha is a number for one f.
+        Erosion shape function f; alpha holds for this f alone.
     engine : {"mean-field", "voxel"} or VoxelEngine
         What predicts the velocity: the scaling law of the axisymmetric mean-field descent, or descents into
         voxels; ``"voxel"`` is `VoxelEngine` with its defaults. The voxel engine begins at the mean-field fit.
     residuals : {"relative", "absolute", "sigma"}
         See above.
     seed : int or None
-        Of the voxel engine's erosion; None draws one, which the result records.
+        Seed of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
-        ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default c_e runs from its hard
-        bound to 100 times that, alpha from 1e-5 to 10, or as far as the data reach, in the search, and both
-        without end in the intervals.
-        An interval that reaches a bound given here is open there.
+        ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default the search takes c_e from
+        its hard bound to 100 times that, and alpha from 1e-5 to 10 or as far as the data reach; the intervals
+        have no such ends. An interval that reaches a bound given here is open there.
     **old
-        Options of `VoxelEngine`, which were keywords of this function, and `starts`, which does nothing. They
-        work in this version, with a DeprecationWarning.
+        Deprecated: options of `VoxelEngine`, and `starts`, which does nothing. They give a
+        DeprecationWarning.
 
     Returns
     -------
@@ -91,10 +90,10 @@ def fit(
     Raises
     ------
     TypeError
-        If data or burr is something else.
+        If data or burr has another type.
     ValueError
-        If the data have fewer than three distinct forces among their usable rows, are of another radius, or
-        contradict one another; lack the sigma that ``"sigma"`` needs; or an argument is out of range.
+        If the usable rows have fewer than three distinct forces; the data have another radius than the burr,
+        contradict one another, or lack the sigma that ``"sigma"`` needs; or an argument is out of range.
     StudyInterrupted
         If the executor dies.
 
@@ -103,11 +102,11 @@ def fit(
     `relative` is the default because the scatter of such measurements grows with the velocity, which spans
     decades. `absolute`, the paper's, lets the fastest points decide.
 
-    The hard bound of c_e: a window at force F shows that static contact lies above the window's end, so
-    c_e > F/(0.1925 R^2) for the default end R/3; and an overloaded run shows the contrary. Both belong to the
-    likelihood, which is zero beyond.
+    The data give c_e hard bounds. A window at force F shows that its end is deeper than static contact, so
+    c_e > F/(0.1925 R^2) for the default end R/3. An overloaded run shows the opposite. The likelihood is zero
+    beyond either.
 
-    While every window begins above static contact (phi = F/(c_e R^2) < 0.068), predictions depend on
+    While every window begins deeper than static contact (phi = F/(c_e R^2) < 0.068), predictions depend on
     alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the 95 % interval of c_e is open above.
 
     Intervals and regions are profile likelihoods with limits from the F distribution
@@ -224,14 +223,14 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
 
 
 def _with_best_alphas(box: Box, likelihood: Likelihood) -> Box:
-    """The box, its alphas widened to those that fit best over its first decade of c_e, if they are beyond."""
+    """The box with alpha widened, where needed, to the best alphas over the first decade of c_e."""
     best = likelihood.at(np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)).best_alpha
     low, high = float(best.min()) / 3, 3 * float(best.max())
     return Box((box.lower[0], min(box.lower[1], low)), (box.upper[0], max(box.upper[1], high)))
 
 
 def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | None:
-    """The voxel engine, if it is asked for; its options were keywords of `fit` before."""
+    """The voxel engine, if one is asked for; `old` holds the deprecated keywords of `fit`."""
     refuse(
         not isinstance(engine, VoxelEngine) and engine not in get_args(Engine),
         f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}",
@@ -276,9 +275,9 @@ def _check(burr: object, residuals: str, seed: object, bounds: object, voxels: V
 def _searched(
     likelihood: Likelihood, domain: Domain, box: Box, begin: tuple[str, Point] | None = None
 ) -> tuple[tuple[Start, ...], float]:
-    """The walk's best point, and nlopt's ends from it and from minima that are as good.
+    """The walk's best point, and nlopt's ends from it and from equally good minima.
 
-    Also by how much -2 log L at the best of these ends is below the walk's lowest.
+    The second value is by how much -2 log L at the best end lies below the walk's lowest.
     """
     within = domain.within(box)
     found = minima(likelihood, within)
@@ -304,7 +303,7 @@ def minimise(
     Parameters
     ----------
     objective : callable
-        Of c_e [N/mm^2] and alpha [1/ms]; what is not finite counts as worse than every finite value so far.
+        Function of c_e [N/mm^2] and alpha [1/ms]; a value that is not finite counts as worse than all others.
     box : Box
         Bounds.
     start : (float, float)
@@ -315,7 +314,7 @@ def minimise(
     Returns
     -------
     Start
-        With the best point evaluated, wherever the algorithm ended.
+        The best point evaluated, wherever the algorithm ended.
 
     Raises
     ------
@@ -332,7 +331,7 @@ def minimise(
         if not np.isfinite(found):  # nlopt "succeeds" on NaN
             return 10.0 * worst
         worst = max(worst, found)
-        best = min(best, (found, (c_e, alpha)))  # nlopt can lose it
+        best = min(best, (found, (c_e, alpha)))  # nlopt can lose the best point
         return found
 
     optimiser = nlopt.opt(nlopt.LN_BOBYQA, 2)

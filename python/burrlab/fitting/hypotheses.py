@@ -1,4 +1,4 @@
-"""Tests of what a fit takes for granted, and of given values."""
+"""Tests of a fit's assumptions, and of given values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class HypothesisTest:
     freedom : tuple of float
         Degrees of freedom: (numerator, denominator), or one of a chi-square.
     p_value : float
-        Probability of so large a statistic or a larger one if the hypothesis holds.
+        Probability of a statistic at least as large if the hypothesis holds.
     sentence : str
         The outcome in plain words.
     """
@@ -48,7 +48,7 @@ def p_text(p: float) -> str:
 
 
 def _judged(statistic: float, *freedom: float) -> tuple[float, str]:
-    """p-value of an F, or of a chi-square where there is one number of degrees of freedom, and the outcome in words."""
+    """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
     p = float((stats.f if len(freedom) > 1 else stats.chi2).sf(statistic, *freedom))
     told = ", ".join(f"{one:.3g}" if isinstance(one, float) else f"{one}" for one in freedom)
     number = f"F({told}) = {statistic:.3g}" if len(freedom) > 1 else f"chi-square {statistic:.3g} of {told}"
@@ -58,8 +58,8 @@ def _judged(statistic: float, *freedom: float) -> tuple[float, str]:
 def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     """Whether the scatter about the fit is larger than the repeats' own.
 
-    With known sigma the chi-square of the curves' velocities. Else the F test of the sum of squares about the
-    fit less that about the mean of each group of repeats (same force, radius and window), over the latter;
+    With known sigma: the chi-square of the curves' velocities. Else an F test: the sum of squares about the
+    fit, less that about the mean of each group of repeats (same force, radius and window), over the latter;
     None without repeats.
 
     Parameters
@@ -70,8 +70,8 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
 
     Notes
     -----
-    Two parameters are taken off, so the residuals are those about the best fit to the curves alone: an
-    indentation pulls c_e from there, and the test would reject 11 % of true models at 5 %.
+    The residuals are those about the best fit to the curves alone, because the test subtracts two degrees of
+    freedom. About a fit that an indentation pulls away it would reject 11 % of true models at 5 %.
 
     References
     ----------
@@ -106,15 +106,15 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     """Whether the velocity falls with depth within the runs as the model says; None without traces.
 
     The segments' residuals about their run's mean, averaged over the runs, should be 0. With several runs
-    they are compared with their scatter from run to run (F). The record of each run says its own scatter,
-    which weighs it. One run is compared with the standard errors of its segments' velocities (chi-square).
-    Both hold the model's own error, 0.2 %, so that records without noise are not rejected for it.
+    they are compared with their scatter from run to run (F), and the scatter within its record weighs each
+    run. One run is compared with the standard errors of its segments' velocities (chi-square). Both include
+    the model's own error, 0.2 %, so that records without noise are not rejected.
 
     Parameters
     ----------
     likelihood : Likelihood
     unit : ndarray, shape (n,)
-        The model's velocities at the fit, any alpha.
+        The model's velocities at the fit, for any alpha.
     """
     o = likelihood.observations
     runs = int(o.run.max(initial=-1)) + 1
@@ -148,14 +148,14 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
 def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequence[Point]) -> HypothesisTest:
     """Whether two experiments have one c_e and alpha: their fits against the common one.
 
-    The sums of squares add up over the experiments, so they are taken to scatter alike; the drop of -2 log L
-    by two parameters more is judged by F(2, n - 4), by chi-square where every scatter is known, and where
-    there are several by what they tell of the parameters.
+    The sums of squares add up over the experiments, which are thus taken to scatter alike. The drop of
+    -2 log L by two more parameters is judged by F(2, n - 4), or by chi-square where every scatter is known.
+    Several scatters count by what they say about the parameters.
 
     Parameters
     ----------
     a, b, both : Likelihood
-        Of either experiment, and of all rows together.
+        Of each experiment, and of all rows together.
     points : sequence of (c_e, alpha)
         Their best points [N/mm^2], [1/ms].
     """
@@ -166,9 +166,7 @@ def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequenc
         together = parts[2][kind][0]
         rise += together - apart if known else rows * float(np.log(together / apart))
     total, scatters, shares = both.information(*points[2])
-    judged = Calibration(scatters, total, shares).threshold(
-        None, 2.0
-    )  # of two parameters more: twice as many
+    judged = Calibration(scatters, total, shares).threshold(None, 2.0)  # two more parameters: twice as many
     statistic = judged.statistic(rise)  # of both parameters together: twice F
     freedom: tuple[float, ...] = (2.0, judged.nu) if np.isfinite(judged.nu) else (2.0,)
     F = statistic / len(freedom)
@@ -185,7 +183,7 @@ def given_values(
     rise = float(at.minus2(alpha)[0]) - base
     name = f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms"
     one = calibration.scatters[0]
-    freedom: tuple[float, ...] = (2.0,)  # of both parameters; the denominator where one scatter is estimated
+    freedom: tuple[float, ...] = (2.0,)  # two parameters; a denominator where one scatter is estimated
     if len(calibration.scatters) == 1 and not one.known:
         freedom = (2.0, float(one.n - 2))
     o, p = likelihood.observations, 0.0

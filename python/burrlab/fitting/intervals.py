@@ -1,4 +1,4 @@
-"""Intervals, regions and profiles: what a likelihood says, as a fit keeps it."""
+"""Intervals, regions and profiles of a likelihood, as a fit keeps them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
 
 @dataclass(frozen=True)
 class Interval:
-    """A range at one level; None is an open end: the data set no limit there."""
+    """A range at one level; None is an open end, where the data give no limit."""
 
     lower: float | None
     upper: float | None
@@ -48,7 +48,7 @@ class Region:
     c_e: Floats
     lower: Floats
     upper: Floats
-    open_above: bool  #: it goes on to any c_e
+    open_above: bool  #: the region has no upper end in c_e
 
     def __contains__(self, point: tuple[float, float]) -> bool:
         c_e, alpha = point
@@ -62,9 +62,9 @@ class Region:
 
 @dataclass(frozen=True)
 class Combination:
-    """alpha/c_e^exponent, the combination of this kind that the data determine best.
+    """alpha/c_e^exponent, the combination that the data determine best.
 
-    The exponent makes the 95 % profile interval shortest; where c_e is open above it is the ridge's,
+    The exponent makes the 95 % profile interval shortest. Where c_e is open above, it is the ridge's,
     4 (k + 1)/3, the only one with a closed interval.
     """
 
@@ -81,16 +81,16 @@ class Combination:
 @by_value
 @dataclass(frozen=True)
 class Profile:
-    """What the likelihood says: intervals, regions and the curves they come from.
+    """Intervals and regions of a likelihood, and the curves they come from.
 
     Attributes
     ----------
     c_e, c_e_rise : ndarray, shape (m,)
-        c_e [N/mm^2] and the rise of -2 log L over its minimum, alpha at its best.
+        c_e [N/mm^2] and the rise of -2 log L over its minimum at the best alpha.
     best_alpha : ndarray, shape (m,)
-        That alpha [1/ms].
+        alpha [1/ms] at each c_e.
     alpha, alpha_rise : ndarray, shape (k,)
-        alpha [1/ms] and the rise, c_e at its best.
+        alpha [1/ms] and the rise at the best c_e.
     limits : mapping
         Level -> rise that bounds c_e's interval; see `Calibration`.
     intervals : mapping

@@ -20,7 +20,7 @@ from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
 class Model(Protocol):
-    """What predicts the velocity rows of an `Observations`; the velocity is proportional to alpha."""
+    """Predicts the velocity rows of an `Observations`; the velocity is proportional to alpha."""
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """Velocity [mm/s] at alpha = 1 /ms, shape of c_e and (n,); NaN where c_e leaves no window."""
@@ -55,9 +55,9 @@ class MeanFieldModel:
         return alpha * self.unit(c_e)
 
 
-#: A scatter below this [1] cannot be told from the error of the master curve, 0.2 % of single descents.
+#: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
 MODEL_ERROR = 2e-3
-_LARGEST = 500.0  # of |log alpha|: a limit beyond is none, but finite
+_LARGEST = 500.0  # largest |log alpha|: limits beyond are cut to it, so that they stay finite
 
 
 class Likelihood:
@@ -77,8 +77,8 @@ class Likelihood:
 
         S = A + B (g - m)^2,   g = log alpha (relative) or alpha (absolute, sigma),
 
-    and -2 log L = n log(S/n + e^2) + the same of the rows that depend on c_e alone, S itself where sigma is
-    known. e, the model's own error (0.2 %), keeps data without scatter finite.
+    and -2 log L = n log(S/n + e^2), plus the same for the rows that depend on c_e alone; where sigma is
+    known it is S itself. e, the model's own error (0.2 %), keeps -2 log L finite for data without scatter.
     """
 
     def __init__(self, observations: Observations, kind: ResidualKind, model: Model) -> None:
@@ -92,7 +92,7 @@ class Likelihood:
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
         own = [np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs]
-        #: scatter of each run's segments over the geometric mean of all, by what their records say
+        #: scatter of each run's segments, from its record, over the geometric mean of all runs
         self.run_scatter: Floats = np.array(own) / np.exp(np.mean(np.log(own))) if own else np.empty(0)
         self.known = kind == "sigma"
         pressed = observations.pressed
@@ -103,16 +103,16 @@ class Likelihood:
         self._floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
 
     def own_residuals(self, c_e: float, alpha: float) -> Floats:
-        """Residuals of the curves' rows about the best fit to these rows alone, taken to be linear near the fit.
+        """Residuals of the curves' rows about the best fit to these rows alone, the model taken as linear.
 
-        Other rows pull the fit away from there. Their pull is taken off along the derivatives.
+        The derivatives at the fit remove the pull of other rows.
         """
         _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
         J, r = J[: len(self._single)], r[: len(self._single)]
         return np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
 
     def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
-        """Residuals of the rows that alpha moves, curves' rows first, then the runs' means; last axis (n,)."""
+        """Residuals of the rows that depend on alpha: curves' rows, then the runs' means; last axis (n,)."""
         o = self.observations
         if self.kind == "relative":
             raw = np.log(o.velocity) - np.log(unit) - np.log(alpha)
@@ -122,7 +122,7 @@ class Likelihood:
         return (o.velocity - alpha * unit) / sigma
 
     def within_residuals(self, unit: Floats) -> Floats:
-        """Deviations of the segments of each run from the run's mean, over `run_scatter`, whatever alpha."""
+        """Deviations of the segments from their run's mean, over `run_scatter`; independent of alpha."""
         raw = np.log(self.observations.velocity) - np.log(unit)
         parts = [
             (raw[..., rows] - raw[..., rows].mean(axis=-1, keepdims=True)) / scatter
@@ -131,7 +131,7 @@ class Likelihood:
         return np.concatenate(parts, axis=-1) if parts else np.empty((*unit.shape[:-1], 0))
 
     def pressed_residuals(self, c_e: ArrayLike) -> Floats:
-        """Residuals of the pressed rows: log of the force, or by sigma where that is known."""
+        """Residuals of the pressed rows: in log force, or over sigma where sigma is known."""
         stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
         o = self.observations
         if not len(o.pressed):
@@ -141,7 +141,7 @@ class Likelihood:
         return self._pressed_log - np.log(stiffness)
 
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
-        """Name, whether sigma is known, residuals (by last axis) and how many are free, of each scatter."""
+        """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
         unit = self.model.unit(c_e)
         tables = [
             ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
@@ -178,10 +178,11 @@ class Likelihood:
         return np.asarray(n * np.log(S / n + MODEL_ERROR**2))
 
     def objective(self, c_e: float, alpha: float) -> float:
-        """What a search minimises, rising with -2 log L and not negative: the sum of squared residuals.
+        """The value that a search minimises: not negative, and rising with -2 log L.
 
-        With other rows besides, n exp(-2 log L/n), the geometric mean of the sums of squares; with known
-        sigma the sum of squares plus n log(1 + S/(n e^2)) of the others. NaN without a window.
+        For velocities alone: the sum of squared residuals. With other rows: n exp(-2 log L/n), the geometric
+        mean of the sums of squares. With known sigma: the sum of squares, plus n log(1 + S/(n e^2)) of rows
+        without sigma. NaN without a window.
         """
         slices = self.at(c_e)
         g = np.log(alpha) if slices.log else alpha
@@ -196,9 +197,9 @@ class Likelihood:
         return float(n * np.exp((self.n * np.log(S / self.n + self._floor) + other) / n))
 
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[Scatter, ...], Floats]:
-        """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters, and their shares.
+        """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters and their shares.
 
-        The shares, shape (number of scatters, 2, 2), are the information of each.
+        The shares, shape (number of scatters, 2, 2), are the information from each scatter.
         """
         tables = self._derivatives(c_e, alpha)
         shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
@@ -214,7 +215,7 @@ class Likelihood:
     def squares(self, c_e: float, alpha: float) -> dict[str, tuple[float, int, bool]]:
         """Sum of squared residuals, rows, and whether sigma is known, by the name of the scatter.
 
-        The model's error is in those of unknown scatter.
+        Sums of unknown scatter include the model's error.
         """
         return {
             name: (float(np.sum(r**2)) if known else n * self._variance(name, r, n, known), n, known)
@@ -222,26 +223,26 @@ class Likelihood:
         }
 
     def variances(self, c_e: float, alpha: float) -> dict[str, float]:
-        """Squares of the scatters at their best, by name, with the model's error."""
+        """Best estimates of the squared scatters, by name, with the model's error."""
         return {
             name: self._variance(name, r, n, known) for name, known, _, r, n in self._derivatives(c_e, alpha)
         }
 
     def score(self, c_e: float, alpha: float, variances: Mapping[str, float]) -> Floats:
-        """Derivative of log L by (log c_e, log alpha) with scatters of given squares, shape (2,)."""
+        """Derivative of log L by (log c_e, log alpha) for given squared scatters, shape (2,)."""
         return np.asarray(
             -sum(J.T @ r / variances[name] for name, _, J, r, _ in self._derivatives(c_e, alpha))
         )
 
     def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
-        """Square of a scatter at its best, with the model's error, in the unit of the residuals."""
+        """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""
         floor = self._floor if name == "velocity" else MODEL_ERROR**2
         return 1.0 if known else float(np.sum(r**2)) / n + floor
 
     def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:
-        """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals, and n, of each scatter.
+        """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals and n, by scatter.
 
-        Central differences over 0.2 % of c_e, so that the kink of the window counts with its mean slope.
+        Central differences over 0.2 % of c_e average the two slopes at the kink of a window.
         """
         steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
         hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
@@ -259,7 +260,7 @@ class Likelihood:
         return tables
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
-        """With all constants, the estimated scatters at their best: the density of the data [their units]."""
+        """log L with all constants and the best scatters: the log density of the data in their units."""
         tables = self.residuals(c_e, alpha)
         total = sum(self._normal(r, n, known) for _, known, r, n in tables)
         o = self.observations
@@ -267,8 +268,8 @@ class Likelihood:
             total -= float(np.sum(np.log(o.velocity)))
         elif self.known:
             total -= float(np.sum(np.log(o.sigma)))
-        # K rows of a run are sqrt(K) times their mean and K - 1 contrasts, by a rotation;
-        # these are over run_scatter
+        # a rotation turns the K rows of a run into sqrt(K) times their mean and K - 1 contrasts;
+        # the contrasts are over run_scatter
         for rows, scatter in zip(self._runs, self.run_scatter, strict=True):
             total -= 0.5 * float(np.log(len(rows))) + (len(rows) - 1) * float(np.log(scatter))
         if len(o.pressed):
@@ -308,12 +309,12 @@ class Slices:
         return self._minus2(self.A)
 
     def minus2(self, alpha: ArrayLike) -> Floats:
-        """-2 log L at alpha [1/ms], one each c_e."""
+        """-2 log L at alpha [1/ms], one for each c_e."""
         g = np.log(alpha) if self.log else np.asarray(alpha, dtype=np.float64)
         return self._minus2(self.A + self.B * (g - self.m) ** 2)
 
     def alpha_below(self, target: float) -> tuple[Floats, Floats]:
-        """The alphas [1/ms] between which -2 log L is below a target; NaN where it never is."""
+        """The alphas [1/ms] between which -2 log L is below a target; NaN where there are none."""
         rest = target - self.other
         with np.errstate(invalid="ignore", over="ignore"):
             S = rest if self.known else self.n * (np.exp(rest / self.n) - self.floor)

@@ -1,4 +1,4 @@
-"""What a fit compares: the numbers of all data sets as rows, and how far -2 log L may rise over them."""
+"""The rows that a fit compares, from all data sets, and how far -2 log L may rise."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
-_EXTREME = 1e9  # no force, velocity or radius is larger, or smaller than one over it, in N and mm
+_EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, in N, mm/s and mm
 _VELOCITY = ("force", "velocity", "sigma", "window_start", "window_end", "radius", "run", "log_sigma")
 _PRESSED = ("pressed", "pressed_sigma", "pressed_unit")  # columns of velocity rows, and of pressed ones
-_MARGIN = 1e-4  # the hard bound of c_e is open: at it the window has no length
+_MARGIN = 1e-4  # relative distance from the hard bound of c_e, where the window has no length
 
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """The rows that a fit uses, in the order of the data; NaN as window is the default one.
+    """The rows that a fit uses, in the order of the data; a NaN window is the default one.
 
-    A velocity row is a row of a curve, or one segment of a trace; `run` numbers the traces, -1 for a curve's
-    row. A pressed row is a pair of a static indentation.
+    A velocity row is a row of a curve or one segment of a trace; `run` numbers the traces and is -1 for a
+    curve's row. A pressed row is a pair of a static indentation.
     """
 
     force: Floats  # [N], of velocity rows, as the next seven
@@ -92,7 +92,7 @@ class Observations:
             kind, names = ("velocity", _VELOCITY) if "velocity" in found else ("pressed", _PRESSED)
             begin, n = sum(map(len, parts[kind])), len(found[kind])
             rows.append((kind, np.arange(begin, begin + n)))
-            for name in names:  # what is not there is NaN
+            for name in names:  # missing columns are NaN
                 parts[name].append(np.broadcast_to(np.asarray(found.get(name), np.float64), n))
         tables: dict[str, Any] = {name: np.concatenate(columns) for name, columns in parts.items()}
         tables["run"] = tables["run"].astype(np.intp)
@@ -158,13 +158,13 @@ class Observations:
     def c_e_bounds(self) -> Floats:
         """Lower bound of c_e [N/mm^2] that each velocity row's window implies.
 
-        Static contact alone sinks the burr to H = R phi^(2/3); a window that ends at H_end exists only below
-        that: c_e > F/(R^2 (H_end/R)^(3/2)), 0.1925 R^2 for the default end R/3 (docs/model.md, section 5 iv).
+        Static contact alone sinks the burr to H = R phi^(2/3). A window needs a deeper end H_end, so
+        c_e > F/(R^2 (H_end/R)^(3/2)): F/(0.1925 R^2) for the default end R/3 (docs/model.md, section 5 iv).
         """
         return _static_c_e(self.force, self.window_end, self.radius)
 
     def ridge_entries(self) -> Floats:
-        """c_e [N/mm^2] above which each row's window starts above its static contact: phi < 0.068 by default.
+        """c_e [N/mm^2] above which each window starts deeper than static contact (default: phi < 0.068).
 
         There v is a power law of phi and only alpha/c_e^p is determined (docs/model.md, section 5 iii).
         """
@@ -203,16 +203,16 @@ class Box:
 def bounds_of(observations: Observations, given: Bounds | None) -> Box:
     """The box of the search.
 
-    c_e begins at the hard bound of `Observations.c_e_bounds` and ends at 100 times it, or where an overloaded
-    run ends it: at 100 times the largest phi is 0.0019 and even alpha = 10 /ms cuts slower than 10 um/s at
-    R = 3 mm, so data that reach further are on the ridge, and it goes on unchanged. alpha runs from 1e-5 /ms
-    (a time constant of 100 s: nothing erodes in an experiment) to 10 /ms (solid bone is gone in a tenth of a
+    c_e runs from the hard bound of `Observations.c_e_bounds` to 100 times that, or to the limit of an
+    overloaded run. At 100 times the bound the largest phi is 0.0019, and even alpha = 10 /ms cuts slower than
+    10 um/s at R = 3 mm: data beyond lie on the ridge, which goes on unchanged. alpha runs from 1e-5 /ms (a
+    time constant of 100 s: nothing erodes in an experiment) to 10 /ms (solid bone is gone in a tenth of a
     tick, no layer is left).
 
     Raises
     ------
     ValueError
-        If a bound names no parameter, or leaves no room.
+        If a bound is for another name, or leaves no room.
     """
     hard = float(observations.c_e_bounds().max()) * (1 + _MARGIN)
     ceiling = observations.ceiling * (1 - _MARGIN)
@@ -245,15 +245,15 @@ class Scatter:
     name: str  #: "velocity", "segments" or "force"
     n: int
     known: bool  #: sigma was given
-    parameters: float  #: how many of the two parameters these rows determine, in sum 2
-    value: float  #: standard deviation about the fit, 1, or [mm/s] for absolute residuals; of 1 if known
+    parameters: float  #: how many of the two parameters these rows determine; the scatters' sum is 2
+    value: float  #: standard deviation about the fit [1], or [mm/s] for absolute residuals; 1 if known
 
 
 @dataclass(frozen=True)
 class Threshold:
-    """How rises of -2 log L by one quantity are judged: rise = inflation nu log(1 + F/nu).
+    """How a rise of -2 log L along one quantity is judged: rise = inflation nu log(1 + F/nu).
 
-    F has 1 and nu degrees of freedom. With known sigma nu is infinite, and F a chi-square.
+    F has 1 and nu degrees of freedom. With known sigma nu is infinite, and F is a chi-square.
     """
 
     inflation: float
@@ -271,7 +271,7 @@ class Threshold:
 
     def limit(self, level: float) -> float:
         """Largest rise inside `level`, 0.95 for 95 %."""
-        # special's, for the checks of stats.f take a hundred times as long
+        # from special, because the checks of stats.f take a hundred times as long
         if np.isinf(self.nu):
             return self.inflation * float(special.chdtri(1, 1 - level))
         return self.inflation * self.nu * float(np.log1p(special.fdtri(1, self.nu, level) / self.nu))
@@ -282,11 +282,11 @@ class Calibration:
     """How far -2 log L may rise above its minimum, from the F distribution.
 
     For one estimated scatter and a model that is linear near the fit, S/S_min - 1 of q parameters is
-    q/nu F(q, nu), nu = n - 2, so the limit is n log(1 + q F/nu): wider than chi-square in small samples, and
-    chi-square where sigma is known. Several scatters count by their share of the information in the direction
-    asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the limit of one scatter
-    is chi-square's times n/nu, its mean over chi-square's; several add their means, n (psi(n/2) - psi((n -
-    p)/2)) where the rows determine p of the parameters (Bartlett's correction).
+    q/nu F(q, nu) with nu = n - 2. So the limit is n log(1 + q F/nu): wider than chi-square in small samples.
+    Where sigma is known, the limit is chi-square's. Several scatters count by their share of the information
+    in the direction asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the
+    limit of one scatter is chi-square's times n/nu, the ratio of their means. Several scatters add their
+    means: n (psi(n/2) - psi((n - p)/2)) for rows that determine p of the parameters (Bartlett's correction).
 
     References
     ----------
@@ -298,7 +298,7 @@ class Calibration:
     scatters: tuple[Scatter, ...]
     total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
     shares: Floats  # by scatter
-    monte_carlo: float = 0.0  # variance of the stochastic engine's log c_e over that of the data
+    monte_carlo: float = 0.0  # variance of the fit by the stochastic engine, over that by the data
 
     def limit(self, level: float, direction: Floats | None = None) -> float:
         """Largest rise of -2 log L inside `level`.
@@ -308,7 +308,7 @@ class Calibration:
         level : float
             0.95 for 95 %.
         direction : ndarray, shape (2,), optional
-            Gradient of one quantity over (log c_e, log alpha); None: both parameters jointly.
+            Gradient of one quantity over (log c_e, log alpha); None is for both parameters jointly.
         """
         wider = 1 + self.monte_carlo
         if direction is None:
@@ -323,7 +323,7 @@ class Calibration:
         return self.threshold(direction).probability(rise)
 
     def threshold(self, direction: Floats | None, times: float = 1.0) -> Threshold:
-        """That of one quantity, or of the parameters' mean; the rows determine `times` the parameters."""
+        """The threshold of one quantity, or the parameters' mean; the rows determine `times` as many."""
         freedom = np.array(
             [np.inf if s.known else max(s.n - times * s.parameters, 0.5) for s in self.scatters]
         )
@@ -335,7 +335,7 @@ class Calibration:
         return Threshold(inflation, nu if nu < 1e9 else np.inf)
 
     def _joint_inflation(self) -> float:
-        """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, exactly the F limit."""
+        """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, as in the F limit."""
         mean = 0.0
         for s in self.scatters:
             freedom = max(s.n - s.parameters, 0.5)

@@ -1,8 +1,8 @@
-"""Profile likelihoods: best point, intervals of c_e, alpha and of what is determined best, and the joint region.
+"""Profile likelihoods: best point, intervals of c_e, alpha and their best combination, and the joint region.
 
-alpha has a closed form at each c_e, so one walk along c_e gives everything: the best point is its lowest, and
-the interval of any quantity at a level is its range over the points whose -2 log L has risen by less than the
-level's limit.
+The best alpha has a closed form at each c_e, so one walk along c_e gives everything. The best point is the
+lowest of the walk. The interval of a quantity at a level is its range over the points whose -2 log L has
+risen by less than the level's limit.
 """
 
 from __future__ import annotations
@@ -24,37 +24,35 @@ C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_
 
 _POINTS, _SUBPOINTS = 240, 12
 _CLOSER = 4
-_ACROSS = (
-    60  # points evenly over the range that each limit leaves, which may be narrower than the first cells
-)
+_ACROSS = 60  # points over the range inside each limit, which may be narrower than the first cells
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
-_FAR = (1e2, 1e3, 1e4, 1e6)  # and has these points besides: there v is a power law of c_e
-_ENDLESS = 400.0  # of the logarithm of alpha or the combination: an end beyond is open
+_FAR = (1e2, 1e3, 1e4, 1e6)  # further points, times the same c_e: there v is a power law of c_e
+_ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is larger
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
-_PARABOLIC = 5e-3  # of log c_e: over a 24th of this a smooth profile is a parabola
-_EDGE = 1e-7  # of log c_e: so close is the minimum followed where windows or the range of alpha end
-_AS_GOOD = 0.003  # a point, of -2 log L: minima that are not higher by more are followed
-ONE_PLACE = 1.05  # points of which one has 5 % more c_e or alpha are two places; a kink alone makes 1 %
-FLAT = 1e-5  # of -2 log L: what differs by less is equally good
+_PARABOLIC = 5e-3  # in log c_e: over a 24th of this a smooth profile is a parabola
+_EDGE = 1e-7  # in log c_e: accuracy of a minimum where windows or the range of alpha end
+_AS_GOOD = 0.003  # of -2 log L per point: higher minima are not followed
+ONE_PLACE = 1.05  # points more than 5 % apart in c_e or alpha are two places; a kink alone makes 1 %
+FLAT = 1e-5  # of -2 log L: points that differ by less are equally good
 _SHOWN = 160  # points of a curve that the result keeps
-_LONGEST_EXPONENT = 3.0  # exponents of the combination are sought to 3 times the ridge's
+_LONGEST_EXPONENT = 3.0  # exponents of the combination are sought up to 3 times the ridge's
 
 
 @dataclass(frozen=True)
 class Domain:
-    """Where the walk goes; an end that is not hard is where the search was told to end, or infinity."""
+    """The range of the walk; an end that is not hard is a given bound or stands for infinity."""
 
     low: float
     high: float
     low_hard: bool
     high_hard: bool
-    kinks: tuple[float, ...]  # c_e above which a row's window begins above its static contact, sorted
+    kinks: tuple[float, ...]  # c_e above which a row's window begins deeper than static contact, sorted
     alpha: tuple[float, float]
-    points: int = _POINTS  # of the first walk, but for far ones
+    points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
     def of(cls, likelihood: Likelihood, box: Box, given: Mapping[str, object]) -> Domain:
-        """The whole range of c_e, or that of bounds given by the user."""
+        """The whole range of c_e, or the bounds given by the user."""
         o = likelihood.observations
         kinks = tuple(np.unique(o.ridge_entries()).tolist())
         low, high = box.lower[0], box.upper[0]
@@ -77,7 +75,7 @@ class Domain:
         return self.kinks[-1]
 
     def within(self, box: Box) -> Domain:
-        """The part of it that the optimum is sought in, closer."""
+        """The part inside a box, with closer points, for the search of the optimum."""
         return replace(
             self,
             high=min(self.high, box.upper[0]),
@@ -87,7 +85,7 @@ class Domain:
 
     @cached_property
     def grid(self) -> Floats:
-        """First points: even in log c_e, with the far ones."""
+        """First points: even in log c_e, and the far ones."""
         begin = self.entry if np.isfinite(self.entry) else self.low
         top = min(self.high, _BEYOND * begin)
         far = [begin * factor for factor in _FAR if top < begin * factor < self.high]
@@ -119,7 +117,7 @@ class Walk:
 def profile(
     likelihood: Likelihood, calibration: Calibration, domain: Domain, best: tuple[float, float], ridge: float
 ) -> Profile:
-    """Walk along c_e, closer where a level is crossed, and read everything off.
+    """Intervals, regions and curves, from a walk along c_e that is closer where a level is crossed.
 
     Parameters
     ----------
@@ -181,7 +179,7 @@ class Minimum:
     c_e: float
     alpha: float
     minus2: float
-    evaluations: int  #: c_e tried to find it and the others
+    evaluations: int  #: c_e tried to find all minima
 
     @property
     def point(self) -> tuple[float, float]:
@@ -191,8 +189,8 @@ class Minimum:
 def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     """Minima of the walk in a domain, the lowest first; none where there is no window.
 
-    Two minima are parted by a rise of more than `FLAT`. Between the kinks of its domain the profile is
-    smooth, and each such part is searched by itself.
+    A rise of more than `FLAT` separates two minima. Between the kinks of the domain the profile is smooth,
+    and each such part is searched by itself.
     """
     kinks = [kink for kink in domain.kinks if domain.low < kink < domain.high]
     c_e = np.unique(np.append(domain.grid, kinks))
@@ -202,7 +200,7 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     for begin, end in pairwise([0, *np.searchsorted(c_e, kinks).tolist(), len(c_e) - 1]):
         for i in _valleys(walk.minus2[begin : end + 1]):
             lowest, sides = walk.minus2[begin + i], [max(begin, begin + i - 1), min(end, begin + i + 1)]
-            # it may be lower between the points
+            # the profile may be lower between the points
             if np.isfinite(lowest) and lowest - 2 * (walk.minus2[sides].max() - lowest) <= limit:
                 places.append(sides)
     if not places:
@@ -245,10 +243,10 @@ def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats,
 
 
 def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum:
-    """The point that counts: where the ridge is flat, the smallest c_e of the flat stretch.
+    """The fit: the lowest point, or on a flat ridge the smallest c_e of the flat stretch.
 
-    The stretch reaches to the end of the domain, and -2 log L stays within `FLAT` of its lowest in it. If it
-    spans less than 5 % of c_e, the lowest point itself counts.
+    The stretch reaches to the end of the domain, and its -2 log L stays within `FLAT` of the lowest. A
+    stretch of less than 5 % of c_e does not count.
     """
     begin = max(domain.entry, domain.low)
     if begin >= domain.high:
@@ -279,9 +277,9 @@ def lowest(likelihood: Likelihood, domain: Domain) -> Minimum:
 
 
 def _valleys(y: Floats) -> list[int]:
-    """Places of the minima that a rise of more than `FLAT` parts from one another."""
-    found, low = [], 0  # the place of the lowest since the last peak
-    high = -1  # and of the highest since the last minimum
+    """Places of the minima; a rise of more than `FLAT` separates two."""
+    found, low = [], 0  # low: place of the lowest since the last peak
+    high = -1  # place of the highest since the last minimum
     for i, value in enumerate(y.tolist()):
         if low < high:
             if value > y[high]:
@@ -353,7 +351,7 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
     def width(p: float) -> float:
         return float(np.max(high - p * x) - np.min(low - p * x))
 
-    if not np.isfinite(low).all():  # alpha reaches 0: no lower end to shorten
+    if not np.isfinite(low).all():  # alpha reaches 0: no width to minimise
         return ridge
     return float(minimize_scalar(width, bounds=(0.0, _LONGEST_EXPONENT * ridge), method="bounded").x)
 
@@ -372,7 +370,7 @@ def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded:
 
 def _alphas(walk: Walk, base: float, rise: float) -> Floats:
     low, high = walk.band(base + rise)
-    best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end: the curve has
+    best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end; the curve is cut
     begin, end = max(float(np.nanmin(low)), best / _BEYOND), min(float(np.nanmax(high)), best * _BEYOND)
     return np.geomspace(begin, end, 120)
 
@@ -400,9 +398,9 @@ def _region(walk: Walk, domain: Domain, target: float) -> Region:
 
 
 def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
-    """Some 160 of the points inside, the first, the last and the best among them, and all far above the best.
+    """About 160 of the points inside, with the first, last and best, and all far above the best.
 
-    Half of them by their number, so that ends stay sharp, half evenly in log c_e, so that no gap is left.
+    Half are even by index, so that ends stay sharp; half in log c_e, so that no gap is left.
     """
     rows = np.flatnonzero(inside)
     near, far = rows[c_e[rows] <= _BEYOND * c_e[best]], rows[c_e[rows] > _BEYOND * c_e[best]]

@@ -1,4 +1,4 @@
-"""What a fit keeps: parameters, evidence, residuals, data and provenance; and its JSON."""
+"""The record of a fit: parameters, evidence, residuals, data and provenance; and its JSON."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _OPEN = Interval(None, None)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FitRecord:
-    """What a fit keeps, what follows from it, and its JSON; the questions to it are those of `Fit`.
+    """The data of a fit, what follows from them, and their JSON; `Fit` adds tests and figures.
 
     Attributes
     ----------
@@ -51,30 +51,30 @@ class FitRecord:
     shape : Shape
         Erosion shape function f that alpha belongs to.
     radius : float or None
-        Burr radius R [mm]; None where the data are of several.
+        Burr radius R [mm]; None where the data have several.
     residual_kind : str
         ``"relative"``, ``"absolute"`` or ``"sigma"``.
     residual_norm : float
-        RMS residual: 1 for ``"relative"`` (0.08 is 8 %) and ``"sigma"``, [mm/s] for ``"absolute"``.
+        RMS residual: [1] for ``"relative"`` (0.08 is 8 %) and ``"sigma"``, [mm/s] for ``"absolute"``.
     residuals, predicted : ndarray, shape (n_points,)
-        Residuals, and predicted velocities [mm/s] or, of an indentation, forces [N], of the rows used, in the
-        order of the data: usable rows of a curve, the five segments of a trace, pairs of an indentation.
+        Residuals, and predicted velocities [mm/s] or (indentations) forces [N], by row used, in the order of
+        the data: usable rows of a curve, the five segments of a trace, pairs of an indentation.
     chi2_reduced : float or None
         Chi-square over degrees of freedom; None where a velocity has no sigma.
     n_points, n_skipped, n_censored : int
-        Rows used, rows without a number, and those of them that bound c_e from above.
+        Rows used, rows without a velocity, and censored ones, which bound c_e from above.
     status : str
         ``"ok"``; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
         ``"disagreement"``: searches ended equally well at different parameters; ``"not-converged"``.
     reason : str
-        One sentence for any status.
+        The status in one sentence.
     starts : tuple of Start
         Every search, the walk first: begin, end, objective (sum of squared residuals), nlopt's result,
         evaluations.
     bounds : dict
         Bounds of ``c_e`` and ``alpha`` in the search.
     given_bounds : tuple of str
-        Those of them that were asked for.
+        Names of given bounds.
     evidence : Evidence or None
         Profiles, regions, information, scatters; None where nothing could be fitted.
     lack_of_fit : HypothesisTest or None
@@ -86,9 +86,9 @@ class FitRecord:
     table : VoxelTable or None
         Voxel engine: its predictions over c_e.
     seed : int
-        Of the voxel engine's descents.
+        Seed of the voxel engine's descents.
     evaluations : int
-        Of the objective, in all searches.
+        Evaluations of the objective, in all searches.
     seconds : float
         Duration of the fit [s].
     record : tuple
@@ -166,12 +166,12 @@ class FitRecord:
 
     @property
     def ridge(self) -> Ridge | None:
-        """Where the data stand to the ridge."""
+        """The position of the data relative to the ridge."""
         return None if self.evidence is None else self.evidence.ridge
 
     @property
     def correlation(self) -> float:
-        """Of the estimates of log c_e and log alpha, from the Fisher information at the fit."""
+        """Correlation of log c_e and log alpha, from the Fisher information at the fit."""
         if self.evidence is None:
             return np.nan
         information = self.evidence.information
@@ -189,7 +189,7 @@ class FitRecord:
 
     @property
     def log_likelihood(self) -> float:
-        """At the fit, all constants in."""
+        """log L at the fit, with all constants."""
         return np.nan if self.evidence is None else self.evidence.log_likelihood
 
     @property
@@ -219,11 +219,11 @@ class FitRecord:
         return Likelihood(self.observations, self.residual_kind, self.model_of(self.observations))
 
     def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
-        """The engine of this fit; for the voxels' only with the rows of its own data."""
+        """The model of this fit; the voxel engine's serves only the rows of its own data."""
         return model_of(observations, self.shape, self.table)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON; what is not finite is None."""
+        """Everything as plain Python objects, ready for JSON; infinities and NaN are None."""
         plain: dict[str, Any] = _CODEC.plain(self)
         return plain
 
@@ -233,7 +233,7 @@ class FitRecord:
         return _CODEC.made(cls, values)
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
-        """Write the fit, data included, as JSON that `from_json` reads back without loss."""
+        """Write the fit with its data as JSON that `from_json` reads back without loss."""
         with (
             open(file, "w", encoding="utf-8")
             if isinstance(file, (str, os.PathLike))
@@ -259,26 +259,26 @@ class FitRecord:
 @by_value
 @dataclass(frozen=True)
 class Evidence:
-    """What the likelihood says.
+    """Evidence of the likelihood.
 
     Attributes
     ----------
     log_likelihood : float
-        At the fit, all constants in; of the velocities in mm/s and forces in N.
+        log L at the fit, with all constants, for velocities in mm/s and forces in N.
     information : ndarray, shape (2, 2)
         Fisher information in (log c_e, log alpha).
     scatters : tuple of Scatter
         Estimated or given.
     shares : ndarray, shape (len(scatters), 2, 2)
-        What each of them adds to the information.
+        What each scatter adds to the information.
     monte_carlo : float
-        SE_mc^2/SE_stat^2 of a stochastic engine; 0 for mean-field. The limits are 1 + this wider.
+        SE_mc^2/SE_stat^2 of a stochastic engine; 0 for mean-field. The limits are wider by 1 + this.
     profile : Profile
     ridge : Ridge
     verdict : str
-        In plain words, at 95 %.
+        What the data determine at 95 %, in plain words.
     better : (float, float) or None
-        A better point than the fit, (c_e, alpha), where the walk met one outside the bounds of the search.
+        A better point (c_e, alpha) than the fit, where the walk met one outside the bounds of the search.
     """
 
     log_likelihood: float
@@ -311,11 +311,11 @@ def weigh(
     likelihood : Likelihood
     shape : Shape
     domain : Domain
-        Of the intervals.
+        Range of the intervals.
     best : (float, float)
         c_e [N/mm^2], alpha [1/ms].
     table : VoxelTable or None
-        Of the voxel engine.
+        The voxel engine's table.
     """
     o = likelihood.observations
     exponent = 4 * (shape.order + 1) / 3
@@ -348,7 +348,7 @@ def weigh(
 
 
 def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) -> dict[str, Any]:
-    """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if it is not usable."""
+    """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if the fit failed."""
     o = likelihood.observations
     c_e, alpha = best if usable else (np.nan, np.nan)
     unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)

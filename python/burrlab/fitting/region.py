@@ -1,4 +1,4 @@
-"""The likelihood of a fit on a grid over its joint region, and the region that new data would leave of it."""
+"""The likelihood of a fit on a grid over its joint region, and the region that new data would leave."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from burrlab.fitting.observations import Box, Calibration, Floats, Rows, Scatter
 from burrlab.fitting.profile import C_E, Domain, Walk
 from burrlab.fitting.record import FitRecord
 
-_STEP = 0.055  # between the alphas of a row, over the half width of the region, close to its middle
-_COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e
+_STEP = 0.055  # between the alphas near the middle of a row, over the half width of the region
+_COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e: at first, after each zoom; number of zooms
 _FAR_ROWS = 12  # further c_e, which only show whether c_e has an upper end
 _BLOCK = 8  # truths at once, so that their tables stay in the cache
-_EXCLUDED = 1e9  # rise of -2 log L of what is impossible; finite, so that it can be interpolated
+_EXCLUDED = 1e9  # rise of -2 log L at impossible points; finite, so that it can be interpolated
 
 
 @dataclass(frozen=True)
 class Limits:
     """Rises of -2 log L at 95 %."""
 
-    joint: float  #: that bounds the joint region
-    c_e: float  #: and c_e's interval
+    joint: float  #: bounds the joint region
+    c_e: float  #: bounds c_e's interval
 
     @classmethod
     def of(cls, calibration: Calibration) -> Limits:
@@ -33,17 +33,17 @@ class Limits:
 
 @dataclass(frozen=True)
 class NewData:
-    """n repeats of a logarithm with a scatter."""
+    """n repeated measurements of a logarithm, and their scatter."""
 
     n: int
     scatter: float
-    own: bool = False  #: nothing else in the fit shares the scatter, which is estimated from the n alone
+    own: bool = False  #: no other data share the scatter, which is estimated from the n alone
 
     def rise(self, d: Floats) -> Floats:
-        """-2 log L over its minimum of a prediction that is off by d; overwrites d.
+        """The rise of -2 log L for a prediction that is off by d; overwrites d.
 
-        With a scatter of their own the sum of squares about a prediction is (n - 1) scatter^2 + n d^2, on
-        average, and it is judged as `Likelihood` does.
+        With a scatter of their own, the mean sum of squares about a prediction is (n - 1) scatter^2 + n d^2,
+        judged as by `Likelihood`.
         """
         d *= d
         if not self.own:
@@ -53,7 +53,7 @@ class NewData:
         return self.n * np.log1p(d, out=d)
 
     def limits(self, old: Calibration) -> Limits:
-        """Limits of a fit with these data, which tell of c_e alone, besides; those of the fit if nothing is new."""
+        """Limits of the fit with these data, which are of c_e alone; a scatter of their own changes them."""
         if not self.own:
             return Limits.of(old)
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
@@ -71,7 +71,7 @@ class NewData:
 
 @dataclass(frozen=True, eq=False)
 class NewRegion:
-    """What is left after new data, for each of several truths, shape (t,)."""
+    """The region after new data, for each of several truths, shape (t,)."""
 
     log_area: Floats  #: of the joint 95 % region, in (log c_e, log alpha)
     ratio: Floats  #: upper over lower end of c_e's 95 % interval; infinite where one is open
@@ -79,9 +79,9 @@ class NewRegion:
 
 @dataclass(frozen=True, eq=False)
 class RegionGrid:
-    """-2 log L over (log c_e, log alpha), wherever a new region may come to lie.
+    """-2 log L over (log c_e, log alpha), wherever a new region may lie.
 
-    The alphas of a row surround the best alpha at its c_e, and lie closest there.
+    The alphas of a row are densest at the best alpha of its c_e.
     """
 
     log_c_e: Floats  # shape (m,)
@@ -103,7 +103,7 @@ class RegionGrid:
             fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)
         )
         limit, farthest = calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["99.7"])
-        # the truth itself stays possible, so that a new region holds no point further than this
+        # the truth itself stays possible, so no point of a new region is higher than this
         reach = limit + farthest
         end = min(domain.high, high)
         c_e = np.geomspace(domain.low, end, _COARSE)
@@ -140,9 +140,9 @@ class RegionGrid:
         return float(np.log(self._area(self.minus2[None], self.limits.joint)[0]))
 
     def truths(self, n: int, random: np.random.Generator) -> tuple[Rows, Rows]:
-        """Rows and columns of n points drawn by exp(-rise/2), flat in (log c_e, log alpha), within 99.7 %.
+        """Rows and columns of n points, drawn within 99.7 % by exp(-rise/2), flat in (log c_e, log alpha).
 
-        They are drawn systematically, in the order of c_e: each stands for the same weight.
+        The draw is systematic, in the order of c_e: each point stands for the same weight.
         """
         across = np.gradient(self.log_alpha, axis=1)
         weight = np.exp(-self.minus2 / 2) * across * self.width[:, None]
@@ -184,7 +184,7 @@ class RegionGrid:
         return NewRegion(*self._region(np.where(excluded, _EXCLUDED, self.minus2)[None], self.limits, True))
 
     def _region(self, table: Floats, limits: Limits, high_hard: bool) -> tuple[Floats, Floats]:
-        """Log area and ratio of c_e's interval, of tables of -2 log L of shape (t, m, a)."""
+        """Log area, and ratio of c_e's interval, of tables of -2 log L, shape (t, m, a)."""
         profile = table.min(axis=2)
         base = profile.min(axis=1)
         table -= base[:, None, None]
@@ -221,8 +221,8 @@ def _columns(
 ) -> tuple[Floats, Floats]:
     """Logarithms of the alphas at each c_e, and -2 log L there.
 
-    The step grows with the distance from the best alpha: few points have heavy tails, which would leave the
-    region itself between two columns of an even grid.
+    The step grows with the distance from the best alpha. Few data points have heavy tails, and an even grid
+    over these could have the region itself between two columns.
     """
     walk = Walk(fit.likelihood, domain, c_e)
     slices, base = walk.slices, float(walk.minus2.min())

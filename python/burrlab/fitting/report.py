@@ -17,7 +17,7 @@ _RESIDUALS = {
     "absolute": "normal, r = v - v_predicted [mm/s]",
     "sigma": "normal of given sigma, r = (v - v_predicted)/sigma",
 }
-_POOR = 0.5  # RMS of log velocity: beyond, the model is not worth the name (ours)
+_POOR = 0.5  # RMS of log velocity: beyond, the model does not describe the data (ours)
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 _HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"]
 
@@ -80,7 +80,7 @@ def statistics(fit: FitRecord) -> dict[str, str]:
         rows["scatter"] = "; ".join(scatter(fit, s) for s in fit.evidence.scatters)
         rows["log-likelihood"] = f"{fit.log_likelihood:.6g}"
         rows["AIC, BIC"] = f"{fit.aic:.6g}, {fit.bic:.6g}"
-    # earlier versions searched from several starts
+    # fits of earlier versions have several starts
     method = "CRS2 and BOBYQA" if "starts" in fit.provenance else "walk along c_e, checked by BOBYQA"
     return rows | {
         "function evals": f"{fit.evaluations} in {fit.seconds:.2g} s; seed {fit.seed}",
@@ -133,7 +133,7 @@ def identification(fit: FitRecord) -> dict[str, str]:
 
 
 def starts(fit: FitRecord) -> list[str]:
-    """A table of every search: where it began, where it ended, how."""
+    """A table of every search: begin, end and result."""
     names = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}"
     lines = [f"{names}{'RMS':>11}{'evals':>7}  result"]
     for s in fit.starts:

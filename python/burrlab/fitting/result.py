@@ -1,4 +1,4 @@
-"""The result of a fit: what can be asked of it, and its figures."""
+"""The result of a fit: tests, predictions and figures."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from burrlab.theory.continuum import PER_SECOND, MasterCurve
 class Fit(FitRecord):
     """c_e and alpha fitted to data, and what the data determine. Made by `burrlab.fit`.
 
-    What it keeps is described in `burrlab.fitting.record.FitRecord`: `c_e` [N/mm^2], `alpha` [1/ms], `status`
+    `burrlab.fitting.record.FitRecord` describes its attributes: `c_e` [N/mm^2], `alpha` [1/ms], `status`
     and `reason`, `intervals`, `identified`, `separately_identified`, `verdict`, `predicted` and `residuals`,
-    `evidence`, `starts`, `data`, `provenance` and more; so is its JSON, `to_json` and `from_json`.
+    `evidence`, `starts`, `data`, `provenance` and more; and its JSON, `to_json` and `from_json`.
     """
 
     def region(self, level: str = "95") -> Region:
@@ -47,7 +47,7 @@ class Fit(FitRecord):
         Raises
         ------
         ValueError
-            If the level is another, or the fit gave nothing.
+            If the level is unknown, or the fit failed.
         """
         evidence = self._evidence()
         refuse(level not in LEVELS, f"level must be one of {', '.join(LEVELS)}: got {level!r}")
@@ -66,7 +66,7 @@ class Fit(FitRecord):
         Raises
         ------
         ValueError
-            If a value is not positive and finite, or the fit gave nothing.
+            If a value is not positive and finite, or the fit failed.
         """
         evidence = self._evidence()
         for name, value in (("c_e", c_e), ("alpha", alpha)):
@@ -83,12 +83,12 @@ class Fit(FitRecord):
         Parameters
         ----------
         other : Fit
-            Of the same shape and kind of residuals, both of the mean-field engine.
+            With the same shape and kind of residuals; both fits by the mean-field engine.
 
         Returns
         -------
         HypothesisTest
-            Its hypothesis is that they are of one: a small p-value says that they differ.
+            The hypothesis is one material: a small p-value says that the two differ.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Fit(FitRecord):
         return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store)
 
     def material(self, name: str) -> Material:
-        """The fitted material, its source telling where the numbers come from."""
+        """The fitted material; its source says where the numbers come from."""
         data = "; ".join(one.source for one in self.data if one.source) or "a velocity-force curve"
         source = f"fit to {data} ({self.engine}, status {self.status})"
         return Material(name, c_e=self.c_e, alpha=self.alpha, shape=self.shape, source=source)
@@ -154,7 +154,7 @@ class Fit(FitRecord):
         start_mm, end_mm : float, optional
             Window [mm]; max(R/6, static immersion) .. R/3 by default.
         radius : float, optional
-            Burr radius [mm], needed where the data are of several.
+            Burr radius [mm], needed where the data have several.
 
         Returns
         -------
@@ -164,7 +164,7 @@ class Fit(FitRecord):
         Raises
         ------
         ValueError
-            If the data are of several radii and none is given.
+            If the data have several radii and none is given.
         """
         R = self.radius if radius is None else radius
         if R is None:
@@ -180,9 +180,9 @@ class Fit(FitRecord):
     def plot(self, ax: Axes | None = None, *, alpha_lines: float | None = None, log: bool = False) -> Axes:
         """Velocities as squares, the fitted line and its 95 % band, as in Fig. 5 of the paper.
 
-        The line is the mean-field prediction over the default window, one each radius; the band is the range
+        The line is the mean-field prediction over the default window, one per radius. The band is the range
         of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows
-        have windows of their own, or the engine is voxel, a dot is the prediction of each row.
+        have windows of their own, or the engine is voxel, a dot is the prediction of a row.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ class Fit(FitRecord):
             Draw dashed lines for alpha plus and minus this [1/ms]; the paper uses 0.01. They are no
             confidence interval.
         log : bool
-            Both axes logarithmic.
+            Make both axes logarithmic.
 
         Returns
         -------
@@ -220,7 +220,7 @@ class Fit(FitRecord):
         Raises
         ------
         ValueError
-            If the name is another, or the fit gave nothing.
+            If the name is unknown, or the fit failed.
         """
         refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
         return plot_profile(self, name, ax)
@@ -240,13 +240,13 @@ class Fit(FitRecord):
         points : mapping, optional
             Name -> (c_e, alpha) to mark, such as given values.
         combination : bool
-            alpha/c_e^p, the combination that is determined best, instead of alpha: a long ridge lies flat
-            then.
+            Draw alpha/c_e^p, the best-determined combination, instead of alpha, so that a long ridge lies
+            flat.
 
         Raises
         ------
         ValueError
-            If the fit gave nothing.
+            If the fit failed.
         """
         return plot_region(self, ax, points, combination)
 
@@ -261,7 +261,7 @@ class Fit(FitRecord):
 
 
 _SHADES = {"99.7": "#d4e6f4", "95": "#8dbfe2", "68": "#3c8cc4"}
-LINES = (FORCE, VELOCITY, POSITION, "black")  # of several radii
+LINES = (FORCE, VELOCITY, POSITION, "black")  # one per radius
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
 
@@ -301,7 +301,7 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
         ax.plot(o.force, fit.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
     ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
     if log:
-        ax.autoscale()  # an axis that began at zero has no logarithm
+        ax.autoscale()  # a logarithmic axis cannot begin at zero
         _plain_ticks(ax)
     else:
         ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
@@ -312,7 +312,7 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
 
 
 def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
-    """Lowest and highest mean-field velocity [mm/s] at each force over the parameters of the 95 % limit."""
+    """Lowest and highest mean-field velocity [mm/s] at each force over the joint 95 % region."""
     if fit.evidence is None:
         return np.full(len(force), np.nan), np.full(len(force), np.nan)
     region = fit.evidence.profile.regions["95"]

@@ -21,7 +21,7 @@ from burrlab.fitting.observations import Floats, Threshold
 from burrlab.fitting.report import columns
 from burrlab.fitting.result import Fit, _plain_ticks
 
-NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that the others come from
+NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
 
 
 @dataclass(frozen=True)
@@ -65,14 +65,14 @@ class PowerProfile:
     k : float
         Best exponent, from 0 to 3.
     c_e, alpha : float
-        [N/mm^2] and [1/ms] there.
+        Best c_e [N/mm^2] and alpha [1/ms] at this k.
     intervals : mapping
         Level ``68``, ``95``, ``99.7`` -> Interval of k; None is open: at k = 0, where the family begins, or
         at k = 3, where the search ends.
     limits : mapping
         Level -> rise of -2 log L that bounds the interval.
     grid, rise : ndarray, shape (m,)
-        k, and the rise of -2 log L there, c_e and alpha at their best.
+        k, and the rise of -2 log L there at the best c_e and alpha.
     """
 
     k: float
@@ -96,11 +96,11 @@ class ShapeRow:
     delta_aic : float
         AIC over that of the best shape.
     rise : float or None
-        Of -2 log L over the family's minimum, negative where the shape fits better; None without the family.
+        Rise of -2 log L over the family's minimum, negative where the shape fits better; None without it.
     p_value : float or None
-        Of the shape against the family.
+        p-value of the shape against the family.
     rejected : bool or None
-        At the comparison's level.
+        Whether the shape is rejected at the comparison's level.
     pattern : tuple of Part
         Mean residuals of the low, middle and high third of the forces.
     alpha_ratio : float or None
@@ -127,7 +127,7 @@ class ShapeComparison:
     Attributes
     ----------
     rows : tuple of ShapeRow
-        One a shape, as asked for.
+        One per shape, in the order given.
     power : PowerProfile or None
         The family (1 - x^2)^k with k free; None without it, or where the rows leave no freedom for it.
     threshold : Threshold or None
@@ -135,7 +135,7 @@ class ShapeComparison:
     pairs : tuple of Pair
         Every two shapes.
     level : float
-        At which shapes are rejected.
+        Level at which shapes are rejected.
     residual_kind : str
         ``"relative"``, ``"absolute"`` or ``"sigma"``.
     provenance : dict
@@ -178,7 +178,7 @@ class ShapeComparison:
 
     @property
     def _lowest(self) -> str | None:
-        """The shape that no other is better than in the pairs."""
+        """The shape that no other beats in the pairs."""
         return next(iter({pair.better for pair in self.pairs} - {pair.worse for pair in self.pairs}), None)
 
     @property
@@ -189,7 +189,7 @@ class ShapeComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is rejected, what cannot be told apart, and what that means for alpha."""
+        """Sentences on rejected shapes, shapes that cannot be told apart, and alpha."""
         return tuple(sentences(self))
 
     def report(self) -> str:
@@ -198,10 +198,10 @@ class ShapeComparison:
         return "\n".join([*lines, *(f"    - {sentence}" for sentence in self.sentences)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Residuals against force: the best shape's as points, every shape's predictions as a line over its.
+        """Velocities over the best shape's predictions, against force: data as points, shapes as lines.
 
-        As 100 ln of the velocity over the best shape's prediction, which is in % where it is small. The axis
-        is linear where the points lie, shaded, and logarithmic beyond, where shapes that miss them go.
+        The axis shows 100 ln of the ratio, which is in % where it is small. It is linear, and shaded, where
+        the points lie, and logarithmic beyond.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ class ShapeComparison:
         return plot_residuals(self, ax)
 
     def plot_power(self, ax: Axes | None = None) -> Axes:
-        """Rise of -2 log L over k of the family, with the limits of the three levels and marks at k = 0, 1, 2.
+        """Rise of -2 log L over k of the family, with the limits of three levels and marks at k = 0, 1, 2.
 
         The axis of the rise is linear up to the largest limit, and logarithmic above.
 
@@ -239,7 +239,7 @@ class ShapeComparison:
         return plot_power(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything but the data as plain Python objects, ready for JSON; what is not finite is None."""
+        """All but the data as plain Python objects, ready for JSON; infinities and NaN are None."""
         rows = [
             {
                 "shape": row.shape.name,
@@ -300,11 +300,11 @@ _HEAD = (
     "against power(k)",
     "mean residual low / middle / high",
 )
-_FAR = 1.5  # further off than by this factor velocities are told as multiples
+_FAR = 1.5  # velocities that are off by a larger factor are printed as multiples
 
 
 def cells(comparison: ShapeComparison) -> list[list[str]]:
-    """The table, its head first."""
+    """The table, header first."""
     rows = [list(_HEAD)]
     for row in comparison.rows:
         one = row.fit
@@ -506,7 +506,7 @@ def _predicted(one: Fit) -> Floats:
 
 
 def _line(one: Fit, best: Fit) -> tuple[Floats, Floats]:
-    """Force [N] and velocity over the best's: smooth where all rows have one radius and the default window."""
+    """Force [N] and velocity over the best's; smooth if all rows have one radius and the default window."""
     o = best.observations
     if np.isnan(o.window_start).all() and one.radius is not None:
         force = np.geomspace(o.force.min(), o.force.max(), 200)

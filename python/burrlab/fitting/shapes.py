@@ -1,4 +1,4 @@
-"""Model choice: fits under each erosion shape function, side by side, and in the family f = (1 - x^2)^k with k free."""
+"""Model choice: fits under each erosion shape function, and in the family f = (1 - x^2)^k with k free."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ SHAPES = shape_names
 REFERENCE = "parabolic"  # the shape that the others' alpha is compared with
 _STEP = 1e-3  # of k and of log c_e, in derivatives of the residuals
 _FINE, _COARSE = 24, 31  # points of a profile within the widest interval, and over all k
-_SAME = 1e-6  # of -2 log L: a rise below this is none
+_SAME = 1e-6  # of -2 log L: a smaller rise counts as none
 
 
 def member(k: float) -> Shape:
@@ -48,11 +48,11 @@ def member(k: float) -> Shape:
 
 
 class FamilyCurve(MasterCurve):
-    """The master curve of any k from 0 to 3, between those of `NODES`.
+    """The master curve of any k from 0 to 3, interpolated between those of `NODES`.
 
-    log Psi at given phi is the polynomial in k through its values at the nodes, so it is exact there. In
-    between it lies within 0.02 % of a master curve made for that k, a tenth of the latter's own error. As the
-    master curves are piecewise cubic in log phi, so is this one, with the pieces of all of them.
+    At given phi, log Psi is the polynomial in k through its values at the nodes. Between nodes it lies within
+    0.02 % of a master curve made for that k, a tenth of that curve's own error. Like the master curves, it is
+    piecewise cubic in log phi, with the pieces of all of them.
     """
 
     def __init__(self, k: float) -> None:
@@ -80,7 +80,7 @@ class FamilyCurve(MasterCurve):
 
 @lru_cache(maxsize=256)
 def _pieces(start: float | None, stop: float | None) -> tuple[float, Floats, Floats]:
-    """phi at the window's end, common breaks, and the cubics' coefficients of each node there."""
+    """phi at the window's end, the common breaks, and the cubic coefficients of each node."""
     splines = [_window_spline(member(k).name, start, stop) for k in NODES]
     x = np.unique(np.concatenate([spline.log_ratio.x for spline in splines]))
     left = x[:-1]
@@ -101,13 +101,13 @@ class FamilyModel(MeanFieldModel):
 
 
 class PowerFamily:
-    """The likelihood of data over k, c_e and alpha at their best."""
+    """The likelihood of data over k, at the best c_e and alpha."""
 
     def __init__(self, observations: Observations, kind: ResidualKind, domain: Domain) -> None:
         self.observations, self.kind, self.domain = observations, kind, domain
 
     def likelihood(self, k: float) -> Likelihood:
-        """That of c_e and alpha at one k."""
+        """The likelihood of c_e and alpha at one k."""
         return Likelihood(self.observations, self.kind, FamilyModel(self.observations, k))
 
     def lowest(self, k: float) -> Minimum:
@@ -126,7 +126,7 @@ class PowerFamily:
         return k, self.lowest(k)
 
     def threshold(self, k: float, point: tuple[float, float]) -> Threshold | None:
-        """For k at a point of three parameters; None where the data leave no freedom for it."""
+        """The threshold for k at a point of three parameters; None where too few rows are left for it."""
         c_e, alpha = point
         low = self.domain.low
         middle = min(max(k, NODES[0] + _STEP), NODES[-1] - _STEP)
@@ -201,9 +201,9 @@ class Weighed:
     minima : mapping
         Shape -> minimum over c_e and alpha.
     threshold : Threshold or None
-        Of one more parameter; None where the rows leave no freedom for it.
+        Threshold of one more parameter; None where too few rows are left for it.
     k, free
-        Best k of the family, and the minimum over k too; None without the family.
+        Best k of the family, and the minimum there; None without the family.
     """
 
     minima: Mapping[str, Minimum]
@@ -212,14 +212,14 @@ class Weighed:
     free: Minimum | None = None
 
     def rise(self, shape: str) -> float | None:
-        """Of -2 log L over the family's minimum; None without the family."""
+        """Rise of -2 log L over the family's minimum; None without the family."""
         return None if self.free is None else self.minima[shape].minus2 - self.free.minus2
 
     def p_value(self, shape: str) -> float | None:
-        """Of the shape against the family with k free; None where that cannot be judged.
+        """p-value of the shape against the family with k free; None where it cannot be judged.
 
-        k = 0 ends the family, so a true `constant` has k's estimate on one side only and a rise in half of
-        all data sets: its p-value is half of the other shapes'.
+        The family ends at k = 0. With a true `constant`, k can be estimated on one side only, and half of all
+        data sets have a rise: so its p-value is halved.
         """
         rise = self.rise(shape)
         if rise is None or self.threshold is None:
@@ -290,20 +290,20 @@ def compare_shapes(
     data : VelocityCurve, Indentation, DepthTrace or a sequence of them
         As for `fit`.
     burr : Burr, optional
-        The burr of the data sets that do not say their radius.
+        The burr of data sets without a radius.
     shapes : sequence of str
         Names of shapes, each once.
     free : bool
-        Fit the family too. Its master curves, eight k each window, take seconds once a process. Without it
+        Fit the family too. Its master curves, eight k per window, take seconds once per process. Without it
         no shape is rejected, but pairs are judged.
     level : float
-        At which a shape is rejected, between 0 and 1.
+        Level at which a shape is rejected, between 0 and 1.
     residuals : {"relative", "absolute", "sigma"}
         As for `fit`.
     bounds : dict, optional
         As for `fit`.
     starts : int, optional
-        Does nothing; it works in this version, with a DeprecationWarning.
+        Deprecated: does nothing but give a DeprecationWarning.
     seed : int or None
         As for `fit`; nothing is drawn.
 
@@ -314,25 +314,24 @@ def compare_shapes(
     Raises
     ------
     TypeError
-        If data or burr is something else.
+        If data or burr has another type.
     ValueError
-        If shapes is empty, names one twice or none of the shapes; level is not between 0 and 1; or what
-        `fit` refuses.
+        If shapes is empty, names one twice or an unknown one; level is not between 0 and 1; or `fit` refuses
+        the data.
 
     Notes
     -----
-    linear, 1 - x, is no member of the family. But where a layer is thin only f near r = R counts, and there
-    linear and parabolic both have a simple zero, of slope kappa = 1 and 2. So velocities at small forces
-    give kappa alpha/c_e^(8/3) and not f, and an alpha under linear is about twice that under parabolic.
+    linear, 1 - x, is not in the family. But where a layer is thin only f near r = R counts, and there linear
+    and parabolic both have a simple zero, of slope kappa = 1 and 2. So velocities at small forces give
+    kappa alpha/c_e^(8/3) and not f, and an alpha under linear is about twice that under parabolic.
 
     Two shapes are told apart where -2 log L of the worse lies above that of the better by more than the
-    limit of one parameter at 95 %. With one more parameter that leads from the one to the other, the worse
-    would rise over the minimum by at least as much; so a true shape is set behind another in at most 5 % of
-    all data sets.
+    limit of one parameter at 95 %. If one more parameter led from one to the other, the worse would rise
+    over the minimum by at least as much; so a true shape is put behind another in at most 5 % of data sets.
 
-    k = 0 is a boundary of the family: see `Weighed.p_value`. c_e is bounded too, by the windows; where the
-    best member lies there, the rise is smaller and the test keeps to its level or below. The tests let c_e
-    and alpha go along the ridge beyond the box of the searches, where the fits of the table end.
+    k = 0 is a boundary of the family: see `Weighed.p_value`. The windows bound c_e too; where the best member
+    lies at that bound, the rise is smaller and the test rejects at its level or less. The tests let c_e and
+    alpha go along the ridge beyond the box of the searches, where the fits of the table end.
 
     Measured on synthetic data (10 forces over 0.3 .. 3 N, three repeats, 5 % scatter, c_e = 2.145 N/mm^2,
     R = 3 mm; 1000 sets, quartic 500, constant 1500): a true shape is rejected at 95 and 99 % in 4.0 and 1.0 %
@@ -444,7 +443,7 @@ def _pattern(one: Fit, scatter: float) -> tuple[Part, ...]:
 def _ratio(one: Fit, reference: Fit, exponent: float) -> float | None:
     """alpha/c_e^exponent over the reference's; None where c_e, and alpha with it, is open above.
 
-    With the exponent of the ridge only shapes of the reference's order compare, but c_e may be open.
+    With the ridge's exponent c_e may be open, but only shapes of the reference's order compare.
     """
     if exponent:
         if one.shape.order != reference.shape.order:

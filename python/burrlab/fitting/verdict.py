@@ -1,4 +1,4 @@
-"""What a fit may claim: its status, and in plain words what the data determine."""
+"""The status of a fit, and what the data determine in plain words."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Box, Observations
 from burrlab.fitting.profile import FLAT, ONE_PLACE
 
-_RIDGE_PHI = 0.7  # a point on the ridge is taken where the largest phi is 0.7 of the one where it ends
-_AT_BOUND = 1e-3  # ends closer to a bound than this, relatively, are at it
-_EQUAL = 1e-3  # ends are equally good where their RMS residuals differ by less than this, relatively
-#: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this factor
-#: (ours).
+_RIDGE_PHI = 0.7  # at the point taken on the ridge, largest phi over the phi where the ridge ends
+_AT_BOUND = 1e-3  # relative distance below which an end is at a bound
+_EQUAL = 1e-3  # relative difference of RMS residuals below which ends are equally good
+#: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this (ours).
 SEPARATE = 2.0
 
 
@@ -38,9 +37,9 @@ class Start:
 
 @dataclass(frozen=True)
 class Ridge:
-    """Where the data cannot tell c_e from alpha, and what they tell instead.
+    """The ridge along which the data cannot tell c_e from alpha, and what they determine there.
 
-    Along the ridge every window starts above its static contact, and predictions depend on
+    Along the ridge every window starts deeper than static contact, and predictions depend on
     alpha/c_e^exponent alone (docs/model.md, section 5 iii).
     """
 
@@ -53,7 +52,7 @@ class Ridge:
 
 
 def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float], profile: Profile) -> Ridge:
-    """The best point beside the ridge; the profile says whether the ridge is excluded."""
+    """The ridge beside the best point; the profile says whether the ridge is excluded."""
     o = likelihood.observations
     entry = float(o.ridge_entries().max())
     c_e, alpha = best
@@ -65,7 +64,7 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
     alpha_there = float(likelihood.at(at).best_alpha[0])
     r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there)
     excluded = profile.intervals["c_e"]["95"].upper is not None
-    if profile.c_e[-1] <= entry:  # bounds end below it
+    if profile.c_e[-1] <= entry:  # the bounds end below the ridge
         excluded = True
     return Ridge(
         max_phi, on_ridge, excluded, exponent, alpha_there / at**exponent, float(np.sqrt(np.mean(r**2)))
@@ -80,7 +79,7 @@ def status_of(
     ridge: Ridge,
     missed: float,
 ) -> tuple[str, str]:
-    """Status and reason of a fit, the gravest first; `missed` is how far nlopt's -2 log L lies below the walk's."""
+    """Status and reason of a fit, the gravest first; `missed`: by how much nlopt ended below the walk."""
     at = bound_reached(observations, box, best.end)
     if missed > FLAT:
         return (
@@ -121,7 +120,7 @@ def bound_reached(observations: Observations, box: Box, end: tuple[float, float]
 
 def agreement(ends: Sequence[Start], best: Start, n: int) -> tuple[list[Start], float, float]:
     """Ends as good as the best, and largest over smallest of their c_e and of their alpha."""
-    # fits of earlier versions have a global stage, which ends anywhere
+    # fits of earlier versions have a global search, which ends anywhere
     equal = [end for end in ends if end.origin != "global" and equally_good(end.objective, best, n)]
     c_e, alpha = (
         max(values) / min(values) for values in zip(*(end.end for end in [*equal, best]), strict=True)

@@ -31,7 +31,7 @@ _LONGEST = 3600.0  # a descent that takes longer than this is stalled [s of simu
 @stored_as("burrlab.fitting.voxel_descent.VoxelSettings")
 @dataclass(frozen=True, kw_only=True)
 class VoxelEngine:
-    """What only the voxel engine of `burrlab.fit` needs.
+    """Options of the voxel engine of `burrlab.fit`.
 
     Parameters
     ----------
@@ -42,20 +42,20 @@ class VoxelEngine:
     rig : bool
         Descents through controller and virtual rig; else the force is held exactly.
     specimen : Specimen or BoneField, optional
-        What is burred; of a BoneField every replicate has its own realisation. Default: solid bone.
+        The bone; a BoneField gives every replicate its own realisation. Default: solid bone.
     replicates : int
         Descents at each force and point, at least 2; their differences give the Monte Carlo error.
     executor : concurrent.futures.Executor, optional
         Runs the descents; threads over the cores by default.
     store : Store or path, optional
-        Keeps every descent, so that an interrupted fit goes on where it stopped.
+        Keeps every descent, so that an interrupted fit resumes.
     progress : callable, optional
         Called with (descents done, descents in all).
 
     Raises
     ------
     TypeError
-        If `replicates` or `specimen` is something else.
+        If `replicates` or `specimen` has another type.
     ValueError
         If `replicates` is below 2.
 
@@ -88,11 +88,11 @@ class VoxelEngine:
 
     @property
     def settings(self) -> VoxelEngine:
-        """What is simulated, without what it runs on."""
+        """The options without executor, store and progress."""
         return replace(self, executor=None, store=None, progress=None)
 
     def _described(self) -> dict[str, Any]:
-        """For the provenance."""
+        """The options as the provenance keeps them."""
         specimen = self.specimen
         name = "solid bone" if specimen is None else repr(specimen)
         volume: dict[str, Any] = {}
@@ -112,7 +112,7 @@ class VoxelEngine:
 @stored_as("burrlab.fitting.voxel_descent.VoxelDescent")
 @dataclass(frozen=True)
 class VoxelDescent:
-    """One descent and the windows to read from it: small, picklable, a function of itself alone."""
+    """One descent and the windows to read from it: small, picklable and self-contained."""
 
     burr: Burr
     material: Material
@@ -168,25 +168,23 @@ _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the dev
 _FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree
 _CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
 _HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
-# While the best alpha or c_e moves away from the last table's, or is too fast for windows, so many tables are
-# made.
-_ROUNDS = 6
+_ROUNDS = 6  # most tables, while the best alpha or c_e moves away from the last table's or is too fast
 _SLOWER = 3.0  # a first table divides alpha by this where windows have too few ticks
-_MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
+_MOVED = 0.2  # in log alpha: beyond, the velocity is not proportional to alpha within the scatter
 _RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: further on nothing changes
-_LARGEST_STEP = 1.0  # alpha dt at most: beyond, a tick removes what it should erode
+_LARGEST_STEP = 1.0  # largest alpha dt: beyond, one tick removes most of the bone it reaches
 
 
 @dataclass(frozen=True, eq=False)
 class VoxelTable:
-    """log of the voxels' velocity over the mean-field one, as a polynomial in log c_e.
+    """log of the velocity in voxels over the mean-field one, as a polynomial in log c_e.
 
     Attributes
     ----------
     low, high : float
         Range of the descents' c_e [N/mm^2]. Below it some force has no window; above, the last value holds.
     coefficients : ndarray, shape (replicates, rows, 4)
-        By rising power of log(c_e/low).
+        Coefficients by rising power of log(c_e/low).
     error : float
         RMS deviation of the descents, averaged over replicates, from the polynomials.
     noise : float
@@ -201,7 +199,7 @@ class VoxelTable:
 
 
 class VoxelModel:
-    """Velocity of the rows: the mean-field one times the table's deviation; see `mean_field.Model`."""
+    """Mean-field velocity of the rows times the table's deviation; see `burrlab.fitting.likelihood.Model`."""
 
     def __init__(
         self, observations: Observations, shape: Shape, table: VoxelTable, replicate: int | None = None
@@ -211,7 +209,7 @@ class VoxelModel:
         self._coefficients = part.mean(axis=0).T
 
     def unit(self, c_e: ArrayLike) -> Floats:
-        """See `mean_field.Model`."""
+        """See `burrlab.fitting.likelihood.Model`."""
         stiffness = np.asarray(c_e, dtype=np.float64)
         x = np.log(np.minimum(stiffness, self._table.high) / self._table.low)[..., None]
         deviation = np.zeros((*stiffness.shape, self._coefficients.shape[1]))
@@ -232,7 +230,7 @@ class Descents:
     """Descents at the forces of an `Observations`, at several c_e.
 
     Every point uses the same seeds, so the erosion draws the same random numbers, and predictions at
-    neighbouring points differ by little more than the parameters make them.
+    neighbouring points differ by little more than the effect of the parameters.
     """
 
     def __init__(self, observations: Observations, shape: Shape, engine: VoxelEngine, seed: int) -> None:
@@ -263,7 +261,7 @@ class Descents:
                     places.append((i, k, list(windows.values())))
         order = sorted(
             range(len(items)), key=lambda j: items[j].force
-        )  # small forces first: they sink for long
+        )  # small forces take longest: they come first
         found = run_items(
             sink,
             [items[j] for j in order],
@@ -281,7 +279,7 @@ class Descents:
     def tabulate(
         self, mean_field: Likelihood, box: Box, start: tuple[float, float]
     ) -> tuple[VoxelTable, tuple[tuple[float, float], ...]] | str:
-        """The table and the points it was made from; or a sentence, where too few points have a number."""
+        """The table and the points it was made from; or a sentence, where too few points have a velocity."""
         o, likelihood = self._observations, mean_field
         seen: list[tuple[float, float]] = []
         base = MeanFieldModel(o, self._shape)
@@ -308,7 +306,7 @@ class Descents:
             loaded = np.isinf(velocity).any(axis=(1, 2))
             points, velocity = points[~loaded], velocity[~loaded]
             if (np.isfinite(velocity).all(axis=1).sum(axis=0) < _FEWEST).any():
-                if table is not None:  # at the alphas that a slower table found best
+                if table is not None:  # the best alphas of a slower table failed
                     return failure
                 slower *= _SLOWER
                 continue
@@ -326,7 +324,7 @@ class Descents:
         return failure if table is None else (table, tuple(seen))
 
     def _down_to_the_bound(self, points: Floats, velocity: Floats) -> tuple[Floats, Floats]:
-        """Points between the highest c_e without a window and the lowest with one, where there is a gap."""
+        """Points and velocities, with points added in the gap above the highest c_e without a window."""
         for _ in range(_HALVINGS):
             loaded = np.isinf(velocity).any(axis=(1, 2))
             if not loaded.any() or loaded.all():
@@ -343,7 +341,7 @@ class Descents:
 def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
     """Least-squares polynomials through deviations of shape (points, replicates, rows), NaN where missing.
 
-    A force whose window is too short at some points, close to its bound, is continued from the others.
+    A force whose window is too short at some points, close to its bound, is extrapolated from the others.
     """
     V = np.vander(np.log(c_e / c_e[0]), _DEGREE + 1, increasing=True)
     _, k, rows = deviation.shape
@@ -371,11 +369,11 @@ def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
 def monte_carlo_share(
     likelihood: Likelihood, shape: Shape, table: VoxelTable, best: tuple[float, float], c_e_open: bool
 ) -> float:
-    """SE_mc^2/SE_stat^2, the larger of c_e's and of the best-determined combination's.
+    """SE_mc^2/SE_stat^2, the larger of c_e's and the best-determined combination's.
 
-    Each replicate is a table of its own, with a best point one Newton step from the fit; the covariance of
-    these over their number is the Monte Carlo error, the inverse of the information the statistical one.
-    Where c_e is open only the combination counts.
+    Each replicate is a table of its own; its best point is one Newton step from the fit. The covariance of
+    these points over their number is the Monte Carlo error, the inverse of the information the statistical
+    one. Where c_e is open, only the combination counts.
 
     References
     ----------
@@ -385,7 +383,7 @@ def monte_carlo_share(
     total, _, _ = likelihood.information(*best)
     inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
     o, replicates = likelihood.observations, table.coefficients.shape[0]
-    variances = likelihood.variances(*best)  # of the fit: those about one replicate hold its own error
+    variances = likelihood.variances(*best)  # of the fit: variances about one replicate include its own error
     scores = [
         Likelihood(o, likelihood.kind, VoxelModel(o, shape, table, k)).score(*best, variances)
         for k in range(replicates)

@@ -1,4 +1,4 @@
-"""The same bits on another CPU: the core cross-compiled for aarch64, run by qemu, arrays and NEON, against this CPU's scalar path.
+"""The core on aarch64 under qemu, with arrays and with NEON, gives the bits of this CPU's scalar path.
 
 Debian: ``apt-get install g++-aarch64-linux-gnu qemu-user``; then ``pytest -m slow tests/python/test_aarch64.py``.
 """
@@ -22,7 +22,7 @@ COMPILER, QEMU = "aarch64-linux-gnu-g++", "qemu-aarch64"
 
 
 def block(material: _core.Material, tissues: bool) -> _core.VoxelBone:
-    """As in tests/cpp/digests.cpp, which makes the same scenes."""
+    """The block of tests/cpp/digests.cpp, which makes the same scenes."""
     levels = np.full((32, 48, 48), 240, np.uint8)
     bone = _core.VoxelBone(levels, (0.125, 0.125, 0.1), (-2.9375, -2.9375, -3.15))
     if tissues:

@@ -26,13 +26,13 @@ def test_arrays_are_read_only_copies_that_outlive_their_bone(name: str) -> None:
     assert not np.shares_memory(array, getattr(bone, name))
     del bone
     gc.collect()
-    _ = [np.full(levels.shape, 7, dtype=np.uint8) for _ in range(20)]  # would land in freed memory
+    _ = [np.full(levels.shape, 7, dtype=np.uint8) for _ in range(20)]  # would reuse freed memory
     np.testing.assert_array_equal(array, levels)
 
 
 @pytest.mark.parametrize("name", ["density", "pristine"])
-def test_no_array_leads_back_into_the_bone(name: str, eroded_bone: VoxelBone) -> None:
-    """A copy that is made writeable changes alone."""
+def test_changing_an_array_does_not_change_the_bone(name: str, eroded_bone: VoxelBone) -> None:
+    """The array is a copy that was made writeable."""
     bone = eroded_bone
     digest, mass = bone.digest(), bone.mass
     for array in (getattr(bone, name), bone.read((0, 0, 0), bone.shape, pristine=name == "pristine")):
@@ -41,7 +41,7 @@ def test_no_array_leads_back_into_the_bone(name: str, eroded_bone: VoxelBone) ->
     assert (bone.digest(), bone.mass) == (digest, mass)
 
 
-def test_arrays_stay_as_they_were(eroded_bone: VoxelBone) -> None:
+def test_changing_the_bone_does_not_change_an_array(eroded_bone: VoxelBone) -> None:
     """A tick, a write and a reset change the bone, not earlier copies."""
     bone = eroded_bone
     present, pristine = bone.density, bone.pristine
@@ -61,7 +61,7 @@ def test_arrays_stay_as_they_were(eroded_bone: VoxelBone) -> None:
     [((0, 0, 0), (20, 30, 30)), ((7, 8, 9), (2, 1, 8)), ((19, 29, 29), (1, 1, 1)), ((3, 0, 5), (17, 16, 3))],
 )
 def test_read_is_a_part_of_the_dense_arrays(start: tuple[int, int, int], size: tuple[int, int, int]) -> None:
-    """Both are the levels given; the dent's centre lies in every box."""
+    """Each box has the centre of a dent in it."""
     levels = np.random.default_rng(1).integers(0, 256, (20, 30, 30)).astype(np.uint8)
     bone = VoxelBone(levels, 0.1)
     center = [0.1 * (a + n / 2) for a, n in zip(start[::-1], size[::-1], strict=True)]

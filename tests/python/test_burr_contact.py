@@ -20,7 +20,7 @@ ABOVE = (0.0, 0.0, 1.3)  # 0.2 mm into the surface at z = 0 with R = 1.5 mm
 
 
 def block(spacing: float = 0.1, level: int = 255, size: tuple[float, float, float] = (4, 4, 2)) -> VoxelBone:
-    """A block under the plane z = 0, its axis through the origin."""
+    """A block below the plane z = 0, centred on the z axis."""
     first = (spacing / 2 - size[0] / 2, spacing / 2 - size[1] / 2, spacing / 2 - size[2])
     return VoxelBone.block(size, spacing, origin=first, level=level)
 
@@ -30,7 +30,7 @@ def contact_on(bone: VoxelBone, radius: float = 1.5, **options: Any) -> BurrCont
 
 
 def wandering_path(n: int) -> NDArray[np.float64]:
-    """In, along, out and beside the bone."""
+    """A path into, along, out of and beside the bone."""
     t = np.linspace(0, 1, n)
     return np.column_stack([np.sin(7 * t), 0.5 * np.cos(11 * t), 1.3 - 0.6 * np.sin(9 * t)])
 
@@ -38,7 +38,7 @@ def wandering_path(n: int) -> NDArray[np.float64]:
 # --- Construction -----------------------------------------------------------------------------------------
 
 
-def test_what_it_is_made_of() -> None:
+def test_attributes() -> None:
     bone, burr = block(), Burr(1.5)
     contact = BurrContact(bone, burr, materials["pvc"], 2**64 - 1, 2**31 - 1, scheme="cell")
     assert contact.bone is bone
@@ -94,7 +94,7 @@ ENDLESS = Material("x", c_e=1, alpha=1e300)
         (lambda c: c.hold(**HOLD | {"travel": np.inf}), "travel must be finite, got inf"),
     ],
 )  # fmt: skip
-def test_refused_without_a_trace(call: Callable[[BurrContact], object], text: str) -> None:
+def test_a_refused_call_changes_nothing(call: Callable[[BurrContact], object], text: str) -> None:
     bone = block()
     contact, digest = contact_on(bone), bone.digest()
     with pytest.raises(ValueError, match=text):
@@ -107,8 +107,8 @@ def test_refused_without_a_trace(call: Callable[[BurrContact], object], text: st
 
 @pytest.mark.parametrize("scheme", ["layer", "cell"])
 @pytest.mark.parametrize("burr_on", [True, False])
-def test_a_run_is_its_steps(scheme: str, burr_on: bool) -> None:
-    """All at once, in parts (one of them empty), or one by one."""
+def test_a_run_equals_single_steps(scheme: str, burr_on: bool) -> None:
+    """Runs in parts, one of them empty, are equal too."""
     path = wandering_path(300)
     whole, parted, stepped = (contact_on(block(), scheme=scheme) for _ in range(3))
     series = whole.run(path, 0.5, burr_on=burr_on)
@@ -141,7 +141,7 @@ def test_a_replay_from_a_copy_removes_the_same_bone() -> None:
     assert snapshot.digest() == bone.digest()
 
 
-def test_other_ticks_seeds_and_indices_draw_otherwise() -> None:
+def test_tick_seed_and_index_change_the_draws() -> None:
     def digest(tick: int = 0, **options: Any) -> str:
         bone = block()
         contact = contact_on(bone, **options)
@@ -188,7 +188,7 @@ def flags(felt: Any) -> list[str]:
         ({}, {}, 1.6, []),
         ({"spacing": 0.2}, {"radius": 1.0}, 0.8, ["touching", "coarse"]),  # a burr of 1 mm on a CT
         ({"level": 20}, {}, 1.3, ["touching", "faint"]),  # occupancy of 8 %, as of marrow
-        ({"level": 20}, {"scheme": "cell"}, 1.3, ["touching"]),  # which does not err there
+        ({"level": 20}, {"scheme": "cell"}, 1.3, ["touching"]),  # `cell` does not err there
         ({"level": 40}, {}, 1.3, ["touching"]),
     ],
 )
@@ -223,7 +223,7 @@ def test_ambiguous_in_a_plate() -> None:
 @pytest.mark.parametrize("scheme", ["layer", "cell"])
 @pytest.mark.parametrize("corner", [(-2, -2, -2), (-2, 0, 0), (2, 2, 0), (0, 2, -2)], ids=str)
 def test_outside_the_volume_is_empty(corner: tuple[int, int, int], scheme: str) -> None:
-    """A burr over an edge feels what it feels where the same bone lies within a larger, empty volume."""
+    """A burr over an edge feels the same as where the bone lies within a larger, empty volume."""
     bone = block(size=(4, 4, 4))
     padded = np.pad(bone.density, 25)
     within = VoxelBone(padded, 0.1, origin=tuple(x - 2.5 for x in bone.origin))
@@ -239,7 +239,7 @@ def test_outside_the_volume_is_empty(corner: tuple[int, int, int], scheme: str) 
 @pytest.mark.parametrize("scheme", ["layer", "cell"])
 @pytest.mark.parametrize("center", [(0, 0, 1e3), (-1e9, 0, 0), (0, 1e300, -1e300)], ids=str)
 def test_far_away(center: tuple[float, float, float], scheme: str) -> None:
-    """No contact, no force, and the tick still goes up."""
+    """There is no contact or force, and `tick` still goes up."""
     contact = contact_on(block(), scheme=scheme)
     felt = contact.step(center, 1.0)
     assert (flags(felt), felt.force.tolist(), contact.tick) == ([], [0.0, 0.0, 0.0], 1)
@@ -252,7 +252,7 @@ INERT = Material("inert", c_e=1.0, alpha=0.0)
 
 
 def test_ctrl_c_stops_a_run() -> None:
-    """Ticks done stay done, and `tick` tells how many."""
+    """The ticks done are kept, and `tick` counts them."""
     bone = block()
     contact = contact_on(bone)
     path = np.tile(wandering_path(1000), (400, 1))
@@ -270,7 +270,7 @@ def test_ctrl_c_stops_a_run() -> None:
 
 
 def test_a_run_releases_the_interpreter() -> None:
-    """Another thread sees the run under way."""
+    """Another thread reads `tick` during the run."""
     contact = BurrContact(block(), Burr(1.5), INERT, seed=1)
     path = np.tile(ABOVE, (40000, 1))
     done, seen = threading.Event(), set()

@@ -65,14 +65,14 @@ def test_moments_of_a_half_space(u: float, scheme: str) -> None:
         m0, m1 = burrlab.moments(bone, BURR, (x, y, RADIUS - depth), scheme=scheme)
         values.append((m0, m1[2]))
         assert np.all(np.abs(m1[:2]) < 5e-3 * expected_m1)
-    # for a cap of one and a half voxels the burr's sharp surface is exact to a few per cent only
+    # for a cap of one and a half voxels the moments are exact to a few per cent only
     tolerance = max(5e-3, 0.25 * (voxel / depth) ** 2)
     np.testing.assert_allclose(np.mean(values, axis=0), (expected_m0, -expected_m1), rtol=tolerance)
 
 
 @pytest.mark.parametrize(("top", "bottom"), [(-2.0, -2.6), (0.5, -0.5), (1.0, -2.0), (2.5, 1.5)])
 def test_moments_of_a_slab(top: float, bottom: float) -> None:
-    """A plate spans the sphere, with faces on faces of the grid (heights from the burr's centre)."""
+    """The plate is wider than the sphere and ends at grid faces; heights are from the burr's centre."""
     voxel = 0.1
     n = 2 * math.ceil(RADIUS / voxel) + 4
     thickness = top - bottom
@@ -100,7 +100,7 @@ def test_moments_of_a_full_sphere(voxel: float) -> None:
 
 
 def test_moments_scale_with_the_level() -> None:
-    """A level of 51 holds a fifth of solid bone."""
+    """A level of 51 has a fifth of the mass of solid bone."""
     solid = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-4, -4, -3))
     thin = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-4, -4, -3), level=51)
     center = (0.05, -0.03, 2.6)
@@ -111,7 +111,7 @@ def test_moments_scale_with_the_level() -> None:
 
 
 def centre_test_force(bone: burrlab.VoxelBone, center: Floats) -> float:
-    """Force if a voxel counts as whole with its centre inside the sphere, and not at all otherwise."""
+    """Force if a voxel counts whole where its centre is inside the sphere, else not."""
     nz, ny, nx = bone.shape
     x, y, z = (
         bone.origin[i] + bone.spacing[i] * np.arange(n) - center[i] for i, n in enumerate((nx, ny, nz))
@@ -139,7 +139,7 @@ def test_force_ripple_over_sub_voxel_positions(voxel: float, along: str) -> None
         naive.append(centre_test_force(bone, center) / expected)
     assert abs(np.mean(ratios) - 1) < BIAS
     assert np.std(ratios) <= RIPPLE[voxel]
-    assert np.std(naive) > 3 * RIPPLE[voxel], "a bound that a test of voxel centres keeps shows nothing"
+    assert np.std(naive) > 3 * RIPPLE[voxel], "the bound is too wide: a test of voxel centres keeps it too"
 
 
 @pytest.mark.parametrize("spacing", [(0.1, 0.1, 0.2), (0.2, 0.1, 0.15)])

@@ -1,4 +1,4 @@
-"""Threads, which the core lets run side by side: each on a bone of its own, or all feeling one. Others are told."""
+"""Threads may each erode a bone of their own, or all feel one; other uses of one bone at once are refused."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def path(ticks: int) -> NDArray[np.float64]:
 
 
 def erode_a_copy(fresh: VoxelBone, worker: int, ready: threading.Barrier | None = None) -> tuple[str, float]:
-    """Digest and removed volume after a run, steps, and ticks in halves."""
+    """Digest and removed volume after a run, steps, probes and erosions."""
     bone = fresh.copy()
     contact = contact_on(bone, worker)
     if ready is not None:
@@ -62,7 +62,7 @@ def test_threads_on_copies_give_what_serial_runs_give(cpu_path: str, fresh: Voxe
 
 
 def test_threads_may_feel_one_bone(cpu_path: str, fresh: VoxelBone) -> None:
-    """Through one contact or several; copies may be taken, levels read and digests made at the same time."""
+    """Threads use one contact or several, and copy the bone, read levels and make digests meanwhile."""
     bone = fresh.copy()
     contact = contact_on(bone, 0)
     contact.run(path(40), 1.0)  # some bricks hold saved levels
@@ -89,7 +89,7 @@ def test_threads_may_feel_one_bone(cpu_path: str, fresh: VoxelBone) -> None:
 
 
 def test_other_threads_run_while_the_core_works(fresh: VoxelBone) -> None:
-    """The interpreter is let go of: a thread counts on during one long call."""
+    """The core releases the interpreter: a thread counts during one long call."""
     bone = fresh.copy()
     contact = contact_on(bone, 0)
     counted, done = 0, threading.Event()
@@ -132,7 +132,7 @@ def waiting_loop(bone: VoxelBone, contact: BurrContact) -> _core.HapticLoop:
 
 
 @pytest.mark.parametrize("use", USES)
-def test_the_bone_of_a_loop_is_refused_to_others_until_it_ends(use: str, fresh: VoxelBone) -> None:
+def test_other_uses_of_a_bone_are_refused_until_its_loop_ends(use: str, fresh: VoxelBone) -> None:
     bone = fresh.copy()
     contact = contact_on(bone, 0)
     loop = waiting_loop(bone, contact)
@@ -146,10 +146,10 @@ def test_the_bone_of_a_loop_is_refused_to_others_until_it_ends(use: str, fresh: 
 
 @pytest.mark.parametrize("lock", [None, threading.Lock()])
 @pytest.mark.parametrize("contacts", [1, WORKERS])
-def test_threads_on_one_bone_keep_its_account(
+def test_threads_on_one_bone_keep_its_sums_right(
     contacts: int, lock: threading.Lock | None, fresh: VoxelBone
 ) -> None:
-    """Without a lock of the user's some ticks may be refused; they leave no trace."""
+    """Without the user's lock some ticks may be refused; these change nothing."""
     bone = fresh.copy()
     shared = [contact_on(bone, worker) for worker in range(contacts)]
     ready, refused = threading.Barrier(WORKERS), []

@@ -1,4 +1,4 @@
-"""The examples in the docstrings of the compiled core, which pytest's --doctest-modules does not see."""
+"""The examples in the docstrings of the compiled core, which pytest's --doctest-modules does not find."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 import burrlab._core as _core
 
-FOUND = doctest.DocTestFinder().find(_core, "_core", module=False)  # False: of compiled modules too
+FOUND = doctest.DocTestFinder().find(_core, "_core", module=False)  # False: also those of compiled modules
 EXAMPLES = {test.name.removeprefix("_core."): test for test in FOUND if test.examples}
 
 
@@ -20,6 +20,6 @@ def test_example(name: str, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_examples_are_found() -> None:
-    """An empty collection would pass in silence."""
+    """An empty collection would pass unnoticed."""
     wanted = {"Shape", "Burr", "Material", "VoxelBone", "penetration", "BurrContact", "ForceController"}
     assert set(EXAMPLES) >= wanted

@@ -1,4 +1,4 @@
-"""Which code path the tick takes: the environment variable, the function, and what they refuse."""
+"""The environment variable and the function that choose the CPU path, and what they refuse."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def import_with(name: str | None, script: str = SCRIPT) -> subprocess.CompletedP
 
 
 def test_environment_variable_chooses_the_path() -> None:
-    """Without it, or with it empty, the fastest; the digest of a descent is the same with all."""
+    """An unset or empty variable chooses the fastest path; a descent has the same digest on all."""
     results = set()
     for name, path in [(None, PATHS[-1]), ("", PATHS[-1]), *zip(PATHS, PATHS, strict=True)]:
         process = import_with(name)
@@ -49,7 +49,7 @@ MUST_BE = f"must be one that this CPU runs, {', '.join(PATHS)}; got "
 
 
 def test_a_wrong_environment_variable_ends_the_import_of_the_core() -> None:
-    """In one sentence, which names the paths that this CPU runs."""
+    """The error names the paths that this CPU runs."""
     process = import_with("AVX2", "import burrlab; burrlab.Burr")
     assert process.returncode == 1
     assert process.stderr.splitlines()[-1] == f"ImportError: BURRLAB_CPU_PATH {MUST_BE}'AVX2'"

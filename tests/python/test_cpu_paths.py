@@ -1,4 +1,4 @@
-"""Every code path of the tick gives the same bits: against the reference, and against one another for long."""
+"""Every CPU path of the tick gives the bits of the reference, and those of the others in long runs."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ pytestmark = pytest.mark.usefixtures("keep_cpu_path")
 @pytest.mark.parametrize("product", [1e-4, 0.087, 2.0, 40.0])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_rates_and_fills(scheme: str, product: float, fill: str) -> None:
-    """alpha dt from a rate that nearly always keeps a level to one that leaves nothing."""
+    """alpha dt runs from a rate that nearly always keeps a level to one that leaves nothing."""
     scene = scene_of(scheme, "power(1.5)", alpha=product, fill=fill, tick=2**64 - 9, size=(17, 25, 31))
     assert check_scene(scene) > 0.0
 
@@ -37,7 +37,7 @@ def test_rates_and_fills(scheme: str, product: float, fill: str) -> None:
 )
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_clipped_volumes(scheme: str, size: tuple[int, int, int]) -> None:
-    """Sides that are no multiples of a brick, shorter than one, and longer than a block of blocks (128 voxels)."""
+    """Sides are no multiples of a brick, shorter than a brick, or longer than four blocks (128 voxels)."""
     for snap in (0.0, 1.0):
         places = [(i / 7, 0.3, 0.9) for i in range(8)]
         steps = tuple((share[k:] + share[:k], True) for share in places for k in range(3))
@@ -50,7 +50,7 @@ def test_clipped_volumes(scheme: str, size: tuple[int, int, int]) -> None:
 @pytest.mark.parametrize("shape", KINDS)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_sphere_of_many_bricks(scheme: str, shape: str) -> None:
-    """Bricks and rows that lie wholly inside; written ones and faint ones among them."""
+    """Bricks and rows lie wholly inside; some were written, some are faint."""
     steps = tuple(((0.5 + 0.02 * i, 0.5, 0.5 - 0.03 * i), i != 1) for i in range(4))
     scene = scene_of(
         scheme, shape, size=(61, 62, 67), spacing=(0.1, 0.1, 0.1), ratio=28.0, steps=steps, fill="solid", alpha=0.9
@@ -71,9 +71,9 @@ def test_a_sphere_of_many_bricks(scheme: str, shape: str) -> None:
 @pytest.mark.parametrize("made_of", ["one level", "levels", "a block"])
 @pytest.mark.parametrize("height", [6.4, 0.0])
 def test_faint_levels_end_at_32(cpu_path: str, height: float, made_of: str, level: int) -> None:
-    """In bricks of one level and of several, that the sphere covers whole, deep or at its boundary."""
+    """The burr's centre is above the block or in it; bricks have one level or several."""
     levels = np.full((64, 64, 64), level, dtype=np.uint8)
-    if made_of == "levels":  # every brick holds some below the limit and some above it
+    if made_of == "levels":  # every brick holds a voxel on the other side of the limit
         levels[::8, ::8, ::8] = 1 if level == 32 else 255
     origin = (-3.15, -3.15, -3.15)
     bone = burrlab.VoxelBone(levels, spacing=0.1, origin=origin)
@@ -91,7 +91,7 @@ def test_faint_levels_end_at_32(cpu_path: str, height: float, made_of: str, leve
     "key", [(0x9E3779B97F4A7C15, 0x243F6A8885A308D3, 0x13198A2E), (LARGE, LARGE, 2**31 - 1)], ids=str
 )
 def test_draws(cpu_path: str, key: tuple[int, int, int], draw: int, size: tuple[int, int, int]) -> None:
-    """The numbers themselves at keys whose words all differ and all carry; a volume may end within a block."""
+    """Keys have different words or the largest ones; a volume may end within a block of numbers."""
     np.testing.assert_array_equal(_core.draws(size, *key, draw), draw_lanes(size, *key, draw))
 
 
@@ -123,7 +123,7 @@ def long_run(path: str, scene: Scene, ticks: int) -> tuple[str, list[Any]]:
 def test_two_hundred_ticks(
     scheme: str, shape: str, alpha: float, spacing: tuple[float, float, float], fill: str
 ) -> None:
-    """Digests, and every number of every contact, are equal to the last bit."""
+    """Digests and all numbers of all contacts are equal to the last bit."""
     scene = scene_of(
         scheme, shape, size=(45, 52, 59), spacing=spacing, ratio=11.3, fill=fill, alpha=alpha, seed=7, tick=2**32 - 100
     )  # fmt: skip
@@ -133,7 +133,7 @@ def test_two_hundred_ticks(
 
 
 def test_paths_may_change_from_contact_to_contact() -> None:
-    """A bone begun on one path goes on with another."""
+    """One CPU path may go on with a bone that another one eroded."""
     digests = set()
     for order in (PATHS, PATHS[::-1], PATHS[:1] * len(PATHS)):
         bone = burrlab.VoxelBone.block((5, 5, 3), 0.1, level=200)

@@ -1,4 +1,4 @@
-"""A tick in two halves, `probe` then `erode`, is `step`."""
+"""`probe` and then `erode` equal one `step`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FELT = ("force", "normal", "m1", "m0", "penetration", "tick", "touching", "ambig
 def test_probe_and_erode_are_a_step(
     cpu_path: str, scheme: str, shape: str, fill: str, spacing: tuple[float, float, float]
 ) -> None:
-    """Contacts, removed volume, tick and bone, to the last bit."""
+    """Contacts, removed volume, tick and bone are equal to the last bit."""
     scene = scene_of(scheme, shape, fill=fill, spacing=spacing)
     whole, halves = (make_pair(scene)[0] for _ in range(2))
     removed = 0.0
@@ -37,7 +37,7 @@ def test_probe_and_erode_are_a_step(
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_force_and_erosion_may_act_in_different_places(cpu_path: str, scheme: str) -> None:
-    """`erode` takes nothing over from the probe before it."""
+    """`erode` does not depend on the probe before it."""
     scene = scene_of(scheme, "quartic")
     first, second = scene.centers()[:2]
     found = set()

@@ -1,4 +1,4 @@
-"""The core's erosion against the law that it draws from: the mean loss, and draws that are unrelated."""
+"""The core's erosion has the mean loss of its law, and its draws are unrelated."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FALSE_ALARM = 1e-6  # of each statistical test as a whole
 
 
 def deviation_bound(variance: NDArray[np.float64] | float, tests: int) -> NDArray[np.float64]:
-    """Deviation of a sum of independent losses that has a probability below FALSE_ALARM/tests.
+    """Deviation that a sum of independent losses exceeds with a probability below FALSE_ALARM/tests.
 
     Bernstein's inequality, P(|S - E S| >= t) <= 2 exp(-t^2/(2 (V + t/3))) for terms that vary by at most one.
     It holds for any number of voxels and any lambda, where a normal z-score fails in the tails.
@@ -34,7 +34,7 @@ ONES = np.full((64, 64, 64), 1, dtype=np.uint8)
 def block_contact(
     p: NDArray[np.uint8], alpha: float, scheme: str, seed: int, index: int = 0
 ) -> tuple[Any, Any, NDArray[np.float64]]:
-    """A cubic block wholly inside the sphere, so that with `constant` every voxel erodes alike."""
+    """Block wholly inside the sphere, contact and centre; with `constant` every voxel erodes alike."""
     bone, burr = burrlab.VoxelBone(p, SPACING), burrlab.Burr(SPACING * (math.sqrt(3) * max(p.shape) / 2 + 2))
     material = burrlab.Material("any", c_e=1.5, alpha=alpha, shape="constant")
     contact = burrlab.BurrContact(bone, burr, material, seed=seed, index=index, scheme=scheme)
@@ -43,7 +43,7 @@ def block_contact(
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_expected_loss_is_unbiased(scheme: str) -> None:
-    """Mean loss of every starting level is M (1 - exp(-alpha dt)), over the range of alpha and dt.
+    """The mean loss of every level M is M (1 - exp(-alpha dt)), over the range of alpha and dt.
 
     In one tick a voxel loses floor(lambda) or one more, so the sum over n voxels has the variance
     n frac(lambda) (1 - frac(lambda)). Each level at each (alpha, dt) is a test, and so is their sum.
@@ -67,11 +67,11 @@ def test_expected_loss_is_unbiased(scheme: str) -> None:
             assert np.all(error <= deviation_bound(variance, tests) + rounding), (alpha, dt)
             total = abs(float((lost - count * expected).sum()))
             assert total <= deviation_bound(variance.sum(), tests) + rounding.sum(), (alpha, dt)
-            assert np.all(np.abs(drop - expected[p]) < 1.0 + 1e-4)  # never further than the next whole level
+            assert np.all(np.abs(drop - expected[p]) < 1.0 + 1e-4)  # lambda rounded up or down
 
 
 def test_tiny_losses_are_drawn_from_the_second_number() -> None:
-    """Below 2^-16 level a loss needs U = 65535 and V < lo; its rate is lambda still, its voxels the same."""
+    """Below 2^-16 level a loss needs U = 65535 and V < lo; its rate is still lambda."""
     bone, contact, center = block_contact(ONES, 1e-4, "layer", seed=2**33 + 1)
     q, ticks = ONES.copy(), 200
     reference = reference_of(contact, q, ONES)
@@ -92,10 +92,9 @@ def test_tiny_losses_are_drawn_from_the_second_number() -> None:
     ("whole", "excess", "lost"), [(0, 0.4, 0), (0, 0.6, 1), (3, 0.25, 0), (3, 0.75, 1)], ids=str
 )
 def test_loss_at_the_edge_of_its_draw(whole: int, excess: float, lost: int, scheme: str) -> None:
-    """Where T + U ends in sixteen ones and V = v, the rest of lambda decides: v/2^16 keeps the level, (v + 1)/2^16
-    takes it.
+    """Where T + U ends in sixteen ones and V = v, lo = v keeps the level and lo = v + 1 takes it.
 
-    The excess over v is rounded to one of these; in single precision it is uncertain by 0.1 where T = 3.
+    lo is v + excess, rounded; in single precision the excess is uncertain by 0.1 where T = 3.
     """
     seed = 3
     u, v = (draw_lanes(ONES.shape, seed, 0, 0, draw) for draw in (0, 1))
@@ -112,8 +111,8 @@ def test_loss_at_the_edge_of_its_draw(whole: int, excess: float, lost: int, sche
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_draw_besides_the_edge_never_draws_again(scheme: str) -> None:
-    """U = 65534 keeps the level and, at T = 1, U = 65535 takes it, whatever V is."""
+def test_the_second_number_decides_only_at_the_edge(scheme: str) -> None:
+    """For every V, U = 65534 keeps the level at T = 0, and U = 65535 takes it at T = 1."""
     seed = 3
     u = draw_lanes(ONES.shape, seed, 0, 0, 0)
     for expected, draw, lost in ((0.999 * 2.0**-16, 65534, 0), (1.001 * 2.0**-16, 65535, 1)):

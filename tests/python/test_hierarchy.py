@@ -1,4 +1,4 @@
-"""What the bone keeps beside its voxels: mass, sums of bricks and digest follow the dense levels, whatever is done."""
+"""Mass, sums of bricks and digest of a bone follow its levels, whatever changes them."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ import burrlab._core as _core
 from burrlab._core import VoxelBone
 
 Levels = NDArray[np.uint8]
-SPACING = (0.25, 0.5, 0.125)  # (x, y, z) [mm]; powers of two, so that sums of products round nowhere
+SPACING = (0.25, 0.5, 0.125)  # (x, y, z) [mm]; powers of two, so that sums of products are exact
 ORIGIN = (-1.0, 8.0, 0.5)
 VOLUME = 0.25 * 0.5 * 0.125  # of a voxel [mm^3]
 SHAPES = ("parabolic", "linear", "constant", "power(1.5)")
 
 
 def rebuilt(pristine: Levels, density: Levels) -> VoxelBone:
-    """The bone that a pickle of these levels gives."""
+    """The bone unpickled from these levels."""
     bone: VoxelBone = VoxelBone.__new__(VoxelBone)
     bone.__setstate__((pristine, density, SPACING, ORIGIN))  # type: ignore[attr-defined]
     return bone
 
 
 def assert_sums_match(bone: VoxelBone, density: Levels) -> None:
-    """Mass, and the moments of a sphere that covers everything, are those of the dense levels to the last bit."""
+    """Asserts that mass, and moments of a sphere around the bone, are exactly those of its levels."""
     q, unit = density.astype(np.int64), VOLUME / 65280
     total = int(q.sum())
     assert bone.mass == total * (VOLUME / 255)
@@ -51,7 +51,7 @@ def assert_sums_match(bone: VoxelBone, density: Levels) -> None:
 
 
 class Bones(RuleBasedStateMachine):
-    """Random sequences of all that changes a bone, in step with plain arrays and the slow reference."""
+    """Random sequences of changes of a bone, compared with plain arrays and the slow reference."""
 
     @initialize(
         size=st.tuples(st.integers(1, 20), st.integers(1, 20), st.integers(1, 27)),
@@ -62,7 +62,7 @@ class Bones(RuleBasedStateMachine):
         self.q = self.p.copy()
         self.bone = VoxelBone(self.p, SPACING, ORIGIN)
         self.tick = 0
-        self.kept: list[tuple[Any, Levels, Levels]] = []  # copies taken, and what they held
+        self.kept: list[tuple[Any, Levels, Levels]] = []  # copies, and their levels
 
     @rule(
         data=st.data(),
@@ -114,7 +114,7 @@ class Bones(RuleBasedStateMachine):
 
     @rule(seed=st.integers(0, 999))
     def restore(self, seed: int) -> None:
-        """A snapshot: any levels up to the pristine ones."""
+        """Takes any levels up to the pristine ones, as of a snapshot."""
         share = np.random.default_rng(seed).choice([0.0, 0.5, 1.0], self.q.shape)
         self.q = (self.p * share).astype(np.uint8)
         self.bone = rebuilt(self.p, self.q)
@@ -149,7 +149,7 @@ class Bones(RuleBasedStateMachine):
 
 @pytest.mark.usefixtures("keep_cpu_path")
 def test_random_sequences() -> None:
-    """Mass, moments, digest and copies after every step of 120 sequences of up to 15."""
+    """Mass, moments, digest and copies are right after every step of 120 sequences of up to 15."""
     run_state_machine_as_test(
         Bones,
         settings=settings(
@@ -164,7 +164,7 @@ def test_random_sequences() -> None:
 
 @pytest.mark.parametrize("shape", [(5, 9, 300), (300, 9, 5), (9, 300, 5)])
 def test_erosion_of_everything(cpu_path: str, shape: tuple[int, int, int]) -> None:
-    """A burr that goes along a bar leaves nothing behind it and everything before it, in any grid direction."""
+    """A burr that goes along a bar removes all bone behind it and none ahead, in any grid direction."""
     bone = VoxelBone(np.full(shape, 255, dtype=np.uint8), 0.25)
     material = burrlab.Material("any", c_e=1.0, alpha=100.0, shape="constant")
     contact = burrlab.BurrContact(bone, burrlab.Burr(3.0), material, seed=1, scheme="cell")

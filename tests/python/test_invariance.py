@@ -1,7 +1,7 @@
 """Penetration velocity does not depend on voxel grid or step: voxel descents against the mean field.
 
-The burr has 3 mm. Seeds are fixed, so a run always keeps its bound or never. Means over 8 seeds scatter by
-0.3 % at 0.4 mm and below 0.1 % at 0.2 mm, far inside every bound.
+The burr's radius is 3 mm. Seeds are fixed, so results repeat. Means over 8 seeds scatter by 0.3 % at 0.4 mm
+and below 0.1 % at 0.2 mm, far inside every bound.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def velocities(case: Case) -> tuple[float, ...]:
 
 
 def deviation(case: Case) -> float:
-    """Mean velocity over that of the mean field, minus 1."""
+    """Mean velocity divided by that of the mean field, minus 1."""
     return float(np.mean(velocities(case)) / penetration_velocity(BURR, material_of(case), case.force) - 1)
 
 
@@ -105,7 +105,7 @@ def test_deviation_shrinks_with_the_voxel() -> None:
 
 
 def test_cell_scheme_depends_on_the_grid() -> None:
-    """The paper's uniform voxels at 1 N are a third or more too slow at 0.4 mm, less on finer grids."""
+    """With the paper's uniform voxels a burr at 1 N is over 30 % too slow at 0.4 mm, less on a finer grid."""
     coarse, fine = (deviation(Case("bone", 1.0, voxel, scheme="cell", seeds=2)) for voxel in (0.4, 0.2))
     assert coarse < -0.3
     assert coarse < fine < -0.05
@@ -146,7 +146,7 @@ RUNS = [*(("bone", force) for force in BONE_FORCES), *(("pvc", force) for force 
     [("bone", 1.0, 0.2, 2), *(slow(*run, voxel, seeds) for run in RUNS for voxel, seeds in ((0.2, 8), (0.1, 2)))],
 )  # fmt: skip
 def test_controller(material: str, force: float, voxel: float, seeds: int) -> None:
-    """The mean is within 5 % of the mean field, and 3 % of exact force if it settles before R/6."""
+    """Means are within 5 % of the mean field; where runs settle before R/6, within 3 % of exact force."""
     with ThreadPoolExecutor(2) as pool:
         pairs = list(pool.map(lambda seed: rig_run(material, force, voxel, seed), range(seeds)))
     to_mean_field, to_exact = [], []
@@ -177,8 +177,8 @@ def test_too_fast_for_the_controller(material: str, force: float, voxel: float, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("material", "force"), [("bone", 1.0), ("pvc", 0.15)])
-def test_settles_before_a_sixth(material: str, force: float) -> None:
-    """The window is then the default one, and comparison is with the exact-force velocity."""
+def test_settles_before_a_sixth_of_the_radius(material: str, force: float) -> None:
+    """These runs have the default window, so their velocities compare with those at exact force."""
     run, _ = rig_run(material, force, 0.1, 0)
     assert run.window is not None
     assert run.window[0] == pytest.approx(BURR.radius / 6)

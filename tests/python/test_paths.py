@@ -1,10 +1,10 @@
 """Forces along prescribed paths on a coarse `layer` grid against a fine `cell` grid.
 
 The reference is the paper's scheme on voxels four times finer, which resolve the layer in which the burr cuts.
-On the coarse grid `layer` must bring no jump and no false direction.
+On the coarse grid `layer` must add no jump and no wrong direction.
 
-One limit is known and measured here: what is left of a cut voxel counts as lying outside the sphere, so the force
-falls too early when the burr backs out of a cut, and rises as steeply when it comes back.
+One limit is known and measured here. The rest of a cut voxel counts as lying outside the sphere, so the force
+falls too early when the burr backs out of a cut, and rises as steeply when the burr returns.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ BONE = burrlab.materials["bone"]
 COARSE, FINE = 0.2, 0.05  # [mm]: R/s = 15 and 60
 DT = 1.0  # [ms]
 SEEDS = (1, 2)
-MEANINGFUL = 0.1  # of the path's largest force: below it a direction is not compared
+MEANINGFUL = 0.1  # of the path's largest force; directions of smaller forces are not compared
 ANGLE = 5.0  # [degrees], at the 99th percentile
-JUMP_MARGIN = 1.1  # on the reference's largest change in one tick: both are maxima of a random series
+JUMP_MARGIN = 1.1  # times the reference's largest change in one tick; both are maxima of a random series
 
 
 def moves(*legs: tuple[tuple[float, float, float], float]) -> Floats:
-    """Tip positions through points, each leg with its largest speed [mm/s], starting and ending at rest."""
+    """Tip positions through points; each leg has a largest speed [mm/s] and starts and ends at rest."""
     start, points = np.array(legs[0][0]), []
     for goal, speed in legs[1:]:
         way = np.array(goal) - start
@@ -41,7 +41,7 @@ def moves(*legs: tuple[tuple[float, float, float], float]) -> Floats:
 
 
 def slide() -> tuple[float, Floats]:
-    """Into the surface, along it, out of the cut, back down beside its end, and back along it a little deeper."""
+    """Into the surface, along it, out of the cut, down again near its end, and back a little deeper."""
     tips = moves(
         ((-1.2, 0, 0.1), 0), ((-1.2, 0, -0.4), 4), ((1.2, 0.03, -0.4), 10), ((1.2, 0.03, 0.3), 10),
         ((1.0, 0.03, 0.1), 10), ((0.9, 0.03, -0.5), 4), ((-1.2, 0, -0.5), 10), ((-1.2, 0, 0.2), 10),
@@ -66,7 +66,7 @@ def both_sides() -> tuple[float, Floats]:
 
 
 def break_through() -> tuple[float, Floats]:
-    """Through a plate of four coarse voxels, 0.8 mm, and out at the other side (with three: 5.3 to 6.7 degrees)."""
+    """Through a plate of 0.8 mm, four coarse voxels (with three, directions err by 5.3 to 6.7 degrees)."""
     tips = moves(((0.05, 0.02, 0.1), 0), ((0.05, 0.02, -3.2), 4))
     return 0.8, tips + (0, 0, BURR.radius)
 
@@ -78,7 +78,7 @@ PATHS = {path.__name__: path for path in (slide, second_hole, both_sides, break_
 def felt_along(name: str, scheme: str, voxel: float, seed: int) -> burrlab.ContactSeries:
     thickness, centers = PATHS[name]()
     half = np.abs(centers[:, :2]).max(axis=0) + BURR.radius + 2 * COARSE
-    half = np.ceil(half / COARSE) * COARSE  # faces of the fine grid are faces of the coarse one
+    half = np.ceil(half / COARSE) * COARSE  # the blocks of both grids have the same faces
     origin = (-half[0] + voxel / 2, -half[1] + voxel / 2, -thickness + voxel / 2)
     bone = burrlab.VoxelBone.block((2 * half[0], 2 * half[1], thickness), voxel, origin=origin)
     return burrlab.BurrContact(bone, BURR, BONE, seed=seed, scheme=scheme).run(centers, DT)
@@ -90,7 +90,7 @@ def jumps(felt: burrlab.ContactSeries) -> Floats:
 
 
 def angles(felt: burrlab.ContactSeries, reference: burrlab.ContactSeries) -> Floats:
-    """Between the two forces [degrees], where both are meaningful and neither fades."""
+    """Angles between the two forces [degrees], where both are large enough and neither fades."""
     size, expected = (np.linalg.norm(f.force, axis=1) for f in (felt, reference))
     rows = (np.minimum(size, expected) > MEANINGFUL * expected.max()) & ~felt.ambiguous & ~reference.ambiguous
     cosine = np.sum(felt.force[rows] * reference.force[rows], axis=1) / (size[rows] * expected[rows])
@@ -98,7 +98,7 @@ def angles(felt: burrlab.ContactSeries, reference: burrlab.ContactSeries) -> Flo
 
 
 def largest_jumps(name: str) -> dict[str, tuple[float, float]]:
-    """Largest jump [N] of the coarse run and of the reference, while the burr backs out and while it does not."""
+    """Largest jumps [N] of the coarse run and the reference, while the burr backs out and while not."""
     found: dict[str, list[tuple[float, float]]] = {"out": [], "in": []}
     motion = np.diff(PATHS[name]()[1], axis=0)
     for seed in SEEDS:
@@ -126,7 +126,7 @@ def test_no_jump_above_the_reference_on_the_whole_path(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["slide", "second_hole", "both_sides"])
 def test_retreat_and_return_are_too_steep_by_no_more_than_stated(name: str) -> None:
-    """The known limit, bounded: the change a tick up to 1.4 times the reference's, the force off by 13 % of its peak."""
+    """Changes per tick are up to 1.4 times the reference's; the force is off by up to 13 % of its peak."""
     for coarse, reference in largest_jumps(name).values():
         assert coarse <= 1.4 * reference
     for seed in SEEDS:

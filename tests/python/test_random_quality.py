@@ -1,9 +1,9 @@
 """Quality of the tick's 16-bit random numbers as fields over voxel, tick, burr index and seed (docs/tick.md).
 
-A statistic returns the probabilities that independent uniform numbers deviate as far as the ones seen, two-sided.
-It rejects where the smallest, times their number (Bonferroni), is below FALSE_ALARM: so each statistic as a whole
-is wrong with a probability of at most that. Keys are those that runs take: small seeds, ticks and indices, and
-those at which a 32-bit word carries over.
+A statistic returns two-sided probabilities that independent uniform numbers deviate as far as these. It rejects
+where the smallest, times their count (Bonferroni), is below FALSE_ALARM; each statistic as a whole is thus wrong
+with at most that probability. Keys are those of runs: small seeds, ticks and indices, and those at which a 32-bit
+word carries over.
 """
 
 from __future__ import annotations
@@ -53,12 +53,12 @@ def reference_lanes(rounds: int) -> Source:
 
 
 def two_sided(below: Probabilities | float, above: Probabilities | float) -> Probabilities:
-    """Probability of a deviation to either side, from those of each side."""
+    """Two-sided probability from the two one-sided ones."""
     return np.atleast_1d(np.minimum(1.0, 2.0 * np.minimum(below, above)))
 
 
 def chi_square(counts: NDArray[np.int64]) -> Probabilities:
-    """Pearson's test of equal bins, along the last axis; a count that is too even is a deviation too."""
+    """Pearson's test of equal bins along the last axis; counts that are too even deviate too."""
     expected = counts.mean(axis=-1, keepdims=True)
     statistic = ((counts - expected) ** 2 / expected).sum(axis=-1)
     law = stats.chi2(counts.shape[-1] - 1)
@@ -66,32 +66,32 @@ def chi_square(counts: NDArray[np.int64]) -> Probabilities:
 
 
 def binomial(counts: NDArray[np.int64], throws: NDArray[np.int64] | int, chance: float) -> Probabilities:
-    """Exact test of how often something of a known probability happened."""
+    """Exact test of counts of an event of known probability."""
     law = stats.binom(throws, chance)
     return two_sided(law.cdf(counts), law.sf(counts - 1)).ravel()
 
 
 def normal(z: float) -> Probabilities:
-    """A sum of many terms, in standard deviations."""
+    """Test of a sum of many terms, given in standard deviations."""
     return two_sided(float(stats.norm.cdf(z)), float(stats.norm.sf(z)))
 
 
 def sum_of_squares(z: NDArray[np.float64]) -> Probabilities:
-    """Squares of standardised sums of bounded terms; these vary less than normal ones, so the bound holds."""
+    """Test of standardised sums of bounded terms; these vary less than normal ones, so the bound holds."""
     total, law = float((z**2).sum()), stats.chi2(z.size)
     return two_sided(law.cdf(total), law.sf(total))
 
 
 def false_alarm(probabilities: Probabilities) -> float:
-    """Bound on the probability that numbers without fault look as bad as these."""
+    """Bound on the probability that good numbers look as bad as these."""
     return float(probabilities.min()) * probabilities.size
 
 
-# --- Statistics: the source of the numbers and how many times over -> probabilities -------------------------
+# --- Statistics: source of the numbers, repeats -> probabilities --------------------------------------------
 
 
 def uniformity(source: Source, repeats: int) -> Probabilities:
-    """All 65536 values, high bytes, low bytes and each bit, in each of a block's eight lanes and in all; each value."""
+    """Frequencies of values, bytes and bits in each of a block's eight lanes and in all; the worst value."""
     lane = (np.arange(VOLUME[1], dtype=np.int32) % 8)[:, None] << 16
     counts = np.zeros((9, 65536), dtype=np.int64)
     for tick in range(repeats):
@@ -106,7 +106,7 @@ def uniformity(source: Source, repeats: int) -> Probabilities:
 
 
 def unrelated(pairs: Iterable[tuple[Lanes, Lanes]]) -> Probabilities:
-    """Joint uniformity of two numbers (their high 4 bits, low 4 bits, bytes of a ^ b) and their correlation."""
+    """Joint uniformity of two numbers (high 4 bits, low 4 bits, bytes of a ^ b) and their correlation."""
     counts, products, n = np.zeros((4, 256), dtype=np.int64), 0.0, 0
     for a, b in pairs:
         mixed = a ^ b
@@ -118,7 +118,7 @@ def unrelated(pairs: Iterable[tuple[Lanes, Lanes]]) -> Probabilities:
 
 
 def neighbours(axis: int, source: Source, repeats: int) -> Probabilities:
-    """Neighbouring voxels 2i, 2i + 1 and 2i + 1, 2i + 2; along y the former are the two halves of a word."""
+    """Voxels (2i, 2i + 1) and (2i + 1, 2i + 2); along y the first pair is the two halves of a word."""
 
     def pairs(first: int) -> Iterable[tuple[Lanes, Lanes]]:
         for tick in range(repeats):
@@ -144,7 +144,7 @@ def related(name: str, source: Source, repeats: int) -> Probabilities:
 
     def field(key: Key, repeat: int) -> Lanes:
         seed, tick, index, draw = key
-        along = (repeat, 0) if name == "ticks" else (0, repeat)  # so that no field is met twice
+        along = (repeat, 0) if name == "ticks" else (0, repeat)  # no field occurs twice
         return source(shape, seed + along[0], tick + along[1], index, draw)
 
     return np.concatenate(
@@ -153,7 +153,7 @@ def related(name: str, source: Source, repeats: int) -> Probabilities:
 
 
 def flips(pairs: Iterable[tuple[Lanes, Lanes]]) -> Probabilities:
-    """Blocks (8, n) that differ by one input bit: each of 128 output bits flips with probability 1/2, unrelated."""
+    """Blocks (8, n) that differ by one input bit; 128 output bits flip unrelated, with probability 1/2."""
     heads, weight = np.zeros(128, dtype=np.int64), []
     for a, b in pairs:
         bits = np.unpackbits(np.ascontiguousarray((a ^ b).reshape(8, -1).T).view(np.uint8), axis=1)
@@ -164,7 +164,7 @@ def flips(pairs: Iterable[tuple[Lanes, Lanes]]) -> Probabilities:
 
 
 def avalanche(source: Source, repeats: int) -> Probabilities:
-    """One bit of seed (64), tick (64), index (31), draw (1) or of the column number (18 in this volume) flipped."""
+    """Flips of one bit of seed (64), tick (64), index (31), draw (1) or column number (18 here)."""
     shape, bases = (1, 8, 1024), [(i, i, i, 0) for i in range(repeats)]
     bases += [(0x9E3779B97F4A7C15 ^ i, 0x243F6A8885A308D3 ^ i, 0x13198A2E, 0) for i in range(repeats)]
     fields = [source(shape, *base) for base in bases]
@@ -181,9 +181,9 @@ def avalanche(source: Source, repeats: int) -> Probabilities:
 
 
 def voxel_over_ticks(source: Source, repeats: int) -> Probabilities:
-    """Repeated values among 4096 ticks of a voxel, and repeated spacings of its 2048 32-bit numbers (birthdays).
+    """Repeated values in 4096 ticks of a voxel, and repeated spacings of its 2048 32-bit numbers (birthdays).
 
-    The number of values never met is distributed as a sum of independent indicators (Vatutin, Mikhailov 1982),
+    The number of values never drawn has the law of a sum of independent indicators (Vatutin, Mikhailov 1982),
     for which Bernstein's inequality holds. Repeated spacings are Poisson with mean n^3/(4 d) for up to 64 voxels
     (Marsaglia 1985; TestU01 asks that 8 times the mean be at most d^(1/4)).
     """
@@ -204,7 +204,7 @@ def voxel_over_ticks(source: Source, repeats: int) -> Probabilities:
 
 
 def bricks(source: Source, repeats: int) -> Probabilities:
-    """Sums over bricks of 8^3 voxels, of numbers and of low bytes: normal (Kolmogorov-Smirnov), mean, variance."""
+    """Sums over bricks of 8^3 voxels, of numbers and low bytes: law (Kolmogorov-Smirnov), mean, variance."""
     found = []
     for values in (65536, 256):
         sums = []
@@ -232,7 +232,7 @@ def spectrum(source: Source, repeats: int) -> Probabilities:
         power = np.zeros((512, 257))
         for seed in range(repeats):
             power += np.abs(np.fft.rfft2(plane(axes, source, seed) - MEAN)) ** 2 / (512**2 * VARIANCE)
-        edge = power[:, [0, 256]]  # of its own conjugate
+        edge = power[:, [0, 256]]  # these columns are their own conjugates
         twofold = np.concatenate([power[:, 1:256].ravel(), edge[1:256].ravel()])
         law = stats.gamma(repeats)
         found += [twofold.size * law.sf(twofold.max()), stats.kstest(twofold, law.cdf).pvalue]
@@ -240,7 +240,7 @@ def spectrum(source: Source, repeats: int) -> Probabilities:
     return np.minimum(1.0, found)
 
 
-# Each with the most Philox rounds that it rejects in a single repeat; the core takes seven.
+# Each with the most Philox rounds that it rejects in one repeat; the core uses seven.
 STATISTICS: dict[str, tuple[Callable[[Source, int], Probabilities], int]] = {
     "uniformity": (uniformity, 4),
     "neighbours z": (partial(neighbours, 0), 5),
@@ -261,14 +261,14 @@ STATISTICS: dict[str, tuple[Callable[[Source, int], Probabilities], int]] = {
 
 @pytest.mark.parametrize("name", STATISTICS)
 def test_numbers_pass(name: str) -> None:
-    """The core's numbers, some 2e6 for each question, keep within the false-alarm rate."""
+    """No statistic rejects the core's numbers, about 2e6 for each comparison."""
     statistic, _ = STATISTICS[name]
     assert false_alarm(statistic(lanes, 1)) >= FALSE_ALARM
 
 
 @pytest.mark.parametrize("name", STATISTICS)
 def test_too_few_rounds_fail(name: str) -> None:
-    """The same statistic of the same size rejects a Philox of fewer rounds: it has teeth."""
+    """The same statistic of the same size rejects Philox with fewer rounds."""
     statistic, rounds = STATISTICS[name]
     assert false_alarm(statistic(reference_lanes(rounds), 1)) < FALSE_ALARM
 
@@ -276,14 +276,14 @@ def test_too_few_rounds_fail(name: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", STATISTICS)
 def test_seven_rounds_pass_where_ten_do(name: str) -> None:
-    """Sixteen times the numbers, 1e9 in all: the core's, and those of the ten rounds of the published vectors."""
+    """Sixteen times the numbers, 1e9 in all, pass with seven rounds (the core) and with ten."""
     statistic, _ = STATISTICS[name]
     seven, ten = (false_alarm(statistic(source, 16)) for source in (lanes, reference_lanes(10)))
     assert min(seven, ten) >= FALSE_ALARM / 2
 
 
 def test_avalanche_of_upper_column_bits() -> None:
-    """Bits 18..31 of the column number, of volumes too large for a test, flip the reference's output bits."""
+    """Bits 18 to 31 of the column number, which only large volumes use, flip the reference's output bits."""
 
     def block(column: NDArray[np.uint64]) -> Lanes:
         words = np.stack(reference.philox4x32((column, 0, 0, 0), (1, 0)), axis=-1)

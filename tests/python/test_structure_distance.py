@@ -1,4 +1,4 @@
-"""Distance to structures: search and field against the definition, spheres and planes, and at borders."""
+"""Distance to structures: search and field agree with the definition, spheres and planes."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def test_search_finds_the_nearest_voxel(spacing, share) -> None:
     random = np.random.default_rng(3)
     shape, origin = (37, 43, 51), (-3.0, 2.0, 0.7)
     numbers = (random.random(shape) > share).astype(np.uint8)
-    numbers[:17, 8:16, 16:24] = 1  # whole bricks, one of them beyond the volume's last whole one
-    numbers[32:, 40:, 48:] = 2
+    numbers[:17, 8:16, 16:24] = 1  # two whole bricks, and part of one
+    numbers[32:, 40:, 48:] = 2  # a brick that the volume cuts
     bone = labelled(numbers, spacing, origin)
     size = np.array(spacing) * shape[::-1]
     points = origin + size * random.uniform(-0.6, 1.6, (150, 3))
@@ -46,7 +46,7 @@ def test_a_search_does_not_depend_on_the_one_before() -> None:
     assert search.distance(points[::-1])[::-1].tolist() == one_by_one
 
 
-def test_inside_the_distance_is_zero_and_the_surface_at_minus_the_radius() -> None:
+def test_a_sphere_centred_inside_is_at_minus_its_radius() -> None:
     nerve = nerve_field()
     assert nerve.of_sphere((0, 0, -1.5), 1.25) == -1.25
     assert nerve.of_sphere((0.4, 0, -1.5), 0.0) == pytest.approx(0.0, abs=1e-12)  # on its face
@@ -69,7 +69,7 @@ def test_a_plane_and_a_sphere(spacing) -> None:
     )  # a field is exact on planes
     far = np.linalg.norm(at - (4.5, 4.5, 6), axis=1)
     off = sphere.of_sphere(at, 0.5) - np.maximum(far - 1.5, 0.0) + 0.5
-    # A sphere of voxels differs from a sphere by this much.
+    # A sphere of voxels differs from a sphere by up to this much.
     assert np.abs(off).max() < np.linalg.norm(spacing) + 0.03
 
 
@@ -97,7 +97,7 @@ def test_the_field_errs_within_its_bounds_and_is_exact_near(spacing) -> None:
         assert (said[want >= 1.0] >= 1.0 - 0.8661 * 0.4).all()
 
 
-def test_estimates_beyond_the_searched_nodes_err_by_less_than_is_said() -> None:
+def test_estimates_beyond_the_searched_nodes_err_by_less_than_stated() -> None:
     points = np.random.default_rng(8).uniform((-19, -19, -15), (19, 19, 12), (20_000, 3))
     exact, field = StructureSearch(nerve_bone(), 1).distance(points), nerve_field().field(points)
     inside = np.isfinite(field)

@@ -19,7 +19,7 @@ from burrlab.view.surface import (
     tissue_palette,
 )
 
-RADIUS, VOXEL, CENTER = 40.0, 0.1, (47.3, 46.1, 48.9)  # of a ball (z, y, x), in voxels
+RADIUS, VOXEL, CENTER = 40.0, 0.1, (47.3, 46.1, 48.9)  # of a ball, (z, y, x), in voxels of 0.1 mm
 
 
 def ball():
@@ -34,7 +34,7 @@ def noise(seed, shape=(40, 35, 66)):
 
 
 def joined(mesh):
-    """(number of different vertices, triangles of their numbers)"""
+    """Number of different vertices, and triangles of their numbers."""
     unique, number = np.unique(mesh.points, axis=0, return_inverse=True)
     return len(unique), number.reshape(-1)[mesh.triangles]
 
@@ -60,7 +60,7 @@ def test_a_ball_is_closed_with_its_area_and_volume():
     different, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     assert (uses == 2).all()  # closed across the borders of 27 blocks
     assert len(np.unique(edges, axis=0)) == len(edges)  # all triangles turn the same way
-    assert vertices - len(different) + len(triangles) == 2  # Euler characteristic of a ball
+    assert vertices - len(different) + len(triangles) == 2  # Euler characteristic of a sphere
     points = mesh.points.astype(float)
     a, b, c = (points[mesh.triangles[:, i]] for i in range(3))
     cross = np.cross(b - a, c - a)
@@ -69,8 +69,8 @@ def test_a_ball_is_closed_with_its_area_and_volume():
     assert np.einsum("ij,ij", a, cross) / 6 == pytest.approx(4 / 3 * np.pi * r**3, rel=0.005)
 
 
-def test_vertices_and_normals_of_a_ball_are_where_they_should_be():
-    """With equal and with unequal voxel sides."""
+def test_vertices_and_normals_of_a_ball_are_right():
+    """Voxels have equal and unequal sides."""
     z, y, x = np.indices((40, 80, 80))
     away = np.sqrt(((x - 40) * 0.1) ** 2 + ((y - 40) * 0.1) ** 2 + ((z - 20) * 0.2) ** 2) - 3.0  # [mm]
     levels = np.rint(np.clip(0.5 - away / 0.2, 0, 1) * 255).astype(np.uint8)
@@ -124,13 +124,13 @@ def test_blocks_that_were_not_touched_are_not_made_again():
     bone = burrlab.VoxelBone.block((9.6, 9.6, 9.6), 0.1)
     surface = Surface(bone)
     before = dict(surface.blocks)
-    made = surface.update(bone, [[5, 5, 5]])  # (2nd block, inside it)
-    assert made == []  # full: costs nothing
+    made = surface.update(bone, [[5, 5, 5]])  # inside the second block
+    assert made == []  # a full block has no surface
     assert surface.update(bone, [[0, 0, 0]]) == [(0, 0, 0)]
     assert {block for block in before if surface.blocks[block] is not before[block]} == {(0, 0, 0)}
 
 
-def test_what_is_gone_leaves_no_block():
+def test_removed_bone_leaves_no_block():
     bone = burrlab.VoxelBone.block((3.2, 3.2, 3.2), 0.1)
     surface = Surface(bone)
     gone = burrlab.VoxelBone(np.zeros((32, 32, 32), np.uint8), 0.1)
@@ -142,7 +142,7 @@ def test_what_is_gone_leaves_no_block():
 
 
 @pytest.mark.parametrize("full", [0, 255])
-def test_blocks_inside_and_outside_cost_nothing(full):
+def test_full_and_empty_blocks_are_left_out(full):
     levels = np.full((96, 96, 96), full, np.uint8)
     blocks = surface_blocks(burrlab.VoxelBone(levels, 0.1))
     assert (1, 1, 1) not in blocks
@@ -167,8 +167,8 @@ def test_blocks_of_a_brick(brick, blocks):
     assert set(blocks_of_bricks(brick_numbers([brick], bone), bone)) == blocks
 
 
-def test_every_voxel_changes_no_other_block():
-    """Blocks whose extraction changes with a voxel are among the blocks of its brick."""
+def test_a_voxel_changes_only_the_blocks_of_its_brick():
+    """Voxels near borders of blocks may change several."""
     levels = noise(3, (72, 40, 40))
     bone = burrlab.VoxelBone(levels, 0.1)
     before = surface_blocks(bone)
@@ -195,7 +195,7 @@ def test_every_voxel_changes_no_other_block():
     assert len(found) > 4
 
 
-def test_brick_numbers_are_the_cores():
+def test_brick_numbers_match_the_core():
     bone = burrlab.VoxelBone.block((2.9, 4.1, 1.7), 0.1)
     levels = bone.density.copy()
     numbers = np.arange(np.prod([-(-n // 8) for n in bone.shape]))

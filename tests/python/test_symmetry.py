@@ -1,4 +1,4 @@
-"""No direction is special, and nothing but seed, tick and place decides what is removed."""
+"""No direction is special, and seed, tick and place alone decide what is removed."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 
 def removed_centroid_off_axis(specimen: burrlab.Specimen, bone: burrlab.VoxelBone) -> float:
-    """Distance of the centroid of what was removed from the axis of the descent [mm]."""
+    """Distance of the removed bone's centroid from the axis of the descent [mm]."""
     removed = bone.pristine.astype(float) - bone.density
     nz, ny, nx = bone.shape
     x, y, z = (bone.origin[i] + bone.spacing[i] * np.arange(n) for i, n in enumerate((nx, ny, nz)))
@@ -70,7 +70,10 @@ def sink_all(axes: list[tuple[float, float, float]], seeds: int, force: float, v
     ],
 )
 def test_all_axes_agree(force: float, voxel: float, seeds: int) -> None:
-    """By analysis of variance; an oblique axis within 10 % of s/mm, for the pattern under a tilted surface has a mean of its own."""
+    """Grid axes agree by analysis of variance, and an oblique axis to 10 % times s/mm.
+
+    The voxel pattern under a tilted surface has its own mean.
+    """
     found = sink_all([*AXES, OBLIQUE], seeds, force, voxel)
     straight, oblique = found[:6, :, 0], found[6, :, 0]
     assert stats.f_oneway(*straight).pvalue > FALSE_ALARM
@@ -82,7 +85,7 @@ def test_all_axes_agree(force: float, voxel: float, seeds: int) -> None:
 
 
 def path_through(steps: int, seed: int) -> Floats:
-    """Wanders over and into the block, now and then out of it."""
+    """A path that wanders over and into the block, and at times out of it."""
     rng = np.random.default_rng(seed)
     way = np.cumsum(rng.normal(0, 0.06, (steps, 3)), axis=0)
     return way + np.array([0.0, 0.0, SMALL.radius - 0.3])
@@ -94,7 +97,7 @@ def block(voxel: float = 0.15) -> burrlab.VoxelBone:
 
 @pytest.mark.parametrize("workers", [1, 2, 5])
 def test_threads_change_nothing(workers: int) -> None:
-    """Bones burred at the same time, in any order, come out as burred alone."""
+    """Bones burred at the same time, in any order, equal bones burred alone."""
     jobs = [(seed, scheme) for seed in range(4) for scheme in ("layer", "cell")]
 
     def digest(job: tuple[int, str]) -> str:
@@ -131,7 +134,7 @@ schemes = st.sampled_from(["layer", "cell"])
 def random_bone(
     seed: int, spacing: tuple[float, float, float] = SPACING, side: int = 14
 ) -> burrlab.VoxelBone:
-    """Levels of every kind: empty, thin, solid."""
+    """A bone with empty, thin and solid voxels."""
     rng = np.random.default_rng(seed)
     levels = rng.integers(0, 256, (side, side, side)).astype(np.uint8)
     levels[rng.random(levels.shape) < 0.3] = 0
@@ -183,14 +186,14 @@ def test_mass_never_grows(seed: int, scheme: str, dt: float, shape: str) -> None
 def test_whole_voxel_shifts_change_no_force(
     seed: int, offset: tuple[float, float, float], shift: tuple[int, int, int], scheme: str
 ) -> None:
-    """The same bone, burred, in a larger volume and whole voxels further: the same force to rounding."""
+    """A burred bone that is moved by whole voxels gives the same force to rounding."""
     spacing, bone = np.array(SPACING), random_bone(seed)
     burrlab.BurrContact(bone, SMALL, BONE, seed=seed).step((0.2, 0.1, -0.3), 20.0)
     wide = burrlab.VoxelBone(np.pad(bone.density, 5), spacing, np.array(bone.origin) - 5 * spacing)
     moved = burrlab.VoxelBone(np.roll(wide.density, shift[::-1], (0, 1, 2)), spacing, wide.origin)
     center = np.array(offset) * 2
     here, there = felt_in(wide, center, scheme), felt_in(moved, center + np.array(shift) * spacing, scheme)
-    # places are rounded to 2^-20 voxel; c - base may differ in its last bits and so round to the next of them
+    # positions are rounded to 2^-20 voxel; c - base may differ in its last bits and round to the next step
     np.testing.assert_allclose(there.force, here.force, atol=1e-5)
     assert there.m0 == pytest.approx(here.m0, rel=1e-5)
 
@@ -209,7 +212,7 @@ def test_mirror_images_mirror_the_force(
 
 
 @QUICK
-@example(206, (0.0, 0.0, 0.125), [1, 0, 2], "layer")  # 0.2 % of the sum is left, 4e-5 of it another
+@example(206, (0.0, 0.0, 0.125), [1, 0, 2], "layer")  # the sum cancels to 0.2 %, and 4e-5 of that differs
 @given(seeds, offsets, st.permutations([0, 1, 2]), schemes)
 def test_permuted_axes_permute_the_force(
     seed: int, offset: tuple[float, float, float], order: list[int], scheme: str
@@ -219,8 +222,8 @@ def test_permuted_axes_permute_the_force(
     turned = burrlab.VoxelBone(bone.density.transpose([2 - order[2 - k] for k in range(3)]), spacing, origin)
     center = np.array(offset) * 3
     felt, other = felt_in(bone, center, scheme), felt_in(turned, center[order], scheme)
-    # Single precision rounds what is summed, and masses are counted in quanta. Deep within bone the sum cancels,
-    # and what is left has the whole sum's error.
+    # Single precision rounds the terms, and masses are counted in quanta. Deep within bone the sum cancels,
+    # and the remainder has the error of the whole sum.
     quantum = float(np.prod(spacing)) / (255 * 256)
     length = float(np.linalg.norm(felt.m1))
     rounded = 2e-7 * felt.m0 * SMALL.radius / length + 3 * quantum / felt.m0 if length > 0 else 0.0

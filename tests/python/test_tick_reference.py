@@ -1,4 +1,4 @@
-"""The core's tick on every CPU path against the slow reference, bit for bit."""
+"""The core's tick on every CPU path equals the slow reference, bit for bit."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_portable_pow_is_a_power() -> None:
 
 
 def test_reference_penetration_of_a_full_sphere() -> None:
-    """A sphere full of bone gives h = 2R, and no direction."""
+    """A sphere full of bone gives h = 2R and no direction."""
     p = np.full((24, 24, 24), 255, dtype=np.uint8)
     contact = ReferenceContact(p.copy(), p, 0.2, (0, 0, 0), 2.0, 2.0, 0.1, "constant", seed=1)
     result: Any = contact.step((2.3, 2.3, 2.3), 1.0, burr_on=False)
@@ -87,7 +87,7 @@ def test_reference_penetration_of_a_full_sphere() -> None:
 
 @pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0, 3.0, 8.0])
 def test_depth_limits(order: float) -> None:
-    """The closed forms of G at e = 0, for a full voxel and for a thin layer."""
+    """At e = 0, G has closed forms for a full voxel and for a thin layer."""
     assert effective_depth(0.0, 1.0, order) == pytest.approx(depth_of_full_voxel(order), rel=1e-9)
     assert effective_depth(0.0, 1e-3, order) == pytest.approx(depth_of_thin_layer(1e-3, order), rel=1e-9)
     assert effective_depth(0.0, 1.0 - 1e-9, order) == pytest.approx(depth_of_full_voxel(order), abs=1e-8)
@@ -97,7 +97,7 @@ def test_depth_limits(order: float) -> None:
     ("order", "accuracy"), [(0.5, 2e-7), (1.0, 2e-7), (1.5, 2e-7), (2.0, 2e-7), (3.0, 2e-7), (8.0, 1e-5)]
 )
 def test_depth_table_at_its_nodes(order: float, accuracy: float) -> None:
-    """T[i, j] = G(i/8, j/40): rounded to single precision; near e = 0 at high orders to 1e-5."""
+    """T[i, j] is G(i/8, j/40), rounded to single precision; near e = 0 at high orders to 1e-5."""
     table = burrlab._core.depth_table(order)
     assert table.dtype == np.float32
     assert table.shape == (25, 41)
@@ -107,7 +107,7 @@ def test_depth_table_at_its_nodes(order: float, accuracy: float) -> None:
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_depth_table_between_its_nodes(order: float) -> None:
-    """Bilinear interpolation errs by less than 0.005 voxel from the second node of tau on, by 0.25 below it."""
+    """Bilinear interpolation errs by under 0.005 voxel from tau = 1/40 on, and by under 0.25 below."""
     table = burrlab._core.depth_table(order)
     random = np.random.default_rng(3)
     e = random.uniform(0.0, 3.0, 300).astype(np.float32)
@@ -163,20 +163,20 @@ def scenes(draw: st.DrawFn) -> Scene:
 def test_tick_equals_reference(
     scheme: str, shape: str, spacing: tuple[float, float, float], fill: str
 ) -> None:
-    """Every scheme, shape, kind of spacing and fill, while the tick passes 2^32."""
+    """Scheme, shape, spacing and fill vary; the tick passes 2^32."""
     assert check_scene(scene_of(scheme, shape, spacing=spacing, fill=fill)) > 0.0
 
 
 @pytest.mark.parametrize("product", [1e-5, 1e-3, 0.125, 0.1250001, 0.25, 1.0, 5.0])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_tick_equals_reference_at_every_rate(scheme: str, product: float) -> None:
-    """alpha dt from 1e-5 to 5, on both sides of the first doubling."""
+    """alpha dt runs from 1e-5 to 5, on both sides of the first doubling."""
     assert check_scene(scene_of(scheme, "parabolic", alpha=product / 0.1, dt=0.1, fill="solid")) > 0.0
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_tick_equals_reference_until_nothing_is_left(scheme: str) -> None:
-    """Every level of every voxel on its way from full to empty."""
+    """All levels are equal at every tick from full to empty."""
     steps = (((0.5, 0.5, 0.5), True),) * 60
     check_scene(scene_of(scheme, "constant", steps=steps, alpha=0.2, fill="random"))
     check_scene(scene_of(scheme, "parabolic", steps=steps, alpha=0.5, fill="solid"))
@@ -189,7 +189,7 @@ def test_tick_equals_reference_until_nothing_is_left(scheme: str) -> None:
 def test_expected_loss_to_the_last_bit(
     scheme: str, shape: str, spacing: tuple[float, float, float], seeds: range
 ) -> None:
-    """Many voxels lose many levels: a unit in the last place of lambda shows in one voxel of 10^5 or so."""
+    """Many voxels lose many levels: a change in lambda's last bit shows in about one voxel of 10^5."""
     steps = tuple(((0.5 + 0.01 * i, 0.5, 0.5), True) for i in range(4))
     scene = scene_of(scheme, shape, size=(60, 60, 64), spacing=spacing, ratio=27.0, steps=steps, alpha=0.9)
     for seed in seeds:
@@ -200,7 +200,7 @@ def test_expected_loss_to_the_last_bit(
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_voxel_exactly_on_the_sphere(scheme: str, shape: str, spacing: tuple[float, float, float]) -> None:
-    """Burr on a voxel's centre, R = 5 voxels: distances of exactly 0 and R, coverages of 1/2 and 1."""
+    """A burr of R = 5 voxels on a voxel's centre has distances of exactly 0 and R, coverages of 1/2 and 1."""
     place = {"spacing": spacing, "origin": (0.0, 0.0, 0.0), "ratio": 5.0, "snap": 1.0}
     assert check_scene(scene_of(scheme, shape, **place, fill="solid", alpha=2.0)) > 0.0
 
@@ -211,7 +211,7 @@ def test_voxel_exactly_on_the_sphere(scheme: str, shape: str, spacing: tuple[flo
 @example(scene_of("cell", "linear", size=(3, 5, 8), snap=1.0, spacing=(0.1, 0.2, 0.3)))
 @given(scenes())
 def test_any_scene_equals_reference(scene: Scene) -> None:
-    """Random bones, spacings, positions in, at and outside the edges, rates, seeds, ticks and indices."""
+    """Bones, rates, seeds, ticks and indices are random; burrs are in, at and outside the edges."""
     event(f"erodes: {check_scene(scene) > 0.0}")
 
 
@@ -278,7 +278,7 @@ ONE, OTHER = (8, 8, 12), (8, 8, 11)
 def test_flags_at_their_thresholds(
     levels: dict[tuple[int, int, int], int], radius: float, scheme: str, expected: str
 ) -> None:
-    """faint: more than a twentieth of the mass below p = 32; coarse: R below 7.5 voxels, of 0.25 mm."""
+    """faint: more than a twentieth of the mass is below p = 32; coarse: R is below 7.5 voxels of 0.25 mm."""
     p = np.zeros((17, 17, 17), dtype=np.uint8)
     for voxel, level in levels.items():
         p[voxel] = level

@@ -1,4 +1,4 @@
-"""The tick in a bone with tissues: against the slow reference on every CPU path, and what must not matter."""
+"""The tick in a bone with tissues equals the slow reference; split tissues and CPU paths change nothing."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ pytestmark = pytest.mark.usefixtures("keep_cpu_path")
 )
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_kinds_of_bricks(scheme: str, kind: str, count: int, spacing: tuple[float, float, float]) -> None:
-    """Bricks of one tissue, of two, and of many; the volume ends within a brick."""
+    """Bricks hold one tissue, two or many; the volume ends within a brick."""
     for fill in ("solid", "random"):
         scene = scene_of(scheme, "parabolic", spacing=spacing, fill=fill)
         assert check_scene(scene, tissues_of(kind, scene.size, count)) > 0.0
@@ -63,7 +63,7 @@ def test_shapes(scheme: str, shape: str) -> None:
 @pytest.mark.parametrize("rates", [(0.087,), (0.0, 0.0625), (0.3, 0.087), (2.0, 0.0), (40.0, 0.1)], ids=str)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_rates(scheme: str, rates: tuple[float, ...]) -> None:
-    """No doublings, doublings of some, and a tissue that does not erode; faint levels are counted too."""
+    """Rates with and without doublings, and of zero; faint levels are counted too."""
     for kind in ("random", "bricks"):
         scene = scene_of(scheme, "parabolic", fill="faint", size=(17, 25, 31))
         assert check_scene(scene, tissues_of(kind, scene.size, 5, rates)) > 0.0
@@ -89,7 +89,7 @@ def test_any_scene_equals_reference(scene: Scene, kind: str, count: int) -> None
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_probe_then_erode_is_a_step(scheme: str) -> None:
-    """A sphere that covers bricks whole: their weight by tissue comes from another routine."""
+    """The sphere covers whole bricks, which another routine weighs by tissue."""
     scene = scene_of(scheme, "parabolic", size=(48, 48, 48), ratio=18.0, fill="random")
     tissues = tissues_of("random", scene.size, 16, (0.087, 0.3))
     cores, reference = on_every_path(scene, tissues)
@@ -108,7 +108,7 @@ def test_probe_then_erode_is_a_step(scheme: str) -> None:
 
 
 def felt(scene: Scene, tissues: ReferenceTissues | None, c_e: float = 2.145) -> tuple[bytes, list[Any]]:
-    """Levels and forces at the end of a scene; without tissues, in a plain bone of the constant `c_e`."""
+    """Last levels, and forces, removed volumes and c_e; without tissues in a plain bone of `c_e`."""
     core, _ = make_pair(scene, tissues)
     if tissues is None:
         material = burrlab.Material("any", c_e=c_e, alpha=scene.alpha, shape=scene.shape)
@@ -126,7 +126,7 @@ def felt(scene: Scene, tissues: ReferenceTissues | None, c_e: float = 2.145) -> 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_one_tissue_is_a_plain_bone(cpu_path: str, scheme: str) -> None:
-    """To the last bit, for every K: also where the sum of K M is beyond 2^53."""
+    """Both are equal to the last bit, also where the sum of K M is beyond 2^53."""
     for k in (1, 8786, 4_095_999, 4_096_000):
         scene = scene_of(scheme, "parabolic", size=(66, 66, 66), ratio=28.0, fill="solid")
         scene = replace(scene, steps=scene.steps[:2])
@@ -136,7 +136,7 @@ def test_one_tissue_is_a_plain_bone(cpu_path: str, scheme: str) -> None:
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_splitting_a_tissue_changes_nothing(cpu_path: str, scheme: str) -> None:
-    """Sixteen tissues with equal values, voxel by voxel at random, are one."""
+    """16 or 40 tissues with equal values, at random by voxel, act as one."""
     scene = scene_of(scheme, "quartic", fill="random", spacing=SKEW, alpha=0.2)
     whole = felt(scene, ReferenceTissues(np.zeros(scene.size, np.uint8), [2.0], [0.2]))
     for count in (16, 40):
@@ -145,7 +145,7 @@ def test_splitting_a_tissue_changes_nothing(cpu_path: str, scheme: str) -> None:
 
 
 def mixed_bone(size: tuple[int, int, int]) -> tuple[burrlab.VoxelBone, ReferenceTissues]:
-    """A block under z = 0 of sixteen tissues at random."""
+    """A block below z = 0 of sixteen tissues at random."""
     x, y, z = size
     bone = burrlab.VoxelBone.block(size, 0.2, origin=(0.1 - x / 2, 0.1 - y / 2, 0.1 - z))
     tissues = tissues_of("random", bone.shape, 16, (0.087, 0.3))
@@ -167,7 +167,7 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
 
 
 def test_a_session_in_tissues_replays_on_every_path(tmp_path: Path) -> None:
-    """Forces, digests and what was removed of each tissue."""
+    """Forces, digests and the removed volume of each tissue are equal."""
     bone, tissues = mixed_bone((12, 12, 4))
     tool, file = (burrlab.Burr(2.0), BONE), tmp_path / "session.h5"
     with burrlab.Session(
@@ -223,11 +223,11 @@ OTHER_MATERIAL = (
 def test_refused(make: Callable[[], object], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         make()
-    assert enamel(1.99).bone.removed == 0.0  # the largest burr that its sums hold
+    assert enamel(1.99).bone.removed == 0.0  # a burr close to the limit is accepted
 
 
 def test_tissues_may_come_after_the_burr() -> None:
-    """The next tick has them, or says that the material is another; without contact c_e is the material's."""
+    """The next tick uses them, or refuses another material; without contact c_e is the material's."""
     bone, plain = two_tissues(), burrlab.VoxelBone.block((4, 4, 4), 0.2)
     burr, center = burrlab.Burr(1.5), (2, 2, 4.5)
     late = burrlab.BurrContact(plain, burr, BONE, seed=1)

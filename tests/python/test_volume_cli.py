@@ -19,7 +19,7 @@ BONE = burrlab.materials["bone"]
 
 @pytest.fixture
 def hand(shared_data):
-    """A real CT; only some machines have it."""
+    """A CT of the local test data; skips without it."""
     path = shared_data / "volumes" / "hand_ct.nrrd"
     if not path.is_file():
         pytest.skip(f"no {path}")
@@ -45,12 +45,12 @@ def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
         burrlab.Burr(1.0), BONE, 0.3, specimen=fine.specimen(-1000, 1000, entry=fine.origin + ASKEW @ (10, 10, 11.5),
         axis=-ASKEW[:, 2]), seed=1, ideal=True,
     )  # fmt: skip
-    # The interpolated rim is 0.4 mm wide, so the burr meets less bone at first: similar, not equal.
+    # The interpolated rim is 0.4 mm wide and the burr meets less bone at first: velocities are only similar.
     assert result["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
 
 
-def test_what_is_assumed_is_said(tmp_path, capsys):
-    """The file does not say how it lies in the patient."""
+def test_an_assumed_orientation_is_printed(tmp_path, capsys):
+    """The file has no orientation in the patient."""
     head = b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 20 20 12\nspacings: 0.5 0.5 0.5\nencoding: raw\n\n"
     (tmp_path / "ct.nrrd").write_bytes(head + bytes([200]) * 4800)
     ask = ["--volume", tmp_path / "ct.nrrd", "--map", "0:100", "--seed", "1", "--radius", "2.5"]

@@ -1,4 +1,4 @@
-"""Descents into volumes with voxels that are no cubes, and into rotated volumes."""
+"""Descents into volumes with voxels that are not cubes, and into rotated volumes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURNED = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 
 
 def half_space_volume(voxel, axis, direction):
-    """A volume whose bone is `half_space`, and entry and axis in its own coordinates."""
+    """Volume with the bone of `half_space`, and entry and axis in its coordinates."""
     made = burrlab.half_space(BURR, voxel, axis=axis, offset=(0.03, 0.04, 0.02))
     bone = made.bone
     volume = Volume(bone.density, bone.spacing, direction @ bone.origin, direction, "half-space")
@@ -50,7 +50,7 @@ def test_anisotropic_equals_isotropic(tmp_path, axis, force):
 
 
 @pytest.mark.parametrize("direction", [PERMUTED, np.diag([1.0, 1.0, -1.0])], ids=["permuted", "mirrored"])
-def test_the_same_voxels_otherwise_placed_give_the_same_bits(tmp_path, straight, direction):
+def test_permuted_and_mirrored_volumes_give_the_same_bits(tmp_path, straight, direction):
     run = descent(*half_space_volume(0.1, (0, 0, -1), direction), path=tmp_path / "v.nrrd")
     np.testing.assert_array_equal(run.immersion, straight.immersion)
     np.testing.assert_array_equal(run.force, straight.force)
@@ -59,12 +59,12 @@ def test_the_same_voxels_otherwise_placed_give_the_same_bits(tmp_path, straight,
 @pytest.mark.parametrize(("name", "direction"), [("v.nrrd", TURNED), ("v.mha", TURNED * (1, 1, -1))])
 def test_a_turned_volume_gives_the_same_within_rounding(tmp_path, straight, direction, name):
     run = descent(*half_space_volume(0.1, (0, 0, -1), direction), path=tmp_path / name)
-    # Rounding of the entry may change a draw by one level of a voxel: measured 2e-6 mm.
+    # Rounding of the entry may change the loss of a voxel by one level; measured: 2e-6 mm.
     np.testing.assert_allclose(run.immersion, straight.immersion, rtol=0, atol=2e-5)
     assert run.penetration_velocity == pytest.approx(straight.penetration_velocity, rel=1e-4)
 
 
-def test_the_surface_of_bone_that_ends_with_the_volume_is_its_face():
+def test_bone_that_ends_with_the_volume_has_its_surface_at_the_face():
     volume, way = half_space_volume((0.1, 0.1, 0.4), (0, 0, -1), np.eye(3))
     assert volume.specimen(0, 255, **way).surface[2] == pytest.approx(0.0, abs=0.01 * 0.4)
 

@@ -63,7 +63,7 @@ def test_a_block_is_the_volume_below_the_entry(tmp_path, volume):
     block = cut_block(VolumeRecipe(tmp_path / "ct.nrrd", MAP), (6, 6, 7.5), 0.5, **way(volume))
     assert (block.shape, block.origin) == ((15, 12, 12), (-2.75, -2.75, -7.25))
     levels = block.density
-    for solid in (levels[7:], levels[:3]):  # from the top on, and below the hole
+    for solid in (levels[7:], levels[:3]):  # above and below the hole
         assert solid.min() >= 250
     assert levels[3:7, 4:8, 4:8].max() <= 5  # the hole, 4 to 6 mm below the surface, about the axis
     total = (255 - levels.astype(float)).sum() / 255 * 0.125
@@ -75,9 +75,9 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
     block = cut_block(
         VolumeRecipe(tmp_path / "ct.nrrd", MAP, voxel=0.25), (4, 4, 2), 0.25, **{**way(volume), "axis": axis}
     )
-    assert 100 < block.density[-1, 7:9, 7:9].mean() < 255  # the plane goes through the crossing
+    assert 100 < block.density[-1, 7:9, 7:9].mean() < 255  # the top is at the surface
     tilt = block.density[-4].astype(float)
-    assert tilt.min() < 250 < tilt.max() + 6  # bone's surface is tilted to the axis
+    assert tilt.min() < 250 < tilt.max() + 6  # the bone is tilted to the axis
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
     assert one.bone.plain()["volume"]["path"] == "ct.nrrd"
     assert main(["experiment", "run", str(path), "--simulated", "--subject", "01", "--fast"]) == 0
     assert one.data.answers("01", "probing").exists()
-    # Another volume makes another protocol; the same volume elsewhere does not.
+    # Another volume and map change the digest; another folder does not.
     (elsewhere := tmp_path / "elsewhere").mkdir()
     for values, alike in ((volume.values, True), (volume.values // 2, False)):
         made = Volume(values, volume.spacing, volume.origin, TURNED, "made")
@@ -118,7 +118,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
 
 
 def test_slices_in_a_protocol(tmp_path):
-    """A block of slices; without `transpose` the protocol has the digest of earlier versions."""
+    """A block of slices; the digest of the protocol counts `transpose` only where it is true."""
     (tmp_path / "ct").mkdir()
     for k in range(24):
         Image.fromarray(np.full((40, 44), 200 if k < 16 else 0, np.uint8)).save(tmp_path / "ct" / f"s{k}.png")

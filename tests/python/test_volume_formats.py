@@ -87,8 +87,8 @@ def test_round_trip(tmp_path, name, kind, direction):
 
 
 @pytest.mark.parametrize("name", ["v.nrrd", "v.mha"])
-def test_what_others_wrote(tmp_path, name):
-    """Files in other units, NRRD in RAS; test_nifti has files by nibabel."""
+def test_files_by_other_programs(tmp_path, name):
+    """Units differ, and NRRD is in RAS; test_nifti has files by nibabel."""
     volume, path = a_volume(), tmp_path / name
     if name == "v.nrrd":
         vectors = volume.direction * volume.spacing
@@ -171,12 +171,12 @@ def test_labels(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["nrrd", "mha", "nii.gz"])
-def test_an_assumed_orientation_is_told_of_what_is_written(ending: str, tmp_path: Path) -> None:
-    """The written header says LPS; the file that was read said nothing."""
+def test_written_files_keep_the_note_on_an_assumed_orientation(ending: str, tmp_path: Path) -> None:
+    """The first file has no orientation; the written headers say LPS."""
     silent = tmp_path / "silent.nrrd"
     head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 5 6\nspacings: .5 .5 .5\nencoding: raw\n\n"
     silent.write_bytes(head.encode() + bytes(range(120)))
-    for k in range(3):  # also for copies of copies
+    for k in range(3):  # also copies of copies
         write_volume(
             tmp_path / f"{k}.{ending}", read_volume(silent if k == 0 else tmp_path / f"{k - 1}.{ending}")
         )

@@ -55,7 +55,7 @@ def test_the_spacing_of_the_file_or_the_given_one(tmp_path, name, head, given, f
         "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\n",
     ],
 )
-def test_a_fourth_axis_of_one_is_no_axis(tmp_path, head):
+def test_a_fourth_axis_of_length_one_is_ignored(tmp_path, head):
     if "directions" in head:
         head = "space: left-posterior-superior\n" + head
     volume = burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head))
@@ -144,7 +144,7 @@ _DIRECTIONS = "dimension: 3\nsizes: 5 4 3\nspace directions: (1,0,0) (0,1,0) (0,
         ("v.mha", META + _SIZES + "TransformMatrix = 1 0 0 0 1 0 0 0 1\n", []),
     ],
 )  # fmt: skip
-def test_an_orientation_that_is_not_said_is_noted_once(tmp_path, name, head, notes):
+def test_a_missing_orientation_is_noted_once(tmp_path, name, head, notes):
     found = burrlab.read_volume(raw(tmp_path / name, head)).notes
     assert [note.split(": LPS assumed")[0] for note in found if "LPS assumed" in note] == notes
 
@@ -178,7 +178,7 @@ def test_a_damaged_meta_image(tmp_path, cut):
 
 @pytest.mark.parametrize("told", ["9", "9x", "999999"])
 def test_a_wrong_size_of_packed_values(tmp_path, told):
-    """SimpleITK unpacks that many bytes, and leaves the other voxels uninitialised."""
+    """SimpleITK unpacks the stated bytes, and leaves the other voxels uninitialised."""
     path = tmp_path / "v.mha"
     burrlab.write_volume(path, a_volume())
     head, _, tail = path.read_bytes().partition(b"CompressedDataSize = ")
@@ -198,7 +198,7 @@ def test_a_wrong_size_of_packed_values(tmp_path, told):
 
 
 def test_a_path_that_is_not_utf_8(tmp_path):
-    """Such a path makes SimpleITK end the process."""
+    """SimpleITK ends the process at such a path."""
     folder = os.fsdecode(os.fsencode(tmp_path / "ct") + b"\xe9")
     os.mkdir(folder)
     head = NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n"

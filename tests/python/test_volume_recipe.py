@@ -1,4 +1,4 @@
-"""Recipes of bones from volumes, through JSON, results and their files."""
+"""Recipes of bones from volumes are kept by JSON, results and their files."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_recipe_that_cannot_be_read(change):
         make_bone({"kind": "volume", "path": "v.nrrd", "map": [0, 1], **change})
 
 
-def test_a_picture_among_dicom_slices_makes_no_stack_of_them(tmp_path):
+def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
     image = pytest.importorskip("PIL.Image")
     values = np.full((3, 4, 5), 100, np.int16)
     volume = burrlab.Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made")

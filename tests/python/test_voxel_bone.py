@@ -28,7 +28,7 @@ def some_levels(shape: tuple[int, int, int] = (9, 10, 11)) -> np.ndarray[Any, np
 
 @pytest.mark.parametrize("dtype", [*INTEGERS, *FLOATS])
 def test_levels_of_every_type(dtype: str) -> None:
-    """Values lo..hi become 0..255, linear between, to nearest."""
+    """Values lo to hi become 0 to 255: linear, rounded to nearest."""
     values = np.arange(120).reshape(4, 5, 6).astype(dtype)
     bone = VoxelBone(values, 0.1, range=(0, 119))
     np.testing.assert_array_equal(bone.density, np.rint(np.arange(120) / 119 * 255).reshape(4, 5, 6))
@@ -218,8 +218,8 @@ def test_mass_removed_and_reset() -> None:
 # --- Digest -----------------------------------------------------------------------------------------------
 
 
-def test_digest_knows_where_a_level_is() -> None:
-    """One voxel at each place of two neighbouring bricks."""
+def test_digest_depends_on_the_place_of_a_level() -> None:
+    """Each place in two neighbouring bricks gives another digest."""
     digests = set()
     for i in range(2 * 8**3):
         levels = np.zeros((8, 8, 16), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""A bone, a burr and a path, run by the core on every CPU path and by the slow reference, and compared bit for bit."""
+"""Scenes of a bone, a burr and a path, run by the core on every CPU path and by the slow reference."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
 SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]
 RATES = (0.0, 0.087, 0.256, 2.0, 1e-4, 40.0, 0.1250001)  # alpha [1/ms], with and without doublings
-RELATIVE = 1e-12  # of m0, m1 and the force
+RELATIVE = 1e-12  # tolerance of m0, m1 and the force
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A bone, a burr and a path, in units of the voxel where that is more telling."""
+    """A bone, a burr and a path."""
 
     scheme: str
     shape: str
@@ -35,7 +35,7 @@ class Scene:
     ratio: float  # R over the largest spacing
     fill: str
     steps: tuple[tuple[tuple[float, float, float], bool], ...]  # (centre as a share of the volume, burr on)
-    snap: float  # centres are rounded to this share of a voxel; 0 for not at all
+    snap: float  # centres are rounded to this share of a voxel; 0 for no rounding
     alpha: float
     dt: float
     seed: int
@@ -71,7 +71,7 @@ def table_of_tissues(tissues: ReferenceTissues, material: burrlab.Material) -> b
 
 
 def numbers_of(kind: str, size: tuple[int, ...], count: int) -> NDArray[np.uint8]:
-    """One number throughout, one a brick, two halves, or one a voxel."""
+    """Numbers of tissues: one throughout, one per brick, two halves, or one per voxel."""
     random = np.random.default_rng(3)
     if kind == "one":
         return np.full(size, count - 1, np.uint8)
@@ -97,7 +97,7 @@ def tissues_of(
 def reference_of(
     core: Any, q: NDArray[np.uint8], p: NDArray[np.uint8], tissues: ReferenceTissues | None = None
 ) -> ReferenceContact:
-    """The reference's contact, at the same tick, for one of the core; `q` and `p` are not copied."""
+    """The reference's contact with the values and the tick of `core`; `q` and `p` are not copied."""
     material = core.material
     shape, order = material.shape.name, ReferenceShape(material.shape.name).order
     table = np.asarray(_core.depth_table(order)) if order > 0 else None
@@ -110,7 +110,7 @@ def reference_of(
 
 
 def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, ReferenceContact]:
-    """The contact of the core, on a bone of its own, and the reference's contact, for a scene."""
+    """Contacts of the core and of the reference for a scene, each on its own bone."""
     p = scene.pristine()
     bone = burrlab.VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
     material = burrlab.Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
@@ -125,7 +125,7 @@ def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[An
 def on_every_path(
     scene: Scene, tissues: ReferenceTissues | None = None
 ) -> tuple[list[Any], ReferenceContact]:
-    """A contact of the core for each CPU path, and one of the reference."""
+    """One contact of the core for each CPU path, and one of the reference."""
     before, cores = _core.cpu_path(), []
     for path in _core.cpu_paths():
         _core.use_cpu_path(path)
@@ -138,7 +138,7 @@ def on_every_path(
 def step_both(
     cores: Sequence[Any], reference: ReferenceContact, center: Any, dt: float = 1.0, burr_on: bool = True
 ) -> Any:
-    """One tick of all: moments and force to RELATIVE of their size, flags, and levels to the bit. A core's contact."""
+    """What the last core feels in one tick of all; asserts equal levels, and equal forces within RELATIVE."""
     expected: Any = reference.step(center, dt, burr_on)
     sizes = {
         "m1": expected["m0"] * reference.radius,
@@ -161,7 +161,7 @@ def step_both(
 
 
 def assert_same_sums(bone: Any, numbers: NDArray[np.uint8]) -> None:
-    """What is left and what was removed of every tissue, counted anew."""
+    """Asserts that the sums of every tissue are those of the levels."""
     sx, sy, sz = bone.spacing
     dv = sx * sy * sz / 255
     for number in range(len(bone.tissues)):
@@ -172,7 +172,7 @@ def assert_same_sums(bone: Any, numbers: NDArray[np.uint8]) -> None:
 
 
 def check_scene(scene: Scene, tissues: ReferenceTissues | None = None) -> float:
-    """Run all, compare after every tick, and return what was removed [mm^3]."""
+    """Removed volume [mm^3]; all run the scene and are compared after every tick."""
     cores, reference = on_every_path(scene, tissues)
     removed = 0.0
     for center, (_, burr_on) in zip(scene.centers(), scene.steps, strict=True):

@@ -98,13 +98,15 @@ def pixels(path: Path) -> NDArray[Any]:
     from PIL import Image
 
     try:
-        with warnings.catch_warnings(), Image.open(path) as image:
-            warnings.simplefilter("error")
-            if image.mode in ("P", "RGB"):  # both may make one colour transparent
-                return np.asarray(image.convert("RGBA"))
-            if image.mode.startswith("I"):
-                return np.asarray(image).astype(np.uint16)
-            return np.asarray(image.convert("L") if image.mode == "1" else image)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of chunks that it leaves out
+            with Image.open(path) as image:
+                warnings.simplefilter("error")
+                if image.mode in ("P", "RGB"):  # both may make one colour transparent
+                    return np.asarray(image.convert("RGBA"))
+                if image.mode.startswith("I"):
+                    return np.asarray(image).astype(np.uint16)
+                return np.asarray(image.convert("L") if image.mode == "1" else image)
     except MemoryError:
         raise ValueError(
             f"{path}: the PNG file is damaged, or the machine has too little memory for it"

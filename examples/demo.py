@@ -60,7 +60,8 @@ def main(folder: Path) -> None:
     print(f"\n{run}")
     run.plot()[0].figure.savefig(folder / "descent.png", dpi=200)
     print(
-        f"\nwritten to {folder}/: data.csv fit.json fit.png region.png descent.png ({time.perf_counter() - begin:.0f} s)"
+        f"\nwritten to {folder}/: data.csv fit.json fit.png region.png descent.png "
+        f"({time.perf_counter() - begin:.0f} s)"
     )
 
 

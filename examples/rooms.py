@@ -78,7 +78,8 @@ def draw(path: str) -> None:
         )
     ax.set(xlim=(-0.8, x["cli"] + 0.8), ylim=(-0.5, 2.7))
     ax.set_title(
-        "Rooms of burrlab: an arrow leads from a room to one that it imports, and its width says how many modules do; all import common",
+        "Rooms of burrlab: an arrow leads from a room to one that it imports, and its width says how many "
+        "modules do; all import common",
         fontsize=9,
     )
     ax.set_axis_off()

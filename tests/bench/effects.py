@@ -144,9 +144,9 @@ def run(seconds: float, parcels: int, *, alone_first: bool = True) -> dict[str, 
         f"{result['least_parcels']} parcels in them",
         f"with the first {WARM:g} s: {result['report_text']}",
         *(
-            f"tick, {clock}: median {alone[name + '_p50']:.1f} us alone, {beside[name + '_p50']:.1f} us beside "
-            f"({beside[name + '_p50'] / alone[name + '_p50']:.2f} times), "
-            f"p99 {alone[name + '_p99']:.1f} and {beside[name + '_p99']:.1f} us"
+            f"tick, {clock}: median {alone[name + '_p50']:.1f} us alone, {beside[name + '_p50']:.1f} us "
+            f"beside ({beside[name + '_p50'] / alone[name + '_p50']:.2f} times), p99 "
+            f"{alone[name + '_p99']:.1f} and {beside[name + '_p99']:.1f} us"
             for name, clock in (("cpu", "CPU time"), ("wall", "wall clock"))
         ),
         *(

@@ -73,7 +73,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
     print(
-        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}; {options.items} empty items"
+        f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}; {options.items} "
+        "empty items"
     )
     print("| us an item | " + " | ".join(f"chunk {c}{s}" for s in ("", ", store") for c in CHUNKS) + " |")
     print("|---" * (1 + 2 * len(CHUNKS)) + "|")

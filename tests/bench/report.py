@@ -143,14 +143,16 @@ def summary(results: Results) -> Iterator[str]:
     yield f"Volume (slide, {results['volume']['cpu_path']}):"
     for side, row in results["volume"]["sides"].items():
         yield (
-            f"  {side:>5}^3 {row['core_median_us']:.4g} us, {row['core_over_smallest']['median']:.3f} of the smallest; "
-            f"plain {row['plain_median_us']:.4g} us; hierarchy {row['hierarchy_over_voxels']:.4f} byte/voxel"
+            f"  {side:>5}^3 {row['core_median_us']:.4g} us, {row['core_over_smallest']['median']:.3f} of the "
+            "smallest; plain "
+            f"{row['plain_median_us']:.4g} us; hierarchy {row['hierarchy_over_voxels']:.4f} byte/voxel"
         )
     yield from tissues.lines(results["tissues"])
     for row in results["limits"]:
         yield (
-            f"{row['scene']}: {1e-6 * row['bytes_touched']:.3g} MB a tick, {row['limit_us']:.3g} us at the bandwidth; "
-            f"measured {row['measured_us']:.4g} us ({row['cpu_path']}), {row['measured_over_limit']:.2g} times"
+            f"{row['scene']}: {1e-6 * row['bytes_touched']:.3g} MB a tick, {row['limit_us']:.3g} us at the "
+            "bandwidth; measured "
+            f"{row['measured_us']:.4g} us ({row['cpu_path']}), {row['measured_over_limit']:.2g} times"
         )
     for scene, row in results["scenes"].items():
         for path, seconds in row.get("total_s", {}).items():
@@ -158,10 +160,12 @@ def summary(results: Results) -> Iterator[str]:
             yield f"{scene}, {path}: {seconds:.3g} s in all, {each:.4g} us a tick with the search for the force"
     call, sweep = results["python_step"], results["sweep"]
     yield (
-        f"step from Python: {call['python_step_us']:.3g} us, of which the tick {call['native_step_us']:.3g} us"
+        f"step from Python: {call['python_step_us']:.3g} us, of which the tick "
+        f"{call['native_step_us']:.3g} us"
     )
     yield (
-        f"sweep of {len(sweep['forces_N'])} forces x {sweep['repeats']}, {sweep['voxel_mm']:g} mm, {sweep['workers']} cores: "
+        f"sweep of {len(sweep['forces_N'])} forces x {sweep['repeats']}, {sweep['voxel_mm']:g} mm, "
+        f"{sweep['workers']} cores: "
         f"{sweep['seconds']:.3g} s; with one worker {sweep['seconds_one_worker']:.3g} s"
     )
     yield from ("", "Targets:")

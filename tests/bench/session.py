@@ -43,7 +43,8 @@ def main() -> None:
             results.append({"busy": busy, "realtime": realtime, "cpus": os.cpu_count(), **report.to_dict()})
             name = f"{busy} busy processes" if busy else "alone"
             print(
-                f"{name}, {'with' if realtime else 'without'} real-time priority, {os.cpu_count()} CPUs\n{report}\n",
+                f"{name}, {'with' if realtime else 'without'} real-time priority, {os.cpu_count()} "
+                f"CPUs\n{report}\n",
                 flush=True,
             )
     if options.json:

@@ -99,11 +99,12 @@ def _others(folder: Path, grey: np.ndarray, labels: np.ndarray) -> None:
     (folder / "grey.raw").write_bytes(grey.tobytes())
     sizes = " ".join(str(n) for n in grey.shape[::-1])
     (folder / "grey.nhdr").write_text(
-        f"NRRD0004\ntype: int16\nendian: little\nencoding: raw\ndimension: 3\nsizes: {sizes}\nspacings: 0.4 0.4 0.4\n"
-        "data file: grey.raw\n"
+        f"NRRD0004\ntype: int16\nendian: little\nencoding: raw\ndimension: 3\nsizes: {sizes}\nspacings: 0.4 "
+        "0.4 0.4\ndata file: grey.raw\n"
     )
     (folder / "grey.mhd").write_text(
-        f"NDims = 3\nDimSize = {sizes}\nElementSpacing = 0.4 0.4 0.4\nElementType = MET_SHORT\nElementDataFile = grey.raw\n"
+        f"NDims = 3\nDimSize = {sizes}\nElementSpacing = 0.4 0.4 0.4\nElementType = "
+        "MET_SHORT\nElementDataFile = grey.raw\n"
     )
     content = bytearray((folder / "grey.nii").read_bytes())
     content[108:112], content[344:348] = np.float32(0).tobytes(), b"ni1\0"
@@ -116,5 +117,6 @@ def _others(folder: Path, grey: np.ndarray, labels: np.ndarray) -> None:
     for k, plane in enumerate(colours[labels]):
         Image.fromarray(plane.swapaxes(0, 1)).save(folder / f"slices/plane00{k:03d}.png")
     (folder / "slices.yaml").write_text(
-        "VOLUME v:\n  dimensions: {x: 0.008, y: 0.008, z: 0.0048}\n  images: {path: slices, prefix: plane00, format: png}\n"
+        "VOLUME v:\n  dimensions: {x: 0.008, y: 0.008, z: 0.0048}\n  images: {path: slices, prefix: plane00, "
+        "format: png}\n"
     )

@@ -141,7 +141,8 @@ class Chromium:
     def box(self, selector):
         """x, y, width, height of an element."""
         return self.value(
-            f"(r => [r.x, r.y, r.width, r.height])(document.querySelector({selector!r}).getBoundingClientRect())"
+            "(r => [r.x, r.y, r.width, "
+            f"r.height])(document.querySelector({selector!r}).getBoundingClientRect())"
         )
 
     def mouse(self, kind, x, y, *, button="left", buttons=1, **more):

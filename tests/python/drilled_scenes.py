@@ -59,8 +59,9 @@ def nrrd(path: Path, values: np.ndarray, encoding: str = "raw", endian: str = "l
     kinds = {"i2": "short", "u2": "uint16", "f4": "float", "i4": "int"}
     data = values.astype(values.dtype.newbyteorder("<" if endian == "little" else ">")).tobytes()
     head = (
-        f"NRRD0005\n# a comment that stays\ntype: {kinds[values.dtype.str[1:]]}\ndimension: 3\nspace: right-anterior-superior\n"
-        f"sizes: {' '.join(str(n) for n in values.shape[::-1])}\nspace directions: (0.3,0,0) (0,0.4,0) (0,0,0.5)\n"
+        f"NRRD0005\n# a comment that stays\ntype: {kinds[values.dtype.str[1:]]}\ndimension: 3\nspace: "
+        "right-anterior-superior\nsizes: "
+        f"{' '.join(str(n) for n in values.shape[::-1])}\nspace directions: (0.3,0,0) (0,0.4,0) (0,0,0.5)\n"
         f"kinds: domain domain domain\nendian: {endian}\nencoding: {encoding}\nspace origin: (1.5,-2.25,3)\n"
         "Patient:=phantom 7\nPatient Name:=Jörg\nDICOM_note:=kept, with := inside\n\n"
     )
@@ -99,9 +100,11 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
     data = zlib.compress(data) if compressed else data
     size = f"CompressedDataSize = {len(data)}\n" if compressed else ""
     head = (
-        f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {compressed}\n{size}"
-        "TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 1.5 -2.25 3\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI\n"
-        "Patient = phantom 7\nPatient Name = Jörg = Ä\nElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = "
+        f"{compressed}\n{size}TransformMatrix = 1 0 0 0 1 0 0 0 "
+        "1\nOffset = 1.5 -2.25 3\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI\nPatient = phantom "
+        "7\nPatient Name = Jörg = Ä\nElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 "
+        "14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
     )
     path.write_bytes(head.encode() + data)
     return path

@@ -150,7 +150,8 @@ def still(material: str, hole: float, push: float, on: bool, **hand: object) -> 
 
 def main() -> None:
     print(
-        "| material | hole | push | burr | still: k/limit | ripple | energy | strokes: ripple | at 10 kHz | energy |"
+        "| material | hole | push | burr | still: k/limit | ripple | energy | strokes: ripple | at 10 kHz | "
+        "energy |"
     )
     print("|---|---|---|---|---|---|---|---|---|---|")
     for material, hole, push in GRID:
@@ -159,8 +160,9 @@ def main() -> None:
             moved = [run(material, hole, push, strokes=1.4, on=on, period=period) for period in (1.0, 0.1)]
             slow, fast = (m.ripple(m.window(2.0)) for m in moved)
             print(
-                f"| {material} | {hole:g} mm | {push:g} N | {'on' if on else 'off'} | {ratio:.2f} | {ripple:.4f} N "
-                f"| {rest.energy.max():.3f} mJ | {slow:.3f} N | {fast:.3f} N | {moved[0].energy.max():.3f} mJ |",
+                f"| {material} | {hole:g} mm | {push:g} N | {'on' if on else 'off'} | {ratio:.2f} | "
+                f"{ripple:.4f} N | {rest.energy.max():.3f} mJ | {slow:.3f} N | {fast:.3f} N | "
+                f"{moved[0].energy.max():.3f} mJ |",
                 flush=True,
             )
 

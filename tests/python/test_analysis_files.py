@@ -149,7 +149,8 @@ def test_incomplete_runs_are_listed(tmp_path):
     run(made, "02", "probing", wrong_in(1), stop=4 + 7)
     few = "03 (none of the main trials)"
     for incomplete, subjects, left_out, told in (
-        (False, ["01"], ("02 (7 of 12 trials)", few), f"left out, as their runs are incomplete: 02 (7 of 12 trials), {few}"),
+        (False, ["01"], ("02 (7 of 12 trials)", few), "left out, as their runs are incomplete: 02 (7 of 12 "
+                                                      f"trials), {few}"),
         (True, ["01", "02"], (few,), "incomplete, and taken in on request: 02 (7 of 12 trials)"),
     ):  # fmt: skip
         analysis = analyse(made, incomplete=incomplete)
@@ -248,6 +249,6 @@ def test_a_delta_that_was_set_after_the_runs_is_not_called_the_protocol_s(tmp_pa
     made.path.write_text(made.path.read_text().replace("delta = 2", "delta = 3"))
     run(Protocol.read(made.path), "02", "probing", wrong_in(1))
     assert (
-        "Delta = 3, as the protocol has it now, and it was 2 when 01 of probing began: it counts only if it was set before "
-        "the answers were seen."
+        "Delta = 3, as the protocol has it now, and it was 2 when 01 of probing began: it counts only if it "
+        "was set before the answers were seen."
     ) in analyse(made.path).notes

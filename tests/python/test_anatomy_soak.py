@@ -126,7 +126,8 @@ def test_nothing_grows(soak, capsys):
         grown = {name: slope(process.column(name)) for name in ("rss", "files", "threads")}
         with capsys.disabled():
             print(
-                f"\ngrown in {SECONDS:g} s: {grown}, of {process.last('rss')} MB, {process.last('threads')} threads"
+                f"\ngrown in {SECONDS:g} s: {grown}, of {process.last('rss')} MB, {process.last('threads')} "
+                "threads"
             )
         assert grown["rss"] < 10.0, grown  # [MB]; the ticks alone are 16 MB in the trace
         assert grown["threads"] <= 0, grown

@@ -114,7 +114,8 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--fps goes with --video", trace, "--png", png, "--fps", 5),
         ("--speed goes with --video", trace, "--pictures", png, "--speed", 2),
         ("--stereo does not go with --pictures alone", trace, "--pictures", png, "--stereo"),
-        ("--at goes with a window, --png or --pictures: a film shows the whole trace", trace, "--video", "a.gif", "--at", 0),
+        ("--at goes with a window, --png or --pictures: a film shows the whole "
+         "trace", trace, "--video", "a.gif", "--at", 0),
         ("--width does not go with --pictures alone", trace, "--pictures", png, "--width", 5),
         ("--size does not go with --pictures alone", trace, "--pictures", png, "--size", "320x240"),
         ("--slices does not go with --pictures alone", trace, "--pictures", png, "--slices"),
@@ -125,7 +126,8 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         (f"--json: {trace} is read, and would be lost", trace, "--png", png, "--json", trace),
         ("fps must be from 1 to 50 for .gif, got 60", trace, "--video", tmp_path / "a.gif", "--fps", 60),
         ("fps must be from 1 to 240 for .mp4, got 1e+06", trace, "--video", tmp_path / "a.mp4", "--fps", 1e6),
-        ("--png must be another file than --pictures, got a.png", trace, "--pictures", "a.png", "--png", "a.png"),
+        ("--png must be another file than --pictures, got "
+         "a.png", trace, "--pictures", "a.png", "--png", "a.png"),
         ("--png must be another file than the depth map of --pictures, got a-depth.png",
          trace, "--pictures", "./a.png", "--png", "a-depth.png"),
         ("entry lies 950 mm outside the bone, more than it is wide", trace, "--png", png, "--entry=0,0,950"),

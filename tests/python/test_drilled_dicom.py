@@ -257,7 +257,8 @@ def test_crops_get_new_headers(tmp_path: Path, like: Volume) -> None:
     np.testing.assert_allclose(again.corners(), crop.corners(), atol=1e-9)
     with pytest.raises(
         ValueError,
-        match="values must be one of uint8, int16, uint16 to be written as DICOM, got float32; the ending of another format",
+        match="values must be one of uint8, int16, uint16 to be written as DICOM, got float32; the ending of "
+        "another format",
     ):
         check_drilled(tmp_path / "fine", replace(crop, values=crop.values.astype(np.float32) + 0.5), MAP)
 

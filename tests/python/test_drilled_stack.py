@@ -68,8 +68,8 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     kinds = np.random.default_rng(7).integers(0, 3, SHAPE)
     stack(tmp_path / "slices", colours[kinds], mode)
     (tmp_path / "v.yaml").write_text(
-        "VOLUME v:\n  dimensions: {x: 0.018, y: 0.016, z: 0.014}\n  images:\n    path: slices/\n    prefix: plane00\n"
-        "    format: png\n    count: 14\n  shaders:\n    path: ./shaders/\n"
+        "VOLUME v:\n  dimensions: {x: 0.018, y: 0.016, z: 0.014}\n  images:\n    path: slices/\n    prefix: "
+        "plane00\n    format: png\n    count: 14\n  shaders:\n    path: ./shaders/\n"
     )
     labels = read_stack(tmp_path / "v.yaml")
     bone = anatomy_bone(None, labels, default_tissues(labels))

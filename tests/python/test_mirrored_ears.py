@@ -67,7 +67,8 @@ def written(kind: str, folder: Path) -> list[str]:
         for i in range(data.shape[2]):
             Image.fromarray(data[:, :, i]).save(folder / "slices" / f"plane00{i}.png")
         path.write_text(
-            "VOLUME v:\n  dimensions: {x: 0.022, y: 0.018, z: 0.016}\n  images: {path: slices, prefix: plane00, format: png}\n"
+            "VOLUME v:\n  dimensions: {x: 0.022, y: 0.018, z: 0.016}\n  images: {path: slices, prefix: "
+            "plane00, format: png}\n"
         )
         return [str(path)] if kind == "yaml" else [str(folder / "slices"), "--spacing", "0.5", "--transpose"]
     if kind == "dicom":

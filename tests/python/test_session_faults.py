@@ -181,8 +181,8 @@ class TestEnds:
     def test_program_that_forgets(self, tmp_path):
         """If the interpreter ends while a session runs, it does not crash or hang, and the trace is whole."""
         done = run_here(
-            "import sys, time; from test_session import session\n"
-            "run = session(wall_clock=True, record=sys.argv[1], publish=0, realtime=False).start(); time.sleep(0.3)",
+            "import sys, time; from test_session import session\nrun = session(wall_clock=True, "
+            "record=sys.argv[1], publish=0, realtime=False).start(); time.sleep(0.3)",
             tmp_path / "a.h5",
         )
         assert (done.returncode, done.stderr) == (0, "")

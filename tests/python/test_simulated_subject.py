@@ -506,7 +506,8 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
         (subject_with(weber=0.0), "weber of stiffness must be positive and finite, got 0.0"),
         (subject_with(weber=math.inf), "weber of stiffness must be positive"),
         (subject_with(decision="guessing"), "decision must be one of differencing, covert, got 'guessing'"),
-        (subject_with(decision="covert", criterion=1.0), "criterion must be None for covert decisions, got 1.0"),
+        (subject_with(decision="covert", criterion=1.0), "criterion must be None for covert decisions, "
+                                                         "got 1.0"),
         (subject_with(criterion=-1.0), "criterion must be zero or positive and finite, got -1.0"),
         (subject_with(lapse=1.1), "lapse must be from 0 to 1, got 1.1"),
         (subject_with(memory=math.nan), "memory must be zero or positive and finite, got nan"),
@@ -514,12 +515,14 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
         (lambda: SUBJECT.d_prime, "must be taught the two materials first"),
         (lambda: SUBJECT.taught(A, A).d_prime, "the two known materials must differ in a cue"),
         (lambda: SUBJECT.taught(A, Cues(sinking=1.0)), "cue stiffness must have a value in every interval"),
-        (lambda: SUBJECT.taught(A, B).respond(trial("AA", "same"), (A,), RNG), "cues must be one an interval, 2, got 1"),
+        (lambda: SUBJECT.taught(A, B).respond(trial("AA", "same"), (A,), RNG), "cues must be one an "
+                                                                               "interval, 2, got 1"),
         (lambda: rehearse(design(), SUBJECT, subjects=0, seed=1), "subjects must be at least 1, got 0"),
         (lambda: rehearse(design(), SINKING, seed=1, bone=SMALL), "cue sinking must have a value"),
         (lambda: rehearse(HELD, SINKING, seed=1), "design must not hold the sinking speed"),
         (lambda: rehearse(ALIKE, SUBJECT, seed=1, bone=SMALL), "design must have two materials, got 1"),
-        (lambda: task1_table(differences="felt"), "differences must be 'rendered', 'closed form' or a mapping, got 'felt'"),
+        (lambda: task1_table(differences="felt"), "differences must be 'rendered', 'closed form' or a "
+                                                  "mapping, got 'felt'"),
         (lambda: task1_table(differences={}, noises=(0.0,)), r"noises must be positive and finite, got 0\.0"),
         (lambda: probing_hand(BURR, push=-1), "push must be zero or positive"),
         (lambda: probing_hand(BURR, presses=-1), "presses must be zero or positive"),

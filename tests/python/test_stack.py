@@ -216,7 +216,8 @@ def test_overlaps_are_decoded(
     one, other = sorted(pair, key=names.index)
     assert found.notes == (
         SILENT,
-        f"voxels of two structures that overlap, by the sum of their colours: 5 of {one} and {other} as {winner}",
+        f"voxels of two structures that overlap, by the sum of their colours: 5 of {one} and {other} as "
+        f"{winner}",
     )
     before = read_labels(folder, unknown="nearest", ranking=None)
     assert names[before.labels[2, 1, 0]] == taken
@@ -261,7 +262,8 @@ def test_a_guess_that_is_asked_for_says_how_far_it_lies(tmp_path: Path) -> None:
     )
     assert [(found.labels == 10).sum() for found in (guess, asked)] == [1, 4]
     assert asked.notes[2:] == (
-        "3 pixels were taken as Facial_Nerve by their nearest colour, as asked: up to 3.3 mm from the rest of it, 2 of them beyond 1 mm",
+        "3 pixels were taken as Facial_Nerve by their nearest colour, as asked: up to 3.3 mm from the rest "
+        "of it, 2 of them beyond 1 mm",
         "0 pixels were taken as ICA by their nearest colour, as asked; 0 others are there",
     )
     with pytest.raises(ValueError, match=r"must name structures of the palette, Bone.*got 'nearest:spleen'"):
@@ -298,16 +300,21 @@ def block(sizes: str, more: str = "") -> str:
     [
         ("a: [", "not a YAML file"),
         ("just text", "must have one block 'VOLUME name' that describes a stack, got none"),
-        ("VOLUME a: {}\nVOLUME b: {}", "one block 'VOLUME name' that describes a stack, got VOLUME a, VOLUME b"),
+        ("VOLUME a: {}\nVOLUME b: {}", "one block 'VOLUME name' that describes a stack, got VOLUME a, "
+                                       "VOLUME b"),
         ("VOLUME a: 3", "VOLUME a must have dimensions and images, got 3"),
         ("VOLUME a: {dimensions: {x: 1, y: 1, z: 1}}", "images must be there, a block, got None"),
         ("VOLUME a: {images: {prefix: p}}", "images: path must be there, a text, got None"),
         ("VOLUME a: {images: {path: slices, format: jpg}}", "images: format must be png, got 'jpg'"),
-        ("VOLUME a: {images: {path: slices, count: 0}}", "images: count must be a whole number from 1, got 0"),
+        ("VOLUME a: {images: {path: slices, "
+         "count: 0}}", "images: count must be a whole number from 1, got 0"),
         ("VOLUME a: {images: {path: slices}}", "dimensions must be there, a block, got None"),
-        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: -1, z: 1}}", "dimensions: y must be a finite number above 0, got -1"),
-        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1}}", "dimensions: z must be a finite number above 0, got None"),
-        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1, z: 1}, scale: .nan}", "scale must be a finite number above 0"),
+        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: -1, "
+         "z: 1}}", "dimensions: y must be a finite number above 0, got -1"),
+        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, "
+         "y: 1}}", "dimensions: z must be a finite number above 0, got None"),
+        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1, z: 1}, scale: "
+         ".nan}", "scale must be a finite number above 0"),
         ("VOLUME a: {images: {path: none}, dimensions: {x: 0.1, y: 0.1, z: 0.1}}", "none: no such folder"),
         (block("x: 0.05, y: 0.04, z: 0.03", ", count: 2"), r"images: count must be 3, the slices in .*slices, got 2"),
         # Sides that no head has.
@@ -367,12 +374,15 @@ SHORT, DEEP = grey()[0][:, :3], grey(kind=np.uint16)[0]
         ({f"plane00{k}.png": None for k in (2, 3, 5, 7, 8)}, r"5 are missing \(2, 3, 5, 7, 8\)$"),
         ({f"plane00{k}.png": None for k in range(1, 7)}, r"6 are missing \(1, 2, 3, 4, 5, \.\.\.\)$"),
         ({"plane9999999.png": SHORT}, "s: of the slices 0 to 9999999, many are missing"),
-        ({"plane000.png": None, "plane001.png": None}, "slices 0 to 1 are missing, the first is plane002.png"),
+        ({"plane000.png": None, "plane001.png": None}, "slices 0 to 1 are missing, the first is "
+                                                       "plane002.png"),
         ({"plane7.png": SHORT}, "slice 7 is there twice"),
         ({"other3.png": SHORT}, r"slices of more than one volume \(other3.png, plane000.png\)"),
         ({"other.png": SHORT}, "other.png: the name of a slice must end in its number"),
-        ({"plane006.png": SHORT}, "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and plane000.png has 5 x 4"),
-        ({"plane006.png": DEEP}, "plane006.png: slices must be of one kind, this one is grey of 16 bits, and plane000.png is grey of 8"),
+        ({"plane006.png": SHORT}, "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and "
+                                  "plane000.png has 5 x 4"),
+        ({"plane006.png": DEEP}, "plane006.png: slices must be of one kind, this one is grey of 16 bits, and "
+                                 "plane000.png is grey of 8"),
         ({"plane006.png": b"no picture"}, "plane006.png: this is no PNG file"),
         ({"plane006.png": slice(0, 50)}, "plane006.png: the PNG file is damaged or cut short"),
         ({"plane006.png": slice(16, 26)}, "plane006.png: the PNG file is damaged"),

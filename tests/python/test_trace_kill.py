@@ -83,7 +83,8 @@ def killed(nursery, folder, times, random, capsys, title):
     parts = np.percentile(lost, [0, 50, 90, 99, 100]).astype(int).tolist()
     with capsys.disabled():
         print(
-            f"\n{title}: {stages} killed before, while and after ticks ran and when all was closed; {parts} ticks lost"
+            f"\n{title}: {stages} killed before, while and after ticks ran and when all was closed; {parts} "
+            "ticks lost"
         )
 
 

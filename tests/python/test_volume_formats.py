@@ -97,11 +97,12 @@ def test_files_by_other_programs(tmp_path, name):
         nrrd.write(str(path), volume.values.T, header)
     else:
         text = (
-            "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"
-            f"TransformMatrix = {' '.join(map(repr, volume.direction.T.ravel().tolist()))}\n"
-            f"Offset = {' '.join(repr(o / 10) for o in volume.origin.tolist())}\nDistanceUnits = cm\n"
-            f"ElementSpacing = {' '.join(repr(s / 10) for s in volume.spacing.tolist())}\nDimSize = 5 4 3\n"
-            "ElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+            "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = "
+            "False\nCompressedData = False\nTransformMatrix = "
+            f"{' '.join(map(repr, volume.direction.T.ravel().tolist()))}\nOffset = "
+            f"{' '.join(repr(o / 10) for o in volume.origin.tolist())}\nDistanceUnits = cm\nElementSpacing = "
+            f"{' '.join(repr(s / 10) for s in volume.spacing.tolist())}\nDimSize = 5 4 3\nElementType = "
+            "MET_SHORT\nElementDataFile = LOCAL\n"
         )
         path.write_bytes(text.encode() + volume.values.tobytes())
     again = burrlab.read_volume(path)

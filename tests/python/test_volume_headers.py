@@ -22,8 +22,10 @@ SPACING = "ElementSpacing = 1 1 1\n"
 
 def test_names_and_colours_of_a_segmentation(tmp_path):
     head = (
-        "dimension: 3\nsizes: 5 4 3\nspace: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n"
-        "Segment0_LabelValue:=7\nSegment0_Name:=facial nerve\nSegment0_Color:=1 0.8 0\nSegment1_LabelValue:=2\n"
+        "dimension: 3\nsizes: 5 4 3\nspace: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) "
+        "(0,0,1)\nspace origin: (0,0,0)\n"
+        "Segment0_LabelValue:=7\nSegment0_Name:=facial nerve\nSegment0_Color:=1 0.8 "
+        "0\nSegment1_LabelValue:=2\n"
     )
     labels = burrlab.read_labels(raw(tmp_path / "l.seg.nrrd", NRRD + head))
     assert labels.names == {7: "facial nerve"}
@@ -48,10 +50,13 @@ def test_the_spacing_of_the_file_or_the_given_one(tmp_path, name, head, given, f
 @pytest.mark.parametrize(
     "head",
     [
-        "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: domain domain domain list\n",
-        "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\nkinds: vector domain domain domain\n",
+        "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: domain domain "
+        "domain list\n",
+        "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\nkinds: vector domain "
+        "domain domain\n",
         "dimension: 4\nsizes: 5 4 3 1\nspacings: 1 1 2 7\n",
-        "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: space space space time\n",
+        "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: space space "
+        "space time\n",
         "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\n",
     ],
 )
@@ -71,8 +76,10 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
     [
         (GRID, "does not say the voxel spacing along x, y, z; it must be given"),
         (GRID + "spacings: 0.5 nan 0.5\n", "does not say the voxel spacing along y"),
-        (GRID + 'spacings: 1 1 1\nunits: "m" "mm" "ell"\n', "units of space in the NRRD header must be one of"),
-        ("dimension: 4\nsizes: 5 4 1 3\nkinds: domain domain domain vector\n", "one value a voxel, got sizes 5 x 4 x 1 x 3"),
+        (GRID + 'spacings: 1 1 1\nunits: "m" "mm" "ell"\n', "units of space in the NRRD header must be "
+                                                            "one of"),
+        ("dimension: 4\nsizes: 5 4 1 3\nkinds: domain domain domain "
+         "vector\n", "one value a voxel, got sizes 5 x 4 x 1 x 3"),
         ("dimension: 2\nsizes: 5 12\n", "three dimensions"), ("dimension: 3\n", "the NRRD header has no sizes"),
         (GRID + "spacings: 1 -1 1\n", "spacings of the NRRD header must be positive, got 1 -1 1"),
         ("dimension: 3\nsizes: 5 4 3 1\n", "contradicts its dimension 3"),
@@ -80,13 +87,16 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
         (GRID + "space: LPS\nspace directions: (1,0) (0,1,0) (0,0,1)\n", "three vectors of three"),
         (GRID + "space: LPS\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)\n", "not orthonormal"),
         (GRID + "space: LPS\nspace directions: (a,0,0) (0,1,0) (0,0,1)\n", "is no vector"),
-        (GRID + "space: LPS\nspace directions: (nan,0,0) (0,1,0) (0,0,1)\n", "the direction matrix must be of 3 x 3 finite"),
+        (GRID + "space: LPS\nspace directions: (nan,0,0) (0,1,0) "
+                "(0,0,1)\n", "the direction matrix must be of 3 x 3 finite"),
         (GRID + "spacings: 1 1\n", "spacings of the NRRD header are '1 1'"),
         (GRID + "spacings: 1 1 1\nspace origin: (1,2)\n", "space origin of the NRRD header must be"),
         (GRID + "encoding: bzip2\n", "'encoding' must be once in the NRRD header, got it twice"),
-        (GRID + "byte skip: x\nspacings: 1 1 1\n", "byte skip must be a number of bytes or lines, or -1, got 'x'"),
+        (GRID + "byte skip: x\nspacings: 1 "
+                "1 1\n", "byte skip must be a number of bytes or lines, or -1, got 'x'"),
         (MGRID, "does not say the voxel spacing along x, y, z"),
-        (MGRID + "ElementSpacing = -1 1 1\n", "ElementSpacing of the MetaImage header must be positive, got -1 1 1"),
+        (MGRID + "ElementSpacing = -1 1 1\n", "ElementSpacing of the MetaImage header must be positive, got "
+                                              "-1 1 1"),
         (MGRID + "ElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
         (MGRID + "ElementSpacing = a b c\n", "ElementSpacing of the MetaImage header is 'a b c'"),
         (MGRID + "ElementSpacing = 1 1\n", "ElementSpacing must hold 3 numbers, got 2"),
@@ -96,7 +106,8 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
         (MGRID + SPACING + "ElementNumberOfChannels = 3\n", "one value a voxel, got 3"),
         (MGRID + SPACING + "DistanceUnits = ell\n", "DistanceUnits must be one of"),
         (SPACING, "the MetaImage header has no DimSize"), ("DimSize = 60\n" + SPACING, "three dimensions"),
-        *[(f"DimSize = {n} 4 3\n" + SPACING, f"DimSize must hold whole numbers, got {n} 4 3") for n in ("inf", "nan", "5.5")],
+        *[(f"DimSize = {n} 4 3\n" + SPACING, "DimSize must hold whole numbers, got "
+                                             f"{n} 4 3") for n in ("inf", "nan", "5.5")],
     ],
 )  # fmt: skip
 def test_wrong_headers(tmp_path, head, message):
@@ -109,13 +120,19 @@ def test_wrong_headers(tmp_path, head, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b"type: int16", b"type: block", "type of the NRRD file must be one of whole or real numbers, got 'block'"),
+        (b"type: int16", b"type: block", "type of the NRRD file must be one of whole or real numbers, got "
+                                         "'block'"),
         (b"endian: little", b"endian: middle", "endian of the NRRD file must be little or big, got 'middle'"),
-        (b"encoding: raw", b"encoding: bzip2", "encoding of the NRRD file must be raw, gzip, text or hex, got 'bzip2'"),
-        (b"encoding: raw", b"encoding: gzip\nbyte skip: -1", "byte skip of -1 goes with raw values, got encoding gzip"),
-        (b"\n\n" + a_volume().values.tobytes(), b"\n", "the values must follow the NRRD header in the same file"),
-        (b"= MET_SHORT", b"= MET_STRING", "ElementType of the MetaImage header must be one of .*, got 'MET_STRING'"),
-        (b"CompressedData = False", b"CompressedData = True\nHeaderSize = -1", "HeaderSize of -1 goes with raw values"),
+        (b"encoding: raw", b"encoding: bzip2", "encoding of the NRRD file must be raw, gzip, text or hex, "
+                                               "got 'bzip2'"),
+        (b"encoding: raw", b"encoding: gzip\nbyte skip: -1", "byte skip of -1 goes with raw values, got "
+                                                             "encoding gzip"),
+        (b"\n\n" + a_volume().values.tobytes(), b"\n", "the values must follow the NRRD header in the "
+                                                       "same file"),
+        (b"= MET_SHORT", b"= MET_STRING", "ElementType of the MetaImage header must be one of .*, got "
+                                          "'MET_STRING'"),
+        (b"CompressedData = False", b"CompressedData = True\nHeaderSize = -1", "HeaderSize of -1 goes with "
+                                                                               "raw values"),
     ],
 )  # fmt: skip
 def test_values_that_cannot_be_found(tmp_path, old, new, message):
@@ -135,9 +152,12 @@ _DIRECTIONS = "dimension: 3\nsizes: 5 4 3\nspace directions: (1,0,0) (0,1,0) (0,
 @pytest.mark.parametrize(
     ("name", "head", "notes"),
     [
-        ("v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n", ["the NRRD header says no orientation"]),
-        ("v.nrrd", NRRD + "space dimension: 3\n" + _DIRECTIONS, ["space '' of the NRRD header is no anatomical one"]),
-        ("v.nrrd", NRRD + "space: scanner-xyz\n" + _DIRECTIONS, ["space 'scanner-xyz' of the NRRD header is no anatomical one"]),
+        ("v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 "
+                          "1 1\n", ["the NRRD header says no orientation"]),
+        ("v.nrrd", NRRD + "space dimension: 3\n" + _DIRECTIONS, ["space '' of the NRRD header is no "
+                                                                 "anatomical one"]),
+        ("v.nrrd", NRRD + "space: scanner-xyz\n" + _DIRECTIONS, ["space 'scanner-xyz' of the NRRD header is "
+                                                                 "no anatomical one"]),
         ("v.nrrd", NRRD + "space: RAS\n" + _DIRECTIONS, []),
         ("v.mha", META + _SIZES, ["the MetaImage header says no orientation"]),
         ("v.mha", META + _SIZES + "AnatomicalOrientation = RAI\n", []),

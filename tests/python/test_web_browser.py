@@ -124,7 +124,8 @@ def clock(page):
 
 def numbers(page):
     rows = page.value(
-        "[...document.querySelectorAll('.burrlab-side tr')].map(row => [...row.cells].map(cell => cell.innerText))"
+        "[...document.querySelectorAll('.burrlab-side tr')].map(row => [...row.cells].map(cell => "
+        "cell.innerText))"
     )
     return {row[0].strip(): row[1] for row in reversed(rows)}  # of a structure, how near it is
 

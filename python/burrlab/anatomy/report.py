@@ -314,8 +314,8 @@ class AnatomyReport:
             lines.append(f"  ! {w.events_lost} further events were counted, not kept")
         if w.gaps:
             lines.append(
-                f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is whole, a closer approach "
-                "may have been missed"
+                f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is "
+                "whole, a closer approach may have been missed"
             )
         return "\n".join(lines)
 

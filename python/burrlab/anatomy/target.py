@@ -87,7 +87,8 @@ class TargetComparison:
         ]
         lines += [f"{name:<{wide}}  {a:>14.2f}  {b:>13.2f}  {c:>13.2f}" for name, a, b, c in rows]
         lines.append(
-            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice {self.dice:.3f}"
+            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice "
+            f"{self.dice:.3f}"
         )
         return "\n".join(lines)
 

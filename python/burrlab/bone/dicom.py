@@ -108,12 +108,14 @@ def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
     if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
         absent = numbers[-1] - numbers[0] + 1 - len(numbers)
         notes.append(
-            f"the slices are numbered {numbers[0]} to {numbers[-1]}, of which {absent} are absent: slices may be missing"
+            f"the slices are numbered {numbers[0]} to {numbers[-1]}, of which {absent} are absent: slices "
+            "may be missing"
         )
     told = max((s.images or 0 for s in slices), default=0)
     if told > len(slices):
         notes.append(
-            f"the DICOM headers count {told} images in the acquisition, {len(slices)} are there: slices may be missing"
+            f"the DICOM headers count {told} images in the acquisition, {len(slices)} are there: slices may "
+            "be missing"
         )
     if others:
         first = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
@@ -222,7 +224,8 @@ def _header_of(name: str) -> _Slice:
     shades = text_of(found, "PhotometricInterpretation")
     refuse(
         abs(values) != 1 or shades not in ("MONOCHROME2", ""),
-        f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of {abs(values)} values",
+        f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of "
+        f"{abs(values)} values",
     )
     down, across = (
         s if s > 0 else np.nan for s in numbers("PixelSpacing", 2)
@@ -261,7 +264,8 @@ def _check_alike(slices: list[_Slice], where: str) -> None:
         ):
             refuse(
                 not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True),
-                f"{where}: the slices have different {what}: {point_text(a)} in {first.file}, {point_text(b)} in {other.file}",
+                f"{where}: the slices have different {what}: {point_text(a)} in {first.file}, "
+                f"{point_text(b)} in {other.file}",
             )
 
 
@@ -275,14 +279,14 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
     if len(twins):
         k = int(twins[0])
         raise ValueError(
-            f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: {slices[k].file} and "
-            f"{slices[k + 1].file}"
+            f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: "
+            f"{slices[k].file} and {slices[k + 1].file}"
         )
 
     def gap(k: int, others: float) -> str:
         return (
-            f"{steps[k]:g} mm between slices {k} and {k + 1} ({slices[k].file} at {along[k]:g} mm, {slices[k + 1].file} at "
-            f"{along[k + 1]:g} mm), where others are {others:g} mm apart"
+            f"{steps[k]:g} mm between slices {k} and {k + 1} ({slices[k].file} at {along[k]:g} mm, "
+            f"{slices[k + 1].file} at {along[k + 1]:g} mm), where others are {others:g} mm apart"
         )
 
     least = float(steps.min())
@@ -305,8 +309,8 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
     if shift > STRAIGHT * pixel:
         tilt = np.degrees(np.arctan2(shift, abs(float(way @ direction[:, 2]))))
         raise ValueError(
-            f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm sideways from the first to "
-            "the last; sheared volumes are not supported"
+            f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm "
+            "sideways from the first to the last; sheared volumes are not supported"
         )
 
 

@@ -457,8 +457,9 @@ def merged(
                 first = tuple(int(i) for i in np.argwhere(twice)[0])
                 other = segments[own.index(int(labels[first]))].name
                 raise ValueError(
-                    f"segments must not overlap, {other!r} and {segment.name!r} share voxels, {np.count_nonzero(twice)} in all, the "
-                    f"first at (z, y, x) = {first}: export the segmentation as a label map"
+                    f"segments must not overlap, {other!r} and {segment.name!r} share voxels, "
+                    f"{np.count_nonzero(twice)} in all, the first at (z, y, x) = "
+                    f"{first}: export the segmentation as a label map"
                 )
             labels[here] = label
     names = {label: segment.name for label, segment in zip(own, segments, strict=True)}

@@ -127,7 +127,8 @@ def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) 
         if missing.any():
             axes = ", ".join(axis for axis, lost in zip("xyz", missing, strict=True) if lost)
             raise ValueError(
-                f"{name}: the file does not say the voxel spacing along {axes}; it must be given: spacing=(x, y, z) [mm]"
+                f"{name}: the file does not say the voxel spacing along {axes}; it must be given: "
+                "spacing=(x, y, z) [mm]"
             )
         return header.spacing
     asked = checked_spacing(given)
@@ -144,7 +145,8 @@ def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
     refuse(
         len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes),
-        f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes[:16]))}",
+        f"{name}: a volume needs three dimensions and one value a voxel, got sizes "
+        f"{' x '.join(map(shown, sizes[:16]))}",
     )
     x, y, z = kept
     return z, y, x
@@ -243,7 +245,8 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
     others = [n for i, n in enumerate(sizes) if i not in spatial]
     refuse(
         len(spatial) != 3 or max(others, default=1) > layers,
-        f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes))}",
+        f"{name}: a volume needs three dimensions and one value a voxel, got sizes "
+        f"{' x '.join(map(shown, sizes))}",
     )
     shape, notes, turn = three_sizes([sizes[i] for i in spatial], name), [], np.ones(3)
     if vectors or "space origin" in fields:
@@ -327,7 +330,8 @@ def _unit(text: str | None, name: str) -> float:
     units = set(re.findall(r'"([^"]*)"', text or "")) - {"", "???"} or {"mm"}
     refuse(
         len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES,
-        f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got {shown(text)}",
+        f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got "
+        f"{shown(text)}",
     )
     return MILLIMETRES[unit]
 
@@ -529,7 +533,8 @@ def nifti_header(name: str) -> tuple[Header, Layout]:
     kind = _NIFTI_KINDS.get(at["datatype"][0])
     if kind is None:
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype {at['datatype'][0]}"
+            f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype "
+            f"{at['datatype'][0]}"
         )
     slope, inter = at["scale"]
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
@@ -615,12 +620,13 @@ def _nifti_place(
         ]
         if max(apart, default=0.0) > 0.1 * spacing.min():
             raise ValueError(
-                f"{name}: qform and sform of the NIfTI header place the volume differently, by up to {max(apart):.3g} mm; set the code "
-                "of the one that is wrong to 0"
+                f"{name}: qform and sform of the NIfTI header place the volume differently, by up to "
+                f"{max(apart):.3g} mm; set the code of the one that is wrong to 0"
             )
     elif q_code <= 0:
         notes.append(
-            f"the NIfTI header says no orientation (qform and sform code 0): {LPS_ASSUMED}, voxel axes along L, P, S, from (0, 0, 0)"
+            f"the NIfTI header says no orientation (qform and sform code 0): {LPS_ASSUMED}, voxel axes along "
+            "L, P, S, from (0, 0, 0)"
         )
         return spacing, np.zeros(3), np.eye(3), tuple(notes)
     refuse(not np.all(np.isfinite(origin)), f"{name}: the origin in the NIfTI header is not finite")

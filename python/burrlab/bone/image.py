@@ -143,8 +143,8 @@ class OnGrid(ABC):
         last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
         refuse(
             np.any(first >= last),
-            f"box from {point_text(corners[0])} to {point_text(corners[1])} mm holds no voxel of {self.path}, "
-            f"which lies {box_text(self)}",
+            f"box from {point_text(corners[0])} to {point_text(corners[1])} mm holds no voxel of "
+            f"{self.path}, which lies {box_text(self)}",
         )
         return tuple(first[::-1].tolist()), tuple(last[::-1].tolist())
 
@@ -174,7 +174,8 @@ class OnGrid(ABC):
         box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
         refuse(
             len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)),
-            f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to {tuple(stop)}",
+            f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to "
+            f"{tuple(stop)}",
         )
         kept = self._voxels[tuple(slice(a, b) for a, b in box)]
         origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
@@ -402,7 +403,8 @@ class OccupancyMap:
         occupancies = tuple(float(real(o, "occupancies")) for o in self.occupancies)
         refuse(
             len(greys) != len(occupancies) or len(greys) < 2,
-            f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}",
+            f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and "
+            f"{len(occupancies)}",
         )
         refuse(
             not all(map(math.isfinite, greys)) or any(b <= a for a, b in pairwise(greys)),
@@ -681,8 +683,8 @@ def specimen_in(
     surface = surface_along(bone, start, direction)
     if surface is None:
         raise ValueError(
-            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}; "
-            + _place(grid, at)
+            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in "
+            f"{of or grid.path}; " + _place(grid, at)
         )
     refuse(
         np.array_equal(surface, start),
@@ -706,8 +708,8 @@ def check_finite(values: NDArray[Any], path: str) -> None:
     """ValueError for NaN or infinity, with their count and the first index."""
     if values.dtype.kind == "f" and (bad := ~np.isfinite(values)).any():
         raise ValueError(
-            f"{path}: the volume holds values that are not finite: {np.count_nonzero(bad)} of {values.size}, the first at "
-            f"(z, y, x) = {_first(bad)}"
+            f"{path}: the volume holds values that are not finite: {np.count_nonzero(bad)} of {values.size}, "
+            f"the first at (z, y, x) = {_first(bad)}"
         )
 
 
@@ -799,7 +801,8 @@ class LabelVolume(OnGrid):
             covered += int(np.count_nonzero(inside))
         refuse(
             not covered,
-            f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}",
+            f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} "
+            f"{box_text(volume)}",
         )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
         if covered < found.size:  # the part is never rounded to 0 or 100 %
@@ -815,7 +818,8 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
     """Labels (z, y, x) as integers; ValueError if one is not a whole number."""
     refuse(
         labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb",
-        f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}",
+        f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of "
+        f"{labels.dtype}",
     )
     if labels.dtype.kind != "f":
         return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels

@@ -160,7 +160,8 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
     greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
     refuse(
         np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0,
-        f"map must rise from 0 with the grey value, so that removed bone has a grey value, got {mapping.text}",
+        "map must rise from 0 with the grey value, so that removed bone has a grey value, got "
+        f"{mapping.text}",
     )
     levels = np.arange(256) / 255.0
     last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
@@ -333,8 +334,8 @@ def _stored(
     whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     refuse(
         whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
-        f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got {whole} bits allocated, "
-        f"{used} stored, the highest at {top}",
+        f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got "
+        f"{whole} bits allocated, {used} stored, the highest at {top}",
     )
     order = "<" if found.original_encoding[1] else ">"
     refuse(
@@ -362,7 +363,8 @@ def _stored(
         if np.allclose(again, plane, rtol=1e-6, atol=1e-3 * abs(slope)):
             return stored, (kind, slope, inter, used)
     raise ValueError(
-        f"{name}: the pixels of the DICOM file are not the values that were read of it, so its header cannot be kept"
+        f"{name}: the pixels of the DICOM file are not the values that were read of it, so its header cannot "
+        "be kept"
     )
 
 
@@ -455,7 +457,8 @@ def check_drilled(
         ending_of(target, f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
         refuse(
             (size := len(os.fsencode(target.name))) > _LONGEST,
-            f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}",
+            f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, "
+            f"got {size}",
         )
         medical("SimpleITK", "writing volumes")
         if target.exists() and not is_drilled(target):
@@ -491,8 +494,10 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
         bone.shape != like.shape
         or np.any(np.abs(np.array(bone.spacing) - like.spacing) > 1e-3 * like.spacing)
         or np.any(np.abs(np.array(bone.origin) - where) > small),
-        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {point_text(bone.spacing)} and origin "
-        f"{point_text(bone.origin)} mm, and the volume {like.shape}, {point_text(like.spacing)} and {point_text(where)} mm",
+        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing "
+        f"{point_text(bone.spacing)} and origin "
+        f"{point_text(bone.origin)} mm, and the volume {like.shape}, {point_text(like.spacing)} and "
+        f"{point_text(where)} mm",
     )
 
 
@@ -505,7 +510,8 @@ def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
     before, _ = load_bone(beside)
     if before.shape == bone.shape and (more := int(np.count_nonzero(bone.density > before.density))):
         raise ValueError(
-            f"like must be the original: {like.path} is half-drilled, and {more} voxels of it have less than the bone"
+            f"like must be the original: {like.path} is half-drilled, and {more} voxels of it have less than "
+            "the bone"
         )
 
 

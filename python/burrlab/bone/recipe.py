@@ -137,8 +137,8 @@ class _FileRecipe(BoneRecipe):
             digits = 1 - int(np.floor(np.log10(burr.radius / _ENOUGH_VOXELS)))
             enough = f"{np.floor(burr.radius / _ENOUGH_VOXELS * 10**digits + 1e-9) / 10**digits:g}"
             raise ValueError(
-                f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {widest:g} mm, got {burr.radius:g} mm; "
-                f"--voxel {enough} (voxel={enough}) makes finer ones"
+                f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {widest:g} mm, got "
+                f"{burr.radius:g} mm; --voxel {enough} (voxel={enough}) makes finer ones"
             )
 
 
@@ -574,7 +574,8 @@ class DrilledRecipe(_FileRecipe):
             found = load_drilled(self.path)
         if self.digest not in (None, found.bone.digest()):
             raise ValueError(
-                f"{self.path}: the bone has digest {found.bone.digest()} by now, and {self.digest} is asked for"
+                f"{self.path}: the bone has digest {found.bone.digest()} by now, and {self.digest} is "
+                "asked for"
             )
         return found
 

@@ -126,8 +126,8 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
         prefixes.setdefault(match[1], path)
         refuse(
             len(prefixes) > 1,
-            f"{place}: slices of more than one volume ({', '.join(p.name for p in prefixes.values())}): name one by a pattern, as "
-            "'folder/name*.png'",
+            f"{place}: slices of more than one volume ({', '.join(p.name for p in prefixes.values())}): name "
+            "one by a pattern, as 'folder/name*.png'",
         )
         number = int(match[2])
         if number in numbered:
@@ -157,13 +157,13 @@ def _alike(paths: list[Path]) -> Slices:
         found = _header(path)
         refuse(
             found[:2] != first[:2],
-            f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and {paths[0].name} has "
-            f"{first[0]} x {first[1]}",
+            f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and "
+            f"{paths[0].name} has {first[0]} x {first[1]}",
         )
         refuse(
             found[2:] != first[2:],
-            f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and {paths[0].name} is {first[3]} "
-            f"of {first[2]} bits",
+            f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and "
+            f"{paths[0].name} is {first[3]} of {first[2]} bits",
         )
     columns, rows, bits, kind = first
     refuse(
@@ -327,7 +327,8 @@ class Palette:
         notes = []
         if self._overlaps:
             told = "; ".join(
-                f"{count} of {self.names[one]} and {self.names[other]} as {self.names[int(self._winners[place])]}"
+                f"{count} of {self.names[one]} and {self.names[other]} as "
+                f"{self.names[int(self._winners[place])]}"
                 for place, count in self._overlaps.most_common()
                 for one, other in [self._pairs[place - 1]]
             )
@@ -337,16 +338,17 @@ class Palette:
         pixels, kinds = sum(self._strange.values()), len(unknown)
         many = f"{pixels} pixel{'s' if pixels > 1 else ''} of {kinds} colour{'s' if kinds > 1 else ''} that are in no table"
         told = "; ".join(
-            f"{tuple(row['colour'])} in {row['slice']}, row {row['row']}, column {row['column']} (count {row['pixels']}, "
-            f"{row['distance']:g} from {row['nearest']})"
+            f"{tuple(row['colour'])} in {row['slice']}, row {row['row']}, column {row['column']} (count "
+            f"{row['pixels']}, {row['distance']:g} from {row['nearest']})"
             for row in unknown[:_TOLD]
         )
         if kinds > _TOLD:
             told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
         refuse(
             self.unknown == "refuse",
-            f"{name}: {many}: {told}; clipped sums of overlapping structures, or blends from scaling? unknown=LABEL "
-            "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty",
+            f"{name}: {many}: {told}; clipped sums of overlapping structures, or blends from scaling? "
+            "unknown=LABEL (--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but "
+            "never as a critical structure or empty",
         )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
         notes.append(f"{many} were taken as {taken}: {told}")
@@ -354,8 +356,9 @@ class Palette:
             instead = " or ".join(self.names[i] for i in self._bones) or "label 0: the table has no bone"
             told = ", ".join(f"{name} {count}" for name, count in self._spared.most_common())
             notes.append(
-                f"pixels whose nearest colour is a critical structure's, or of what is empty, were taken as {instead} ({told}); "
-                "unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that structure"
+                "pixels whose nearest colour is a critical structure's, or of what is empty, were taken as "
+                f"{instead} ({told}); unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that "
+                "structure"
             )
         return notes + [self._far(label, places, labels, apart) for label, places in self._guessed.items()]
 
@@ -468,7 +471,8 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
             f"unknown='nearest:NAME' must name structures of the palette, {have}, got {unknown!r}"
         )
     raise ValueError(
-        f"unknown must be 'refuse', 'nearest' or a label of the palette ({', '.join(map(str, sorted(names)))}), got {unknown!r}"
+        "unknown must be 'refuse', 'nearest' or a label of the palette "
+        f"({', '.join(map(str, sorted(names)))}), got {unknown!r}"
     )
 
 
@@ -623,8 +627,8 @@ def _check_plausible(name: str, sides: NDArray[np.float64]) -> None:
         f"in {what} {_sides(sides * unit)} mm (unit={unit:g})" for what, unit in others if plausible(unit)
     )
     raise ValueError(
-        f"{name}: dimensions in metres would be {_sides(sides * _METRE)} mm, and a head or a part of one has sides of {low:g} to "
-        f"{high:g} mm; {would or 'in no usual unit it would be one'}: give unit= [mm]"
+        f"{name}: dimensions in metres would be {_sides(sides * _METRE)} mm, and a head or a part of one has "
+        f"sides of {low:g} to {high:g} mm; {would or 'in no usual unit it would be one'}: give unit= [mm]"
     )
 
 
@@ -715,11 +719,12 @@ def read_stack(
         if described.count is not None and described.count != count:
             refuse(
                 count > described.count,
-                f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}",
+                f"{name}: images: count must be {count}, the slices in {described.folder}, got "
+                f"{described.count}",
             )
             notes.append(
-                f"count in {name} is {described.count}, and {count} slices are there: they share its dimensions, so slices that are "
-                "missing at the end would make the others thicker"
+                f"count in {name} is {described.count}, and {count} slices are there: they share its "
+                "dimensions, so slices that are missing at the end would make the others thicker"
             )
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
@@ -758,8 +763,9 @@ def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colour] = 
     described = Path(name).suffix.lower() in _DESCRIPTIONS
     refuse(
         transpose is None and not described and not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours),
-        f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
-        "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)",
+        f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors "
+        "the ear: transpose=True (--transpose) where rows lie along x, as its converter writes them, else "
+        "False (--no-transpose)",
     )
     return described if transpose is None else transpose
 

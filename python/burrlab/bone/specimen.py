@@ -115,8 +115,8 @@ def block_below_plane(
     count = float(np.prod(high - low))
     refuse(
         count > MOST_VOXELS,
-        f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
-        f"above {MOST_VOXELS:.3g}",
+        f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} "
+        f"voxels, above {MOST_VOXELS:.3g}",
     )
     check_bone(count, 26.0)  # measured peak while it is made
     centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))

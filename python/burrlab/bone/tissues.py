@@ -264,8 +264,8 @@ def _named(
     if nameless:
         told = ", ".join(f"{label} ({counts[label]} voxels)" for label in nameless)
         raise ValueError(
-            f"{labels.path}: the labels {told} have no names in the file: give a table of tissues that says what they are "
-            "(read_tissues, `burrlab tissues FILE --template table.csv`)"
+            f"{labels.path}: the labels {told} have no names in the file: give a table of tissues that says "
+            "what they are (read_tissues, `burrlab tissues FILE --template table.csv`)"
         )
     for label, name in labels.names.items():  # named structures that are absent here may be in another crop
         if label not in names and known_tissue(name) is not None and len(names) < MOST:
@@ -700,7 +700,8 @@ def _smoothed(
     """Smoothed levels, tissue numbers, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
     refuse(
         not 0.999 <= width / apart.min() <= 10.001,
-        f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}",
+        f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} "
+        f"mm, got {width!r}",
     )
     weights = [_gaussian(width / side) for side in apart]
     part = (full > 0).astype(np.float32)
@@ -764,6 +765,7 @@ def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tiss
         if tissue.critical and voxels[number] and 2 * held[number] < voxels[number]:
             part = 100.0 * held[number] / voxels[number]
             notes.append(
-                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be injured (fill=, --fill)"
+                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be "
+                "injured (fill=, --fill)"
             )
     return notes

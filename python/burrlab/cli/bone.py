@@ -68,7 +68,8 @@ KEPT = Group(
     (
         option(
             "--save",
-            "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, .mha; a new folder for PNG "
+            "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, "
+            ".mha; a new folder for PNG "
             "slices or DICOM), with the exact state beside it; or .h5, the exact state alone", metavar="FILE",
         ),
         option("--bone", "go on with a bone that --save has kept", metavar="FILE"),
@@ -355,7 +356,8 @@ def _tissues(options: Options) -> int:
     strange = [row for row in found if row["tissue"] is None]
     if strange:
         lines.append(
-            f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, --tissues)"
+            f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, "
+            "--tissues)"
         )
     ear = ear_side(labels, table)
     if ear:
@@ -427,9 +429,11 @@ def _cell(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-TISSUES_COMMAND = Command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.", (
+TISSUES_COMMAND = Command("tissues", _tissues, "The labels of a segmentation, with voxels, and what "
+                                               "they are.", (
     option(
-        "file", "labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the "
+        "file", "labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); "
+                "without it, the "
         "structures that are known by name", metavar="FILE", nargs="?",
     ),
     option("--tissues", "a table to look the labels up in", metavar="FILE.csv"),

@@ -349,7 +349,8 @@ def _three(text: str, form: str, whole: str) -> Numbers:
 
 #: Options of a volume, without --voxel, which a block has too.
 VOLUME = Group(
-    "a grey volume instead of a block (NRRD, NIfTI, MetaImage, a folder of DICOM or PNG slices; extra medical)",
+    "a grey volume instead of a block (NRRD, NIfTI, MetaImage, a folder of DICOM or PNG slices; extra "
+    "medical)",
     (
         option("--volume", "the grey volume, a file or folder; --voxel resamples it", metavar="FILE"),
         option(
@@ -357,9 +358,11 @@ VOLUME = Group(
             type=parsed_by(OccupancyMap.parse), metavar="LO:HI",
         ),
         option(
-            "--entry", "where the axis begins, volume's own coordinates, LPS [mm]", type=vector, metavar="X,Y,Z"
+            "--entry", "where the axis begins, volume's own coordinates, "
+                       "LPS [mm]", type=vector, metavar="X,Y,Z"
         ),
-        option("--axis", "direction of the descent (a block too; default 0,0,-1)", type=vector, metavar="X,Y,Z"),
+        option("--axis", "direction of the descent (a block too; default "
+                         "0,0,-1)", type=vector, metavar="X,Y,Z"),
         option(
             "--spacing", "of the volume's voxels, where its file has none, and of labels in slices [mm]",
             type=spacing, metavar="X,Y,Z",
@@ -375,12 +378,14 @@ VOLUME = Group(
 STACK = (
     option(
         "--unknown",
-        "what colours in no table are, default refused: this label, or the nearest; critical structures only by name",
+        "what colours in no table are, default refused: this label, or the nearest; critical structures only "
+        "by name",
         type=label_or_word, metavar="LABEL|nearest[:NAME,NAME]",
     ),
     option(
         "--transpose",
-        "the number of a pixel's row in PNG slices, grey ones too, counts along x, and not along y; default yes with a YAML file",
+        "the number of a pixel's row in PNG slices, grey ones too, counts along x, and not along y; default "
+        "yes with a YAML file",
         action=argparse.BooleanOptionalAction,
     ),
     option("--unit", "of the dimensions in a YAML file [mm], default a metre", type=positive, metavar="MM"),
@@ -389,7 +394,8 @@ LABELS = Group(
     "labels of tissues: with --volume on its voxels, or alone, then what is labelled is solid",
     (
         option(
-            "--labels", "NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their YAML file", metavar="FILE"
+            "--labels", "NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their "
+                        "YAML file", metavar="FILE"
         ),
         option(
             "--tissues", "what the labels are (`burrlab tissues`); default by their names", metavar="FILE.csv"

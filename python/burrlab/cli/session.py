@@ -383,12 +383,14 @@ _LIVE = (
     Group("", (
         flag("--view", "show it in a window (extra viz3d)"),
         option(
-            "--web", "show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free port; whoever has the "
+            "--web", "show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free "
+                     "port; whoever has the "
             "address that is printed can work it", type=port, nargs="?", const=0, metavar="PORT",
         ),
     )),
     flag(
-        "--effects", "dust, blood and, from a nozzle beside the burr, water, at assumed rates; with --view or --web", None
+        "--effects", "dust, blood and, from a nozzle beside the burr, water, at assumed rates; with --view "
+                     "or --web", None
     ),
     flag("--stereo", "both eyes side by side; with --view or --web, whose page has a switch for it", None),
 )  # fmt: skip
@@ -396,27 +398,33 @@ _TRACE = option("file", "a trace", metavar="FILE")
 SESSION_COMMANDS = (
     Command("session", _session, "Burr in real time, with a device or a simulated hand.", (
         option(
-            "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a server's OpenIGTLink "
+            "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a "
+                        "server's OpenIGTLink "
             "TRANSFORM stream; given twice, two burrs",
             action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT",
         ),
         option(
-            "--lost-after", "age at which a position over the network counts as lost, and the session stops [ms], default 100; a "
-            "peer that sends only what changes (3D Slicer) needs more", type=positive, default=100.0, metavar="MS",
+            "--lost-after", "age at which a position over the network counts as lost, and the session stops "
+                            "[ms], default 100; a "
+            "peer that sends only what changes (3D Slicer) "
+            "needs more", type=positive, default=100.0, metavar="MS",
         ),
         option("--record", "write the complete trace (HDF5), a new file", metavar="FILE"),
         option(
-            "--publish", "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no "
+            "--publish", "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); "
+                         "there is no "
             "authentication: whoever reaches the port can read the session", type=port, metavar="PORT",
         ),
         option("--host", "address to publish on, default 127.0.0.1: this machine only"),
-        option("--header-version", "of the OpenIGTLink messages, default 1", type=int, choices=[1, 2], default=1),
+        option("--header-version", "of the OpenIGTLink messages, "
+                                   "default 1", type=int, choices=[1, 2], default=1),
         option("--duration", "[s], default until Ctrl-C", type=positive, metavar="S"),
         *_LIVE,
         option("--rate", "of the loop [Hz], default 1000", type=positive, default=1000.0),
         *MATERIAL,
         option("--push", "of a simulated hand [N], default 1", type=positive, default=1.0),
-        option("--voxel", "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own", type=positive),
+        option("--voxel", "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a "
+                          "volume's own", type=positive),
         VOLUME,
         LABELS,
         KEPT,

@@ -82,8 +82,8 @@ def _identity(value: Any) -> Any:
         fields = [field.name for field in dataclasses.fields(value) if field.compare]
         return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]
     raise TypeError(
-        "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers and arrays, "
-        f"burrs, materials, shapes, bones and dataclasses of these, got {value!r}"
+        "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers "
+        f"and arrays, burrs, materials, shapes, bones and dataclasses of these, got {value!r}"
     )
 
 
@@ -132,8 +132,8 @@ def _encode(value: Any) -> Any:
             kind = "array" if type(value) is np.ndarray else "number"
             return {kind: [array.dtype.str, list(array.shape), base64.b64encode(array.tobytes()).decode()]}
     raise TypeError(
-        "a result that is stored must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy "
-        f"numbers and arrays of numbers, got {value!r}"
+        "a result that is stored must be made of None, bool, int, float, str, tuples, lists, dicts with str "
+        f"keys, NumPy numbers and arrays of numbers, got {value!r}"
     )
 
 

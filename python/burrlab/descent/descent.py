@@ -330,8 +330,8 @@ def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
     )
     refuse(
         reading.force < -max(0.5 * setpoint, 0.1),
-        f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at sample "
-        f"{tick}; it was stopped",
+        f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at "
+        f"sample {tick}; it was stopped",
     )
 
 

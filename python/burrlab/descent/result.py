@@ -173,8 +173,10 @@ class Descent:
         if self.penetration_velocity is None or self.window is None:
             return f"{head}, {self.reason}{said})"
         return (
-            f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and {self.window[1]:.3f} mm, "
-            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{said})"
+            f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and "
+            f"{self.window[1]:.3f} mm, "
+            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its "
+            f"last{said})"
         )
 
 
@@ -231,7 +233,8 @@ def evaluate(
         bound = (
             ""
             if material is None
-            else f"; static contact carries at most {material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5:.4g} N there"
+            else "; static contact carries at most "
+            f"{material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5:.4g} N there"
         )
         if static is None or static < stop:
             bound = f"; the force reached {float(force.max(initial=0.0)):.4g} N"

@@ -178,7 +178,8 @@ def force_sweep(
     refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1, got {repeats}")
     if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
         raise TypeError(
-            f"specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got {specimen!r}"
+            "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
+            f"{specimen!r}"
         )
     if seed is None:
         refuse(store is not None, "seed must be given with a store, which finds results by it, got None")

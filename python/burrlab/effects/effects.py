@@ -287,7 +287,8 @@ def effects_of(
     ticks = [tick for _, tick, _ in frames]
     if ticks and not first <= min(ticks) <= max(ticks) <= first + player.ticks:
         raise ValueError(
-            f"ticks of the frames must be from {first} to {first + player.ticks}, got {min(ticks)} to {max(ticks)}"
+            f"ticks of the frames must be from {first} to {first + player.ticks}, got {min(ticks)} to "
+            f"{max(ticks)}"
         )
     again = ((player.seek_tick(tick), seconds, decision) for seconds, tick, decision in frames)
     return _made(player, effects, again)

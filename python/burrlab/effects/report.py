@@ -98,15 +98,17 @@ class EffectsReport:
             return "no frame yet"
         lines = [
             f"{self.frames} frames of at most {self.parcels_most} parcels",
-            f"a frame took: p50 {self.wall_ms['p50']:.2f} ms, p99 {self.wall_ms['p99']:.2f} ms, at most {self.wall_ms['max']:.2f} ms "
-            f"(CPU time p99 {self.cpu_ms['p99']:.2f} ms)",
-            f"sub-steps {self.sub_steps_least} to {self.sub_steps_most}, {self.sub_steps_mean:.2f} in the mean",
+            f"a frame took: p50 {self.wall_ms['p50']:.2f} ms, p99 {self.wall_ms['p99']:.2f} ms, at most "
+            f"{self.wall_ms['max']:.2f} ms (CPU time p99 {self.cpu_ms['p99']:.2f} ms)",
+            f"sub-steps {self.sub_steps_least} to {self.sub_steps_most}, {self.sub_steps_mean:.2f} in "
+            "the mean",
             f"{self.merged} parcels merged, {self.skipped} frames left out",
         ]
         if self.budget is not None:
             lines += [
                 f"budget {1e3 * self.budget:g} ms: {self.over_budget} frames over it",
-                f"given up: {self.coarse} frames with fewer sub-steps, {self.cut} cut, {self.crowded} with parcels merged",
+                f"given up: {self.coarse} frames with fewer sub-steps, {self.cut} cut, {self.crowded} with "
+                "parcels merged",
             ]
         return "\n".join(lines)
 

@@ -110,14 +110,15 @@ class Observations:
             beyond = values[(values < 1 / _EXTREME) | (values > _EXTREME)]
             if len(beyond):
                 raise ValueError(
-                    f"{name} must lie between {1 / _EXTREME:g} and {_EXTREME:g} {unit} in a fit: got {beyond[0]:g}"
+                    f"{name} must lie between {1 / _EXTREME:g} and {_EXTREME:g} {unit} in a fit: got "
+                    f"{beyond[0]:g}"
                 )
         distinct = len(set(zip(self.force.tolist(), self.radius.tolist(), strict=True)))
         if distinct < 3:
             all_rows = len(self.force) + self.n_skipped
             raise ValueError(
-                f"a fit needs velocities at three or more distinct forces: got {distinct} in {len(self.force)} "
-                f"usable of {all_rows} rows"
+                f"a fit needs velocities at three or more distinct forces: got {distinct} in "
+                f"{len(self.force)} usable of {all_rows} rows"
             )
         refuse(
             len(self.pressed) == 1 and np.isnan(self.pressed_sigma[0]),
@@ -183,7 +184,8 @@ def _radius(data: Data, burr: Burr | None) -> float:
     if burr is not None and data.radius not in (None, burr.radius):
         name = "curve" if isinstance(data, VelocityCurve) else "data set"
         raise ValueError(
-            f"the {name} was taken with a burr of radius {data.radius:g} mm, the fit is for {burr.radius:g} mm"
+            f"the {name} was taken with a burr of radius {data.radius:g} mm, the fit is for "
+            f"{burr.radius:g} mm"
         )
     if data.radius is not None:
         return data.radius

@@ -128,7 +128,8 @@ def identification(fit: FitRecord) -> dict[str, str]:
         ),
         "correlation": f"{fit.correlation:.5f} (of log c_e and log alpha)",
         "condition": f"{fit.condition:.3g} (of the Fisher information)",
-        "separately identified": f"{separate} (c_e's 95 % interval closed and within a factor of {verdict.SEPARATE:g})",
+        "separately identified": f"{separate} (c_e's 95 % interval closed and within a factor of "
+        f"{verdict.SEPARATE:g})",
     }
 
 
@@ -155,14 +156,16 @@ def notes(fit: FitRecord) -> list[str]:
         lines.append(agreement(fit))
     if fit.table is not None and fit.evidence is not None:
         lines.append(
-            f"The voxel engine is stochastic: its descents scatter by {100 * fit.table.noise:.2g} % and lie within "
-            f"{100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens the limits by "
-            f"{100 * fit.evidence.monte_carlo:.2g} %."
+            f"The voxel engine is stochastic: its descents scatter by {100 * fit.table.noise:.2g} % and lie "
+            "within "
+            f"{100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens the "
+            f"limits by {100 * fit.evidence.monte_carlo:.2g} %."
         )
     low, high = ALPHA_BOUNDS
     if not low <= fit.alpha <= high:
         lines.append(
-            f"An alpha beyond {low:g} to {high:g} /ms is no bone's: are velocities in mm/s, forces in N, radii in mm?"
+            f"An alpha beyond {low:g} to {high:g} /ms is no bone's: are velocities in mm/s, forces in N, "
+            "radii in mm?"
         )
     if fit.residual_kind == "relative" and fit.residual_norm > _POOR:
         lines.append(

@@ -418,8 +418,8 @@ def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
         return line
     slope = shape_kappa(reference.shape) / shape_kappa(row.shape)
     return (
-        f"{line} What a simple zero determines at small forces is kappa alpha/c_e^(8/3), kappa = -f'(1): it is "
-        f"{row.combination_ratio / slope:.3g} times parabolic's, so that at equal c_e alpha would be "
+        f"{line} What a simple zero determines at small forces is kappa alpha/c_e^(8/3), kappa = -f'(1): it "
+        f"is {row.combination_ratio / slope:.3g} times parabolic's, so that at equal c_e alpha would be "
         f"{row.combination_ratio:.3g} times; {slope:.3g} by the thin-layer law."
     )
 

@@ -293,7 +293,8 @@ class Descents:
         table, slower = None, 1.0
         failure = (
             "No parameters tried gave every row a velocity: a window needs ten ticks, here of "
-            f"{self._settings.dt:g} ms{', and a force that settles on the rig' if self._settings.rig else ''}."
+            f"{self._settings.dt:g} "
+            f"ms{', and a force that settles on the rig' if self._settings.rig else ''}."
         )
         for _ in range(_ROUNDS):
             close = [low * factor for factor in _CLOSE if low * factor < top]

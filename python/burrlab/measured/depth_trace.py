@@ -141,8 +141,8 @@ class DepthTrace(TableData):
         samples = len(self.time[samples_between(self.immersion, start, end)])
         refuse(
             samples < FEWEST_TICKS,
-            f"a depth trace needs at least {FEWEST_TICKS} samples in its window, {start:.6g} to {end:.6g} mm: "
-            f"got {samples}",
+            f"a depth trace needs at least {FEWEST_TICKS} samples in its window, {start:.6g} to "
+            f"{end:.6g} mm: got {samples}",
         )
 
     @classmethod
@@ -279,8 +279,8 @@ class DepthTrace(TableData):
             velocity = penetration_velocity_between(self.time, level, start, end)
             if not velocity:
                 raise ValueError(
-                    f"n must leave segments in which the immersion rises, it stands still between {start:.4g} "
-                    f"and {end:.4g} mm: got {n!r}"
+                    "n must leave segments in which the immersion rises, it stands still between "
+                    f"{start:.4g} and {end:.4g} mm: got {n!r}"
                 )
             rows.append((velocity, slope_error(time, self.immersion[inside]) / velocity, len(time)))
         velocities, errors, counts = map(np.array, zip(*rows, strict=True))

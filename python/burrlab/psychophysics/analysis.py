@@ -103,8 +103,8 @@ def _selection(task: Task) -> list[str]:
         # The probability is for the mean of all selected subjects.
         as_good = "" if here else f", and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
         lines.append(
-            f"if selected by this very score: the best {task.chosen} of {task.of} guessing have {effect.expected:.2f} of "
-            f"{effect.trials} on average, {effect.excess:.2f} above chance{as_good}"
+            f"if selected by this very score: the best {task.chosen} of {task.of} guessing have "
+            f"{effect.expected:.2f} of {effect.trials} on average, {effect.excess:.2f} above chance{as_good}"
         )
     return lines
 
@@ -156,9 +156,10 @@ def legend(task: Task) -> list[str]:
         return ["threshold: ratio of the comparison's parameter to the reference's"]
     method = task.subjects[0].d_prime[0].method
     lines = [
-        "p: exact binomial test of the score against chance, one-sided; Holm: the same, corrected for all subjects of the task",
-        f"d': of greatest likelihood, with its {method} interval on [0, inf), open where the answers set no upper limit; "
-        "s.e. only where 0 is excluded",
+        "p: exact binomial test of the score against chance, one-sided; Holm: the same, corrected for all "
+        "subjects of the task",
+        f"d': of greatest likelihood, with its {method} interval on [0, inf), open where the answers set no "
+        "upper limit; s.e. only where 0 is excluded",
         f"corr.: d' after {_CORRECTIONS[CORRECTION]}, which is finite also after perfect answers",
     ]
     lines += [f"crit., {one.rule}: {one.criterion_meaning}" for one in task.subjects[0].d_prime]
@@ -181,7 +182,8 @@ def group_lines(task: Task) -> list[str]:
         p_value, single = min(checked, key=lambda pair: pair[0])
         if p_value <= 0.05:
             lines.append(
-                f"subject {single.subject}: {single.checks[place]} (smallest of {len(task.subjects)} subjects)"
+                f"subject {single.subject}: {single.checks[place]} (smallest of {len(task.subjects)} "
+                "subjects)"
             )
     return lines
 
@@ -193,8 +195,8 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
         lines.append(f"{one.subject}: {shares}")
     if (group := task.group_threshold) is not None:
         lines.append(
-            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean of |ln ratio|, by t, "
-            f"the subject as the unit)"
+            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean "
+            f"of |ln ratio|, by t, the subject as the unit)"
         )
     return lines
 
@@ -546,6 +548,7 @@ def _selected(
     chosen = task.select(subjects, selected_from or 0, selected_by)
     refuse(
         selected_from is not None and selected_from < len(chosen.subjects),
-        f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}",
+        f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got "
+        f"{selected_from}",
     )
     return chosen

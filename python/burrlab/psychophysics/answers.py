@@ -225,7 +225,8 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> 
         for place, (found, name) in enumerate(zip(row.stimuli, due, strict=False), start=1):
             refuse(
                 found not in (None, name),
-                f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}",
+                f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got "
+                f"{found!r}",
             )
 
 
@@ -297,8 +298,8 @@ def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
         for column, found, due in _compared(row, trial):
             refuse(
                 found != due,
-                f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
-                "with another seed or protocol",
+                f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has "
+                f"{due!r}: made with another seed or protocol",
             )
         order.answer(row.response)
 
@@ -330,7 +331,8 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
     for key, value in named.items() if car is not None else ():
         refuse(
             value != labels[key],
-            f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}",
+            f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in "
+            f"{side_car_path(file).name}",
         )
     refuse(
         labels["task"] is None,
@@ -467,7 +469,8 @@ class AnswerFile:
                 os.ftruncate(file, len(content))
                 os.fsync(file)
                 result.notes = (
-                    f"{path}: the last line was broken off after {len(torn)} bytes and is cut; its trial is asked again",
+                    f"{path}: the last line was broken off after {len(torn)} bytes and is cut; its trial is "
+                    "asked again",
                 )
         return result
 
@@ -547,7 +550,8 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
         was, now = (repr(name) if name else "none" for name in (one, other))
         refuse(
             one != other,
-            f"{path}, line 1: to go on, the columns must be as they were written: column {place} was {was}, is now {now}",
+            f"{path}, line 1: to go on, the columns must be as they were written: column {place} was {was}, "
+            f"is now {now}",
         )
     return found
 
@@ -572,8 +576,8 @@ BIDS_VERSION = "1.10.0"
 _COLUMNS = ("participant_id", "simulated", "selected_by")
 _README = (
     "{name}\n\nAnswers of a psychophysical experiment with virtual bone burring, made by burrlab "
-    f"{__version__}.\nOne file a subject and task: sub-LABEL/beh/sub-LABEL_task-LABEL_events.tsv, with what the run was "
-    "in the\nJSON beside it.\n"
+    f"{__version__}.\nOne file a subject and task: sub-LABEL/beh/sub-LABEL_task-LABEL_events.tsv, with what "
+    "the run was in the\nJSON beside it.\n"
 )
 _PARTICIPANTS: Mapping[str, Any] = {
     "participant_id": {"Description": "Label of the subject"},
@@ -660,8 +664,8 @@ class ExperimentFolder:
             for other, entry in entered.items():
                 refuse(
                     entry["simulated"] != kind,
-                    f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
-                    f"{entry['simulated']}, sub-{subject} {kind}",
+                    f"{path}: simulated subjects and people do not go into one folder: sub-{other} has "
+                    f"simulated {entry['simulated']}, sub-{subject} {kind}",
                 )
             if subject not in entered:  # laboratories may add columns, such as age, or move ours
                 fields = [row.get(column, tsv_text.NOTHING) for column in columns]

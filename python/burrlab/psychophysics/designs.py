@@ -333,11 +333,13 @@ class Comparison(Design):
         one_of("hold", self.hold, ("other", "sinking speed"))
         refuse(
             self.parameter == "alpha" and self.mode == "probing",
-            "mode must be 'drilling' for parameter 'alpha', got 'probing': alpha alone changes nothing with the burr off",
+            "mode must be 'drilling' for parameter 'alpha', got 'probing': alpha alone changes nothing with "
+            "the burr off",
         )
         refuse(
             self.hold == "sinking speed" and self.parameter == "alpha",
-            "hold must be 'other' for parameter 'alpha', got 'sinking speed': alpha is felt by that speed alone",
+            "hold must be 'other' for parameter 'alpha', got 'sinking speed': alpha is felt by that speed "
+            "alone",
         )
         refuse(
             self.hold == "sinking speed" and self.mode == "probing",

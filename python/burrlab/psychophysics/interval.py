@@ -87,11 +87,13 @@ class Block:
         """Raises ValueError if the burr is too small for the voxels, or too large for the block."""
         refuse(
             burr.radius < _LEAST_VOXELS * self.voxel,
-            f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got {burr.radius:g}",
+            f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got "
+            f"{burr.radius:g}",
         )
         refuse(
             2.0 * burr.radius >= min(self.size[:2]),
-            f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got {2 * burr.radius:g}",
+            f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got "
+            f"{2 * burr.radius:g}",
         )
 
 

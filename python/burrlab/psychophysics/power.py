@@ -367,10 +367,12 @@ class DesignPower(Result):
         people = f"{self.subjects} subject{'s' if self.subjects > 1 else ''}"
         above = (
             "no score of one subject is above chance: too few trials" if self.critical_score is None else
-            f"a subject is above chance from {self.critical_score} of {self.trials} (by guessing {100 * self.error_rate:.1f} %)"
+            f"a subject is above chance from {self.critical_score} of {self.trials} (by guessing "
+            f"{100 * self.error_rate:.1f} %)"
         )  # fmt: skip
         lines = [
-            f"{self.task}, {self.trials} trials, {people}; unbiased, {100 * self.lapse:g} % lapses; tests at {100 * self.level:g} %, one-sided",
+            f"{self.task}, {self.trials} trials, {people}; unbiased, {100 * self.lapse:g} % lapses; tests at "
+            f"{100 * self.level:g} %, one-sided",
             above,
         ]
         if rules := list(dict.fromkeys(row.rule for row in self.rows)):

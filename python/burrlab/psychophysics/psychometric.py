@@ -157,8 +157,8 @@ class PosteriorThreshold(Result):
         near, far = self.interval
         ends = "; it may lie nearer to 1 than the levels" * self.open_below
         return (
-            f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} and {far:.3g} "
-            f"({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
+            f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} "
+            f"and {far:.3g} ({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
         )
 
 
@@ -268,9 +268,9 @@ class PsychometricFit(Result):
                 f"{change[1]:.3g} to {change[2]:.3g}"
             )
         lines.append(
-            f"slope {self.slope:.2f}, {self.slope_interval[0]:.2f} to {self.slope_interval[1]:.2f}; lapse rate "
-            f"{100 * self.lapse:.1f} %, {100 * self.lapse_interval[0]:.1f} to {100 * self.lapse_interval[1]:.1f} %; "
-            f"{sum(self.trials)} trials"
+            f"slope {self.slope:.2f}, {self.slope_interval[0]:.2f} to {self.slope_interval[1]:.2f}; lapse "
+            f"rate {100 * self.lapse:.1f} %, {100 * self.lapse_interval[0]:.1f} to "
+            f"{100 * self.lapse_interval[1]:.1f} %; {sum(self.trials)} trials"
         )
         for name, end in self.at_bounds:
             lines.append(f"the {end} end of the {name} is set by the prior, not by the data")
@@ -300,7 +300,8 @@ class PsychometricFit(Result):
         ax.set_xscale("log")
         # In the upper left, away from the rising curve; beside the point the text would leave the frame.
         ax.text(
-            0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
+            0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % "
+                        "interval",
             transform=ax.transAxes, color=VELOCITY, fontsize=8, va="top",
         )  # fmt: skip
         ax.text(0.98, self.guess_rate, "chance", transform=ax.get_yaxis_transform(), color=REFERENCE, fontsize=8,
@@ -387,7 +388,8 @@ def psychometric_function(
     """
     refuse(
         not len(levels) == len(correct) == len(trials),
-        f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and {len(trials)}",
+        f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and "
+        f"{len(trials)}",
     )
     ratios = [checked_level("levels", ratio) for ratio in levels]
     pooled = _pooled(ratios, correct, trials)

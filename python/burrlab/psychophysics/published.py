@@ -79,16 +79,17 @@ class PublishedScore(Result):
         differ = "subjects differ, in d' or in bias" if most < 0.05 else differ
         lines = [
             f"{self.mean:g} +- {self.sem:g} of {self.trials}, {self.n} subjects ({self.task})",
-            f"above chance: t({self.n - 1}) = {self.t:.1f} ({self.t_range[0]:.1f} to {self.t_range[1]:.1f} by rounding), {probability_text(self.p_value)}",
+            f"above chance: t({self.n - 1}) = {self.t:.1f} ({self.t_range[0]:.1f} to {self.t_range[1]:.1f} "
+            f"by rounding), {probability_text(self.p_value)}",
             f"mean score, {100 * self.level:.4g} %: {low:.2f} to {high:.2f}",
             *(
                 f"d' if all are alike and unbiased ({rule}): {estimate:.2f} ({bottom:.2f} to {top:.2f})"
                 for rule, (estimate, bottom, top) in self.d_prime.items()
             ),
-            f"spread {self.spread:.2f}, by chance alone {self.binomial_spread:.2f}: {probability_text(self.spread_p_value)} "
-            f"({least:.2g} to {most:.2g} by rounding); {differ}",
-            f"Not shown: how many subjects can tell. {100 * self.guessers:.0f} % guessing, the rest alike, fits mean and spread. "
-            "Not shown either: bias, and so d' of each.",
+            f"spread {self.spread:.2f}, by chance alone {self.binomial_spread:.2f}: "
+            f"{probability_text(self.spread_p_value)} ({least:.2g} to {most:.2g} by rounding); {differ}",
+            f"Not shown: how many subjects can tell. {100 * self.guessers:.0f} % guessing, the rest alike, "
+            "fits mean and spread. Not shown either: bias, and so d' of each.",
         ]
         return "\n".join(lines)
 

@@ -224,7 +224,8 @@ class Prediction(Result):
         group = "" if row.group is None else f", of {self.subjects} subjects {100 * row.group:.0f} %"
         return "\n".join([
             f"{self.task} by {self.mode}, {self.rule}: d' {self.d_prime:.2f}: {parts}",
-            f"expected score {self.score:.1f} of {self.trials} ({100 * self.lapse:g} % lapses); power of one subject {100 * row.subject:.0f} %{group}",
+            f"expected score {self.score:.1f} of {self.trials} ({100 * self.lapse:g} % lapses); power of one "
+            f"subject {100 * row.subject:.0f} %{group}",
             f"80 % power needs {needed[0]}, or {needed[1]}",
         ])  # fmt: skip
 
@@ -410,7 +411,8 @@ class TaskOneTable:
     def __str__(self) -> str:
         noises = sorted({row.noise for row in self.rows})
         lines = [
-            f"Score of {TRIALS}, differences {self.source}, lapse {self.lapse:g}; the mean of {SUBJECTS} subjects lies within +- the second number in 95 %"
+            f"Score of {TRIALS}, differences {self.source}, lapse {self.lapse:g}; the mean of {SUBJECTS} "
+            "subjects lies within +- the second number in 95 %"
         ]
         for decision in dict.fromkeys(row.decision for row in self.rows):
             lines += ["", f"{decision:<36}" + "".join(f"{100 * noise:>12.0f} %" for noise in noises)]

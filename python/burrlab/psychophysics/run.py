@@ -41,9 +41,11 @@ _DO = {
     "drilling": "Drill into the material.",
 }
 _BEFORE = {
-    "same-different": "Each trial has two intervals. Then you are asked whether the material was the same in both.",
+    "same-different": "Each trial has two intervals. Then you are asked whether the material was the same in "
+    "both.",
     "2ifc": "Each trial has two intervals. Then you are asked to compare them.",
-    "abx": "Each trial has three intervals: a reference, and then two of which one is to be taken for the reference.",
+    "abx": "Each trial has three intervals: a reference, and then two of which one is to be taken for the "
+    "reference.",
 }
 
 
@@ -412,7 +414,8 @@ class Sitting:
             kind = "simulated subject" if seat.simulated else "subject"
             done = f", {len(order.answered)} trials were answered before" if order.answered else ""
             experimenter.say(
-                f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} trials{done}"
+                f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} "
+                f"trials{done}"
             )
             if self._text.startswith("igtl:") and self.protocol.publish is None:
                 experimenter.say(_NO_FORCE)

@@ -143,7 +143,8 @@ def of_answers(found: Iterable[Answers]) -> list[TaskData]:
         names = [other.subject for other in task.subjects]
         refuse(
             (task.task, task.design) != (one.task, _design(one)),
-            f"task {one.name} of subject {one.subject} has another design than that of subject {''.join(names[:1])}",
+            f"task {one.name} of subject {one.subject} has another design than that of subject "
+            f"{''.join(names[:1])}",
         )
         refuse(one.subject in names, f"subject {one.subject} has task {one.name} twice")
         tasks[one.name] = replace(task, subjects=(*task.subjects, _subject(one)))

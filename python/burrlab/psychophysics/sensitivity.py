@@ -197,7 +197,8 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     outcomes = (counts.signals + 1) * (counts.noises + 1)
     refuse(
         outcomes > _MOST,
-        f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'",
+        f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take "
+        "'profile'",
     )
     observed, error = Outcomes.of(counts), 1.0 - level
     if bool(observed.undetermined):
@@ -325,7 +326,8 @@ class DPrime(Result):
         )
         name, meaning = self.criterion_meaning.split(" ", 1)
         lines = [
-            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, {self.method})",
+            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, "
+            f"{self.method})",
             nothing if self.undetermined else "",
             "" if self.standard_error is None else f"standard error {self.standard_error:.2f}",
             "" if self.correction == "none" else f"corrected d' {self.corrected:.2f} ({self.correction})",

@@ -496,7 +496,8 @@ class SideCar:
         due = made.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
         refuse(
             (self.task, self.trials) != (made.task, due),
-            f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}",
+            f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and "
+            f"{self.trials}",
         )
 
 

@@ -227,7 +227,8 @@ class Staircase(Staircased):
         whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
         refuse(
             self.target <= self.chance,
-            f"down and up_weight must aim above chance, 0.5, got {self.down} and {weight:g}, which aim at {self.target:.3g}",
+            f"down and up_weight must aim above chance, 0.5, got {self.down} and {weight:g}, which aim at "
+            f"{self.target:.3g}",
         )
 
     @property
@@ -255,7 +256,8 @@ class Staircase(Staircased):
             if expected is None or not math.isclose(level, expected, rel_tol=1e-6):
                 given = "an end" if expected is None else f"{expected:.6g}"
                 raise ValueError(
-                    f"levels must be those of this staircase, got {level:.6g} in trial {number} where it has {given}"
+                    f"levels must be those of this staircase, got {level:.6g} in trial {number} where it has "
+                    f"{given}"
                 )
             track.update(right)
         return track.threshold()
@@ -618,20 +620,22 @@ def precision(
     logs = [math.log(found / sought) for found, _ in runs if found is not None]
     trials = np.mean([number for _, number in runs])
     lines = [
-        f"{_RUNS} simulated runs ({trials:.0f} trials on average) of an observer with Gaussian noise, {100 * LAPSE:g} % lapses "
-        f"and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):"
+        f"{_RUNS} simulated runs ({trials:.0f} trials on average) of an observer with Gaussian noise, "
+        f"{100 * LAPSE:g} % lapses and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):"
     ]
     if len(logs) < _RUNS:
         lines.append(f"{_RUNS - len(logs)} of them end without a threshold")
     if len(logs) > 1:
         spread, bias = float(np.std(logs, ddof=1)), float(np.mean(logs))
         lines.append(
-            f"the threshold's distance from 1 [ln] is found to a factor of {math.exp(spread):.2f} (standard deviation), "
+            f"the threshold's distance from 1 [ln] is found to a factor of {math.exp(spread):.2f} (standard "
+            "deviation), "
             f"{100 * abs(math.expm1(bias)):.0f} % too {'large' if bias > 0 else 'small'} in the mean"
         )
         if subjects > 1:
             lines.append(
-                f"that of {subjects} such subjects together to {math.exp(spread / math.sqrt(subjects)):.2f}, and worse where they differ"
+                f"that of {subjects} such subjects together to {math.exp(spread / math.sqrt(subjects)):.2f}, "
+                "and worse where they differ"
             )
     return "\n".join(lines)
 

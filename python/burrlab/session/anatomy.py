@@ -109,7 +109,8 @@ def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
         lines.append(f"  connection given up at tick {tick}: {reason}")
     for one in status["divergences"][-_TOLD:]:
         lines.append(
-            f"  bone not the leader's at tick {one['tick']}: {one['what']}, {len(one['bricks'])} bricks replaced"
+            f"  bone not the leader's at tick {one['tick']}: {one['what']}, {len(one['bricks'])} bricks "
+            "replaced"
         )
     return "\n".join(lines)
 

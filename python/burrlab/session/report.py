@@ -129,7 +129,8 @@ class SessionReport:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.state}: {self.ticks} ticks, {self.late} with k > 1, {self.missed} deadlines missed, {self.dropped} periods dropped",
+            f"{self.state}: {self.ticks} ticks, {self.late} with k > 1, {self.missed} deadlines missed, "
+            f"{self.dropped} periods dropped",
             f"  {'[us]':<20}" + "".join(f"{q:>9}" for q in ("p50", "p99", "p99.9", "max")),
         ]
         lines += [
@@ -139,7 +140,8 @@ class SessionReport:
         ]
         f = self.follower
         lines.append(
-            f"  follower: tick {f['tick']}, {f['behind']} behind, at most {1e3 * f['most_behind_s']:.0f} ms; rebuilt {f['rebuilds']} times"
+            f"  follower: tick {f['tick']}, {f['behind']} behind, at most {1e3 * f['most_behind_s']:.0f} ms; "
+            f"rebuilt {f['rebuilds']} times"
         )
         if f["differing"]:
             lines.append(
@@ -149,10 +151,12 @@ class SessionReport:
             limit = (
                 "the device does not say its damping"
                 if math.isnan(at["limit_N_per_mm"])
-                else f"limit {at['limit_N_per_mm']:.3g}, ratio {at['ratio']:.2f}, exceeded below {at['force_at_limit_N']:.2g} N"
+                else f"limit {at['limit_N_per_mm']:.3g}, ratio {at['ratio']:.2f}, exceeded below "
+                f"{at['force_at_limit_N']:.2g} N"
             )
             lines.append(
-                f"  burr {burr}: {at['force_N']:.2f} N, contact stiffness {at['stiffness_N_per_mm']:.3g} N/mm; {limit}"
+                f"  burr {burr}: {at['force_N']:.2f} N, contact stiffness {at['stiffness_N_per_mm']:.3g} "
+                f"N/mm; {limit}"
             )
             lines.append(f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ")
         for name in ("network", "recording"):

@@ -413,8 +413,9 @@ class Session:
             return
         self._warned.add(burr)
         self._say(
-            f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, at its stiffest {at['ratio']:.2f} of the device's limit; "
-            f"below {at['force_at_limit_N']:.2g} N here a hand may tremble"
+            f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, at its stiffest "
+            f"{at['ratio']:.2f} of the device's limit; below "
+            f"{at['force_at_limit_N']:.2g} N here a hand may tremble"
         )
 
     def _hand_digests(self) -> None:

@@ -398,8 +398,8 @@ def _read(file: h5py.File, path: Path) -> Trace:
     texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in told)
     refuse(
         not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
-        f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 bits "
-        "and its scheme layer or cell",
+        f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 "
+        "bits and its scheme layer or cell",
     )
     # Digests and events are read first, as they are written after their ticks.
     watch, watched, events = read_watch(file, len(tools))

@@ -175,7 +175,8 @@ def ffmpeg() -> str:
 
         return str(imageio_ffmpeg.get_ffmpeg_exe())
     raise OSError(
-        "an MP4 needs ffmpeg: apt-get install ffmpeg, or pip install imageio-ffmpeg; a film that ends in .gif needs neither"
+        "an MP4 needs ffmpeg: apt-get install ffmpeg, or pip install imageio-ffmpeg; a film that ends in "
+        ".gif needs neither"
     )
 
 

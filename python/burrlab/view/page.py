@@ -577,7 +577,8 @@ def _charts(page: Page, html: Any) -> None:
             )
             Svg(
                 "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
-                stroke=(f"{list(_COLOURS)!r}[i % {len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
+                stroke=(f"{list(_COLOURS)!r}[i % "
+                        f"{len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
             )  # fmt: skip
             _line(Svg, f"{WIDTH:g} * {part}", "'#e3e7ea'")
         with html.Div(classes="burrlab-value"):
@@ -616,6 +617,7 @@ def _transport(page: Page, html: Any, v3: Any) -> None:
         with html.Div(classes="d-flex align-center"):
             html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
             v3.VSelect(
-                v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
+                v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, "
+                                           "value: x}))",), density="compact",
                 hide_details=True, variant="plain", style="flex: 0 0 70px;", raw_attrs=['aria-label="speed"'],
             )  # fmt: skip

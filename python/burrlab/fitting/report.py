@@ -157,9 +157,8 @@ def notes(fit: FitRecord) -> list[str]:
     if fit.table is not None and fit.evidence is not None:
         lines.append(
             f"The voxel engine is stochastic: its descents scatter by {100 * fit.table.noise:.2g} % and lie "
-            "within "
-            f"{100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens the "
-            f"limits by {100 * fit.evidence.monte_carlo:.2g} %."
+            f"within {100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens "
+            f"the limits by {100 * fit.evidence.monte_carlo:.2g} %."
         )
     low, high = ALPHA_BOUNDS
     if not low <= fit.alpha <= high:

@@ -107,6 +107,7 @@ def follow(
         refuse(scheme not in ("layer", "cell"), "scheme must be layer or cell")
         if bone is None:  # file names, which error messages quote
             check_texts(recipe)
+            check_texts(json.loads(recipe.get("tissues", "null")))  # JSON in a text
     except _UNREADABLE as error:
         raise ValueError(
             f"hello of the leader at {host}:{port} cannot be read: {in_one_line(repr(error))}"

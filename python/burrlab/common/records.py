@@ -59,7 +59,9 @@ def in_one_line(error: object, most: int = 200) -> str:
 
 def check_texts(value: object) -> None:
     """ValueError if a text in a JSON value holds control characters or a lone surrogate."""
-    found = re.search(r"[\x7f\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False))
+    found = re.search(
+        r"[\x7f\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)
+    )
     refuse(found, "a text has control characters")
 
 

@@ -148,8 +148,8 @@ def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
     side = voxels(2 * radius, spacing) + 6
     shift = np.random.default_rng(1).uniform(-0.5, 0.5, (ticks, 3))
     path = (0.5 * (side - 1) + shift) * spacing
-    return Scene(f"buried {resolution:g}", "wholly in solid bone, fresh at "
-                                           "every tick", Burring(spacing, radius),
+    return Scene(f"buried {resolution:g}",
+        "wholly in solid bone, fresh at every tick", Burring(spacing, radius),
                  (side, side, side), side, path, fresh=True,
                  effort=effort_at(resolution, quick, deep=True))  # fmt: skip
 

@@ -132,8 +132,8 @@ _EFFECT = SelectionEffect(3, 20, 12)
             ],
         ),
         ({"subjects": ["01", "03"]}, 3, ["SELECTED: 2 of 3 subjects."]),
-        ({"selected_by": "their teacher"}, 0, ["SELECTED (their teacher): 3 subjects, of how many is not "
-                                               "known"]),
+        ({"selected_by": "their teacher"}, 0, [
+         "SELECTED (their teacher): 3 subjects, of how many is not known"]),
         ({"subjects": ["03", "02", "01"], "selected_from": 3}, 0, []),
     ],
 )  # fmt: skip
@@ -230,27 +230,24 @@ _ABX = Counts("abx", 4, 5, 0, 5)
         (TypeError, lambda: analyse({"01": 3}), "subject 01 must have Counts or Answers, got int"),
         (ValueError, lambda: analyse(THREE, subjects=["01", "04"]), "subjects must be of 01, 02, 03, got 04"),
         (ValueError, lambda: analyse(THREE, subjects=[]), "subjects must be of 01, 02, 03, got none"),
-        (ValueError, lambda: analyse(THREE, selected_from=2), "selected_from must be at least the 3 subjects "
-                                                              "of task same-different, got 2"),
+        (ValueError, lambda: analyse(THREE, selected_from=2),
+         "selected_from must be at least the 3 subjects of task same-different, got 2"),
         (ValueError, lambda: analyse({}), "data must hold a subject, got none"),
         (ValueError, lambda: analyse({"probing": {}}), "task probing must hold a subject, got none"),
         (ValueError, lambda: analyse([]), "data must hold answers, got none"),
-        (ValueError, lambda: analyse({"probing": {"01": THREE["01"], "02": _ABX}}), "task probing must be of "
-                                                                                    "one kind, got abx, "
-                                                                                    "same-different"),
+        (ValueError, lambda: analyse({"probing": {"01": THREE["01"], "02": _ABX}}),
+         "task probing must be of one kind, got abx, same-different"),
         (ValueError, lambda: analyse(THREE, rules=[]), "rules must hold one at least, got none"),
-        (ValueError, lambda: analyse(THREE, rules=["x"]), "rule must be one of independent-observations, "
-                                                          "differencing, got 'x'"),
+        (ValueError, lambda: analyse(THREE, rules=["x"]),
+         "rule must be one of independent-observations, differencing, got 'x'"),
         (ValueError, lambda: analyse(THREE, level=1.0), r"level must be in \[0.5, 1\), got 1.0"),
         (ValueError, lambda: analyse(THREE, delta=-1), "delta must be a d' above 0, got -1"),
         (KeyError, lambda: analyse({"01": _ABX})["x"], "task must be one of abx, got 'x'"),
         (ValueError, lambda: only({"01": _ABX}).subject("x"), "subject must be one of 01, got 'x'"),
-        (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).subjects[0].of_rule("x"), "rule must "
-                                                                                                  "be one of "
-                                                                                                  "differencing, got 'x'"),
-        (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).plot_intervals(rule="x"), "rule must "
-                                                                                                  "be one of "
-                                                                                                  "differencing, got 'x'"),
+        (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).subjects[0].of_rule("x"),
+         "rule must be one of differencing, got 'x'"),
+        (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).plot_intervals(rule="x"),
+         "rule must be one of differencing, got 'x'"),
     ],
 )  # fmt: skip
 def test_refusals(kind, ask, sentence):

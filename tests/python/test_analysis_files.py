@@ -149,8 +149,8 @@ def test_incomplete_runs_are_listed(tmp_path):
     run(made, "02", "probing", wrong_in(1), stop=4 + 7)
     few = "03 (none of the main trials)"
     for incomplete, subjects, left_out, told in (
-        (False, ["01"], ("02 (7 of 12 trials)", few), "left out, as their runs are incomplete: 02 (7 of 12 "
-                                                      f"trials), {few}"),
+        (False, ["01"], ("02 (7 of 12 trials)", few),
+         f"left out, as their runs are incomplete: 02 (7 of 12 trials), {few}"),
         (True, ["01", "02"], (few,), "incomplete, and taken in on request: 02 (7 of 12 trials)"),
     ):  # fmt: skip
         analysis = analyse(made, incomplete=incomplete)

@@ -158,8 +158,8 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path):
     trial = order.next()
     with file:
         for wrong, sentence in [
-            (answer(trial, "first", 0.0), "answer: column response: must be one of same, different, got "
-                                          "'first'"),
+            (answer(trial, "first", 0.0),
+             "answer: column response: must be one of same, different, got 'first'"),
             (answer(trial, "same", -1.0, -1.0), "answer: column response_time: must be at least 0"),
             (answer(trial, "same", float("nan")), "a number must be finite, got nan"),
         ]:  # fmt: skip

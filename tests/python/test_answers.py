@@ -115,53 +115,53 @@ def test_a_file_of_another_program(tmp_path, name, change, options, labels):
         (lambda rows: [HEAD, "\udcff"], "this is not a text file in UTF-8"),
         (lambda rows: [HEAD, "\0"], "this is not a text file, it holds zero bytes"),
         (lambda rows: [HEAD, "\a"], "this is not a text file, it holds the control character"),
-        (lambda rows: [HEAD, *rows, rows[1]], "line 5, column trial: main trial 2 is answered in line 3 "
-                                              "already"),
+        (lambda rows: [HEAD, *rows, rows[1]],
+         "line 5, column trial: main trial 2 is answered in line 3 already"),
         (lambda rows: [HEAD, rows[0], rows[2]], "line 3, column trial: main trial 2 is due, got 3"),
         (lambda rows: [HEAD, rows[1], rows[0]], "line 2, column trial: main trial 1 is due, got 2"),
         (lambda rows: [HEAD, rows[0][:-1] + "0"], "line 2, column trial: must be at least 1"),
-        (lambda rows: [HEAD, rows[0].replace("same", "alike")], "line 2, column response: must be one of "
-                                                                "same, different"),
-        (lambda rows: [HEAD, rows[0].replace("same", "n/a")], "line 2, column response: must be one of same, "
-                                                              "different"),
-        (lambda rows: [HEAD, rows[0].replace("AA", "XY")], "line 2, column trial_type: must be one of AA, "
-                                                           "AB, BA, BB"),
-        (lambda rows: [HEAD, rows[0].replace("AA", "AB")], "line 2, column correct: after AB the correct "
-                                                           "answer is 'different'"),
-        (lambda rows: [HEAD, rows[0].replace("same\t1", "same\t0")], "line 2, column correct: after AA the "
-                                                                     "correct answer"),
-        (lambda rows: [HEAD, rows[0].replace("same\t1", "same\tyes")], "line 2, column correct: must be one "
-                                                                       "of 0, 1, got 'yes'"),
+        (lambda rows: [HEAD, rows[0].replace("same", "alike")],
+         "line 2, column response: must be one of same, different"),
+        (lambda rows: [HEAD, rows[0].replace("same", "n/a")],
+         "line 2, column response: must be one of same, different"),
+        (lambda rows: [HEAD, rows[0].replace("AA", "XY")],
+         "line 2, column trial_type: must be one of AA, AB, BA, BB"),
+        (lambda rows: [HEAD, rows[0].replace("AA", "AB")],
+         "line 2, column correct: after AB the correct answer is 'different'"),
+        (lambda rows: [HEAD, rows[0].replace("same\t1", "same\t0")],
+         "line 2, column correct: after AA the correct answer"),
+        (lambda rows: [HEAD, rows[0].replace("same\t1", "same\tyes")],
+         "line 2, column correct: must be one of 0, 1, got 'yes'"),
         (lambda rows: [HEAD, "n/a" + rows[0][1:]], "line 2, column onset: every row needs a number"),
         (lambda rows: [HEAD, "inf" + rows[0][1:]], "line 2, column onset: must be a finite number"),
         (lambda rows: [HEAD, "1_0" + rows[0][1:]], "line 2, column onset: must be a finite number"),
-        (lambda rows: [HEAD, rows[0].replace("41", "4,1")], "line 2, column duration: must be a finite "
-                                                            "number with a point"),
+        (lambda rows: [HEAD, rows[0].replace("41", "4,1")],
+         "line 2, column duration: must be a finite number with a point"),
         (lambda rows: [HEAD, rows[0].replace("41", "-41")], "line 2, column duration: must be at least 0"),
-        (lambda rows: [HEAD, rows[0].replace("0.5", "-0.5")], "line 2, column response_time: must be at "
-                                                              "least 0"),
+        (lambda rows: [HEAD, rows[0].replace("0.5", "-0.5")],
+         "line 2, column response_time: must be at least 0"),
         (lambda rows: [HEAD, rows[0][:-1] + "1.0"], "line 2, column trial: must be a whole number from 0"),
         (lambda rows: [HEAD, rows[0][:-1] + "n/a"], "line 2, column trial: every row needs a number"),
-        (lambda rows: [HEAD, rows[0], "-5" + rows[1][2:]], "line 3, column onset: must not be before the "
-                                                           "last trial's 0.0"),
+        (lambda rows: [HEAD, rows[0], "-5" + rows[1][2:]],
+         "line 3, column onset: must not be before the last trial's 0.0"),
         (lambda rows: [HEAD, rows[0] + "\t1"], "line 2: 7 fields are due, found 8"),
         (lambda rows: [HEAD, rows[0].replace("same", '"same')], "line 2: not a line of fields between tabs"),
         (lambda rows: [HEAD + "\tlevel", rows[0] + "\t0"], "line 2, column level: must be a ratio above 0"),
-        (lambda rows: [HEAD + "\tphase", rows[0] + "\twarm"], "line 2, column phase: must be one of "
-                                                              "practice, main"),
-        (lambda rows: [HEAD + "\tseed_1", rows[0] + f"\t{2**64}"], "line 2, column seed_1: must be a whole "
-                                                                   "number"),
-        (lambda rows: [HEAD + "\trepeats", rows[0] + "\t10"], "line 2, column repeats: must be a whole "
-                                                              "number"),
-        (lambda rows: [HEAD + "\tended_2", rows[0] + "\tbored"], "line 2, column ended_2: must be one of "
-                                                                 "time, "),
+        (lambda rows: [HEAD + "\tphase", rows[0] + "\twarm"],
+         "line 2, column phase: must be one of practice, main"),
+        (lambda rows: [HEAD + "\tseed_1", rows[0] + f"\t{2**64}"],
+         "line 2, column seed_1: must be a whole number"),
+        (lambda rows: [HEAD + "\trepeats", rows[0] + "\t10"],
+         "line 2, column repeats: must be a whole number"),
+        (lambda rows: [HEAD + "\tended_2", rows[0] + "\tbored"],
+         "line 2, column ended_2: must be one of time, "),
         (lambda rows: [HEAD + "\tended_3", rows[0] + "\ttime"], "line 1: unknown column 'ended_3'"),
         (
             lambda rows: [HEAD + "\tphase", rows[0] + "\tmain", rows[0] + "\tpractice"],
             "line 3, column phase: practice comes before the main phase",
         ),
-        (lambda rows: [HEAD + "\tblock", rows[0] + "\t0"], "line 2, column block: must be at least 1 after "
-                                                           "practice"),
+        (lambda rows: [HEAD + "\tblock", rows[0] + "\t0"],
+         "line 2, column block: must be at least 1 after practice"),
         (
             lambda rows: [HEAD + "\tblock", rows[0] + "\t2", rows[1] + "\t1"],
             "line 3, column block: must not be before the last trial's 2",
@@ -194,8 +194,8 @@ def test_a_correct_flag_of_two_intervals_contradicts_another_row(tmp_path):
         ({"task": "odd"}, "task must be one of same-different, abx, 2ifc, got 'odd'"),
         ({"task": "same-different"}, "the subject is unknown: name the file"),
         *(
-            ({"task": "same-different", "answers": answers}, "answers must be two that differ, in the order "
-                                                             "of their keys")
+            ({"task": "same-different", "answers": answers},
+             "answers must be two that differ, in the order of their keys")
             for answers in (5, [1, 2], ["same", "same", "different"], "ab", ["a", "a"])
         ),
     ],

@@ -184,8 +184,8 @@ def test_field_is_small_frozen_and_pickles():
         ({"contrast": 0.5}, r"contrast must be 0 or between 0 and .* = 0.5, got 0.5"),
         ({"mean": 1.0}, r"contrast must be 0 or between 0 and .* = 0, got 0.1"),
         ({"contrast": np.nan}, "contrast must be 0 or between .* got nan"),
-        ({"contrast": 0.004}, "contrast must be 0 or give a standard deviation of at least one level, .* = "
-                              "0.004902, got 0.004"),
+        ({"contrast": 0.004},
+         "contrast must be 0 or give a standard deviation of at least one level, .* = 0.004902, got 0.004"),
         ({"correlation_length": 0.0}, "correlation_length must be positive and finite, got 0.0"),
         ({"correlation_length": np.inf}, "correlation_length must be positive and finite, got inf"),
     ],

@@ -142,15 +142,15 @@ PNG = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR" + struct.pack(">2I5B", 16000, 5000, 16,
 FAR_MORE = "the compressed data must hold 128 bytes, as the header says, got far more"
 BOMBS = [
     ("a.nrrd", nrrd("30000 30000 30000", gzip.compress(bytes(128))), READ, "bytes cannot hold"),
-    ("a.nrrd", nrrd("900 900 900", gzip.compress(bytes(99)) + bytes(1 << 21)), READ, "needs 1.46 GB of "
-                                                                                     "memory, and 0.5 GB are"),
+    ("a.nrrd", nrrd("900 900 900", gzip.compress(bytes(99)) + bytes(1 << 21)), READ,
+     "needs 1.46 GB of memory, and 0.5 GB are"),
     ("a.nrrd", nrrd("4 4 4", b"", "9" * 20), READ, "contradicts its dimension 99999999999999999999"),
     ("a.nrrd", nrrd("4 4 4", b"", "9" * 9), READ, "contradicts its dimension 999999999"),
     ("a.nii.gz", gzip.compress(nifti(4, 4, 4)) + zeros(31), READ, FAR_MORE.replace("128", "480")),
     ("a.nii.gz", gzip.compress(nifti(30000, 30000, 30000)), READ, "bytes cannot hold"),
     ("a.nrrd", nrrd("4 4 4", zeros(31)), READ, FAR_MORE), ("a.mha", meta("4 4 4", zeros(15)), READ, FAR_MORE),
-    *[("a.mha", meta("4 4 4", b"", n), READ, "NDims .* must be the 3 numbers of DimSize, at most 10, got "
-                                             f"'{n}'")
+    *[("a.mha", meta("4 4 4", b"", n), READ,
+        f"NDims .* must be the 3 numbers of DimSize, at most 10, got '{n}'")
       for n in (-1, 10000, 2147483648, 10**19)],
     ("a.mha", meta(" ".join(["1"] * 30000), b"", 30000), READ, "NDims .* at most 10, got '30000'"),
     ("a.mha", meta("4 4 4", b"", file="%099999999d 1 9 1"), READ, "the file of its values, .* is not there"),
@@ -159,10 +159,10 @@ BOMBS = [
      "cannot be read as a DICOM image|the pixel data of the slice is damaged|compressed pixels must be of "
      "the header's size, got 1600000000"),
     ("slice1.png", PNG, STACK, "bytes cannot hold"),
-    ("a.yaml", laughs("[x,x,x,x,x,x,x,x,x]", "[{}]"), STACK.replace(", spacing=1", ""), "VOLUME v must have "
-                                                                                        "dimensions and images, got "),
-    ("a.yaml", laughs("{x: 1}", "{{<<: [{}]}}"), STACK.replace(", spacing=1", ""), "a mapping must have at "
-                                                                                   "most 300000 keys"),
+    ("a.yaml", laughs("[x,x,x,x,x,x,x,x,x]", "[{}]"), STACK.replace(", spacing=1", ""),
+     "VOLUME v must have dimensions and images, got "),
+    ("a.yaml", laughs("{x: 1}", "{{<<: [{}]}}"), STACK.replace(", spacing=1", ""),
+     "a mapping must have at most 300000 keys"),
     ("a.h5", lambda path: bone(path, 2000), BONE, "cannot hold 8000000000"),
     ("a.h5", lambda path: bone(path, 64), BONE, "must have chunks of 262144 bytes, got 262145 or more"),
     ("a.h5", trace, "burrlab.load_trace({!r})", "cannot hold 3740000000"),

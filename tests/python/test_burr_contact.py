@@ -67,10 +67,10 @@ ENDLESS = Material("x", c_e=1, alpha=1e300)
         (lambda c: contact_on(c.bone, 0.0), "radius must be positive and finite, got 0"),
         (lambda c: contact_on(c.bone, scheme="both"), "scheme must be layer or cell, got 'both'"),
         (lambda c: contact_on(c.bone, index=2**31), r"index must be below 2\^31, got 2147483648"),
-        (lambda _: contact_on(block(spacing=0.4)), "radius must be at least 4 voxels, got 3.75; a spacing of "
-                                                   "0.2 mm or finer would do"),
-        (lambda _: contact_on(VoxelBone.block((4, 4, 2), (0.1, 0.1, 0.5))), "radius must be at least 4 "
-                                                                            "voxels, got 3;"),
+        (lambda _: contact_on(block(spacing=0.4)),
+         "radius must be at least 4 voxels, got 3.75; a spacing of 0.2 mm or finer would do"),
+        (lambda _: contact_on(VoxelBone.block((4, 4, 2), (0.1, 0.1, 0.5))),
+         "radius must be at least 4 voxels, got 3;"),
         (lambda c: c.step((0, 0, np.nan), 1.0), "center must be finite, got nan"),
         (lambda c: c.step((np.inf, 0, 0), 1.0), "center must be finite, got inf"),
         (lambda c: c.step((np.inf, 0, 0), 1.0, burr_on=False), "center must be finite, got inf"),
@@ -78,8 +78,8 @@ ENDLESS = Material("x", c_e=1, alpha=1e300)
         (lambda c: c.step(ABOVE, 0.0), "dt must be positive and finite, got 0"),
         (lambda c: c.step(ABOVE, 0.0, burr_on=False), "dt must be positive and finite, got 0"),
         (lambda c: c.step(ABOVE, np.nan), "dt must be positive and finite, got nan"),
-        (lambda c: BurrContact(c.bone, c.burr, ENDLESS, seed=1).step(ABOVE, 1e10), "alpha dt must be at most "
-                                                                                   "1000, got inf"),
+        (lambda c: BurrContact(c.bone, c.burr, ENDLESS, seed=1).step(ABOVE, 1e10),
+         "alpha dt must be at most 1000, got inf"),
         (lambda c: c.probe((np.nan, 0, 0)), "center must be finite, got nan"),
         (lambda c: c.erode(ABOVE, np.inf), "dt must be positive and finite, got inf"),
         (lambda c: c.erode((2.0, 2.0, -np.inf), 1.0), "center must be finite, got -inf"),

@@ -184,16 +184,16 @@ def test_begun_or_not_or_by_another(config, capsys):
     [
         (["run", "none.toml", "--subject", "01"], "none.toml"),
         (["run", "test.toml", "--subject", "09"], "there is no subject '09'; there are 01, 02, 03"),
-        (["run", "test.toml", "--subject", "01", "--task", "x"], "there is no task 'x'; there are probing, "
-                                                                 "match"),
+        (["run", "test.toml", "--subject", "01", "--task", "x"],
+         "there is no task 'x'; there are probing, match"),
         (["run", "test.toml"], "--subject LABEL or --simulated --all must say who takes part"),
-        (["run", "test.toml", "--subject", "01", "--all", "--simulated"], "--subject LABEL or --simulated "
-                                                                          "--all"),
+        (["run", "test.toml", "--subject", "01", "--all", "--simulated"],
+         "--subject LABEL or --simulated --all"),
         (["run", "test.toml", "--all"], "--all goes with --simulated"),
         (["run", "test.toml", "--subject", "01", "--fast"], "--fast goes with --simulated"),
         (["run", "test.toml", "--subject", "01", "--weber", "1"], "--weber goes with --simulated"),
-        (["run", "test.toml", "--subject", "01", "--device", "mouse"], "device must be hand, scripted:FILE "
-                                                                       "or igtl:"),
+        (["run", "test.toml", "--subject", "01", "--device", "mouse"],
+         "device must be hand, scripted:FILE or igtl:"),
         (["run", "test.toml", "--subject", "01", "--device", "scripted:none.csv"], "none.csv"),
         (["run", "test.toml", "--subject", "01", "--simulated", "--device", "hand"], "--device does not go with"),
         (["analyse", "test.toml"], "there is no file of answers"),

@@ -119,55 +119,51 @@ def test_grey_and_coloured_slices_of_one_spacing(files: Path, run: Callable[...,
         (["--labels", "a.seg.nrrd", "--map", "0:1"], "--map goes with --volume"),
         (["--labels", "a.seg.nrrd", "--series", "1"], "--series goes with --volume"),
         (["--labels", "a.seg.nrrd"], "--device hand with --labels needs --entry"),
-        (["--labels", "labels.nii.gz", *THERE], "labels.nii.gz: the labels 1 (19008 voxels), 4 (6336 voxels) "
-                                                "have no names in the file"),
+        (["--labels", "labels.nii.gz", *THERE],
+         "labels.nii.gz: the labels 1 (19008 voxels), 4 (6336 voxels) have no names in the file"),
         (["--labels", "none.nrrd", *THERE], "none.nrrd: no such file"),
-        (["--labels", "a.seg.nrrd", "--unit", "1", *THERE], "unit (--unit) goes with labels in PNG slices, "
-                                                            "got a.seg.nrrd"),
-        ([*GREY, "--labels", "labels.nii.gz", "--unknown", "nearest", *THERE], "unknown (--unknown) goes "
-                                                                               "with labels in PNG slices"),
+        (["--labels", "a.seg.nrrd", "--unit", "1", *THERE],
+         "unit (--unit) goes with labels in PNG slices, got a.seg.nrrd"),
+        ([*GREY, "--labels", "labels.nii.gz", "--unknown", "nearest", *THERE],
+         "unknown (--unknown) goes with labels in PNG slices"),
         (["--labels", "slices", *THERE], "slices: PNG slices do not say how large they are"),
-        (["--labels", "slices", "--spacing", "0.25", *THERE], "slices: slices in colours of "
-                                                              "volumetric_drilling must be told their axes"),
-        (["--labels", "slices", "--tissues", "t.csv", "--spacing", "0.25", *THERE], "slices: slices in "
-                                                                                    "colours of "
-                                                                                    "volumetric_drilling "
-                                                                                    "must be told"),
-        (["--labels", "a.seg.nrrd", "--no-transpose", *THERE], "--transpose and --no-transpose go with PNG "
-                                                               "slices"),
+        (["--labels", "slices", "--spacing", "0.25", *THERE],
+         "slices: slices in colours of volumetric_drilling must be told their axes"),
+        (["--labels", "slices", "--tissues", "t.csv", "--spacing", "0.25", *THERE],
+         "slices: slices in colours of volumetric_drilling must be told"),
+        (["--labels", "a.seg.nrrd", "--no-transpose", *THERE],
+         "--transpose and --no-transpose go with PNG slices"),
         (["--transpose"], "--transpose and --no-transpose go with PNG slices"),
-        (["--bone", "ct.nrrd", "--no-transpose", *THERE], "--transpose goes without --bone, which has "
-                                                          "its own"),
-        (["--labels", "slices", "--unit", "1", "--spacing", "0.2", *THERE], "unit goes with a YAML file: "
-                                                                            "spacing is in mm"),
-        ([*GREY, "--labels", "a.seg.nrrd", *THERE], "a.seg.nrrd must have the same geometry: spacing (0.25, "
-                                                    "0.25, 0.25) against (0.2, 0.3"),
+        (["--bone", "ct.nrrd", "--no-transpose", *THERE],
+         "--transpose goes without --bone, which has its own"),
+        (["--labels", "slices", "--unit", "1", "--spacing", "0.2", *THERE],
+         "unit goes with a YAML file: spacing is in mm"),
+        ([*GREY, "--labels", "a.seg.nrrd", *THERE],
+         "a.seg.nrrd must have the same geometry: spacing (0.25, 0.25, 0.25) against (0.2, 0.3"),
         ([*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", "--fill", "spleen:1", *THERE], "fill must be of tissues of the table (bone, facial nerve, unlabelled), got 'spleen'"),
-        ([*GREY, "--labels", "labels.nii.gz", "--tissues", "small.csv", *THERE], "labels that are not in the "
-                                                                                 "table: 4 (6336 voxels); "
-                                                                                 "the table has 1 bone"),
+        ([*GREY, "--labels", "labels.nii.gz", "--tissues", "small.csv", *THERE],
+         "labels that are not in the table: 4 (6336 voxels); the table has 1 bone"),
         (["--fill", "bone:2", "--labels", "x"], "must be TISSUE:OCCUPANCY, 0 to 1, got 'bone:2'"),
         (["--fill", "bone", "--labels", "x"], "must be TISSUE:OCCUPANCY, 0 to 1, got 'bone'"),
         (["--unit", "1,2,3", "--labels", "x"], "--unit: must be a number, got '1,2,3'"),
         (["--unknown", "any", "--labels", "x"], "must be nearest or a label, got 'any'"),
         (["--bone", "ct.nrrd", *THERE], "must lie beside it, and there is none: was the volume moved"),
         (["--bone", "none.nrrd", *THERE], "none.nrrd: no such file or folder"),
-        (["--bone", "ct.nrrd", "--volume", "ct.nrrd", *THERE], "--volume goes without --bone, which has "
-                                                               "its own"),
+        (["--bone", "ct.nrrd", "--volume", "ct.nrrd", *THERE],
+         "--volume goes without --bone, which has its own"),
         (["--bone", "ct.nrrd", "--fill", "bone:1", *THERE], "--fill goes without --bone, which has its own"),
         (["--bone", "ct.nrrd"], "--device hand with --bone needs --entry and --axis"),
         (["--axis", "0,0,1"], "--axis goes with --volume, --labels or --bone"),
         (["--save", "x.nrrd"], "--save: a block has no volume: the file must end in .h5, got x.nrrd"),
         (["--save", "x.h5", "--record", "x.h5"], "--save must be another file than --record, got x.h5"),
         (["--save", "slices"], "--save: a block has no volume"),
-        ([*GREY, *THERE, "--save", "x.txt"], "--save: path must end in .nrrd, .nii, .nii.gz or .mha, got "
-                                             "x.txt"),
+        ([*GREY, *THERE, "--save", "x.txt"],
+         "--save: path must end in .nrrd, .nii, .nii.gz or .mha, got x.txt"),
         ([*GREY, *THERE, "--save", "ct.nrrd"], "--save: path must be another file than the original"),
-        ([*GREY, *THERE, "--save", "labels.nii.gz"], "--save: path must be a new file or one of "
-                                                     "save_drilled, labels.nii.gz is neither"),
-        (["--labels", "v.yaml", "--entry", "4,4,8", "--axis", "0,0,-1", "--save", "slices"], "--save: path "
-                                                                                             "must be a new "
-                                                                                             "folder, slices is there"),
+        ([*GREY, *THERE, "--save", "labels.nii.gz"],
+         "--save: path must be a new file or one of save_drilled, labels.nii.gz is neither"),
+        (["--labels", "v.yaml", "--entry", "4,4,8", "--axis", "0,0,-1", "--save", "slices"],
+         "--save: path must be a new folder, slices is there"),
         ([*GREY, *THERE, "--save", "ct.h5"], "path must be a new file or a burrlab bone, ct.h5 is neither"),
     ],
 )  # fmt: skip

@@ -139,27 +139,26 @@ def study():
         (lambda _: coverage_study([(3.0, [1.0], 1)], BONE), TypeError, "experiment must be a"),
         (lambda _: coverage_study(WIDE, "bone"), TypeError, "material must be a"),
         (lambda _: coverage_study(WIDE, BONE, n=0), ValueError, "^n must be at least 1: got 0"),
-        (lambda _: coverage_study(WIDE, BONE, scatter=0.0), ValueError, "^scatter must be positive and "
-                                                                        "finite: got 0.0"),
-        (lambda _: coverage_study(WIDE, BONE, static_scatter=np.nan), ValueError, "^static_scatter must be "
-                                                                                  "positive and finite: got nan"),
+        (lambda _: coverage_study(WIDE, BONE, scatter=0.0), ValueError,
+         "^scatter must be positive and finite: got 0.0"),
+        (lambda _: coverage_study(WIDE, BONE, static_scatter=np.nan), ValueError,
+         "^static_scatter must be positive and finite: got nan"),
         (lambda _: coverage_study(one_burr(0.5, 4.0), BONE, n=1), ValueError, r"leave a window, below 0\.1925 c_e R\^2 = 3\.72 N: got 4 N"),
-        (lambda _: coverage_study(Experiment([(3.0, [0.5, 1.0], 3)]), BONE, n=1), ValueError, "three or more "
-                                                                                              "distinct forces: got 2"),
-        (lambda _: Experiment([(0.0, [1.0], 1)]), ValueError, "radius in velocities must be positive and "
-                                                              "finite: got 0.0"),
-        (lambda _: Experiment([(3.0, [1.0, -1.0], 1)]), ValueError, "forces in velocities must be positive "
-                                                                    "and finite, at least one"),
-        (lambda _: Experiment([(3.0, [1.0], 1)], [(3.0, [], 1)]), ValueError, "depths in static must be "
-                                                                              "positive and finite, at "
-                                                                              "least one"),
-        (lambda _: Experiment([(3.0, [1.0], 0)]), ValueError, "repeats in velocities must be at least 1: "
-                                                              "got 0"),
-        (lambda study: study.holds("beta"), ValueError, "quantity must be one of c_e, alpha, identified: got "
-                                                        "'beta'"),
+        (lambda _: coverage_study(Experiment([(3.0, [0.5, 1.0], 3)]), BONE, n=1), ValueError,
+         "three or more distinct forces: got 2"),
+        (lambda _: Experiment([(0.0, [1.0], 1)]), ValueError,
+         "radius in velocities must be positive and finite: got 0.0"),
+        (lambda _: Experiment([(3.0, [1.0, -1.0], 1)]), ValueError,
+         "forces in velocities must be positive and finite, at least one"),
+        (lambda _: Experiment([(3.0, [1.0], 1)], [(3.0, [], 1)]), ValueError,
+         "depths in static must be positive and finite, at least one"),
+        (lambda _: Experiment([(3.0, [1.0], 0)]), ValueError,
+         "repeats in velocities must be at least 1: got 0"),
+        (lambda study: study.holds("beta"), ValueError,
+         "quantity must be one of c_e, alpha, identified: got 'beta'"),
         (lambda study: study.closed("c_e", "90"), ValueError, r"level must be one of 68, 95, 99\.7: got '90'"),
-        (lambda study: study.coverage(among="some"), ValueError, "among must be one of all, closed, open: "
-                                                                 "got 'some'"),
+        (lambda study: study.coverage(among="some"), ValueError,
+         "among must be one of all, closed, open: got 'some'"),
     ],
 )  # fmt: skip
 def test_what_is_refused(study, call, error, told):

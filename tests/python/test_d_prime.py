@@ -338,16 +338,15 @@ COUNTS = Counts("same-different", 5, 6, 1, 6)
     ("ask", "sentence"),
     [
         (lambda: d_prime(COUNTS, rule="best"), "rule must be one of"),
-        (lambda: d_prime(COUNTS, rule=DIFFERENCING, method="wald"), "method must be one of exact, profile, "
-                                                                    "proportion, got 'wald'"),
-        (lambda: d_prime(COUNTS, rule=DIFFERENCING, correction="some"), "correction must be one of none, "
-                                                                        "log-linear, half, got 'some'"),
-        (lambda: d_prime(COUNTS, rule=DIFFERENCING, method="proportion"), "method must be exact or profile "
-                                                                          "for same-different, got "
-                                                                          "'proportion'"),
+        (lambda: d_prime(COUNTS, rule=DIFFERENCING, method="wald"),
+         "method must be one of exact, profile, proportion, got 'wald'"),
+        (lambda: d_prime(COUNTS, rule=DIFFERENCING, correction="some"),
+         "correction must be one of none, log-linear, half, got 'some'"),
+        (lambda: d_prime(COUNTS, rule=DIFFERENCING, method="proportion"),
+         "method must be exact or profile for same-different, got 'proportion'"),
         (lambda: d_prime(COUNTS, rule=DIFFERENCING, level=0.0), "level must be above 0 and below 1, got 0.0"),
-        (lambda: d_prime(COUNTS, rule=DIFFERENCING, level=math.nan), "level must be above 0 and below 1, "
-                                                                     "got nan"),
+        (lambda: d_prime(COUNTS, rule=DIFFERENCING, level=math.nan),
+         "level must be above 0 and below 1, got nan"),
         (lambda: score_interval(COUNTS, 1.0), "level must be above 0 and below 1, got 1.0"),
     ],
 )  # fmt: skip

@@ -271,14 +271,14 @@ class TestResult:
     ("arguments", "match"),
     [
         ({"radii": [], "static": []}, "forces and radii, or static, must hold a candidate: got none"),
-        *(({"forces": forces}, "forces must be finite and above 0 "
-                               "N: got") for forces in ([0.5, 0], [NAN], [[1.0]])),
-        ({"radii": [-1.0]}, "radii must be finite and above 0 "
-                            "mm: got"), ({"n": 0}, "n must be at least 1: got 0"),
+        *(({"forces": forces},
+            "forces must be finite and above 0 N: got") for forces in ([0.5, 0], [NAN], [[1.0]])),
+        ({"radii": [-1.0]},
+         "radii must be finite and above 0 mm: got"), ({"n": 0}, "n must be at least 1: got 0"),
         ({"n": 1, "static": 0.2}, "n must be at least 2 for the first static pairs, to show their scatter"),
         ({"truths": 0}, "truths must be at least 1: got 0"),
-        *(({"static": depths}, "static must be depths above 0 and below 2R = 6 "
-                               "mm: got") for depths in ([0.0], [0.1, 6.0], [NAN])),
+        *(({"static": depths},
+            "static must be depths above 0 and below 2R = 6 mm: got") for depths in ([0.0], [0.1, 6.0], [NAN])),
         ({"static": 0.2, "static_radius": 0.0}, "static_radius must be finite and above 0 mm: got"),
         ({"scatter": 0.0}, "scatter must be finite and above 0: got 0.0"),
         ({"static": 0.2, "static_scatter": -1.0}, "static_scatter must be finite and above 0: got -1.0"),

@@ -276,8 +276,8 @@ SOFT = {"name": "pvc", "material": "pvc", "c_e_N_per_mm2": 0.462, "alpha_per_ms"
             constant("alpha", mode="drilling", repeats=4, blocks=2, practice=1),
             {
                 "design": "constant-stimuli", "reference": MATERIAL, "held": "c_e is held at 2.145 N/mm^2", "parameter": "alpha", "mode": "drilling",
-                "question": "In which interval did the burr sink faster, the first or the "
-                            "second?", "hold": "other", "chance": 0.5,
+                "question": "In which interval did the burr sink faster, the first or the second?",
+                "hold": "other", "chance": 0.5,
                 "interval_s": 20.0, "practice": 1, "blocks": 2, "levels": [0.7, 1.1, 1.4], "repeats": 4,
             },
             ["3 levels of 4 trials each\n"],
@@ -285,16 +285,15 @@ SOFT = {"name": "pvc", "material": "pvc", "c_e_N_per_mm2": 0.462, "alpha_per_ms"
         (
             constant(levels=(1.05, 1.1, 1.2, 1.4)),
             {"held": "alpha is held at 0.087 /ms"},
-            ["alpha is held at 0.087 /ms", "75 % correct at a ratio of 1.14 (the middle of the "
-                                           "levels)", "to a factor of 1.31 (standard deviation), 6 % too "
-                                                      "small in the mean"],
+            ["alpha is held at 0.087 /ms", "75 % correct at a ratio of 1.14 (the middle of the levels)",
+             "to a factor of 1.31 (standard deviation), 6 % too small in the mean"],
         ),
         (
             staircase(),
             {"design": "staircase", "start": 2.0, "limit": 4.0, "target": math.sqrt(0.5)},
-            ["aims at 70.7 % correct, at most 80 "
-             "trials", "75 % correct at a ratio of 1.19 (a quarter of the start's distance "
-                       "from 1)", "1.59 (standard deviation), 2 % too large"],
+            ["aims at 70.7 % correct, at most 80 trials",
+             "75 % correct at a ratio of 1.19 (a quarter of the start's distance from 1)",
+             "1.59 (standard deviation), 2 % too large"],
         ),
         (
             adaptive("alpha", mode="drilling", trials=20),
@@ -676,8 +675,8 @@ def wrong(kind, **change):
         (ValueError, wrong(ABX, foil=PETTIGREW), r"match and foil must have different names, got 'pettigrew' twice"),
         (ValueError, wrong(ABX, trials=9), r"trials must be a multiple of 2 \(AB and BA equally often\), got 9"),
         (ValueError, wrong(ABX, reference_interval=0), r"reference_interval must be a time above 0 \[s\], got 0"),
-        *((TypeError, wrong(ABX, **{name: "bone"}), f"{name} must be a Stimulus, such as .*, got "
-                                                    "'bone'") for name in RIGHT[ABX]),
+        *((TypeError, wrong(ABX, **{name: "bone"}),
+            f"{name} must be a Stimulus, such as .*, got 'bone'") for name in RIGHT[ABX]),
         (ValueError, wrong(ConstantStimuli, reference=Stimulus("real")), r"reference must have a material to be rendered, got the real specimen 'real'"),
         (ValueError, wrong(ConstantStimuli, parameter="shape"), r"parameter must be one of c_e, alpha, got 'shape'"),
         (ValueError, wrong(ConstantStimuli, parameter="alpha"), r"mode must be 'drilling' for parameter 'alpha', got 'probing': alpha alone changes nothing with the burr off"),

@@ -139,8 +139,8 @@ GAP = r"1\.5 mm between slices {} and {} .*0\.75 mm apart"
         (lambda folder: (folder / "slice000.dcm").write_text("no DICOM"), r"slice000\.dcm: cannot be read as a DICOM image"),
         (more_than_there_is, r"slice000\.dcm: cannot be read as a DICOM image: it is cut short"),
         (slice_of(0, ImagePositionPatient=None), "does not say the slice's position and orientation"),
-        (slice_of(0, PhotometricInterpretation="MONOCHROME1"), "one value a voxel, got a MONOCHROME1 image "
-                                                               "of 1 values"),
+        (slice_of(0, PhotometricInterpretation="MONOCHROME1"),
+         "one value a voxel, got a MONOCHROME1 image of 1 values"),
         (slice_of(0, NumberOfFrames=2, PixelData=VALUES[:2].tobytes()), "of several frames are not read"),
         (lost(*range(6)), "the folder holds no DICOM files"),
     ],

@@ -210,8 +210,8 @@ def test_bad_saves_are_refused(tmp_path: Path, volume: Volume) -> None:
     below, far = OccupancyMap.two_point(-100, 180), OccupancyMap.two_point(-1e300, 1200)
     other = volume.crop_voxels((0, 0, 0), (5, 5, 5)).to_bone(MAP)
     for kind, match, path, changed in (
-        (ValueError, "mapping must be given: that with which the bone was "
-                     "made of", "b.nrrd", {"mapping": None}),
+        (ValueError,
+         "mapping must be given: that with which the bone was made of", "b.nrrd", {"mapping": None}),
         (ValueError, "tick must be a whole number", "b.nrrd", {"tick": -1}),
         (ValueError, "path must be another file than the original", "a.nrrd", {}),
         (ValueError, r"path must end in .nrrd, .nii, .nii.gz or .mha, got .*b.txt", "b.txt", {}),
@@ -220,8 +220,8 @@ def test_bad_saves_are_refused(tmp_path: Path, volume: Volume) -> None:
         (FileExistsError, r"path must be a new file or one of save_drilled, .*mine.nrrd is neither", "mine.nrrd", {}),
         (ValueError, r"bone must be on the voxels of .*: it has shape \(5, 5, 5\)", "b.nrrd", {"bone": other}),
         (ValueError, "map must rise from 0", "b.nrrd", {"mapping": OccupancyMap.table((0, 1, 2), (0, 1, 0))}),
-        (ValueError, "map must have a grey value of empty that small can hold, .*: it holds uint8, "
-                     "got -100", "b.nrrd",
+        (ValueError,
+         "map must have a grey value of empty that small can hold, .*: it holds uint8, got -100", "b.nrrd",
          {"bone": small.to_bone(below), "like": small, "mapping": below}),
         (ValueError, "it holds float32, got -1e", "b.nrrd", {"bone": real.to_bone(far), "like": real, "mapping": far}),
     ):  # fmt: skip

@@ -154,39 +154,38 @@ class TestHonesty:
             ({"bounds": {"beta": (1, 2)}}, "bounds are for 'c_e' and 'alpha': got 'beta'"),
             ({"bounds": {"alpha": (2, 1)}}, "bounds of alpha must be two finite numbers 0 < low < high"),
             ({"bounds": {"c_e": (0.1, 0.2)}}, r"bounds of c_e end at 0.2 N/mm\^2, but the window at"),
-            ({"shape": "cubic"}, "cubic"), ({"seed": 1.5}, "seed must be a whole number from 0, or None: "
-                                                           "got 1.5"),
+            ({"shape": "cubic"}, "cubic"), ({"seed": 1.5},
+             "seed must be a whole number from 0, or None: got 1.5"),
             ({"seed": -1}, "seed must be a whole number from 0, or None: got -1"),
             ({"seed": None, "engine": VoxelEngine(store="s.jsonl")}, "a store needs a seed"),
         ]),
-        (lambda: fit(replace(CURVE, sigma=[NAN] + [0.1] * 7), residuals="sigma"), ValueError, "residuals "
-                                                                                              "'sigma' need "
-                                                                                              "a sigma in every row"),
+        (lambda: fit(replace(CURVE, sigma=[NAN] + [0.1] * 7), residuals="sigma"), ValueError,
+         "residuals 'sigma' need a sigma in every row"),
         (lambda: fit(CURVE, BURR, bounds=(1, 2)), TypeError, "bounds must be a dict"),
         (lambda: fit(CURVE, 3.0), TypeError, "burr must be a Burr, such as"),
         (lambda: fit(CURVE, Burr(2.0)), ValueError, "burr of radius 3 mm, the fit is for 2 mm"),
-        (lambda: fit(VelocityCurve([1, 2, 3], [1, 2, 3])), ValueError, "a burr must be given for data "
-                                                                       "without a radius"),
+        (lambda: fit(VelocityCurve([1, 2, 3], [1, 2, 3])), ValueError,
+         "a burr must be given for data without a radius"),
         (lambda: fit(VelocityCurve([1, 1, 2, 2, 3], [0.5, 0.6, 2.0, 2.2, NAN]), BURR), ValueError,
          "three or more distinct forces: got 2 in 4 usable of 5 rows"),
         *((lambda f=factor: fit(replace(CURVE, force=CURVE.force * f)), ValueError, r"force must lie between 1e-09 and 1e\+09 N in a fit")
           for factor in (1e-150, 1e150)),
-        (lambda: fit(replace(CURVE, velocity=CURVE.velocity * 1e-300)), ValueError, "velocity must lie "
-                                                                                    "between 1e-09 and"),
+        (lambda: fit(replace(CURVE, velocity=CURVE.velocity * 1e-300)), ValueError,
+         "velocity must lie between 1e-09 and"),
         (lambda: fit([1.0]), TypeError, "data must be a VelocityCurve, Indentation or DepthTrace"),
         (lambda: fit([]), ValueError, "data must hold at least one data set: got none"),
-        (lambda: fitted("wide", "trace", residuals="absolute"), ValueError, "residuals must be 'relative' "
-                                                                            "with depth traces"),
+        (lambda: fitted("wide", "trace", residuals="absolute"), ValueError,
+         "residuals must be 'relative' with depth traces"),
         (lambda: VoxelEngine(replicates=2.5), TypeError, "replicates must be a whole number, got 2.5"),
         (lambda: VoxelEngine(replicates=1), ValueError, "replicates must be at least 2"),
         (lambda: VoxelEngine(specimen=3), TypeError, "specimen must be a Specimen or a BoneField, got 3"),
-        *((lambda t=text: Fit.from_json(io.StringIO(t)), ValueError, "JSON text: this is not the JSON of "
-                                                                     "a fit")
+        *((lambda t=text: Fit.from_json(io.StringIO(t)), ValueError,
+            "JSON text: this is not the JSON of a fit")
           for text in ("[1]", '{"c_e": 1}')),
         (lambda: fitted("wide").plot(alpha_lines=0.2), ValueError, r"alpha_lines must be above 0 and below alpha, 0\.\d+ /ms: got 0\.2"),
         (lambda: fitted("wide").region("90"), ValueError, r"level must be one of 68, 95, 99\.7: got '90'"),
-        *((lambda v=values: fitted("wide").test(*v), ValueError, "must be positive and "
-                                                                 "finite: got") for values in ((0.0, 0.1), (2.0, NAN))),
+        *((lambda v=values: fitted("wide").test(*v), ValueError,
+            "must be positive and finite: got") for values in ((0.0, 0.1), (2.0, NAN))),
         (lambda: fitted("wide").plot_profile("R"), ValueError, "name must be 'c_e' or 'alpha': got 'R'"),
         (lambda: fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)]).curve, ValueError, "hold no velocity curve"),
         (lambda: fitted("wide").differs_from(fitted("wide", shape="linear")), ValueError,

@@ -71,12 +71,12 @@ def test_reset_forgets() -> None:
         (lambda _: ForceController(-1.0), "kp must be zero or positive and finite, got -1"),
         (lambda _: ForceController(1.0, np.nan), "ki must be zero or positive and finite, got nan"),
         (lambda _: ForceController(1.0, kd=np.inf), "kd must be zero or positive and finite, got inf"),
-        (lambda _: ForceController(1.0, output_limits=(1, 1)), "lower output limit must be below the upper "
-                                                               "one, got 1"),
-        (lambda _: ForceController(1.0, output_limits=(0, np.nan)), "lower output limit must be below the "
-                                                                    "upper one, got 0"),
-        (lambda _: ForceController(1.0, derivative_filter=-1.0), "derivative_filter must be zero or positive "
-                                                                 "and finite, got -1"),
+        (lambda _: ForceController(1.0, output_limits=(1, 1)),
+         "lower output limit must be below the upper one, got 1"),
+        (lambda _: ForceController(1.0, output_limits=(0, np.nan)),
+         "lower output limit must be below the upper one, got 0"),
+        (lambda _: ForceController(1.0, derivative_filter=-1.0),
+         "derivative_filter must be zero or positive and finite, got -1"),
         (lambda pid: pid.update(np.nan, 0.0, 1.0), "setpoint must be finite, got nan"),
         (lambda pid: pid.update(1.0, np.inf, 1.0), "force must be finite, got inf"),
         (lambda pid: pid.update(1.0, 0.0, 0.0), "dt must be positive and finite, got 0"),

@@ -516,40 +516,38 @@ def test_best_twelve_of_twenty_by_simulation() -> None:
     [
         (ValueError, lambda: conditional_hits("oddity", "differencing", 1.0, 6, 6), r"task must be one of .*, got 'oddity'"),
         (ValueError, lambda: conditional_hits("abx", "none", 1.0, 6, 6), r"rule must be one of .*, got 'none'"),
-        (ValueError, lambda: conditional_hits("abx", "differencing", -1.0, 6, 6), "d_prime must be at least "
-                                                                                  "0, got -1"),
-        (ValueError, lambda: conditional_hits("abx", "differencing", math.nan, 6, 6), "d_prime must be at "
-                                                                                      "least 0, got nan"),
+        (ValueError, lambda: conditional_hits("abx", "differencing", -1.0, 6, 6),
+         "d_prime must be at least 0, got -1"),
+        (ValueError, lambda: conditional_hits("abx", "differencing", math.nan, 6, 6),
+         "d_prime must be at least 0, got nan"),
         (ValueError, lambda: group_d_prime([], rule="differencing"), "counts must hold a subject, got none"),
         (ValueError, lambda: group_d_prime([same(1, 1), Counts("abx", 1, 2, 1, 2)], rule="differencing"), "counts must be of one task, got abx and same-different"),
         (ValueError, lambda: group_d_prime([same(1, 1)], rule="none"), r"rule must be one of .*, got 'none'"),
         (ValueError, lambda: group_d_prime([same(1, 1)], rule="differencing", level=1.0), r"level must be in \[0.5, 1\), got 1"),
         (ValueError, lambda: t_test([]), r"values must be one row with at least one value, got shape \(0,\)"),
         (ValueError, lambda: sign_flip_test([1.0, math.nan]), "values must be finite, got nan or infinity"),
-        (ValueError, lambda: sign_flip_test(np.sqrt(np.arange(2.0, 26.0))), "values must have at most 262144 "
-                                                                            "different sums, got more"),
+        (ValueError, lambda: sign_flip_test(np.sqrt(np.arange(2.0, 26.0))),
+         "values must have at most 262144 different sums, got more"),
         (ValueError, lambda: label_test(np.sqrt(np.arange(2.0, 14.0)), np.sqrt(np.arange(14.0, 27.0))), "groups must have at most 262144 different sums, got more"),
         (ValueError, lambda: group_score([]), "counts must hold a subject, got none"),
-        (ValueError, lambda: group_score([same(1, 1), Counts("abx", 1, 2, 1, 2)]), "counts must be of one "
-                                                                                   "task, got abx and "
-                                                                                   "same-different"),
+        (ValueError, lambda: group_score([same(1, 1), Counts("abx", 1, 2, 1, 2)]),
+         "counts must be of one task, got abx and same-different"),
         (ValueError, lambda: group_score([same(1, 1)], level=0.2), r"level must be in \[0.5, 1\), got 0.2"),
-        (ValueError, lambda: compare_conditions([same(1, 1)], [same(1, 1)] * 2), "both conditions must have "
-                                                                                 "the same subjects, got 1 "
-                                                                                 "and 2"),
+        (ValueError, lambda: compare_conditions([same(1, 1)], [same(1, 1)] * 2),
+         "both conditions must have the same subjects, got 1 and 2"),
         (ValueError, lambda: compare_groups([same(1, 1)], []), "counts must hold a subject, got none"),
-        (ValueError, lambda: group_score_from(**GOOD | {"n": 1}), "n and trials must be at least 2, got 1 "
-                                                                  "and 12"),
-        (ValueError, lambda: group_score_from(**GOOD | {"mean": 13.0}), "mean must be between 0 and 12, "
-                                                                        "got 13"),
+        (ValueError, lambda: group_score_from(**GOOD | {"n": 1}),
+         "n and trials must be at least 2, got 1 and 12"),
+        (ValueError, lambda: group_score_from(**GOOD | {"mean": 13.0}),
+         "mean must be between 0 and 12, got 13"),
         (ValueError, lambda: group_score_from(**GOOD | {"sem": 0.05}), r"sem must be above rounding, which is at least 0, got 0.05 and 0.05"),
         (ValueError, lambda: group_score_from(**GOOD, rounding=-0.1), "sem must be above rounding"),
         (ValueError, lambda: group_score_from(**GOOD, task="oddity"), "task must be one of"),
         (ValueError, lambda: group_score_from(**GOOD, level=2), r"level must be in \[0.5, 1\), got 2"),
         (ValueError, lambda: pair_checks([]), "counts must be of a subject at least, got none"),
         (ValueError, lambda: pair_checks([same_different(1, 1, 1, 1), Counts("abx", 1, 2, 1, 2)]), "counts must be of one task, got abx, same-different"),
-        (ValueError, lambda: pair_checks(Counts("same-different", 1, 2, 1, 2)), "counts must have the types "
-                                                                                "of pairs, by_type, got none"),
+        (ValueError, lambda: pair_checks(Counts("same-different", 1, 2, 1, 2)),
+         "counts must have the types of pairs, by_type, got none"),
         (ValueError, lambda: SelectionEffect(6, 5, 12), r"kept must be in 1..of, 1..5, got 6"),
         (ValueError, lambda: SelectionEffect(0, 5, 12), r"kept must be in 1..of, 1..5, got 0"),
         (ValueError, lambda: SelectionEffect(1, 5, 0), "trials must be at least 1, got 0"),

@@ -105,8 +105,8 @@ def test_a_leader_that_behaves():
         ([hello(), tick(material=1)], "a tick is not of these burrs"),
         ([hello(), tick(removed=1)], "the bone is not the leader's: another removed of burr 0"),
         ([hello(), tick(), tick(1, last=1)], "a digest was lost"),
-        ([hello(), say("digest", struct.pack(">Q32s", 0, b"f" * 32))], "the bone is not the leader's: "
-                                                                       "another digest"),
+        ([hello(), say("digest", struct.pack(">Q32s", 0, b"f" * 32))],
+         "the bone is not the leader's: another digest"),
         ([hello(), say("digest", struct.pack(">Q32s", 9, DIGEST))], "ticks were lost"),
         ([hello(), say("digest", b"")], "a message could not be read"),
         ([hello(), say("idle", struct.pack(">Q", 4))], "ticks were lost"),

@@ -186,16 +186,15 @@ def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
     ("make", "message"),
     [
         # Geometry that differs.
-        (lambda: check_same_geometry(grey(), grey(values=np.ones((4, 5, 7)))), "v and v must have the same "
-                                                                               "geometry: 6 x 5 x 4 voxels "
-                                                                               "against 7 x 5 x 4"),
+        (lambda: check_same_geometry(grey(), grey(values=np.ones((4, 5, 7)))),
+         "v and v must have the same geometry: 6 x 5 x 4 voxels against 7 x 5 x 4"),
         (lambda: check_same_geometry(grey(), grey(spacing=(0.5, 0.5, 1.01))), r"spacing \(0\.5, 0\.5, 1\) against \(0\.5, 0\.5, 1\.01\) mm"),
         (lambda: check_same_geometry(grey(), grey(origin=(10, 20.1, 30))), r"origin \(10, 20, 30\) against \(10, 20\.1, 30\) mm"),
         (lambda: check_same_geometry(grey(), grey(direction=np.diag([1, -1, 1]))), r"directions \(1, 0, 0\), .* against \(1, 0, 0\), \(0, -1, 0\)"),
         # Volumes and labels.
         (lambda: grey(values=np.ones((4, 5))), "values must be numbers in three dimensions"),
-        (lambda: grey(values=np.ones((2, 2, 2), dtype=complex)), "values must be numbers in three "
-                                                                 "dimensions"),
+        (lambda: grey(values=np.ones((2, 2, 2), dtype=complex)),
+         "values must be numbers in three dimensions"),
         (lambda: grey(values=np.full((2, 2, 2), np.inf)), r"not finite: 8 of 8, the first at \(z, y, x\) = \(0, 0, 0\)"),
         (lambda: grey(spacing=(1, 1, 0)), "spacing must be a positive number or three"),
         (lambda: grey(origin=(1, 1)), "origin must be three finite numbers"),
@@ -211,8 +210,8 @@ def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
         (lambda: grey().crop((0, 0, np.nan), (1, 1, 1)), "low must be three finite numbers"),
         (lambda: grey().crop_voxels((0, 0, 0), (4, 5, 7)), r"must be a box of voxels \(z, y, x\) in \(4, 5, 6\), got \(0, 0, 0\) to \(4, 5, 7\)"),
         # Spacing.
-        (lambda: grey().resample(1e-320), "spacing must be coarser or the volume cropped: .* makes inf "
-                                          "voxels"),
+        (lambda: grey().resample(1e-320),
+         "spacing must be coarser or the volume cropped: .* makes inf voxels"),
         (lambda: sphere(0.6).resample(0.001), r"or the volume cropped: 0\.001 mm makes .* voxels, and 2e\+08"),
         (lambda: grey().resample(-1), "spacing must be a positive number or three"),
         # Labels that lie elsewhere: RAS read as LPS.
@@ -236,8 +235,8 @@ def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
         (lambda: OccupancyMap.parse("1:2:3"), "must be LO:HI or GREY:OCCUPANCY"),
         (lambda: OccupancyMap.two_point(0, 1).levels(np.array([0.5, np.nan])), "values must be finite"),
         (lambda: grey().to_bone(5), "map must be an OccupancyMap or two grey values, got 5 and None"),
-        (lambda: grey().to_bone(OccupancyMap.two_point(0, 1), 2), "map must be an OccupancyMap or two grey "
-                                                                  "values"),
+        (lambda: grey().to_bone(OccupancyMap.two_point(0, 1), 2),
+         "map must be an OccupancyMap or two grey values"),
     ],
 )  # fmt: skip
 def test_refusals(make, message):

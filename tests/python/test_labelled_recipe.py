@@ -111,14 +111,14 @@ def of_grey(**options: object) -> LabelledRecipe:
         (lambda: LabelledRecipe("x.nrrd", TABLE, onto=True), "onto goes with a grey volume"),
         (lambda: LabelledRecipe("a.seg.nrrd", TABLE).check_burr(Burr(1)), r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"),
         (lambda: of_grey().check_burr(Burr(0.9)), r"radius of the burr must be at least 4 voxels of 0\.25 mm"),
-        (lambda: make_bone({"kind": "labelled volume", "labels": "x"}), "recipe must be that of "
-                                                                        "block_recipe"),
-        (lambda: make_bone({"kind": "labelled volume", "labels": "x", "tissues": "{}"}), "recipe must be "
-                                                                                         "that of block_recipe"),
-        (lambda: make_bone({"kind": "labelled volume", "labels": 3, "tissues": "[]"}), "recipe must be that "
-                                                                                       "of block_recipe"),
-        (lambda: make_bone({"kind": "drilled volume", "path": "x.nrrd"}), "recipe must be that of "
-                                                                          "block_recipe"),
+        (lambda: make_bone({"kind": "labelled volume", "labels": "x"}),
+         "recipe must be that of block_recipe"),
+        (lambda: make_bone({"kind": "labelled volume", "labels": "x", "tissues": "{}"}),
+         "recipe must be that of block_recipe"),
+        (lambda: make_bone({"kind": "labelled volume", "labels": 3, "tissues": "[]"}),
+         "recipe must be that of block_recipe"),
+        (lambda: make_bone({"kind": "drilled volume", "path": "x.nrrd"}),
+         "recipe must be that of block_recipe"),
     ],
 )  # fmt: skip
 def test_wrong_recipes(files: Path, make: Callable[[], object], match: str) -> None:

@@ -81,8 +81,8 @@ PART = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
 @pytest.mark.parametrize(
     ("place", "burr", "options", "told"),
     [
-        *((None, BURR, {name: -1.0}, f"{name} must be positive, "
-                                     "got -1") for name in ("layer", "step", "speed", "depth")),
+        *((None, BURR, {name: -1.0},
+            f"{name} must be positive, got -1") for name in ("layer", "step", "speed", "depth")),
         (None, burrlab.Burr(40.0), {}, "burr of 40 mm fits nowhere into the planned cavity"),
         (PART, BURR, {}, "phantom must hold some of the planned cavity"),
     ],

@@ -200,15 +200,15 @@ DESCENT = mean_field_descent(BURR, BONE, 1.0)
 @pytest.mark.parametrize(
     ("call", "told"),
     [
-        *((lambda f=f: mean_field_descent(BURR, BONE, f), "force must be positive and "
-                                                          "finite") for f in (0.0, -1.0, math.nan, math.inf)),
+        *((lambda f=f: mean_field_descent(BURR, BONE, f),
+            "force must be positive and finite") for f in (0.0, -1.0, math.nan, math.inf)),
         (lambda: mean_field_descent(BURR, BONE, 4.0), r"force must be below c_e R\^2 \(stop/R\)\^1.5 = 3.715 N"),
-        *((lambda s=s: mean_field_descent(BURR, BONE, 1.0, stop=s), "stop must be above 0 and at most R "
-                                                                    "= 3 mm")
+        *((lambda s=s: mean_field_descent(BURR, BONE, 1.0, stop=s),
+            "stop must be above 0 and at most R = 3 mm")
           for s in (0.0, 3.1, math.nan)),
         (lambda: mean_field_descent(BURR, BONE, 1.0, resolution=0), "resolution must be positive"),
-        (lambda: mean_field_descent(BURR, Material("ivory", c_e=1.0, alpha=0.0), 1.0), "alpha of the "
-                                                                                       "material must be positive"),
+        (lambda: mean_field_descent(BURR, Material("ivory", c_e=1.0, alpha=0.0), 1.0),
+         "alpha of the material must be positive"),
         (lambda: mean_field_descent(BURR, BONE, 1e-5), "at most 200000"),
         (lambda: _core.mean_field_descent(Shape("linear"), 0.3, 1 / 3), "phi must be below"),
         (lambda: DESCENT.velocity(stop_mm=1.2), r"stop_mm must not lie beyond the descent's end, 1 mm, got 1\.2"),
@@ -218,8 +218,8 @@ DESCENT = mean_field_descent(BURR, BONE, 1.0)
         *((lambda p=p: MasterCurve("parabolic").velocity_ratio([0.1, p]), "phi must be positive") for p in (0.0, -1.0, math.nan)),
         (lambda: penetration_velocity(BURR, BONE, [1.0, 0.0]), "force must be positive"),
         (lambda: thin_layer_velocity(BURR, BONE, -1.0, 0.5), "force must be positive"),
-        (lambda: thin_layer_velocity(BURR, BONE, 1.0, [0.5, 3.5]), "immersion must be above 0 and at most R "
-                                                                   "= 3 mm"),
+        (lambda: thin_layer_velocity(BURR, BONE, 1.0, [0.5, 3.5]),
+         "immersion must be above 0 and at most R = 3 mm"),
         (lambda: _core.window_velocity([[0.0, 1.0]], [0.0, 1.0], 0.0, 1.0), "dimensions of time must be 1"),
     ],
 )  # fmt: skip

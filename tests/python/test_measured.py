@@ -106,8 +106,8 @@ def test_default_window(shift: float, radius: float, window: tuple[float, float]
         (VelocityCurve, {"force": [], "velocity": []}, "a velocity curve needs at least one row"),
         (VelocityCurve, {"force": [1, 2]}, "velocity must have 2 values, one a force: got 1"),
         (VelocityCurve, {"force": [[1]]}, "force must have one dimension"),
-        (VelocityCurve, {"force": [1, NAN], "velocity": [1, 1]}, "row 1, force: must be a finite number "
-                                                                 "above 0, in N: got nan"),
+        (VelocityCurve, {"force": [1, NAN], "velocity": [1, 1]},
+         "row 1, force: must be a finite number above 0, in N: got nan"),
         (VelocityCurve, {"velocity": [-1]}, "row 0, velocity: .*above 0, in mm/s: got -1"),
         (VelocityCurve, {"velocity": [math.inf]}, "row 0, velocity: must be a finite number"),
         (VelocityCurve, {"sigma": [0]}, "row 0, sigma: .*above 0"),
@@ -124,24 +124,24 @@ def test_default_window(shift: float, radius: float, window: tuple[float, float]
         (Indentation, {"depth": [10]}, "row 0, depth: must be below 2R = 10 mm: got 10.0"),
         (Indentation, {"radius": NAN}, "radius must be a finite number above 0, in mm: got nan"),
         (DepthTrace, {"immersion": RISE[1:]}, "immersion must have 21 values, one a time: got 20"),
-        (DepthTrace, {"time": TIME[:9], "immersion": RISE[:9]}, "a depth trace needs at least 10 samples: "
-                                                                "got 9"),
+        (DepthTrace, {"time": TIME[:9], "immersion": RISE[:9]},
+         "a depth trace needs at least 10 samples: got 9"),
         (DepthTrace, {"force": 0}, "force must be a finite number above 0, in N: got 0.0"),
         (DepthTrace, {"radius": math.inf}, "radius must be a finite number above 0, in mm: got inf"),
-        (DepthTrace, {"time": np.append(TIME[:-1], NAN)}, "row 20, time: must be a finite number, in s: "
-                                                          "got nan"),
-        (DepthTrace, {"immersion": np.append(-math.inf, RISE[1:])}, "row 0, immersion: must be a finite "
-                                                                    "number, in mm: got -inf"),
+        (DepthTrace, {"time": np.append(TIME[:-1], NAN)},
+         "row 20, time: must be a finite number, in s: got nan"),
+        (DepthTrace, {"immersion": np.append(-math.inf, RISE[1:])},
+         "row 0, immersion: must be a finite number, in mm: got -inf"),
         (DepthTrace, {"time": np.append(TIME[:-1], TIME[-2])}, r"row 20, time: must be above the 1\.9\d* s of the row before: got 1\.9"),
         (DepthTrace, {"start_mm": 1.0}, "the window must have 0 < start_mm < end_mm <= R: got 1.0 and 1.0"),
         (DepthTrace, {"start_mm": 0.0}, "the window must have 0 < start_mm < end_mm <= R: got 0.0"),
         (DepthTrace, {"end_mm": 3.1}, "the window must have 0 < start_mm < end_mm <= R: got 0.5 and 3.1"),
         (DepthTrace, {"end_mm": 1.1}, "end_mm must not lie beyond the deepest immersion of 1 mm: got 1.1"),
         (DepthTrace, {"immersion": RISE[::-1]}, "the window must have .* got 1.0 and 1.0"),
-        (DepthTrace, {"immersion": np.append(RISE[:-1], 0.5)}, "immersion must rise from start_mm on: at 2 s "
-                                                               "it lies 0.475 mm above"),
-        (DepthTrace, {"start_mm": 0.801}, "a depth trace needs at least 10 samples in its window, 0.801 to 1 "
-                                          "mm: got 8"),
+        (DepthTrace, {"immersion": np.append(RISE[:-1], 0.5)},
+         "immersion must rise from start_mm on: at 2 s it lies 0.475 mm above"),
+        (DepthTrace, {"start_mm": 0.801},
+         "a depth trace needs at least 10 samples in its window, 0.801 to 1 mm: got 8"),
     ],
 )  # fmt: skip
 def test_bad_numbers(kind: Any, changed: dict[str, Any], match: str) -> None:
@@ -156,8 +156,8 @@ def test_bad_numbers(kind: Any, changed: dict[str, Any], match: str) -> None:
          "VelocityCurve(2 rows, 1 with a velocity, 1..2 N, 'bench')", "velocity_mm_s"),
         (Indentation([1, 2], [0.1, 0.2], 5, sigma=[0.1, NAN], source="a<b"),
          "Indentation(2 rows, R = 5 mm, 1..2 N at 0.1..0.2 mm, 'a<b')", "sigma_N"),
-        (DepthTrace(TIME, RISE, 1, 3, source="a<b"), "DepthTrace(21 samples, 1 N, R = 3 mm, 0.5..1 mm, "
-                                                     "'a<b')", "force_N"),
+        (DepthTrace(TIME, RISE, 1, 3, source="a<b"),
+         "DepthTrace(21 samples, 1 N, R = 3 mm, 0.5..1 mm, 'a<b')", "force_N"),
     ],
 )  # fmt: skip
 def test_they_show_themselves(data: Any, text: str, column: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,59 +226,58 @@ def test_comments_blank_lines_bom_and_crlf() -> None:
             (VelocityCurve, "", "CSV text: the file is empty"),
             (VelocityCurve, CURVE, "CSV text: there is no row below the column names"),
             (VelocityCurve, "force_N\n1\n", "line 1: column velocity_mm_s is missing"),
-            (VelocityCurve, "# a\nforce_N,velocity\n1,1\n", "line 2: unknown column 'velocity'; known are "
-                                                            "force_N, velocity_mm_s, "),
-            (VelocityCurve, "force_N,velocity_mm_s,force_N\n1,1,1\n", "line 1: column force_N is there "
-                                                                      "twice"),
-            (VelocityCurve, "force_N,velocity_mm_s,window_start_mm\n1,1,0.5\n", "column window_start_mm "
-                                                                                "needs column window_end_mm"),
-            (VelocityCurve, "force_N,velocity_mm_s,window_end_mm\n1,1,0.5\n", "column window_end_mm needs "
-                                                                              "column window_start_mm"),
-            (VelocityCurve, "force_N;velocity_mm_s\n1;1\n", "line 1: the separator must be a comma, not "
-                                                            "semicolons"),
-            (VelocityCurve, "force_N\tvelocity_mm_s\n1\t1\n", "line 1: the separator must be a comma, "
-                                                              "not tabs"),
-            (VelocityCurve, CURVE + "# c\n1,0.5\n2,fast\n", "line 4, column velocity_mm_s: 'fast' is not a "
-                                                            "number"),
+            (VelocityCurve, "# a\nforce_N,velocity\n1,1\n",
+             "line 2: unknown column 'velocity'; known are force_N, velocity_mm_s, "),
+            (VelocityCurve, "force_N,velocity_mm_s,force_N\n1,1,1\n",
+             "line 1: column force_N is there twice"),
+            (VelocityCurve, "force_N,velocity_mm_s,window_start_mm\n1,1,0.5\n",
+             "column window_start_mm needs column window_end_mm"),
+            (VelocityCurve, "force_N,velocity_mm_s,window_end_mm\n1,1,0.5\n",
+             "column window_end_mm needs column window_start_mm"),
+            (VelocityCurve, "force_N;velocity_mm_s\n1;1\n",
+             "line 1: the separator must be a comma, not semicolons"),
+            (VelocityCurve, "force_N\tvelocity_mm_s\n1\t1\n",
+             "line 1: the separator must be a comma, not tabs"),
+            (VelocityCurve, CURVE + "# c\n1,0.5\n2,fast\n",
+             "line 4, column velocity_mm_s: 'fast' is not a number"),
             (VelocityCurve, CURVE + "1_0,0.5\n", "line 2, column force_N: '1_0' is not a number"),
-            (VelocityCurve, CURVE + "1,0\n", "line 2, column velocity_mm_s: must be a finite number above 0, "
-                                             "in mm/s: got 0.0"),
-            (VelocityCurve, CURVE + "1,nan\n", "line 2, column velocity_mm_s: must be a finite number, or "
-                                               "empty"),
+            (VelocityCurve, CURVE + "1,0\n",
+             "line 2, column velocity_mm_s: must be a finite number above 0, in mm/s: got 0.0"),
+            (VelocityCurve, CURVE + "1,nan\n",
+             "line 2, column velocity_mm_s: must be a finite number, or empty"),
             (VelocityCurve, CURVE + ",0.5\n", "line 2, column force_N: every row needs a force"),
             (VelocityCurve, CURVE + "1,0.5,2\n", r"line 2: 2 fields are due \(force_N, velocity_mm_s\), found 3"),
             (VelocityCurve, CURVE + '1,"0.5\n', "line 2: not a line of comma-separated fields"),
-            (VelocityCurve, WINDOW + "1,1,1,0.5\n", "line 2, column window_start_mm: must be below the "
-                                                    "window's end of 0.5 mm: got 1.0"),
-            (VelocityCurve, "# radius_mm: "
-                            f"big\n{CURVE}1,1\n", "radius_mm in the comments must be a finite number above "
-                                                  "0: got 'big'"),
+            (VelocityCurve, WINDOW + "1,1,1,0.5\n",
+             "line 2, column window_start_mm: must be below the window's end of 0.5 mm: got 1.0"),
+            (VelocityCurve, f"# radius_mm: big\n{CURVE}1,1\n",
+                                "radius_mm in the comments must be a finite number above 0: got 'big'"),
             (Indentation, "force_N\n1\n", "line 1: column depth_mm is missing"),
             (Indentation, "depth_mm\n1\n", "line 1: column force_N is missing"),
             (Indentation, PRESS + ",0.1\n", "line 2, column force_N: every row needs a force"),
             (Indentation, PRESS + "1,\n", "line 2, column depth_mm: every row needs a depth"),
-            (Indentation, PRESS + "1,0.1\n1,10\n", "CSV text: row 1, depth: must be below 2R = 10 mm: "
-                                                   "got 10.0"),
-            (Indentation, f"# radius_mm: 4\n{PRESS}1,1\n", "radius must be the 4.0 of the comment '# "
-                                                           "radius_mm:' in the file: got 5.0"),
+            (Indentation, PRESS + "1,0.1\n1,10\n",
+             "CSV text: row 1, depth: must be below 2R = 10 mm: got 10.0"),
+            (Indentation, f"# radius_mm: 4\n{PRESS}1,1\n",
+             "radius must be the 4.0 of the comment '# radius_mm:' in the file: got 5.0"),
             (DepthTrace, "time_s\n1\n", "line 1: column immersion_mm is missing"),
             (DepthTrace, "immersion_mm\n1\n", "line 1: column time_s is missing"),
             (DepthTrace, TRACE + ",1\n", "line 2, column time_s: every row needs a time"),
             (DepthTrace, TRACE + "1,\n", "line 2, column immersion_mm: every row needs an immersion"),
             (DepthTrace, "# force_N: 2\n" + TRACE + ROWS, "force must be the 2.0 of the comment .* got 1.0"),
             (DepthTrace, "# force_N: no\n" + TRACE + ROWS, "force_N in the comments must be .* got 'no'"),
-            (DepthTrace, "# window_mm: 0.5\n" + TRACE + ROWS, "window_mm in the comments must be two "
-                                                              "numbers, start and end: got '0.5'"),
+            (DepthTrace, "# window_mm: 0.5\n" + TRACE + ROWS,
+             "window_mm in the comments must be two numbers, start and end: got '0.5'"),
             (DepthTrace, TRACE + ROWS + "2,1.1\n", r"CSV text: row 21, time: must be above the 2\.0 s"),
         ]),
-        (Indentation, PRESS + "1,1\n", {}, "the radius is unknown: add the comment '# radius_mm: ...' or "
-                                           "give radius="),
-        (Indentation, PRESS + "1,1\n", {"radius": -5.0}, "CSV text: radius must be a finite number above 0, "
-                                                         "in mm: got -5.0"),
-        (DepthTrace, TRACE + ROWS, {"radius": 3}, "the force is unknown: add the comment '# force_N: ...' or "
-                                                  "give force="),
-        (DepthTrace, TRACE + ROWS, {"force": 1}, "the radius is unknown: add the comment '# radius_mm: ...' "
-                                                 "or give radius="),
+        (Indentation, PRESS + "1,1\n", {},
+         "the radius is unknown: add the comment '# radius_mm: ...' or give radius="),
+        (Indentation, PRESS + "1,1\n", {"radius": -5.0},
+         "CSV text: radius must be a finite number above 0, in mm: got -5.0"),
+        (DepthTrace, TRACE + ROWS, {"radius": 3},
+         "the force is unknown: add the comment '# force_N: ...' or give force="),
+        (DepthTrace, TRACE + ROWS, {"force": 1},
+         "the radius is unknown: add the comment '# radius_mm: ...' or give radius="),
     ],
 )  # fmt: skip
 def test_bad_files(kind: Any, text: str, arguments: dict[str, float], match: str) -> None:
@@ -443,8 +442,8 @@ def test_a_synthetic_trace_is_read_in_steps_from_static_contact_to_the_end() -> 
         (synthetic_curve, [1], {"scatter": -0.1}, "scatter must be finite and not negative: got -0.1"),
         (synthetic_indentation, [0.1, 0], {}, "depths must be above 0 and below 2R = 6 mm: got"),
         (synthetic_indentation, [NAN], {}, "depths must be above 0 and below 2R = 6 mm: got"),
-        (synthetic_trace, 1.0, {"run_scatter": -0.1}, "run_scatter must be finite and not negative: "
-                                                      "got -0.1"),
+        (synthetic_trace, 1.0, {"run_scatter": -0.1},
+         "run_scatter must be finite and not negative: got -0.1"),
         (synthetic_trace, 1.0, {"noise": NAN}, "noise must be finite and not negative: got nan"),
         (synthetic_trace, 1.0, {"step": -1}, "step must be finite and not negative: got -1"),
         (synthetic_trace, 1.0, {"sample_ms": 0}, "sample_ms must be finite and above 0: got 0"),
@@ -556,8 +555,8 @@ class TestSegments:
         ("trace", "n", "told"),
         [
             (DepthTrace(TIME, RISE, 1, 3), 0, "n must be at least 1: got 0"),
-            (DepthTrace(TIME, RISE, 1, 3), 5, "n must leave at least 6 samples in each segment, there are 5 "
-                                              "between 0.5 and 0.6 mm: got 5"),
+            (DepthTrace(TIME, RISE, 1, 3), 5,
+             "n must leave at least 6 samples in each segment, there are 5 between 0.5 and 0.6 mm: got 5"),
             (DepthTrace(np.arange(40) * 0.1, np.repeat([0.5, 1.0], 20), 1, 3, start_mm=0.99), 1,
              "n must leave segments in which the immersion rises, it stands"),
         ],

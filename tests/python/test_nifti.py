@@ -86,20 +86,20 @@ BEHIND = "values must begin behind the NIfTI header of 348 bytes, got vox_offset
     [
         *[([("f", 108, offset)], {}, BEHIND) for offset in (0.0, 347.0, -5.0, float("nan"))],
         ([("2f", 112, 3e38, 0.0)], {}, "values that are not finite"),  # without a warning
-        ([], {"pixdim": [1, 0.5, 0.5, 0, 1, 1, 1, 1], **NO_CODES}, "does not say the voxel spacing along z; "
-                                                                   "it must be given: spacing="),
+        ([], {"pixdim": [1, 0.5, 0.5, 0, 1, 1, 1, 1], **NO_CODES},
+         "does not say the voxel spacing along z; it must be given: spacing="),
         ([], {"affine": np.diag([0.5, 0.5, 2.0, 1.0]), "pixdim": [1, 0.5, 0.5, 1, 1, 1, 1, 1]},
          r"by sform, \(0\.5, 0\.5, 2\) mm, and by pixdim, \(0\.5, 0\.5, 1\) mm, must agree"),
-        ([], {"qform_code": 1, "qoffset_x": 5}, "qform and sform of the NIfTI header place the volume "
-                                                "differently, by up to 5 mm"),
+        ([], {"qform_code": 1, "qoffset_x": 5},
+         "qform and sform of the NIfTI header place the volume differently, by up to 5 mm"),
         ([("2h", 252, 1, 0), ("f", 256, 1.2)], {}, "quaternion of the NIfTI header is not of length 1"),
-        ([("2h", 252, 0, 1), ("f", 292, np.nan)], {}, "sform of the NIfTI header holds values that are not "
-                                                      "finite"),
+        ([("2h", 252, 0, 1), ("f", 292, np.nan)], {},
+         "sform of the NIfTI header holds values that are not finite"),
         ([("2h", 252, 1, 0), ("f", 268, np.inf)], {}, "origin in the NIfTI header is not finite"),
         ([], {"affine": SHEARED}, r"not orthonormal \(off by 0\.02, at most 0\.0001\): sheared volumes are not"),
         ([], {"values": HOLES}, r"not finite: 2 of 60, the first at \(z, y, x\) = \(1, 2, 3\)"),
-        ([], {"values": np.zeros((4, 5), np.int16)}, "three dimensions and one value a voxel, got sizes "
-                                                     "5 x 4"),
+        ([], {"values": np.zeros((4, 5), np.int16)},
+         "three dimensions and one value a voxel, got sizes 5 x 4"),
         ([], {"values": np.zeros((4, 5, 6), np.complex64)}, "got NIfTI datatype 32"),
         ([("3s", 344, b"no ")], {}, "no NIfTI header"),
     ],

@@ -126,18 +126,18 @@ def transform(name="x", position=(0, 0, 0), **options):
         (transform(timestamp=-1), r"timestamp must be 0 to 2\^32 s, got -1"),
         (transform(metadata={"a": "b"}), "version must be 2 for a message with metadata, got 1"),
         (lambda: _core.encode_sensor("x", [0.0] * 256), "number of values must be at most 255, got 256"),
-        (lambda: _core.encode_ndarray_float64("x", np.zeros(65536)), "every side of values must be at most "
-                                                                     "65535, got 65536"),
-        (lambda: _core.encode_ndarray_float64("x", np.float64(1)), "number of dimensions must be 1 to 255, "
-                                                                   "got 0"),
-        (lambda: _core.encode_ndarray_uint8("x" * 21, b""), "length of device_name must be at most 20, "
-                                                            "got 21"),
+        (lambda: _core.encode_ndarray_float64("x", np.zeros(65536)),
+         "every side of values must be at most 65535, got 65536"),
+        (lambda: _core.encode_ndarray_float64("x", np.float64(1)),
+         "number of dimensions must be 1 to 255, got 0"),
+        (lambda: _core.encode_ndarray_uint8("x" * 21, b""),
+         "length of device_name must be at most 20, got 21"),
         (lambda: _core.MessageFramer(47), "largest_body must be at least 48 bytes, got 47"),
         (lambda: _core.MessageFramer(1 << 32), "largest_body must be below 4 GiB, got 4294967296"),
         (device("127.0.0.1", 0), "port must be 1 to 65535, got 0"),
         (device("256.1.1.1.", 1), "host must be a name or an address that can be looked up, got '256"),
-        (device("127.0.0.1", 1, device_name="x" * 21), "length of device_name must be at most 20 bytes, "
-                                                       "got 21"),
+        (device("127.0.0.1", 1, device_name="x" * 21),
+         "length of device_name must be at most 20 bytes, got 21"),
         (device("127.0.0.1", 1, lost_after=0), "lost_after must be positive and finite, got 0"),
     ],
 )  # fmt: skip

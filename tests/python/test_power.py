@@ -280,35 +280,34 @@ class TestSigned:
 @pytest.mark.parametrize(
     ("kind", "ask", "sentence"),
     [
-        (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=10), "d_prime or delta must "
-                                                                                     "be given, not both, "
-                                                                                     "got None and None"),
+        (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=10),
+         "d_prime or delta must be given, not both, got None and None"),
         (ValueError, lambda: trials_needed("abx", rule="differencing", d_prime=1.0, delta=2.0), r"d_prime or delta must be given, not both, got 1\.0 and 2\.0"),
         (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=10, d_prime=1.0, power=1.0), r"power must be in \(0, 1\), got 1"),
         (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=9, d_prime=1.0), "trials must be even and at least 2, got 9"),
-        (ValueError, lambda: trials_needed("abx", rule="differencing", subjects=0, d_prime=1.0), "subjects "
-                                                                                                 "must be at least 1, got 0"),
+        (ValueError, lambda: trials_needed("abx", rule="differencing", subjects=0, d_prime=1.0),
+         "subjects must be at least 1, got 0"),
         (ValueError, lambda: design_power("oddity", trials=12), r"task must be one of .*, got 'oddity'"),
         (ValueError, lambda: design_power("abx", trials=12, rules=["none"]), r"rule must be one of .*, got 'none'"),
         (ValueError, lambda: design_power("abx", trials=12, rules=[]), "rules must hold a rule, got none"),
         (ValueError, lambda: design_power("abx", trials=0), "trials must be even and at least 2, got 0"),
-        (ValueError, lambda: design_power("abx", trials=12, subjects=0), "subjects must be at least 1, "
-                                                                         "got 0"),
-        (ValueError, lambda: design_power("abx", trials=12, d_primes=[-1]), "d_primes must be at least 0 and "
-                                                                            "finite, got -1"),
+        (ValueError, lambda: design_power("abx", trials=12, subjects=0),
+         "subjects must be at least 1, got 0"),
+        (ValueError, lambda: design_power("abx", trials=12, d_primes=[-1]),
+         "d_primes must be at least 0 and finite, got -1"),
         (ValueError, lambda: design_power("abx", trials=12, level=0.0), r"level must be in \(0, 0.5\], got 0"),
         (ValueError, lambda: design_power("abx", trials=12, lapse=1.0), r"lapse must be in \[0, 1\), got 1"),
-        (ValueError, lambda: design_power("abx", trials=12, delta=0.0), "delta must be a number above 0, "
-                                                                        "got 0"),
-        (ValueError, lambda: equivalence([], rule="differencing", delta=1.0), "counts must hold a subject, "
-                                                                              "got none"),
+        (ValueError, lambda: design_power("abx", trials=12, delta=0.0),
+         "delta must be a number above 0, got 0"),
+        (ValueError, lambda: equivalence([], rule="differencing", delta=1.0),
+         "counts must hold a subject, got none"),
         (ValueError, lambda: equivalence([same(1, 1), Counts("abx", 1, 2, 1, 2)], rule="differencing", delta=1.0), "counts must be of one task, got abx and same-different"),
         (ValueError, lambda: equivalence(GUESSING, rule="none", delta=1.0), r"rule must be one of .*, got 'none'"),
         (ValueError, lambda: equivalence(GUESSING, rule="differencing", delta=1.0, level=0.3), r"level must be in \[0.5, 1\), got 0.3"),
-        (ValueError, lambda: equivalence(GUESSING, rule="differencing", delta=0.0), "delta must be a number "
-                                                                                    "above 0, got 0"),
-        (ValueError, lambda: equivalence(GUESSING, rule="differencing", delta=math.inf), "delta must be a "
-                                                                                         "number above 0, got inf"),
+        (ValueError, lambda: equivalence(GUESSING, rule="differencing", delta=0.0),
+         "delta must be a number above 0, got 0"),
+        (ValueError, lambda: equivalence(GUESSING, rule="differencing", delta=math.inf),
+         "delta must be a number above 0, got inf"),
         (ValueError, lambda: tost([1.0], delta=1.0), "values must hold at least 2, got 1"),
         (ValueError, lambda: tost([1.0, math.inf], delta=1.0), "values must be finite, got nan or infinity"),
         (ValueError, lambda: tost([1.0, 1.0], delta=2.0), "values must differ, got the same one for all"),

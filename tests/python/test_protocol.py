@@ -187,26 +187,26 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
             r", [tasks.again]: this is task probing again, trial by trial",
         ),
         ("[burr]", "[mood]\n[burr]", r": unknown key 'mood'; known are experiment, burr, bone, materials, tasks, analysis"),
-        ("[burr]", "[analysis]\nrules = "
-                   "['x']\n[burr]", r", [analysis]: rules must be a list of independent-observations"),
+        ("[burr]", "[analysis]\nrules = ['x']\n[burr]",
+         r", [analysis]: rules must be a list of independent-observations"),
         ("[burr]", "[analysis]\nrules = []\n[burr]", r", [analysis]: rules must be a list of"),
         ("[burr]", "[analysis]\nrules = [1]\n[burr]", r", [analysis]: rules must be a list of"),
-        ("[burr]", "[analysis]\nrules = "
-                   "[['differencing']]\n[burr]", r", [analysis]: rules must be a list of"),
+        ("[burr]",
+         "[analysis]\nrules = [['differencing']]\n[burr]", r", [analysis]: rules must be a list of"),
         ("[burr]", "[analysis]\ndelta = 0\n[burr]", r", [analysis]: delta must be a d' above 0, got 0.0"),
-        ("[burr]", "[analysis]\nlevel = "
-                   "95\n[burr]", r", [analysis]: level must be from 0.5 to below 1, got 95.0"),
+        ("[burr]",
+         "[analysis]\nlevel = 95\n[burr]", r", [analysis]: level must be from 0.5 to below 1, got 95.0"),
         ("[burr]", "[analysis]\npower = 1\n[burr]", r", [analysis]: unknown key 'power'; known are rules, delta, level"),
-        ("[burr]", "[materials.bone]\nc_e = 1\nalpha = "
-                   "1\n[burr]", r", [materials]: 'bone' is a material of the paper"),
-        ("[burr]", "[materials.'a b']\nc_e = 1\nalpha = "
-                   "1\n[burr]", r", [materials]: a material's name must be of letters"),
+        ("[burr]", "[materials.bone]\nc_e = 1\nalpha = 1\n[burr]",
+         r", [materials]: 'bone' is a material of the paper"),
+        ("[burr]", "[materials.'a b']\nc_e = 1\nalpha = 1\n[burr]",
+         r", [materials]: a material's name must be of letters"),
         ("[burr]", "[materials.a]\nalpha = 1\n[burr]", r", [materials.a]: c_e is missing"),
         ("[burr]", "[materials.a]\nc_e = -1\nalpha = 1\n[burr]", r", [materials.a]: c_e must be"),
-        ("[burr]", "[materials.a]\nc_e = 1\nalpha = 1\nshape = "
-                   "'x'\n[burr]", r", [materials.a]: shape must be"),
-        ("[burr]", "[materials.a]\nreal = true\nc_e = "
-                   "1\n[burr]", r", [materials.a]: unknown key 'c_e'; known are real"),
+        ("[burr]",
+         "[materials.a]\nc_e = 1\nalpha = 1\nshape = 'x'\n[burr]", r", [materials.a]: shape must be"),
+        ("[burr]",
+         "[materials.a]\nreal = true\nc_e = 1\n[burr]", r", [materials.a]: unknown key 'c_e'; known are real"),
         ("[burr]", "[materials]\na = 1\n[burr]", r", [materials]: a must be a table, [materials.a], got 1"),
         ("[burr]", "[burr", r": this is not TOML: "),
         ("seed = 7", "seed = 7\nx = " + "[" * 5000, r": lists or tables are nested too deeply"),
@@ -217,8 +217,8 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ("voxel_mm = 0.5", "voxel_mm = 1e308", r", [bone]: "),
         ("voxel_mm = 0.5", "voxel_mm = 1e-308", r", [bone]: the block has inf voxels, and 2e+08 are the most"),
         ('foil = "pvc"', 'foil = "pvc"\ninterval_s = 1e9', r", [tasks.match]: interval_s must be at most 86400 [s], got 1000000000.0"),
-        ("practice = 2", "practice = "
-                         "9223372036854775807", r", [tasks.probing]: practice must be a whole number from 0 to 10000, got 9223372036854775807"),
+        ("practice = 2", "practice = 9223372036854775807",
+         r", [tasks.probing]: practice must be a whole number from 0 to 10000, got 9223372036854775807"),
         ("trials = 10", "trials = 1000000000000", r", [tasks.up]: trials must be a whole number from 0 to 10000, got 1000000000000"),
     ],
 )  # fmt: skip

@@ -186,8 +186,8 @@ def test_command_line(session, tmp_path, capsys):
     assert (code, out) == (0, "equal: 1234 ticks from 30, 2 digests compared\nstopped\n")
     for arguments, said in (
         ([tmp_path / "none.h5"], f"burrlab replay: {tmp_path / 'none.h5'}: No such file or directory\n"),
-        ([text], "is not a burrlab trace"), ([session[0], "--until", 1], "until must be from 30 to 5030, "
-                                                                         "got 1"),
+        ([text], "is not a burrlab trace"), ([session[0], "--until", 1],
+         "until must be from 30 to 5030, got 1"),
         ([session[0], "--until", "x"], "must be a whole number from 0, got 'x'"),
     ):  # fmt: skip
         assert said in refusal(capsys, "replay", *arguments)

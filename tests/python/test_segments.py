@@ -99,13 +99,13 @@ def test_overlap_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"Segment1_LabelValue": "x"}, "Segment1_LabelValue must be a whole number from 0 to 2147483647, "
-                                       "got 'x'"),
+        ({"Segment1_LabelValue": "x"},
+         "Segment1_LabelValue must be a whole number from 0 to 2147483647, got 'x'"),
         ({"Segment1_Layer": "2"}, "Segment1_Layer must be a whole number from 0 to 1, got '2'"),
         ({"Segment1_Color": "1 2 3"}, "Segment1_Color must be three numbers from 0 to 1, got '1 2 3'"),
         ({"Segment1_Color": "1 1"}, "Segment1_Color must be three numbers from 0 to 1"),
-        ({"Segment1_LabelValue": "1"}, "segments must differ in label or layer, 'Bone' and 'Facial_Nerve' "
-                                       "do not"),
+        ({"Segment1_LabelValue": "1"},
+         "segments must differ in label or layer, 'Bone' and 'Facial_Nerve' do not"),
     ],
 )  # fmt: skip
 def test_bad_fields_are_refused(changes: dict[str, Any], match: str) -> None:

@@ -223,21 +223,21 @@ def executor(**options):
             ({"digest_every": float("inf")}, "digest_every must be positive, got inf"),
         ]),
         (lambda: session(HANDS[:2]), ValueError, "number of devices must be one a burr, 1, got 2"),
-        (lambda: burrlab.Session(block(), [TOOL] * 3, HANDS), ValueError, "number of burrs must be 1 or 2, "
-                                                                          "got 3"),
+        (lambda: burrlab.Session(block(), [TOOL] * 3, HANDS), ValueError,
+         "number of burrs must be 1 or 2, got 3"),
         *((lambda tools=tools: burrlab.Session(block(), tools, HANDS[0]), TypeError, NO_TOOLS)
           for tools in (BURR, [BURR, BONE], (BONE, BURR), [TOOL, None])),
-        *((lambda devices=devices: burrlab.Session(block(), TOOL, devices), TypeError, "devices must be a "
-                                                                                       "Device or a list of them, got")
+        *((lambda devices=devices: burrlab.Session(block(), TOOL, devices), TypeError,
+            "devices must be a Device or a list of them, got")
           for devices in (3, ["hand"], None)),
         (begun_twice, ValueError, "session must be started once: it has been started or stopped"),
         (stopped_first, ValueError, "session must be started once: it has been started or stopped"),
         *((make, ValueError, told) for make, told in [
-            (lambda: session()._follower.take(session().follower.view()), "view must be one of this "
-                                                                          "follower"),
+            (lambda: session()._follower.take(session().follower.view()),
+             "view must be one of this follower"),
             (lambda: _core.HapticLoop(None, []), "executor must be a TickExecutor, got None"),
-            (lambda: _core.HapticLoop(executor(), HANDS[:1], cpu=-2), "cpu must be -1 or the number of a "
-                                                                      "CPU, got -2"),
+            (lambda: _core.HapticLoop(executor(), HANDS[:1], cpu=-2),
+             "cpu must be -1 or the number of a CPU, got -2"),
             (lambda: _core.Follower(None), "loop must be a HapticLoop, got None"),
             (lambda: _core.RecordReader(None), "loop must be a HapticLoop, got None"),
             (lambda: _core.Publisher(None), "follower must be a Follower, got None"),

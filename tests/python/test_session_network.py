@@ -120,17 +120,17 @@ ALONE = _core.Replica("127.0.0.1", 1)
             ({"most_behind": 10}, "most_behind must be at least 1024 bytes, got 10"),
             ({"thin_after": 0}, "thin_after must be 1 to 1023 ticks, got 0"),
         ]),
-        (lambda leader: _core.Publisher(leader.follower, port=leader.port), "free to listen on, got "
-                                                                            "127.0.0.1:"),
+        (lambda leader: _core.Publisher(leader.follower, port=leader.port),
+         "free to listen on, got 127.0.0.1:"),
         *((lambda leader, name=name: open_publisher(leader.follower, {key: leader.hello[key] for key in leader.hello if key != name}),
            f"hello must hold .*, got none of {name}") for name in ("seed", "rate_Hz", "scheme", "tools")),
         (lambda leader: open_publisher(leader.follower, {**leader.hello, "force": float("nan")}), "hello must be what JSON holds"),
-        (lambda leader: leader.publisher.finish("done", linger=-1.0), "linger must be zero or positive and "
-                                                                      "finite, got -1"),
+        (lambda leader: leader.publisher.finish("done", linger=-1.0),
+         "linger must be zero or positive and finite, got -1"),
         (lambda leader: follow("127.0.0.1", leader.port, bone=make_bone({**BLOCK, "level": 254})),
          r"bone must be the leader's initial volume, digest .*, got"),
-        (lambda leader: ALONE.start(make_bone(BLOCK), TOOLS, 1), "hello must be fetched before the replica "
-                                                                 "is started"),
+        (lambda leader: ALONE.start(make_bone(BLOCK), TOOLS, 1),
+         "hello must be fetched before the replica is started"),
         (lambda leader: ALONE.digest(), "replica must be started first"),
         (lambda leader: ALONE.fetch_hello(0.0), "timeout must be positive"),
     ],

@@ -220,8 +220,8 @@ class TestResult:
     @pytest.mark.parametrize(
         ("options", "error", "told"),
         [
-            *(({"shapes": shapes}, ValueError, "shapes must be one or more names, "
-                                               "each once") for shapes in ([], ["quartic", "power(2)"])),
+            *(({"shapes": shapes}, ValueError,
+                "shapes must be one or more names, each once") for shapes in ([], ["quartic", "power(2)"])),
             ({"shapes": ["round"]}, ValueError, "shape must be parabolic, linear"),
             *(({"level": level}, ValueError, "level must be between 0 and 1") for level in (0.0, 1.0, float("nan"))),
             ({"data": [1.0]}, TypeError, "data must be"),

@@ -178,8 +178,8 @@ def report(**change):
         (lambda: _core.passivity_energy(np.zeros((3, 3)), np.zeros((2, 3))), r"must have one shape \(n, 3\)"),
         *((lambda n=name: report(**{n: -1.0}), f"{name} must be zero or positive")
           for name in ("force", "stiffness", "damping", "friction", "encoder_step")),
-        (lambda: report(period=0.0), "period must be positive"), (lambda: report(coupling=0.0), "coupling "
-                                                                                                "must be positive, got 0"),
+        (lambda: report(period=0.0), "period must be positive"), (lambda: report(coupling=0.0),
+         "coupling must be positive, got 0"),
     ],
 )  # fmt: skip
 def test_refusals(call, sentence):

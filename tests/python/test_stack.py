@@ -300,8 +300,8 @@ def block(sizes: str, more: str = "") -> str:
     [
         ("a: [", "not a YAML file"),
         ("just text", "must have one block 'VOLUME name' that describes a stack, got none"),
-        ("VOLUME a: {}\nVOLUME b: {}", "one block 'VOLUME name' that describes a stack, got VOLUME a, "
-                                       "VOLUME b"),
+        ("VOLUME a: {}\nVOLUME b: {}",
+         "one block 'VOLUME name' that describes a stack, got VOLUME a, VOLUME b"),
         ("VOLUME a: 3", "VOLUME a must have dimensions and images, got 3"),
         ("VOLUME a: {dimensions: {x: 1, y: 1, z: 1}}", "images must be there, a block, got None"),
         ("VOLUME a: {images: {prefix: p}}", "images: path must be there, a text, got None"),
@@ -374,13 +374,13 @@ SHORT, DEEP = grey()[0][:, :3], grey(kind=np.uint16)[0]
         ({f"plane00{k}.png": None for k in (2, 3, 5, 7, 8)}, r"5 are missing \(2, 3, 5, 7, 8\)$"),
         ({f"plane00{k}.png": None for k in range(1, 7)}, r"6 are missing \(1, 2, 3, 4, 5, \.\.\.\)$"),
         ({"plane9999999.png": SHORT}, "s: of the slices 0 to 9999999, many are missing"),
-        ({"plane000.png": None, "plane001.png": None}, "slices 0 to 1 are missing, the first is "
-                                                       "plane002.png"),
+        ({"plane000.png": None, "plane001.png": None},
+         "slices 0 to 1 are missing, the first is plane002.png"),
         ({"plane7.png": SHORT}, "slice 7 is there twice"),
         ({"other3.png": SHORT}, r"slices of more than one volume \(other3.png, plane000.png\)"),
         ({"other.png": SHORT}, "other.png: the name of a slice must end in its number"),
-        ({"plane006.png": SHORT}, "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and "
-                                  "plane000.png has 5 x 4"),
+        ({"plane006.png": SHORT},
+         "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and plane000.png has 5 x 4"),
         ({"plane006.png": DEEP}, "plane006.png: slices must be of one kind, this one is grey of 16 bits, and "
                                  "plane000.png is grey of 8"),
         ({"plane006.png": b"no picture"}, "plane006.png: this is no PNG file"),

@@ -118,12 +118,12 @@ def field_of(**changes):
 @pytest.mark.parametrize(
     ("ask", "sentence"),
     [
-        (lambda: StructureSearch(VoxelBone.block((2, 2, 2), 0.2), 0), "bone must have tissues, got one of a "
-                                                                      "single material"),
+        (lambda: StructureSearch(VoxelBone.block((2, 2, 2), 0.2), 0),
+         "bone must have tissues, got one of a single material"),
         (lambda: StructureSearch(nerve_bone(), 4), "tissue must be below 4, got 4"),
         (lambda: StructureSearch(nerve_bone(), 3), "structure must have voxels, 'unused' has none"),
-        (lambda: StructureSearch(nerve_bone(), 1).distance((0.0, np.nan, 0.0)), "every point must be finite, "
-                                                                                "got nan"),
+        (lambda: StructureSearch(nerve_bone(), 1).distance((0.0, np.nan, 0.0)),
+         "every point must be finite, got nan"),
         (lambda: StructureSearch(nerve_bone(), 1).distance((0.0, 1.0)), r"points must be \(x, y, z\) along their last axis"),
         (lambda: nerve_field().of_sphere((0, 0, 0), 7.0), "radius must be at most 6 mm, got 7"),
         (lambda: nerve_field().of_sphere((0, 0, 0), -1.0), "radius must be zero or positive"),
@@ -131,8 +131,8 @@ def field_of(**changes):
         (lambda: field_of(spacing=0.0), "spacing must be positive"),
         (lambda: field_of(error=-1.0), "error must be zero or positive"),
         (lambda: field_of(origin=(0, np.inf, 0)), "origin must be finite"),
-        (lambda: field_of(estimate=np.zeros((1, 4, 4), np.float32)), "every side of a field must be at least "
-                                                                     "2, got 1"),
+        (lambda: field_of(estimate=np.zeros((1, 4, 4), np.float32)),
+         "every side of a field must be at least 2, got 1"),
         (lambda: field_of(estimate=np.zeros((4, 4), np.float32)), "estimate must have 3 dimensions"),
     ],
 )  # fmt: skip

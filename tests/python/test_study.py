@@ -308,8 +308,8 @@ def unstorable(number: int) -> set[int]:
     ("function", "items", "options", "error", "told"),
     [
         (work, [Item(1)], {"executor": "threads"}, TypeError, r"of a dask client its client\.get_executor\(\), got 'threads'"),
-        *((work, [Item(1)], {"chunk": chunk}, ValueError, "chunk must be a whole number from 1, got "
-                                                          f"{chunk}") for chunk in (0, 1.5)),
+        *((work, [Item(1)], {"chunk": chunk}, ValueError,
+            f"chunk must be a whole number from 1, got {chunk}") for chunk in (0, 1.5)),
         (unstorable, [1, 2], {"store": "s.jsonl"}, TypeError, "a result that is stored"),
         (unstorable, [object()], {"store": "s.jsonl"}, TypeError, "item must be made of"),
         (work, [Item(1)], {"store": __file__}, ValueError, "store must be a file of burrlab results"),

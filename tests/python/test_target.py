@@ -105,8 +105,8 @@ GREY = r"ct\.nrrd: labels must be zero or positive, got -1000: is this a grey vo
         (REGION, True, "target must be a LabelVolume to be brought onto the bone's voxels"),
         (SCAN, False, GREY), (SCAN, True, GREY),
         (GREYS, False, r"ct\.nrrd: .* at most 64 tissues, and there are 200 .*: is this a grey volume"),
-        (replace(LABELS, origin=LABELS.origin + [0.0, 0.1, 0.0]), False, "target must lie on the "
-                                                                         "bone's grid"),
+        (replace(LABELS, origin=LABELS.origin + [0.0, 0.1, 0.0]), False,
+         "target must lie on the bone's grid"),
         (replace(LABELS, spacing=LABELS.spacing * 1.01), False, "target must lie on the bone's grid"),
     ],
 )  # fmt: skip

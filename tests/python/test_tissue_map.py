@@ -118,16 +118,16 @@ def numbered(numbers: np.ndarray) -> VoxelBone:
         (lambda: Tissues([row(c_e=0)], BONE), "c_e of 'a' must be from 1/4096 to 1000"),
         (lambda: Tissues([row(c_e=float("nan"))], BONE), "c_e of 'a' must be from"),
         (lambda: Tissues([row(alpha=-1)], BONE), "alpha of 'a' must be zero or positive"),
-        (lambda: Tissue("a", label=0, c_e=1, alpha=0, colour=(256, 0, 0)), "every part of a colour must be 0 "
-                                                                           "to 255, got 256"),
+        (lambda: Tissue("a", label=0, c_e=1, alpha=0, colour=(256, 0, 0)),
+         "every part of a colour must be 0 to 255, got 256"),
         (lambda: numbered(np.full((10, 10, 10), 3, np.uint8)), "every tissue number must be below 3, got 3"),
         (lambda: numbered(np.zeros((2, 2, 2), np.uint8)), "must be uint8 and have the shape of the bone"),
         (lambda: numbered(np.zeros((10, 10, 10), np.int64)), "must be uint8 and have the shape of the bone"),
         (lambda: VoxelBone.block((1, 1, 1), 0.1).removed_of(0), "bone must have tissues"),
-        (lambda: numbered(np.zeros((10, 10, 10), np.uint8)).removed_of("spleen"), "tissue must be a name or "
-                                                                                  "number of the bone's table"),
-        (lambda: table().number("spleen"), "tissue must be one of tissue 0, tissue 1, tissue 2, got "
-                                           "'spleen'"),
+        (lambda: numbered(np.zeros((10, 10, 10), np.uint8)).removed_of("spleen"),
+         "tissue must be a name or number of the bone's table"),
+        (lambda: table().number("spleen"),
+         "tissue must be one of tissue 0, tissue 1, tissue 2, got 'spleen'"),
     ],
 )  # fmt: skip
 def test_refused(make: Callable[[], object], match: str) -> None:

@@ -161,8 +161,8 @@ HEAD = "label,name,colour,c_e_N_per_mm2,alpha_per_ms,critical,bleeds,assumed\n"
         (HEAD + "1,a,,,,,,no\n", "line 2, column assumed: must be yes where c_e or alpha is empty"),
         ('label,name\n1,"a\n', "line 2: not a line of comma-separated fields"),
         ("# material: {}\nlabel,name\n1,a\n", "t.csv: the material in the comments is none"),
-        (HEAD + "".join(f"{i},t{i},,,,,,\n" for i in range(65)), "t.csv: number of tissues must be 1 to 64, "
-                                                                 "got 65"),
+        (HEAD + "".join(f"{i},t{i},,,,,,\n" for i in range(65)),
+         "t.csv: number of tissues must be 1 to 64, got 65"),
     ],
 )  # fmt: skip
 def test_bad_table_files(tmp_path: Path, text: str, match: str) -> None:
@@ -316,32 +316,32 @@ def rows_of(names: list[str]) -> Tissues:
         (lambda: label_counts(np.array([0.5, 1.0])), "labels must be whole numbers"),
         (lambda: label_counts(np.array([[-1, 0]])), "labels must be zero or positive, got -1"),
         (lambda: tissues_text(rows_of(["a\nb"])), r"name of a tissue must be one line .*got 'a\\nb'"),
-        (lambda: made("grey", place={"spacing": (0.2, 0.3, 0.5)}, mapping=GREY), "must have the same "
-                                                                                 "geometry: spacing"),
-        (lambda: made("grey", place={"origin": (5, 6, 7.1)}, mapping=GREY), "must have the same geometry: "
-                                                                            "origin"),
-        (lambda: made("grey", place={"direction": np.eye(3)}, mapping=GREY), "must have the same geometry: "
-                                                                             "directions"),
-        (lambda: made("grey", shown=slice(9), place={"origin": (5, 6, 5)}, mapping=GREY), "12 x 11 x 10 "
-                                                                                          "voxels against 12 x 11 x 9"),
+        (lambda: made("grey", place={"spacing": (0.2, 0.3, 0.5)}, mapping=GREY),
+         "must have the same geometry: spacing"),
+        (lambda: made("grey", place={"origin": (5, 6, 7.1)}, mapping=GREY),
+         "must have the same geometry: origin"),
+        (lambda: made("grey", place={"direction": np.eye(3)}, mapping=GREY),
+         "must have the same geometry: directions"),
+        (lambda: made("grey", shown=slice(9), place={"origin": (5, 6, 5)}, mapping=GREY),
+         "12 x 11 x 10 voxels against 12 x 11 x 9"),
         (lambda: made("grey"), r"mapping must be given for the grey values of ct.nrrd"),
         (lambda: made(mapping=GREY), "mapping must be given with grey values only"),
         (lambda: made("labels"), "source must be a Volume, levels of uint8 or None, got ndarray"),
         (lambda: made(np.zeros((2, 2, 2), np.uint8)), "levels must have the shape of the labels"),
-        (lambda: made(np.zeros((10, 11, 12), np.uint8), spacing=0.1), "spacing must not be given with "
-                                                                      "levels"),
-        (lambda: made(np.zeros((10, 11, 12), np.uint8), smooth=0.2), "smooth goes with labels alone, got 0.2 "
-                                                                     "beside"),
-        (lambda: made(smooth=0.05), "smooth must be 1 to 10 times the finest side of a voxel, 0.2 to 2 mm, "
-                                    "got 0.05"),
+        (lambda: made(np.zeros((10, 11, 12), np.uint8), spacing=0.1),
+         "spacing must not be given with levels"),
+        (lambda: made(np.zeros((10, 11, 12), np.uint8), smooth=0.2),
+         "smooth goes with labels alone, got 0.2 beside"),
+        (lambda: made(smooth=0.05),
+         "smooth must be 1 to 10 times the finest side of a voxel, 0.2 to 2 mm, got 0.05"),
         (lambda: made(table=default_tissues(["air", "bone"])),
          rf"labels that are not in the table: 2 \({np.count_nonzero(some()[1] == 2)} voxels\); the table has 0 air, 1 bone"),
         (lambda: made("grey", mapping=GREY, fill={"spleen": 0.5}), r"fill must be of tissues of the table \(air, bone, dura\), got 'spleen'"),
-        (lambda: made("grey", mapping=GREY, fill={"dura": 2}), "fill of 'dura' must be an occupancy from 0 "
-                                                               "to 1, got 2"),
+        (lambda: made("grey", mapping=GREY, fill={"dura": 2}),
+         "fill of 'dura' must be an occupancy from 0 to 1, got 2"),
         (lambda: made(table=rows_of([f"t{i}" for i in range(64)])), "the table must have a row for label 0"),
-        (lambda: made(table=rows_of(["unlabelled", "b"])), "the table must have 'unlabelled' for label "
-                                                           "0 only"),
+        (lambda: made(table=rows_of(["unlabelled", "b"])),
+         "the table must have 'unlabelled' for label 0 only"),
     ],
 )  # fmt: skip
 def test_refusals(make: Callable[[], object], match: str) -> None:

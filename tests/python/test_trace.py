@@ -243,8 +243,8 @@ class Broken:
          "before tick 340: the ring was overrun: the disk or the processor was too slow"),
         (lambda records: FakeReader(np.delete(records, 500), records[700:800]), {}, 500,
          "before tick 540: the record of the next tick is missing, tick 541 came"),
-        (FakeReader, {"duration": 1.0}, 1000, "before tick 1040: the file has no room for more ticks: its "
-                                              "duration is over"),
+        (FakeReader, {"duration": 1.0}, 1000,
+         "before tick 1040: the file has no room for more ticks: its duration is over"),
         (lambda records: Broken(), {}, 0, "before tick 40: recording failed: the ring is gone"),
     ],
 )  # fmt: skip

@@ -76,8 +76,8 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
     [
         (GRID, "does not say the voxel spacing along x, y, z; it must be given"),
         (GRID + "spacings: 0.5 nan 0.5\n", "does not say the voxel spacing along y"),
-        (GRID + 'spacings: 1 1 1\nunits: "m" "mm" "ell"\n', "units of space in the NRRD header must be "
-                                                            "one of"),
+        (GRID + 'spacings: 1 1 1\nunits: "m" "mm" "ell"\n',
+         "units of space in the NRRD header must be one of"),
         ("dimension: 4\nsizes: 5 4 1 3\nkinds: domain domain domain "
          "vector\n", "one value a voxel, got sizes 5 x 4 x 1 x 3"),
         ("dimension: 2\nsizes: 5 12\n", "three dimensions"), ("dimension: 3\n", "the NRRD header has no sizes"),
@@ -95,8 +95,8 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
         (GRID + "byte skip: x\nspacings: 1 "
                 "1 1\n", "byte skip must be a number of bytes or lines, or -1, got 'x'"),
         (MGRID, "does not say the voxel spacing along x, y, z"),
-        (MGRID + "ElementSpacing = -1 1 1\n", "ElementSpacing of the MetaImage header must be positive, got "
-                                              "-1 1 1"),
+        (MGRID + "ElementSpacing = -1 1 1\n",
+         "ElementSpacing of the MetaImage header must be positive, got -1 1 1"),
         (MGRID + "ElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
         (MGRID + "ElementSpacing = a b c\n", "ElementSpacing of the MetaImage header is 'a b c'"),
         (MGRID + "ElementSpacing = 1 1\n", "ElementSpacing must hold 3 numbers, got 2"),
@@ -106,8 +106,8 @@ GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
         (MGRID + SPACING + "ElementNumberOfChannels = 3\n", "one value a voxel, got 3"),
         (MGRID + SPACING + "DistanceUnits = ell\n", "DistanceUnits must be one of"),
         (SPACING, "the MetaImage header has no DimSize"), ("DimSize = 60\n" + SPACING, "three dimensions"),
-        *[(f"DimSize = {n} 4 3\n" + SPACING, "DimSize must hold whole numbers, got "
-                                             f"{n} 4 3") for n in ("inf", "nan", "5.5")],
+        *[(f"DimSize = {n} 4 3\n" + SPACING,
+            f"DimSize must hold whole numbers, got {n} 4 3") for n in ("inf", "nan", "5.5")],
     ],
 )  # fmt: skip
 def test_wrong_headers(tmp_path, head, message):
@@ -120,19 +120,19 @@ def test_wrong_headers(tmp_path, head, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b"type: int16", b"type: block", "type of the NRRD file must be one of whole or real numbers, got "
-                                         "'block'"),
+        (b"type: int16", b"type: block",
+         "type of the NRRD file must be one of whole or real numbers, got 'block'"),
         (b"endian: little", b"endian: middle", "endian of the NRRD file must be little or big, got 'middle'"),
-        (b"encoding: raw", b"encoding: bzip2", "encoding of the NRRD file must be raw, gzip, text or hex, "
-                                               "got 'bzip2'"),
-        (b"encoding: raw", b"encoding: gzip\nbyte skip: -1", "byte skip of -1 goes with raw values, got "
-                                                             "encoding gzip"),
-        (b"\n\n" + a_volume().values.tobytes(), b"\n", "the values must follow the NRRD header in the "
-                                                       "same file"),
-        (b"= MET_SHORT", b"= MET_STRING", "ElementType of the MetaImage header must be one of .*, got "
-                                          "'MET_STRING'"),
-        (b"CompressedData = False", b"CompressedData = True\nHeaderSize = -1", "HeaderSize of -1 goes with "
-                                                                               "raw values"),
+        (b"encoding: raw", b"encoding: bzip2",
+         "encoding of the NRRD file must be raw, gzip, text or hex, got 'bzip2'"),
+        (b"encoding: raw", b"encoding: gzip\nbyte skip: -1",
+         "byte skip of -1 goes with raw values, got encoding gzip"),
+        (b"\n\n" + a_volume().values.tobytes(), b"\n",
+         "the values must follow the NRRD header in the same file"),
+        (b"= MET_SHORT", b"= MET_STRING",
+         "ElementType of the MetaImage header must be one of .*, got 'MET_STRING'"),
+        (b"CompressedData = False", b"CompressedData = True\nHeaderSize = -1",
+         "HeaderSize of -1 goes with raw values"),
     ],
 )  # fmt: skip
 def test_values_that_cannot_be_found(tmp_path, old, new, message):
@@ -152,12 +152,12 @@ _DIRECTIONS = "dimension: 3\nsizes: 5 4 3\nspace directions: (1,0,0) (0,1,0) (0,
 @pytest.mark.parametrize(
     ("name", "head", "notes"),
     [
-        ("v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 "
-                          "1 1\n", ["the NRRD header says no orientation"]),
-        ("v.nrrd", NRRD + "space dimension: 3\n" + _DIRECTIONS, ["space '' of the NRRD header is no "
-                                                                 "anatomical one"]),
-        ("v.nrrd", NRRD + "space: scanner-xyz\n" + _DIRECTIONS, ["space 'scanner-xyz' of the NRRD header is "
-                                                                 "no anatomical one"]),
+        ("v.nrrd", NRRD +
+         "dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n", ["the NRRD header says no orientation"]),
+        ("v.nrrd", NRRD + "space dimension: 3\n" + _DIRECTIONS, [
+         "space '' of the NRRD header is no anatomical one"]),
+        ("v.nrrd", NRRD + "space: scanner-xyz\n" + _DIRECTIONS, [
+         "space 'scanner-xyz' of the NRRD header is no anatomical one"]),
         ("v.nrrd", NRRD + "space: RAS\n" + _DIRECTIONS, []),
         ("v.mha", META + _SIZES, ["the MetaImage header says no orientation"]),
         ("v.mha", META + _SIZES + "AnatomicalOrientation = RAI\n", []),

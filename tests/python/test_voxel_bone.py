@@ -83,25 +83,25 @@ def of_type(kind: str, value: float = 1) -> np.ndarray:
 @pytest.mark.parametrize(
     ("call", "text"),
     [
-        *((partial(VoxelBone, of_type(kind), 0.1), f"range must be given for densities of type {kind}: the "
-                                                   "values of empty")
+        *((partial(VoxelBone, of_type(kind), 0.1),
+            f"range must be given for densities of type {kind}: the values of empty")
           for kind in ("int8", "uint16", "int64", "float32", "float64")),
-        *((partial(VoxelBone, of_type(kind, value), 0.1, range=(0, 1)), "every density must be finite, got "
-                                                                        f"{value}")
+        *((partial(VoxelBone, of_type(kind, value), 0.1, range=(0, 1)),
+            f"every density must be finite, got {value}")
           for kind in FLOATS for value in (np.nan, np.inf, -np.inf)),
         *((partial(VoxelBone, of_type(kind, value), 0.1, range=(0, 100)), rf"every density must be within the range 0.* to 100.*, got {value}")
           for kind, value in (("int16", -1), ("uint64", 101), ("float32", 100.5), ("uint8", 101))),
         (partial(VoxelBone, of_type("float64", 0.5), 1, range=(0, 1e-9)), r"within the range 0 to 1e-09, got 0\.5"),
         *((partial(VoxelBone, np.ones(shape, np.uint8), 0.1), rf"dimensions of density must be 3 \(z, y, x\), got {len(shape)}")
           for shape in ((8,), (2, 4), (2, 2, 2, 1))),
-        *((partial(VoxelBone, np.ones(shape, np.uint8), 0.1), "every side of the volume must be at least one "
-                                                              "voxel, got 0")
+        *((partial(VoxelBone, np.ones(shape, np.uint8), 0.1),
+            "every side of the volume must be at least one voxel, got 0")
           for shape in ((0, 2, 2), (2, 0, 2), (2, 2, 0))),
         *((partial(VoxelBone, SOLID, 0.1, range=bounds), "range must be two finite values, empty below solid")
           for bounds in ((1, 0), (1, 1), (0, np.inf))),
         (partial(VoxelBone, SOLID, 0.1, range=(np.nan, 1)), r"empty below solid, got \(nan, 1\.0\)"),
-        *((partial(VoxelBone, np.zeros((2, 2, 2), kind), 0.1, range=(0, 1)), "density must be an array of "
-                                                                             "integers or floats, got ")
+        *((partial(VoxelBone, np.zeros((2, 2, 2), kind), 0.1, range=(0, 1)),
+            "density must be an array of integers or floats, got ")
           for kind in ("complex128", "<U1", "datetime64[s]")),
         *((partial(VoxelBone, SOLID, spacing), f"spacing must be positive and finite, got {got}$")
           for spacing, got in ((0.0, "0"), (-0.1, "-0.1"), (np.nan, "nan"), (np.inf, "inf"), ((0.1, 0.0, 0.1), "0"),
@@ -113,8 +113,8 @@ def of_type(kind: str, value: float = 1) -> np.ndarray:
         (partial(VoxelBone.block, (1, 1, 1), 1e-7), "voxels along a side must be below 1000000"),
         (partial(VoxelBone.block, (9e5, 9e5, 9e5), 1.0), r"7\.29e\+17 voxels needs 7\.58e\+08 GB of memory"),
         *((lambda bone, state=state: bone.__setstate__((*state, (1.0,) * 3, (0.0,) * 3)), said) for state, said in (
-            ((of_type("uint8", 100), of_type("uint8", 101)), "density must be at most the pristine level, "
-                                                             "got 101 over 100"),
+            ((of_type("uint8", 100), of_type("uint8", 101)),
+             "density must be at most the pristine level, got 101 over 100"),
             ((of_type("uint8"), SOLID), "density and pristine of a pickled bone must have one shape"))),
     ],
 )  # fmt: skip

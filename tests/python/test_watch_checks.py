@@ -45,15 +45,15 @@ def session_of(watch):
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (lambda: Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2)), "bone must have tissues, got one of a "
-                                                                 "single material"),
+        (lambda: Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2)),
+         "bone must have tissues, got one of a single material"),
         (lambda: Watch(plain_bone()), "structures must be named: no tissue of the bone is critical"),
-        (lambda: session_of(Watch(nerve_bone())), "bone must be the one that the watch was made of, or a "
-                                                  "copy of it"),
-        (lambda: Watch(nerve_bone(), structures="nerve").distance((0, 0, 0), "sinus"), "structure must be "
-                                                                                       "one of nerve, got 'sinus'"),
-        (lambda: Watch(nerve_bone()).core([7.0]), "radius of a burr that is watched must be at most 6 mm, "
-                                                  "got 7"),
+        (lambda: session_of(Watch(nerve_bone())),
+         "bone must be the one that the watch was made of, or a copy of it"),
+        (lambda: Watch(nerve_bone(), structures="nerve").distance((0, 0, 0), "sinus"),
+         "structure must be one of nerve, got 'sinus'"),
+        (lambda: Watch(nerve_bone()).core([7.0]),
+         "radius of a burr that is watched must be at most 6 mm, got 7"),
     ],
 )  # fmt: skip
 def test_a_watch_needs_a_critical_structure_of_the_sessions_bone(make, sentence) -> None:

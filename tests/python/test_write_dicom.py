@@ -69,10 +69,10 @@ def test_the_same_volume_is_the_same_series(tmp_path):
 def test_errors(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("something")
     for name, volume, error, match in (
-        ("ct", a_volume("float32"), ValueError, "values must be one of uint8, int16, uint16 to be .* got "
-                                                "float32"),
-        ("ct", a_volume(direction=TURNED * (1, 1, -1)), ValueError, "direction must be right-handed to be "
-                                                                    "written as DICOM"),
+        ("ct", a_volume("float32"), ValueError,
+         "values must be one of uint8, int16, uint16 to be .* got float32"),
+        ("ct", a_volume(direction=TURNED * (1, 1, -1)), ValueError,
+         "direction must be right-handed to be written as DICOM"),
         ("none/ct", a_volume(), FileNotFoundError, "folder must exist"),
         ("file", a_volume(), FileExistsError, "folder must be new"),
     ):  # fmt: skip

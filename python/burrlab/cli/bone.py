@@ -429,8 +429,8 @@ def _cell(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-TISSUES_COMMAND = Command("tissues", _tissues, "The labels of a segmentation, with voxels, and what "
-                                               "they are.", (
+TISSUES_COMMAND = Command("tissues", _tissues,
+    "The labels of a segmentation, with voxels, and what they are.", (
     option(
         "file", "labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); "
                 "without it, the "

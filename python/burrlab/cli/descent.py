@@ -205,8 +205,8 @@ DESCENT_COMMANDS = (
         option("--out", required=True, metavar="FILE.csv"),
         flag("--rig", "through controller and virtual rig; else the force is exact"),
         option(
-            "--store", "keep every descent as it ends (JSON lines), and take from there what an earlier "
-                       "sweep of "
+            "--store",
+            "keep every descent as it ends (JSON lines), and take from there what an earlier sweep of "
             "the same parameters and seed has done: an interrupted one goes on; needs --seed", metavar="FILE",
         ),
         *_EXPERIMENT,

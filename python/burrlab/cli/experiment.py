@@ -52,8 +52,8 @@ _RUNNING: Mapping[str, Mapping[str, Any]] = {
 }
 _SIMULATED: Mapping[str, Mapping[str, Any]] = {
     "--all": {"action": "store_true", "help": "all subjects of the protocol"},
-    "--weber": {"type": positive, "metavar": "W", "help": "sd of the noise of a cue's logarithm an interval, "
-                                                          "default 0.45"},
+    "--weber": {"type": positive, "metavar": "W", "help":
+        "sd of the noise of a cue's logarithm an interval, default 0.45"},
     "--decision": {"choices": ["differencing", "covert"], "help": "default: differencing"},
     "--fast": {"action": "store_true", "help": "render each material once a task instead of every interval"},
 }  # fmt: skip
@@ -73,8 +73,8 @@ def add_experiment_commands(command: AddCommand) -> None:
     actions = experiment.add_subparsers(dest="action", required=True, metavar="ACTION")
     for name, run, text, options in (
         ("new", _new, "Write a protocol to begin with, and print what its designs can show.", {}),
-        ("power", _power, "Print what the designs of a protocol can show, before anybody has taken "
-                          "part.", {}),
+        ("power", _power,
+         "Print what the designs of a protocol can show, before anybody has taken part.", {}),
         ("run", _run, "Take a subject through the tasks, at this terminal.", _RUNNING),
         ("resume", _resume, "Go on with a run that was ended early, at the next trial.", _RUNNING),
         ("analyse", _analyse, "Scores, d' and intervals of each subject and of the group.", _ANALYSIS),
@@ -274,8 +274,8 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     return SimulatedSeat(
         _simulated_subject(options, design.mode), design, burr=protocol.burr, bone=protocol.bone,
         seed=protocol.seed, name=f"{sitting.subject} {task}",
-        on_progress=lambda text: show_line(f"simulated subject {sitting.subject}, task {task}: "
-                                           f"{text.lower()}"),
+        on_progress=lambda text: show_line(
+            f"simulated subject {sitting.subject}, task {task}: {text.lower()}"),
     )  # fmt: skip
 
 

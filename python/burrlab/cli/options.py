@@ -358,11 +358,11 @@ VOLUME = Group(
             type=parsed_by(OccupancyMap.parse), metavar="LO:HI",
         ),
         option(
-            "--entry", "where the axis begins, volume's own coordinates, "
-                       "LPS [mm]", type=vector, metavar="X,Y,Z"
+            "--entry",
+            "where the axis begins, volume's own coordinates, LPS [mm]", type=vector, metavar="X,Y,Z"
         ),
-        option("--axis", "direction of the descent (a block too; default "
-                         "0,0,-1)", type=vector, metavar="X,Y,Z"),
+        option("--axis",
+            "direction of the descent (a block too; default 0,0,-1)", type=vector, metavar="X,Y,Z"),
         option(
             "--spacing", "of the volume's voxels, where its file has none, and of labels in slices [mm]",
             type=spacing, metavar="X,Y,Z",
@@ -394,8 +394,8 @@ LABELS = Group(
     "labels of tissues: with --volume on its voxels, or alone, then what is labelled is solid",
     (
         option(
-            "--labels", "NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their "
-                        "YAML file", metavar="FILE"
+            "--labels",
+            "NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their YAML file", metavar="FILE"
         ),
         option(
             "--tissues", "what the labels are (`burrlab tissues`); default by their names", metavar="FILE.csv"

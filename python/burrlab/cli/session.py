@@ -411,20 +411,20 @@ SESSION_COMMANDS = (
         ),
         option("--record", "write the complete trace (HDF5), a new file", metavar="FILE"),
         option(
-            "--publish", "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); "
-                         "there is no "
+            "--publish",
+            "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no "
             "authentication: whoever reaches the port can read the session", type=port, metavar="PORT",
         ),
         option("--host", "address to publish on, default 127.0.0.1: this machine only"),
-        option("--header-version", "of the OpenIGTLink messages, "
-                                   "default 1", type=int, choices=[1, 2], default=1),
+        option("--header-version",
+            "of the OpenIGTLink messages, default 1", type=int, choices=[1, 2], default=1),
         option("--duration", "[s], default until Ctrl-C", type=positive, metavar="S"),
         *_LIVE,
         option("--rate", "of the loop [Hz], default 1000", type=positive, default=1000.0),
         *MATERIAL,
         option("--push", "of a simulated hand [N], default 1", type=positive, default=1.0),
-        option("--voxel", "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a "
-                          "volume's own", type=positive),
+        option("--voxel",
+            "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own", type=positive),
         VOLUME,
         LABELS,
         KEPT,

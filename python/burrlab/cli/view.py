@@ -224,15 +224,15 @@ def _widest_opening(bone: VoxelBone) -> str:
     )
 
 
-VIEW_COMMAND = Command("view", _view, "Show a recorded session, a bone or a volume: window, PNG, film or web "
-                                      "page.", (
+VIEW_COMMAND = Command("view", _view,
+    "Show a recorded session, a bone or a volume: window, PNG, film or web page.", (
     option("file", "a trace; its --entry and --axis are in the bone frame", metavar="TRACE", nargs="?"),
-    option("--bone", "a bone that was kept (.h5, or a volume with its state) instead of a "
-                     "trace", metavar="FILE"),
+    option("--bone",
+        "a bone that was kept (.h5, or a volume with its state) instead of a trace", metavar="FILE"),
     option("--at", "time of the trace [s], default its end", type=number, metavar="S"),
     option("--png", "write a picture; no window opens", metavar="FILE"),
-    option("--pictures", "write slices and, if bone was removed, FILE-depth, by matplotlib "
-                         "alone", metavar="FILE"),
+    option("--pictures",
+        "write slices and, if bone was removed, FILE-depth, by matplotlib alone", metavar="FILE"),
     option("--video", "write a film of the trace, .mp4 or .gif; no window opens", metavar="FILE"),
     option("--fps", f"of the film [1/s], default {_FPS:g}", type=positive),
     option("--speed", "of the trace in the film, default 1", type=positive),
@@ -242,8 +242,8 @@ VIEW_COMMAND = Command("view", _view, "Show a recorded session, a bone or a volu
     option("--width", "that the view holds, top to bottom [mm]", type=positive, metavar="MM"),
     flag("--web", "serve a page for a browser instead of a window"),
     option("--port", "of the page, default any free one", type=port),
-    flag("--effects", "dust, blood and, from a nozzle beside the burr, water of a trace, at assumed "
-                      "rates", None),
+    flag("--effects",
+        "dust, blood and, from a nozzle beside the burr, water of a trace, at assumed rates", None),
     option("--voxel", "of a volume's bone [mm], default its own", type=positive),
     VOLUME,
     LABELS,

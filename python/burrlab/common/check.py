@@ -148,6 +148,9 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
 
 
 def refuse(broken: object, sentence: str) -> None:
-    """ValueError with this sentence if the rule is broken."""
+    """ValueError with this sentence if the rule is broken.
+
+    The sentence is made in every call: to show an array takes a millisecond, so there write `if` and `raise`.
+    """
     if broken:
         raise ValueError(sentence)

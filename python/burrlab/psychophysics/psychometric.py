@@ -300,8 +300,8 @@ class PsychometricFit(Result):
         ax.set_xscale("log")
         # In the upper left, away from the rising curve; beside the point the text would leave the frame.
         ax.text(
-            0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % "
-                        "interval",
+            0.02, 0.98,
+            f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
             transform=ax.transAxes, color=VELOCITY, fontsize=8, va="top",
         )  # fmt: skip
         ax.text(0.98, self.guess_rate, "chance", transform=ax.get_yaxis_transform(), color=REFERENCE, fontsize=8,

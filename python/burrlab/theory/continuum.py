@@ -225,8 +225,8 @@ def thin_layer_velocity(
 def positive(name: str, values: ArrayLike) -> Floats:
     """`values` as an array; ValueError unless all are positive and finite."""
     array = real(values, name)
-    inside = (array > 0) & (array < np.inf)
-    refuse(not inside.all(), f"{name} must be positive and finite, got {values!r}")
+    if not ((array > 0) & (array < np.inf)).all():
+        raise ValueError(f"{name} must be positive and finite, got {values!r}")
     return array
 
 

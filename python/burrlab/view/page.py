@@ -617,7 +617,7 @@ def _transport(page: Page, html: Any, v3: Any) -> None:
         with html.Div(classes="d-flex align-center"):
             html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
             v3.VSelect(
-                v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, "
-                                           "value: x}))",), density="compact",
+                v_model=("speed",), items=(
+                    "speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
                 hide_details=True, variant="plain", style="flex: 0 0 70px;", raw_attrs=['aria-label="speed"'],
             )  # fmt: skip

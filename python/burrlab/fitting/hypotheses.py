@@ -78,7 +78,7 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     Seber and Wild, Nonlinear Regression, Wiley 1989, section 2.1.3 (replicated data).
     """
     name = "lack of fit"
-    r = likelihood.own_residuals(*point)
+    r = likelihood.own_rows(*point)[1]
     S = float(np.sum(r**2))
     if likelihood.known:
         nu = likelihood.n - 2

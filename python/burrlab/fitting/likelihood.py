@@ -100,16 +100,17 @@ class Likelihood:
         if len(pressed) and not self.pressed_known:
             self._pressed_log = np.log(pressed / observations.pressed_unit)  # log c_e of every pair (Eq. 3)
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
-        self._floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
+        #: of a squared scatter: the square of the model's own error, in the unit of the residuals
+        self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
 
-    def own_residuals(self, c_e: float, alpha: float) -> Floats:
-        """Residuals of the curves' rows about the best fit to these rows alone, the model taken as linear.
+    def own_rows(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
+        """Derivatives, shape (n, 2), and residuals of the curves' rows about the best fit to these alone.
 
-        The derivatives at the fit remove the pull of other rows.
+        The model is taken as linear; the derivatives at the fit remove the pull of other rows.
         """
         _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
         J, r = J[: len(self._single)], r[: len(self._single)]
-        return np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
+        return J, np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
 
     def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
         """Residuals of the rows that depend on alpha: curves' rows, then the runs' means; last axis (n,)."""
@@ -171,7 +172,7 @@ class Likelihood:
         if len(self.observations.pressed):
             S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
             other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
-        return Slices(stiffness, A, B, m, other, self.n, self.known, self._floor, self.kind == "relative")
+        return Slices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.kind == "relative")
 
     @staticmethod
     def _minus2(S: Floats, n: int) -> Floats:
@@ -194,7 +195,7 @@ class Likelihood:
         n = self.n + self.n_within + len(self.observations.pressed)
         if n == self.n:
             return S
-        return float(n * np.exp((self.n * np.log(S / self.n + self._floor) + other) / n))
+        return float(n * np.exp((self.n * np.log(S / self.n + self.floor) + other) / n))
 
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[Scatter, ...], Floats]:
         """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters and their shares.
@@ -236,7 +237,7 @@ class Likelihood:
 
     def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
         """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""
-        floor = self._floor if name == "velocity" else MODEL_ERROR**2
+        floor = self.floor if name == "velocity" else MODEL_ERROR**2
         return 1.0 if known else float(np.sum(r**2)) / n + floor
 
     def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:

@@ -143,6 +143,12 @@ class Observations:
         """The same experiment with other outcomes."""
         return replace(self, velocity=velocity, pressed=pressed)
 
+    def kept(self, keep: NDArray[np.bool_]) -> Observations:
+        """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
+        made = replace(self, **{name: getattr(self, name)[keep] for name in _VELOCITY})
+        made._check()
+        return made
+
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
         windows: dict[tuple[float | None, float | None], list[int]] = {}
@@ -301,6 +307,7 @@ class Calibration:
     total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
     shares: Floats  # by scatter
     monte_carlo: float = 0.0  # variance of the fit by the stochastic engine, over that by the data
+    inflation: float = 1.0  # chi-square over degrees of freedom, where the data contradict their sigma
 
     def limit(self, level: float, direction: Floats | None = None) -> float:
         """Largest rise of -2 log L inside `level`.
@@ -312,14 +319,14 @@ class Calibration:
         direction : ndarray, shape (2,), optional
             Gradient of one quantity over (log c_e, log alpha); None is for both parameters jointly.
         """
-        wider = 1 + self.monte_carlo
+        wider = (1 + self.monte_carlo) * self.inflation
         if direction is None:
             return float(-2 * np.log1p(-level) * self._joint_inflation() * wider)
         return self.threshold(direction).limit(level) * wider
 
     def probability(self, rise: float, direction: Floats | None = None) -> float:
         """p-value of a rise of -2 log L: the inverse of `limit`."""
-        rise /= 1 + self.monte_carlo
+        rise /= (1 + self.monte_carlo) * self.inflation
         if direction is None:
             return float(np.exp(-rise / 2 / self._joint_inflation()))
         return self.threshold(direction).probability(rise)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import IO, Any, Self
 
@@ -16,6 +16,7 @@ import numpy as np
 from burrlab._core import Burr, Shape
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
+from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, goodness, influence, plausibility
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -64,7 +65,8 @@ class FitRecord:
     n_points, n_skipped, n_censored : int
         Rows used, rows without a velocity, and censored ones, which bound c_e from above.
     status : str
-        ``"ok"``; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
+        ``"ok"``; ``"poor-fit"``: the data contradict the model; ``"implausible"``: no burring gives such
+        data; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
         ``"disagreement"``: searches ended equally well at different parameters; ``"not-converged"``.
     reason : str
         The status in one sentence.
@@ -279,6 +281,14 @@ class Evidence:
         What the data determine at 95 %, in plain words.
     better : (float, float) or None
         A better point (c_e, alpha) than the fit, where the walk met one outside the bounds of the search.
+    goodness : Goodness or None
+        Whether the data contradict the model; None in fits of earlier versions, as the next three.
+    unscaled : mapping or None
+        The intervals without the factor of `goodness`, where there is one.
+    plausibility : Plausibility or None
+        Whether a plausible material could have given the data.
+    rows : tuple of Row
+        The rows that stand out.
     """
 
     log_likelihood: float
@@ -290,11 +300,25 @@ class Evidence:
     ridge: Ridge
     verdict: str
     better: tuple[float, float] | None = None
+    goodness: Goodness | None = None
+    unscaled: Mapping[str, Mapping[str, Interval]] | None = None
+    plausibility: Plausibility | None = None
+    rows: tuple[Row, ...] = ()
+
+    @property
+    def doubt(self) -> tuple[str, str] | None:
+        """Status and reason where the diagnostics speak against the fit."""
+        if self.plausibility is not None and self.plausibility.implausible:
+            return "implausible", f"No burring gives such data: {self.plausibility.sentence}."
+        if self.goodness is not None and self.goodness.poor:
+            return "poor-fit", self.goodness.sentence
+        return None
 
     @property
     def calibration(self) -> Calibration:
         """The limits that the intervals and tests use."""
-        return Calibration(self.scatters, self.information, self.shares, self.monte_carlo)
+        inflation = 1.0 if self.goodness is None else self.goodness.inflation
+        return Calibration(self.scatters, self.information, self.shares, self.monte_carlo, inflation)
 
 
 def weigh(
@@ -303,6 +327,9 @@ def weigh(
     domain: Domain,
     best: tuple[float, float],
     table: VoxelTable | None,
+    data: Sequence[Data],
+    bounds: Bounds,
+    plausible: Bounds | None,
 ) -> Evidence:
     """The evidence at a fit.
 
@@ -316,16 +343,26 @@ def weigh(
         c_e [N/mm^2], alpha [1/ms].
     table : VoxelTable or None
         The voxel engine's table.
+    data : sequence of data sets
+    bounds : dict
+        Given bounds.
+    plausible : dict or None
+        Plausible range of c_e and alpha.
     """
     o = likelihood.observations
     exponent = 4 * (shape.order + 1) / 3
     total, scatters, shares = likelihood.information(*best)
-    found = profile(likelihood, Calibration(scatters, total, shares), domain, best, exponent)
-    monte_carlo = 0.0
+    calibration = Calibration(scatters, total, shares)
+    found = profile(likelihood, calibration, domain, best, exponent)
     if table is not None:
         is_open = found.intervals["c_e"]["95"].upper is None
         monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
-        found = profile(likelihood, Calibration(scatters, total, shares, monte_carlo), domain, best, exponent)
+        calibration = replace(calibration, monte_carlo=monte_carlo)
+        found = profile(likelihood, calibration, domain, best, exponent)
+    fits, unscaled = goodness(likelihood, best, lack_of_fit(likelihood, best)), None
+    if fits.inflation > 1:
+        unscaled, calibration = found.intervals, replace(calibration, inflation=fits.inflation)
+        found = profile(likelihood, calibration, domain, best, exponent)
     lowest = int(np.argmin(found.c_e_rise))
     there = float(likelihood.at(best[0]).minus2(best[1])[0])
     better = None
@@ -333,17 +370,23 @@ def weigh(
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))
+    likely = plausibility(likelihood, calibration, found.base, best, plausible) if plausible else None
+    doubts = [fits.sentence, f"Suspect: {likely.sentence}." if likely and likely.suspect else ""]
     said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
     return Evidence(
         likelihood.log_likelihood(*best),
         total,
         scatters,
         shares,
-        monte_carlo,
+        calibration.monte_carlo,
         found,
         ridge_of(likelihood, exponent, best, found),
-        said,
+        " ".join(text for text in (*doubts, said) if text),
         better,
+        fits,
+        unscaled,
+        likely,
+        influence(likelihood, best, data, bounds, every=False),
     )
 
 

@@ -65,7 +65,9 @@ class NewData:
             for s, part in zip(old.scatters, old.shares, strict=True)
         )
         return Limits.of(
-            Calibration((*scatters, new), total, np.concatenate([old.shares, share[None]]), old.monte_carlo)
+            replace(
+                old, scatters=(*scatters, new), total=total, shares=np.concatenate([old.shares, share[None]])
+            )
         )
 
 

@@ -18,6 +18,7 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
+from burrlab.fitting.diagnostics import Row, influence
 from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.intervals import LEVELS, Region
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -118,6 +119,12 @@ class Fit(FitRecord):
         common = lowest(both, Domain.of(both, bounds_of(observations, None), {})).point
         points = [(self.c_e, self.alpha), (other.c_e, other.alpha), common]
         return hypotheses.one_material(self.likelihood, other.likelihood, both, points)
+
+    def influence(self) -> tuple[Row, ...]:
+        """Every row of the curves: leverage, studentised residual, and the fit without it."""
+        self._evidence()
+        given = {name: self.bounds[name] for name in self.given_bounds}
+        return influence(self.likelihood, (self.c_e, self.alpha), self.data, given)
 
     def bootstrap(
         self,

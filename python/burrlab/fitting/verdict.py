@@ -78,14 +78,20 @@ def status_of(
     best: Start,
     ridge: Ridge,
     missed: float,
+    doubt: tuple[str, str] | None,
 ) -> tuple[str, str]:
-    """Status and reason of a fit, the gravest first; `missed`: by how much nlopt ended below the walk."""
+    """Status and reason of a fit, the gravest first.
+
+    `missed` is by how much nlopt ended below the walk, `doubt` status and reason by the diagnostics.
+    """
     at = bound_reached(observations, box, best.end)
     if missed > FLAT:
         return (
             "not-converged",
             f"nlopt's BOBYQA ended where -2 log L is {missed:.3g} below the walk's lowest.",
         )
+    if doubt is not None:
+        return doubt
     if not ridge.excluded:
         combination = f"alpha/c_e^{ridge.exponent:.4g}"
         return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()

@@ -1,0 +1,332 @@
+"""Diagnostics of a fit: whether the data contradict the model, which rows stand out, what units they suggest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from burrlab.bone.materials import materials
+from burrlab.fitting.hypotheses import HypothesisTest, Point, p_text
+from burrlab.fitting.intervals import Interval
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
+from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, bounds_of
+from burrlab.fitting.profile import Domain, Walk, lowest, profile
+from burrlab.fitting.verdict import span
+from burrlab.measured.curve import VelocityCurve
+
+POOR = 0.005  # p below which the data contradict the model (ours)
+_NO_MATTER = 3 * MODEL_ERROR  # RMS relative deviation that the model's own error may explain
+_FEWEST = 8  # rows; among fewer none is named
+_WIDER = 1.5  # the plausible range reaches so far beyond the shipped materials (ours)
+_FAR = 30.0  # beyond the plausible range by this factor a fit is implausible (ours)
+_SUSPECT = 0.005  # p of the best plausible point below which a note is due (ours)
+_LOOKS = 0.05  # p above which data look like those of a mistake
+_POINTS = 200  # of c_e in the plausible range
+_SCATTER = 0.5  # RMS of log velocity beyond which the model does not describe the data (ours)
+
+#: c_e [N/mm^2] and alpha [1/ms] of the shipped materials, widened by a factor of 1.5 to either side.
+PLAUSIBLE: Bounds = {
+    name: (
+        min(getattr(m, name) for m in materials.values()) / _WIDER,
+        max(getattr(m, name) for m in materials.values()) * _WIDER,
+    )
+    for name in ("c_e", "alpha")
+}
+
+# What a file may hold instead of N and mm/s: the factor of its forces, and of its velocities.
+_MISTAKES = {
+    "velocities were um/s": (1.0, 1e3),
+    "velocities were m/s": (1.0, 1e-3),
+    "velocities were mm/min": (1.0, 60.0),
+    "velocities were cm/s": (1.0, 0.1),
+    "forces were mN": (1e3, 1.0),
+    "forces were kN": (1e-3, 1.0),
+    "forces were gram-force": (1e3 / 9.80665, 1.0),
+    "forces were kilogram-force": (1 / 9.80665, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """Whether data and model agree, by the test that the data allow.
+
+    Attributes
+    ----------
+    test : HypothesisTest or None
+        Chi-square with sigma, lack of fit with repeats, else curvature; None where there are too few rows.
+    poor : bool
+        The data contradict the model: p < 0.005, and the deviations exceed the model's own error.
+    inflation : float
+        Chi-square over degrees of freedom where the data contradict a given sigma, else 1. The limits of all
+        intervals are wider by this factor, the intervals by its root.
+    """
+
+    test: HypothesisTest | None
+    poor: bool
+    inflation: float
+
+    @property
+    def sentence(self) -> str:
+        """The contradiction in plain words; empty where there is none."""
+        if not self.poor or self.test is None:
+            return ""
+        wider = (
+            f" Intervals are {np.sqrt(self.inflation):.2g} times wider for it." if self.inflation > 1 else ""
+        )
+        return f"The data contradict the model or their sigma. {self.test.sentence}{wider}"
+
+
+def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) -> Goodness:
+    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats."""
+    test = curvature(likelihood, point) if lack is None else lack
+    c_e, alpha = point
+    o = likelihood.observations
+    off = np.log(o.velocity / (alpha * likelihood.model.unit(c_e)))
+    poor = test is not None and test.p_value < POOR and float(np.sqrt(np.mean(off**2))) > _NO_MATTER
+    inflation = test.statistic / test.freedom[0] if poor and test is not None and likelihood.known else 1.0
+    return Goodness(test, poor, inflation)
+
+
+def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
+    """Whether the residuals bend over log force: F test of one more term, the square of log(F/R^2).
+
+    None where fewer than two degrees of freedom are left, or the term is one of the model's own.
+    """
+    J, r = likelihood.own_rows(*point)
+    o = likelihood.observations
+    x = np.log(o.force / o.radius**2)[o.run < 0]
+    if not len(x):
+        return None
+    basis = _orthonormal(J)
+    bend = (x - x.mean()) ** 2
+    rest = bend - basis @ (basis.T @ bend)
+    below = len(x) - basis.shape[1] - 1
+    if below < 2 or rest @ rest < 1e-6 * (bend @ bend):
+        return None
+    above = float(rest @ r) ** 2 / float(rest @ rest)
+    F = above / max((float(r @ r) - above) / below, 1e-300)
+    p = float(stats.f.sf(F, 1, below))
+    bends = "do not bend" if p >= 0.05 else "bend"
+    sentence = f"The residuals {bends} over the force: F(1, {below}) = {F:.3g}, {p_text(p)}."
+    return HypothesisTest("curvature", F, (1, below), p, sentence)
+
+
+def _orthonormal(J: Floats) -> Floats:
+    """An orthonormal basis of the columns; on a ridge both are one."""
+    U, s, _ = np.linalg.svd(J, full_matrices=False)
+    return np.asarray(U[:, s > 1e-6 * s[0]])
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the data, and the fit without it.
+
+    Attributes
+    ----------
+    data_set, row : int
+        Which data set, from 0, and which row of it, from 1 after the header.
+    force : float
+        [N]
+    leverage : float
+        Diagonal of the hat matrix, 0 to 1: how far the row determines its own prediction.
+    studentised : float
+        Residual over its standard error by the other rows, or over the given sigma.
+    named : bool
+        |studentised| is beyond the limit that some row reaches in 5 % of clean data sets.
+    c_e, alpha : float
+        The fit without the row [N/mm^2], [1/ms]; NaN where the other rows allow none.
+    interval : Interval
+        95 % interval of c_e without the row.
+    """
+
+    data_set: int
+    row: int
+    force: float
+    leverage: float
+    studentised: float
+    named: bool
+    c_e: float
+    alpha: float
+    interval: Interval
+
+    @property
+    def sentence(self) -> str:
+        """The row in plain words."""
+        of = f" of data set {self.data_set + 1}" if self.data_set else ""
+        without = "the other rows allow no fit"
+        if not np.isnan(self.c_e):
+            without = f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
+        return f"Row {self.row}{of}, {self.force:.3g} N, stands out: {self.studentised:.2g} sigma; {without}."
+
+
+def influence(
+    likelihood: Likelihood, point: Point, data: Sequence[Data], given: Bounds, *, every: bool = True
+) -> tuple[Row, ...]:
+    """The curves' rows in the order of the data, each with the fit without it.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    point : (c_e, alpha)
+        The fit [N/mm^2], [1/ms].
+    data : sequence of data sets
+        Of the fit.
+    given : dict
+        Bounds given to the fit.
+    every : bool
+        False returns only the rows that stand out.
+
+    Notes
+    -----
+    A row stands out where |externally studentised residual| is beyond Bonferroni's limit at 5 %: Student's t
+    with n - p - 1 degrees of freedom, p the rank of the derivatives, or the normal distribution where sigma
+    is known. The worst row is set aside and the others are judged without it, until none stands out or
+    fewer than 8 are left.
+
+    References
+    ----------
+    Cook and Weisberg, Residuals and Influence in Regression, Chapman and Hall 1982, section 2.2.
+    """
+    J, r = likelihood.own_rows(*point)
+    if not len(r):
+        return ()
+    o, known, floor = likelihood.observations, likelihood.known, likelihood.floor
+    rest = np.arange(len(r))
+    leverage, residual, _ = _studentised(J, r, known, floor)
+    named = np.zeros(len(r), dtype=bool)
+    while len(rest) >= _FEWEST:
+        _, residual[rest], limit = _studentised(J[rest], r[rest], known, floor)
+        worst = int(rest[np.argmax(np.abs(residual[rest]))])
+        if abs(residual[worst]) <= limit:
+            break
+        named[worst] = True
+        rest = rest[rest != worst]
+    places = [
+        (k, row + 1)
+        for k, one in enumerate(data)
+        if isinstance(one, VelocityCurve)
+        for row in np.flatnonzero(one.ok).tolist()
+    ]
+    columns = (np.flatnonzero(o.run < 0), leverage, residual, named)
+    return tuple(
+        Row(*place, float(o.force[at]), h, t, stands_out, *_without(likelihood, at, given))
+        for place, at, h, t, stands_out in zip(places, *(column.tolist() for column in columns), strict=True)
+        if every or stands_out
+    )
+
+
+def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Floats, Floats, float]:
+    """Leverages and externally studentised residuals of rows, and Bonferroni's limit at 5 %."""
+    basis = _orthonormal(J)
+    n, p = basis.shape
+    r = r - basis @ (basis.T @ r)
+    leverage, below = np.sum(basis**2, axis=1), max(n - p - 1, 1)
+    free = np.maximum(1 - leverage, 1e-9)
+    variance = np.ones(n) if known else np.maximum((r @ r - r**2 / free) / below, 0.0) + floor
+    limit = stats.norm.isf(0.025 / n) if known else stats.t.isf(0.025 / n, below)
+    return leverage, r / np.sqrt(variance * free), float(limit)
+
+
+def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, float, Interval]:
+    """c_e, alpha and c_e's 95 % interval without a velocity row."""
+    keep = np.arange(len(likelihood.observations.force)) != row
+    try:
+        o = likelihood.observations.kept(keep)
+        rest = Likelihood(o, likelihood.kind, _Kept(likelihood.model, keep))
+        domain = Domain.of(rest, bounds_of(o, given), given)
+    except ValueError:  # too few forces are left
+        return np.nan, np.nan, Interval(None, None)
+    best = lowest(rest, domain).point
+    total, scatters, shares = rest.information(*best)
+    found = profile(rest, Calibration(scatters, total, shares), domain, best, 0.0)
+    return *best, found.intervals["c_e"]["95"]
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """A model of some of its rows."""
+
+    model: Model
+    keep: NDArray[np.bool_]
+
+    def unit(self, c_e: ArrayLike) -> Floats:
+        """See `burrlab.fitting.likelihood.Model`."""
+        return self.model.unit(c_e)[..., self.keep]
+
+
+@dataclass(frozen=True)
+class Plausibility:
+    """Whether a plausible material could have given the data.
+
+    Attributes
+    ----------
+    p_value : float
+        Of the best point inside the plausible range, by the joint region.
+    suspect : bool
+        p is below 0.005, or the velocity rises less than the force does.
+    implausible : bool
+        p is below 0.005 even in the range widened 30-fold, the velocity falls with the force, or the data lie
+        over 50 % (RMS) off the model.
+    sentence : str
+        What is suspect and what the data look like; empty where nothing is.
+    """
+
+    p_value: float
+    suspect: bool
+    implausible: bool
+    sentence: str
+
+
+def plausibility(
+    likelihood: Likelihood, calibration: Calibration, base: float, point: Point, plausible: Bounds
+) -> Plausibility:
+    """Compare a fit with the plausible range of c_e [N/mm^2] and alpha [1/ms].
+
+    A factor on forces or velocities is absorbed by c_e or alpha exactly, so only such a range can show it.
+    """
+    o = likelihood.observations
+    c_e, alpha = plausible["c_e"], plausible["alpha"]
+
+    def p_of(force: float = 1.0, velocity: float = 1.0, wider: float = 1.0) -> float:
+        """Of the best point in the range, for data whose forces and velocities carry these factors."""
+        low = max(c_e[0] * force / wider, float(o.c_e_bounds().max()) * (1 + 1e-4))
+        high = min(c_e[1] * force * wider, o.ceiling * (1 - 1e-4))
+        if low >= high:
+            return 0.0
+        domain = Domain(
+            low, high, True, True, (np.inf,), (alpha[0] * velocity / wider, alpha[1] * velocity * wider)
+        )
+        rise = float(Walk(likelihood, domain, np.geomspace(low, high, _POINTS)).minus2.min()) - base
+        return calibration.probability(max(rise, 0.0)) if np.isfinite(rise) else 0.0
+
+    inside, slope = p_of(), _slope(o)
+    off = float(np.sqrt(np.mean(np.log(o.velocity / (point[1] * likelihood.model.unit(point[0]))) ** 2)))
+    said = []
+    if slope[1] < 0:
+        said.append("the velocity falls with the force")
+    elif slope[1] < 1:
+        said.append("the velocity rises less than the force does, as if the two columns were swapped")
+    if off > _SCATTER:
+        said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
+    outside = inside < _SUSPECT
+    if outside and not said:
+        known = f"c_e {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2 and alpha {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
+        looks = [
+            f"as if {what} (c_e would be {point[0] / force:.3g} N/mm^2, alpha {point[1] / velocity:.3g} /ms)"
+            for what, (force, velocity) in _MISTAKES.items()
+            if p_of(force, velocity) > _LOOKS
+        ]
+        said.append(f"they lie outside {known}" + ("; " + ", or ".join(looks) if looks else ""))
+    implausible = slope[1] < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
+    return Plausibility(inside, bool(said), implausible, "; ".join(said))
+
+
+def _slope(o: Observations) -> tuple[float, float]:
+    """99 % interval of the slope of log velocity over log(F/R^2)."""
+    found = stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
+    reach = float(stats.t.isf(0.005, max(len(o.force) - 2, 1))) * float(found.stderr)
+    return float(found.slope) - reach, float(found.slope) + reach

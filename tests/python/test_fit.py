@@ -115,7 +115,7 @@ class TestHonesty:
         assert (result.status, result.reason) == ("at-bound", "c_e ended at its upper bound of 1.9 N/mm^2.")
         flat = VelocityCurve(np.linspace(0.5, 2.5, 20), np.linspace(0.5, 2.5, 20))  # too flat for any c_e
         result = fit(flat, BURR)
-        assert result.status == "at-bound"
+        assert result.status == "implausible"
         assert "below which the run at 2.5 N would have had no window" in result.reason
 
     def test_searches_are_kept_and_are_the_same_whatever_the_seed(self):
@@ -133,15 +133,16 @@ class TestHonesty:
 
     def test_velocities_in_another_unit_are_fitted_and_doubted(self):
         right, wrong = fit(NOISY), fit(replace(NOISY, velocity=1e3 * NOISY.velocity))
-        assert wrong.status == "ok"
+        assert (right.status, wrong.status) == ("ok", "implausible")
         assert wrong.alpha == pytest.approx(1e3 * right.alpha, rel=1e-4)
         assert wrong.alpha in wrong.intervals["alpha"]["95"]
-        assert "are velocities in mm/s" in wrong.report()
-        assert "are velocities in mm/s" not in right.report()
+        assert "as if velocities were um/s" in wrong.verdict
+        assert "as if" not in right.verdict
 
     def test_data_that_the_model_does_not_describe(self):
         result = fit(VelocityCurve([0.5, 1.0, 1.5, 2.0], [4.0, 2.0, 1.0, 0.5]), BURR)
-        assert "The model does not describe these data" in result.report()
+        assert result.status == "implausible"
+        assert "the velocity falls with the force" in result.reason
         assert "only within a factor of" in result.verdict
 
 
@@ -150,7 +151,7 @@ class TestHonesty:
     [
         *((lambda o=options: fit(CURVE, BURR, **o), ValueError, match) for options, match in [
             ({"engine": "oracle"}, "engine must be one of mean-field, voxel: got 'oracle'"),
-            ({"residuals": "squared"}, "residuals must be one of relative, absolute, sigma: got 'squared'"),
+            ({"residuals": "squared"}, "residuals must be one of relative, absolute, sigma, student: got 'squared'"),
             ({"bounds": {"beta": (1, 2)}}, "bounds are for 'c_e' and 'alpha': got 'beta'"),
             ({"bounds": {"alpha": (2, 1)}}, "bounds of alpha must be two finite numbers 0 < low < high"),
             ({"bounds": {"c_e": (0.1, 0.2)}}, r"bounds of c_e end at 0.2 N/mm\^2, but the window at"),

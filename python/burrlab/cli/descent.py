@@ -223,7 +223,7 @@ DESCENT_COMMANDS = (
             "--shape", "erosion shape f, default parabolic", type=parsed_by(Shape), default=Shape("parabolic")
         ),
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
-        option("--residuals", choices=["relative", "absolute", "sigma"], default="relative"),
+        option("--residuals", choices=["relative", "absolute", "sigma", "student"], default="relative"),
         option("--voxel", "voxel engine: spacing [mm]", type=positive, default=0.1),
         option("--seed", type=seed, default=0),
         option("--alpha-lines", "also draw alpha +- D [1/ms], as the paper does", type=positive, metavar="D"),

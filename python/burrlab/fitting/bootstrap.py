@@ -16,7 +16,7 @@ from burrlab.common.check import refuse
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
-from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.likelihood import FREEDOM, Likelihood
 from burrlab.fitting.observations import Box, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import Domain, lowest
 from burrlab.fitting.record import FitRecord
@@ -70,7 +70,12 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     def drawn(name: str, residuals: Floats) -> Floats:
         value, inflation = scatter[name]
         if item.kind == "parametric":
-            return value * random.standard_normal(len(residuals))
+            student = item.residual_kind == "student"
+            return value * (
+                random.standard_t(FREEDOM, len(residuals))
+                if student
+                else random.standard_normal(len(residuals))
+            )
         centred = residuals - residuals.mean()
         if name == "segments":  # each run's mean is subtracted twice: here and in _runs
             centred = centred * np.sqrt(len(residuals) / fitted.n_within)
@@ -78,7 +83,7 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
 
     ends = drawn("velocity", fitted.velocity_residuals(unit, item.alpha))
     v = item.alpha * unit
-    if item.residual_kind == "relative":
+    if fitted.log:
         single = o.run < 0
         log = np.zeros(len(v))
         log[single] = ends[: int(single.sum())]

@@ -20,7 +20,7 @@ from burrlab.measured.curve import VelocityCurve
 
 POOR = 0.005  # p below which the data contradict the model (ours)
 _NO_MATTER = 3 * MODEL_ERROR  # RMS relative deviation that the model's own error may explain
-_FEWEST = 8  # rows; among fewer none is named
+FEWEST = 8  #: rows; among fewer none is named
 _WIDER = 1.5  # the plausible range reaches so far beyond the shipped materials (ours)
 _FAR = 30.0  # beyond the plausible range by this factor a fit is implausible (ours)
 _SUSPECT = 0.005  # p of the best plausible point below which a note is due (ours)
@@ -77,7 +77,8 @@ class Goodness:
         wider = (
             f" Intervals are {np.sqrt(self.inflation):.2g} times wider for it." if self.inflation > 1 else ""
         )
-        return f"The data contradict the model or their sigma. {self.test.sentence}{wider}"
+        their = " or their sigma" if len(self.test.freedom) == 1 else ""
+        return f"The data contradict the model{their}. {self.test.sentence}{wider}"
 
 
 def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) -> Goodness:
@@ -198,7 +199,7 @@ def influence(
     rest = np.arange(len(r))
     leverage, residual, _ = _studentised(J, r, known, floor)
     named = np.zeros(len(r), dtype=bool)
-    while len(rest) >= _FEWEST:
+    while len(rest) >= FEWEST:
         _, residual[rest], limit = _studentised(J[rest], r[rest], known, floor)
         worst = int(rest[np.argmax(np.abs(residual[rest]))])
         if abs(residual[worst]) <= limit:
@@ -213,8 +214,10 @@ def influence(
     ]
     columns = (np.flatnonzero(o.run < 0), leverage, residual, named)
     return tuple(
-        Row(*place, float(o.force[at]), h, t, stands_out, *_without(likelihood, at, given))
-        for place, at, h, t, stands_out in zip(places, *(column.tolist() for column in columns), strict=True)
+        Row(data_set, row, float(o.force[at]), h, t, stands_out, *_without(likelihood, at, given))
+        for (data_set, row), at, h, t, stands_out in zip(
+            places, *(column.tolist() for column in columns), strict=True
+        )
         if every or stands_out
     )
 
@@ -326,7 +329,7 @@ def plausibility(
 
 
 def _slope(o: Observations) -> tuple[float, float]:
-    """99 % interval of the slope of log velocity over log(F/R^2)."""
+    """95 % interval of the slope of log velocity over log(F/R^2)."""
     found = stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
-    reach = float(stats.t.isf(0.005, max(len(o.force) - 2, 1))) * float(found.stderr)
+    reach = float(stats.t.isf(0.025, max(len(o.force) - 2, 1))) * float(found.stderr)
     return float(found.slope) - reach, float(found.slope) + reach

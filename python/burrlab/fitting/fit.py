@@ -57,7 +57,8 @@ def fit(
 
     * ``"relative"``  log-normal velocities, r = ln(v/v_predicted),
     * ``"absolute"``  normal velocities of one scatter, r = v - v_predicted [mm/s], the paper's least squares,
-    * ``"sigma"``     normal velocities of given sigma, r = (v - v_predicted)/sigma.
+    * ``"sigma"``     normal velocities of given sigma, r = (v - v_predicted)/sigma,
+    * ``"student"``   Student's t with 4 degrees of freedom in log velocity, for curves with outliers.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def fit(
     engine : {"mean-field", "voxel"} or VoxelEngine
         What predicts the velocity: the scaling law of the axisymmetric mean-field descent, or descents into
         voxels; ``"voxel"`` is `VoxelEngine` with its defaults. The voxel engine begins at the mean-field fit.
-    residuals : {"relative", "absolute", "sigma"}
+    residuals : {"relative", "absolute", "sigma", "student"}
         See above.
     seed : int or None
         Seed of the voxel engine's erosion; None draws one, which the result records.
@@ -268,6 +269,10 @@ def _check(burr: object, residuals: str, seed: object, bounds: object, voxels: V
     refuse(
         not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)),
         f"seed must be a whole number from 0, or None: got {seed!r}",
+    )
+    refuse(
+        residuals == "student" and voxels is not None,
+        "residuals 'student' are for the mean-field engine: got the voxel engine",
     )
     refuse(
         seed is None and voxels is not None and voxels.store is not None,

@@ -7,11 +7,12 @@ the rows of indentations a third. A scatter is estimated unless sigma is given.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
@@ -66,8 +67,9 @@ class Likelihood:
     Parameters
     ----------
     observations : Observations
-    kind : {"relative", "absolute", "sigma"}
-        Log-normal scatter of the velocities, normal scatter, or normal with the given sigma.
+    kind : {"relative", "absolute", "sigma", "student"}
+        Log-normal scatter of the velocities, normal scatter, normal with the given sigma, or Student's t with
+        4 degrees of freedom in log velocity, which bears outliers.
     model : Model
 
     Notes
@@ -79,6 +81,7 @@ class Likelihood:
 
     and -2 log L = n log(S/n + e^2), plus the same for the rows that depend on c_e alone; where sigma is
     known it is S itself. e, the model's own error (0.2 %), keeps -2 log L finite for data without scatter.
+    Student's t has no such form: see `StudentSlices`.
     """
 
     def __init__(self, observations: Observations, kind: ResidualKind, model: Model) -> None:
@@ -89,6 +92,11 @@ class Likelihood:
         refuse(
             self._runs and kind != "relative", f"residuals must be 'relative' with depth traces: got {kind!r}"
         )
+        refuse(
+            kind == "student" and len(observations.pressed),
+            "residuals 'student' are for velocity curves alone, and the data hold an indentation",
+        )
+        self.log = kind in ("relative", "student")
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
         own = [np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs]
@@ -115,7 +123,7 @@ class Likelihood:
     def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
         """Residuals of the rows that depend on alpha: curves' rows, then the runs' means; last axis (n,)."""
         o = self.observations
-        if self.kind == "relative":
+        if self.log:
             raw = np.log(o.velocity) - np.log(unit) - np.log(alpha)
             means = [raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
             return np.concatenate([raw[..., self._single], *means], axis=-1)
@@ -156,7 +164,9 @@ class Likelihood:
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
         with np.errstate(invalid="ignore"):
             unit = self.model.unit(stiffness)
-            if self.kind == "relative":
+            if self.kind == "student":
+                return StudentSlices.of(stiffness, self.velocity_residuals(unit), self.floor)
+            if self.log:
                 r = self.velocity_residuals(unit)
                 m, B = r.mean(axis=-1), np.full(len(stiffness), float(self.n))
                 A = np.sum((r - m[:, None]) ** 2, axis=-1)
@@ -172,7 +182,7 @@ class Likelihood:
         if len(self.observations.pressed):
             S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
             other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
-        return Slices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.kind == "relative")
+        return Slices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.log)
 
     @staticmethod
     def _minus2(S: Floats, n: int) -> Floats:
@@ -186,6 +196,8 @@ class Likelihood:
         without sigma. NaN without a window.
         """
         slices = self.at(c_e)
+        if self.kind == "student":
+            return float(self.n * np.exp(slices.minus2(alpha)[0] / self.n))
         g = np.log(alpha) if slices.log else alpha
         S = float(slices.A[0] + slices.B[0] * (g - slices.m[0]) ** 2)
         other = float(slices.other[0])
@@ -204,12 +216,16 @@ class Likelihood:
         """
         tables = self._derivatives(c_e, alpha)
         shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
+        if self.kind == "student":
+            shares *= (FREEDOM + 1) / (FREEDOM + 3)
         total = shares.sum(axis=0)
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
         scatters = []
         for (name, known, _, r, n), share in zip(tables, shares, strict=True):
             p = 2.0 if len(tables) == 1 else float(np.trace(inverse @ share))
             value = 1.0 if known else float(np.sqrt(np.sum(r**2) / max(n - p, 0.5)))
+            if self.kind == "student":
+                value = float(np.sqrt(self._variance(name, r, n, known) * n / (n - p)))
             scatters.append(Scatter(name, n, known, p, value))
         return total, tuple(scatters), shares
 
@@ -237,6 +253,8 @@ class Likelihood:
 
     def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
         """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""
+        if self.kind == "student":
+            return float(_scale2(r, self.floor))
         floor = self.floor if name == "velocity" else MODEL_ERROR**2
         return 1.0 if known else float(np.sum(r**2)) / n + floor
 
@@ -250,7 +268,7 @@ class Likelihood:
         stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
         width = float(np.log(stiffness[2] / stiffness[0]))
         # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
-        doubling = np.log(2) if self.kind == "relative" else 1.0
+        doubling = np.log(2) if self.log else 1.0
         tables = []
         twice = self.residuals(c_e, 2 * alpha)
         for (name, known, r, n), (_, _, r_twice, _) in zip(
@@ -263,9 +281,13 @@ class Likelihood:
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """log L with all constants and the best scatters: the log density of the data in their units."""
         tables = self.residuals(c_e, alpha)
-        total = sum(self._normal(r, n, known) for _, known, r, n in tables)
+        if self.kind == "student":
+            s = np.sqrt(_scale2(tables[0][2], 1e-30))
+            total = float(np.sum(stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
+        else:
+            total = sum(self._normal(r, n, known) for _, known, r, n in tables)
         o = self.observations
-        if self.kind == "relative":  # the density is of v, not of log v
+        if self.log:  # the density is of v, not of log v
             total -= float(np.sum(np.log(o.velocity)))
         elif self.known:
             total -= float(np.sum(np.log(o.sigma)))
@@ -327,3 +349,88 @@ class Slices:
 
     def _minus2(self, S: Floats) -> Floats:
         return self.other + (S if self.known else self.n * np.log(S / self.n + self.floor))
+
+
+FREEDOM = 4.0  #: degrees of freedom of the robust likelihood (ours)
+_ROUNDS = 30  # of reweighting: each leaves under a third of the error
+_STEPS = 8  # of Newton's method
+
+
+def _weights(r: Floats, scale2: Floats) -> Floats:
+    return (FREEDOM + 1) / (FREEDOM + r**2 / scale2[..., None])
+
+
+def _scale2(r: Floats, floor: float) -> Floats:
+    """Best squared scale of Student's t for residuals about 0, over the last axis: the weights' mean is 1."""
+    r2 = r**2
+    log = np.log(np.maximum(1.5 * np.median(r2, axis=-1), floor))
+    for _ in range(_STEPS):
+        part = 1 / (1 + FREEDOM * np.exp(log)[..., None] / np.maximum(r2, 1e-300))  # q/(nu + q), q = r^2/s^2
+        excess = (FREEDOM + 1) * np.mean(part, axis=-1) - 1
+        slope = (FREEDOM + 1) * np.mean(part * (1 - part), axis=-1)
+        log = np.maximum(log + np.clip(excess / np.maximum(slope, 1e-9), -1, 1), np.log(floor))
+    return np.asarray(np.exp(log))
+
+
+@dataclass(frozen=True, eq=False)
+class StudentSlices(Slices):
+    """-2 log L of Student's t over alpha at each of several c_e, with the best scale at each alpha.
+
+    References
+    ----------
+    Lange, Little and Taylor, Robust statistical modeling using the t distribution, J. Am. Stat. Assoc. 84
+    (1989), section 3.
+    Kent, Tyler and Vardi, A curious likelihood identity for the multivariate t-distribution, Commun. Stat.
+    Simul. Comput. 23 (1994).
+    """
+
+    r: Floats  # log v less log of the model's velocity at alpha = 1, shape (m, n)
+
+    @classmethod
+    def of(cls, c_e: Floats, r: Floats, floor: float) -> StudentSlices:
+        """By reweighting, begun at the median."""
+        m = np.median(r, axis=-1)
+        scale2 = np.maximum(2 * np.median((r - m[:, None]) ** 2, axis=-1), floor)
+        for _ in range(_ROUNDS):
+            w = _weights(r - m[:, None], scale2)
+            m = np.sum(w * r, axis=-1) / np.sum(w, axis=-1)
+            scale2 = np.maximum(np.sum(w * (r - m[:, None]) ** 2, axis=-1) / np.sum(w, axis=-1), floor)
+        B = np.full(len(c_e), float(r.shape[-1]))
+        return cls(c_e, scale2 * B, B, m, np.zeros(len(c_e)), r.shape[-1], False, floor, True, r)
+
+    @property
+    def profile(self) -> Floats:
+        """See `Slices`."""
+        return self._at(self.m)[0]
+
+    def minus2(self, alpha: ArrayLike) -> Floats:
+        """See `Slices`."""
+        return self._at(np.broadcast_to(np.log(alpha), self.m.shape))[0]
+
+    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
+        """See `Slices`; by Newton's method, halving where it leaves the bracket."""
+        base, ends = self.profile, np.full((2, len(self.m)), np.nan)
+        inside = np.flatnonzero(base <= target)
+        part = replace(self, r=self.r[inside], m=self.m[inside])
+        curvature = (FREEDOM + 1) / (FREEDOM + 3) * self.B[inside] ** 2 / self.A[inside]
+        for side, end in zip((-1, 1), ends, strict=True):
+            near, far = np.zeros(len(inside)), np.full(len(inside), np.inf)
+            half = np.sqrt((target - base[inside]) / curvature)
+            for _ in range(_STEPS):
+                value, slope = part._at(part.m + side * half)
+                near, far = np.where(value <= target, half, near), np.where(value <= target, far, half)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    step = half + (target - value) / (side * slope)
+                    middle = np.where(np.isinf(far), 2 * near, (near + far) / 2)
+                half = np.minimum(np.where((step >= near) & (step <= far), step, middle), _LARGEST)
+            end[inside] = np.exp(np.clip(part.m + side * half, -_LARGEST, _LARGEST))
+        return ends[0], ends[1]
+
+    def _at(self, g: Floats) -> tuple[Floats, Floats]:
+        """-2 log L at log alpha = g and its derivative, with the best scale."""
+        r = self.r - g[:, None]
+        scale2 = _scale2(r, self.floor)
+        whole = FREEDOM * scale2[:, None] + r**2
+        tails = np.sum(np.log(whole / (FREEDOM * scale2[:, None])), axis=-1)
+        slope = -2 * (FREEDOM + 1) * np.sum(r / whole, axis=-1)
+        return self.n * np.log(scale2) + (FREEDOM + 1) * tails, slope

@@ -19,7 +19,7 @@ from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 Floats: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = NDArray[np.intp]
-ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]
+ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma", "student"]
 Bounds: TypeAlias = dict[str, tuple[float, float]]
 Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 

@@ -8,16 +8,18 @@ from html import escape
 import numpy as np
 
 import burrlab.fitting.verdict as verdict
-from burrlab.fitting.observations import ALPHA_BOUNDS, Scatter
+from burrlab.fitting.diagnostics import FEWEST
+from burrlab.fitting.observations import Scatter
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import Ridge
+from burrlab.measured.curve import VelocityCurve
 
 _RESIDUALS = {
     "relative": "log-normal, r = ln(v/v_predicted)",
     "absolute": "normal, r = v - v_predicted [mm/s]",
     "sigma": "normal of given sigma, r = (v - v_predicted)/sigma",
+    "student": "Student's t with 4 degrees of freedom, r = ln(v/v_predicted)",
 }
-_POOR = 0.5  # RMS of log velocity: beyond, the model does not describe the data (ours)
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 _HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"]
 
@@ -151,7 +153,16 @@ def notes(fit: FitRecord) -> list[str]:
     lines = [fit.reason]
     if fit.evidence is not None:
         lines += [fit.verdict, ridge(fit.evidence.ridge, fit)]
-        lines += [test.sentence for test in (fit.lack_of_fit, fit.fall) if test is not None]
+        good = fit.evidence.goodness
+        tests = (fit.lack_of_fit or (good and good.test), fit.fall)
+        lines += [test.sentence for test in tests if test is not None]
+        lines += [row.sentence for row in fit.evidence.rows]
+        if good is not None and fit.n_points < FEWEST:
+            lines.append(f"With fewer than {FEWEST} rows none is named as standing out.")
+    if fit.residual_kind != "sigma" and any(
+        isinstance(s, VelocityCurve) and s.sigma is not None for s in fit.data
+    ):
+        lines.append("The data's sigma is not used; residuals 'sigma' use it.")
     if len(fit.starts) > 1:
         lines.append(agreement(fit))
     if fit.table is not None and fit.evidence is not None:
@@ -159,16 +170,6 @@ def notes(fit: FitRecord) -> list[str]:
             f"The voxel engine is stochastic: its descents scatter by {100 * fit.table.noise:.2g} % and lie "
             f"within {100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens "
             f"the limits by {100 * fit.evidence.monte_carlo:.2g} %."
-        )
-    low, high = ALPHA_BOUNDS
-    if not low <= fit.alpha <= high:
-        lines.append(
-            f"An alpha beyond {low:g} to {high:g} /ms is no bone's: are velocities in mm/s, forces in N, "
-            "radii in mm?"
-        )
-    if fit.residual_kind == "relative" and fit.residual_norm > _POOR:
-        lines.append(
-            f"The model does not describe these data: they lie {rms(fit, fit.residual_norm)} (RMS) off it."
         )
     lines.append(f"alpha holds for f = {fit.shape.name} and for one drill, burr type and speed.")
     return lines
@@ -217,7 +218,7 @@ def agreement(fit: FitRecord) -> str:
 
 
 def rms(fit: FitRecord, value: float) -> str:
-    if fit.residual_kind == "relative":
+    if fit.residual_kind in ("relative", "student"):
         return f"{100 * value:.3g} %"
     return f"{value:.4g} mm/s" if fit.residual_kind == "absolute" else f"{value:.4g} sigma"
 

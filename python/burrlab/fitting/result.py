@@ -103,8 +103,10 @@ class Fit(FitRecord):
         """
         mine = (self.shape, self.residual_kind, self.engine)
         refuse(
-            mine != (other.shape, other.residual_kind, other.engine) or self.engine != "mean-field",
-            "both fits must be mean-field ones with the same shape and kind of residuals",
+            mine != (other.shape, other.residual_kind, other.engine)
+            or self.engine != "mean-field"
+            or self.residual_kind == "student",
+            "both fits must be mean-field ones with the same shape and kind of residuals, other than 'student'",
         )
         own = [
             replace(one, radius=fit.radius) if one.radius is None else one

@@ -363,6 +363,7 @@ def compare_shapes(
         f"shapes must be one or more names, each once: got {shapes!r}",
     )
     refuse(not 0 < level < 1, f"level must be between 0 and 1: got {level!r}")
+    refuse(residuals == "student", "residuals must be relative, absolute or sigma: got 'student'")
     fits = {
         name: fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed) for name in names
     }

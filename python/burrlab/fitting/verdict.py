@@ -91,7 +91,7 @@ def status_of(
             f"nlopt's BOBYQA ended where -2 log L is {missed:.3g} below the walk's lowest.",
         )
     if doubt is not None:
-        return doubt
+        return doubt[0], f"{doubt[1]} {at}".strip()
     if not ridge.excluded:
         combination = f"alpha/c_e^{ridge.exponent:.4g}"
         return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()

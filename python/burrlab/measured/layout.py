@@ -109,15 +109,15 @@ class Layout:
         known = table.named
         for what, given in (("columns", self.columns), ("unit", self.unit)):
             for ours in given:
-                refuse(
-                    ours not in known, f"{what} must be given for {', '.join(known)}: got {shown(ours)}"
-                )
+                refuse(ours not in known, f"{what} must be given for {', '.join(known)}: got {shown(ours)}")
         for ours, unit in self.unit.items():
             of = UNITS.get(known[ours].unit, {})
             refuse(
                 unit not in of, f"unit of {ours} must be one of {', '.join(of) or 'none'}: got {shown(unit)}"
             )
-        refuse(self.decimal not in (".", ","), f"decimal must be a point or a comma: got {shown(self.decimal)}")
+        refuse(
+            self.decimal not in (".", ","), f"decimal must be a point or a comma: got {shown(self.decimal)}"
+        )
         refuse(len(self.sep) > 1, f"sep must be one character: got {shown(self.sep)}")
         return {ours: self.columns.get(ours, column.heading) for ours, column in known.items()}
 
@@ -133,7 +133,8 @@ class Layout:
                 if needed <= set(fields):
                     for heading in needed:
                         refuse(
-                            fields.count(heading) > 1, f"{name}, line {number}: column {heading} is there twice"
+                            fields.count(heading) > 1,
+                            f"{name}, line {number}: column {heading} is there twice",
                         )
                     return number, sep, fields
                 words = sum(bool(text) and not _is_number(text, self.decimal) for text in fields)

@@ -1,0 +1,260 @@
+"""Diagnostics of a fit: contradiction, rows that stand out, implausible values, and the robust likelihood."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
+from burrlab.fitting.diagnostics import PLAUSIBLE
+from burrlab.fitting.fit import Fit
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.observations import Calibration, Observations, bounds_of
+from burrlab.fitting.profile import C_E, Domain, lowest
+
+BURR, BONE = Burr(3.0), materials["bone"]
+FORCES = np.linspace(0.3, 2.6, 11)
+
+
+def curve(scatter=0.05, forces=FORCES, seed=1, **options):
+    return synthetic_curve(BURR, BONE, forces, scatter=scatter, seed=seed, **{"repeats": 1} | options)
+
+
+def with_outlier(one, row=8, factor=2.5):
+    velocity = one.velocity.copy()
+    velocity[row - 1] *= factor
+    return replace(one, velocity=velocity)
+
+
+def test_an_outlier_among_given_sigmas():
+    good = replace(curve(), sigma=0.05 * curve().velocity)
+    bad = fit(with_outlier(good), residuals="sigma")
+    assert bad.status == "poor-fit"
+    assert bad.verdict.startswith("The data contradict the model or their sigma.")
+    inflation = bad.evidence.goodness.inflation
+    assert inflation == bad.lack_of_fit.statistic / 9 == pytest.approx(bad.chi2_reduced, rel=0.1)
+    assert f"Intervals are {inflation**0.5:.2g} times wider" in bad.verdict
+    ends, unscaled = bad.intervals["c_e"]["95"], bad.evidence.unscaled["c_e"]["95"]
+    assert BONE.c_e in ends
+    assert np.log(ends.upper / ends.lower) > 3 * np.log(unscaled.upper / unscaled.lower)
+    (row,) = bad.evidence.rows
+    assert (row.row, row.named, BONE.c_e in row.interval) == (8, True, True)
+    assert row.sentence in bad.report()
+    kept = io.StringIO()
+    bad.to_json(kept)
+    assert Fit.from_json(io.StringIO(kept.getvalue())).evidence == bad.evidence
+    fine = fit(good, residuals="sigma")
+    assert (fine.status, fine.evidence.unscaled, fine.evidence.rows) == ("ok", None, ())
+
+
+@pytest.mark.parametrize(
+    ("velocity", "name"),
+    [
+        (curve(repeats=3).velocity * np.repeat(np.where(FORCES > 1.5, 1.4, 1.0), 3), "lack of fit"),
+        (curve(scatter=0.01).velocity * np.exp(0.3 * (np.log(FORCES) - 0.3) ** 2), "curvature"),
+    ],
+    ids=["repeats", "curvature"],
+)
+def test_data_that_contradict_the_model_without_sigma(velocity, name):
+    forces = FORCES if len(velocity) == len(FORCES) else np.repeat(FORCES, 3)
+    found = fit(VelocityCurve(forces, velocity, radius=3.0))
+    assert (found.status, found.evidence.goodness.test.name) == ("poor-fit", name)
+    assert found.verdict.startswith("The data contradict the model.")
+    assert found.evidence.unscaled is None  # their scatter is estimated: the intervals hold it already
+
+
+def test_influence():
+    bad = fit(with_outlier(curve()))
+    rows = bad.influence()
+    assert [row.row for row in rows] == list(range(1, 12))
+    assert [row.row for row in rows if row.named] == [8]
+    assert bad.status != "implausible"
+    assert sum(row.leverage for row in rows) == pytest.approx(2)
+    without = fit(VelocityCurve(np.delete(FORCES, 7), np.delete(bad.data[0].velocity, 7), radius=3.0))
+    assert (rows[7].c_e, rows[7].alpha) == pytest.approx((without.c_e, without.alpha), rel=1e-5)
+    assert rows[7].interval.upper == pytest.approx(without.intervals["c_e"]["95"].upper, rel=1e-3)
+    few = fit(with_outlier(curve(forces=FORCES[::2]), row=3))
+    assert few.evidence.rows == ()
+    assert "With fewer than 8 rows none is named" in few.report()
+
+
+def test_rows_of_several_curves_keep_their_numbers():
+    skipped = replace(curve(), velocity=np.where(FORCES < 0.5, np.nan, with_outlier(curve()).velocity))
+    (row,) = fit([curve(seed=3), skipped]).evidence.rows
+    assert (row.data_set, row.row) == (1, 8)
+    assert row.sentence.startswith("Row 8 of data set 2, 1.91 N, stands out")
+
+
+@pytest.mark.parametrize(
+    ("force", "velocity", "looks"),
+    [
+        (1, 1e3, "as if velocities were um/s"),
+        (1e3, 1, "as if forces were mN"),
+        (1e-3, 1, "as if forces were kN"),
+        (1, 1e-3, "as if velocities were m/s"),
+    ],
+)
+def test_other_units_are_suspected(force, velocity, looks):
+    found = fit(VelocityCurve(FORCES * force, curve().velocity * velocity, radius=3.0))
+    assert found.status == "implausible"
+    assert looks in found.verdict
+    asked_nothing = fit(found.data[0], plausible=None)
+    assert asked_nothing.status == "ok"
+    assert (asked_nothing.c_e, asked_nothing.intervals) == (found.c_e, found.intervals)
+
+
+def test_swapped_columns_and_another_range():
+    swapped = fit(VelocityCurve(curve().velocity, FORCES, radius=3.0))
+    assert swapped.status == "implausible"
+    assert "as if the two columns were swapped" in swapped.verdict
+    softer = fit(curve(), plausible={"c_e": (0.1, 0.2), "alpha": (1e-3, 1e-2)})
+    assert softer.status == "ok"
+    assert "Suspect: they lie outside c_e 0.1 to 0.2 N/mm^2" in softer.verdict
+
+
+def test_a_sigma_that_is_not_used_is_told():
+    given = replace(curve(), sigma=0.05 * curve().velocity)
+    line = "The data's sigma is not used"
+    assert line in fit(given).report()
+    assert line not in fit(given, residuals="sigma").report()
+
+
+def test_student_bears_outliers():
+    """The walk's point and -2 log L are those of SciPy's density, maximised over all three parameters."""
+    from scipy.optimize import minimize
+    from scipy.stats import t
+
+    forces = np.linspace(0.3, 2.6, 30)
+    bad = with_outlier(with_outlier(curve(forces=forces)), 21, 1 / 2.5)
+    robust, normal = fit(bad, residuals="student"), fit(bad)
+    ends, wide = robust.intervals["c_e"]["95"], normal.intervals["c_e"]["95"]
+    assert BONE.c_e in ends
+    assert ends.upper / ends.lower - 1 < 0.6 * (wide.upper / wide.lower - 1)
+
+    def minus2(x):
+        r = np.log(bad.velocity / (np.exp(x[1]) * robust.likelihood.model.unit(np.exp(x[0]))))
+        return -2 * np.sum(t.logpdf(r * np.exp(-x[2]), 4) - x[2])
+
+    begin = [np.log(robust.c_e), np.log(robust.alpha), np.log(0.05)]
+    found = minimize(minus2, begin, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-11})
+    assert (robust.c_e, robust.alpha) == pytest.approx(tuple(np.exp(found.x[:2])), rel=1e-5)
+    assert -2 * robust.log_likelihood == pytest.approx(found.fun + 2 * np.sum(np.log(bad.velocity)))
+    slices = robust.likelihood.at(robust.c_e * np.linspace(0.97, 1.03, 5))
+    for alpha in slices.alpha_below(slices.profile.min() + 5):
+        inside = np.isfinite(alpha)
+        assert slices.minus2(np.where(inside, alpha, 1))[inside] == pytest.approx(slices.profile.min() + 5)
+    drawn = robust.bootstrap(20, seed=1)
+    assert np.median(drawn.c_e) == pytest.approx(robust.c_e, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: fit(curve(), residuals="student", engine="voxel"),
+        lambda: burrlab.compare_shapes(curve(), residuals="student"),
+        lambda: fit([curve(), burrlab.synthetic_indentation(BURR, BONE, [0.1, 0.2], seed=1)], residuals="student"),
+    ],
+)
+def test_where_student_is_refused(call):
+    with pytest.raises(ValueError, match="'student'"):
+        call()
+
+
+# ---- how often the diagnostics are right ----
+
+
+def material(random):
+    """A burr and a material of the plausible range, and forces over a random part of the scale."""
+    c_e, alpha = (float(np.exp(random.uniform(*np.log(PLAUSIBLE[name])))) for name in ("c_e", "alpha"))
+    radius = random.uniform(1.5, 4.0)
+    return Burr(radius), Material("drawn", c_e=c_e, alpha=alpha), 0.1925 * c_e * radius**2
+
+
+def made(random, rows, scatter):
+    burr, drawn, top = material(random)
+    forces = np.geomspace(random.uniform(0.05, 0.15), random.choice([0.3, 0.6, 0.9]), rows) * top
+    seed = int(random.integers(2**31))
+    one = synthetic_curve(burr, drawn, forces, repeats=1, scatter=scatter, seed=seed)
+    return drawn, one
+
+
+def rate(hits):
+    """Fraction, with its standard error."""
+    return float(np.mean(hits)), float(np.sqrt(np.mean(hits) * (1 - np.mean(hits)) / len(hits)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rows", [6, 11, 30])
+def test_clean_sets_are_left_alone(rows):
+    """Coverage of the default intervals stays nominal; few clean sets are suspected or have a named row."""
+    random = np.random.default_rng(rows)
+    inside, suspect, poor, named = [], [], [], []
+    for _ in range(1334):
+        drawn, one = made(random, rows, random.uniform(0.02, 0.15))
+        found = fit(one)
+        inside.append(
+            [drawn.c_e in found.intervals["c_e"]["95"], drawn.alpha in found.intervals["alpha"]["95"]]
+        )
+        suspect.append(found.evidence.plausibility.suspect)
+        poor.append(found.evidence.goodness.poor)
+        named.append(bool(found.evidence.rows))
+    c_e, alpha = (rate(column) for column in np.transpose(inside))
+    print(
+        f"{rows} rows: c_e {c_e}, alpha {alpha}, suspect {rate(suspect)}, poor {rate(poor)}, named {rate(named)}"
+    )
+    for value, error in (c_e, alpha):
+        assert 0.94 - 2 * error < value < 0.985
+    assert rate(suspect)[0] <= 0.01
+    assert rate(poor)[0] <= 0.005 + 2 * rate(poor)[1]
+    assert rows < 8 or 0.03 < rate(named)[0] < 0.07
+
+
+@pytest.mark.slow
+def test_outliers_are_named():
+    """At 10 % scatter an outlier of 2.5 times among 11 rows is named in 90 %."""
+    random, hits = np.random.default_rng(5), []
+    for _ in range(1000):
+        one = made(random, 11, 0.1)[1]
+        row = int(random.integers(1, 12))
+        found = fit(with_outlier(one, row, 2.5 ** random.choice([-1, 1])))
+        hits.append(row in [named.row for named in found.evidence.rows])
+    print(f"named {rate(hits)}")
+    assert rate(hits)[0] >= 0.9 - 2 * rate(hits)[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("force", "velocity", "least"),
+    [(1, 1e3, 0.95), (1e3, 1, 0.95), (1e-3, 1, 0.95), ("swap", 1, 0.95), (1, 1e-3, 0.9), (9.81, 1, 0.0),
+     (1 / 9.81, 1, 0.0)],
+)  # fmt: skip
+def test_units_are_noticed(force, velocity, least):
+    random, hits = np.random.default_rng(7), []
+    for _ in range(500):
+        one = made(random, int(random.choice([6, 11, 30])), 0.05)[1]
+        given = (one.velocity, one.force) if force == "swap" else (force * one.force, velocity * one.velocity)
+        hits.append(fit(VelocityCurve(*given, radius=one.radius)).evidence.plausibility.suspect)
+    print(f"force x {force}, velocity x {velocity}: noticed {rate(hits)}")
+    assert rate(hits)[0] >= least
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("outliers", [0.0, 0.05, 0.1])
+@pytest.mark.parametrize("scatter", [0.03, 0.1])
+def test_student_covers(outliers, scatter):
+    """Coverage of c_e's 95 % interval with rows multiplied or divided by 2.5."""
+    random, hits = np.random.default_rng(11), []
+    for _ in range(1000):
+        drawn, one = made(random, 30, scatter)
+        bad = random.random(30) < outliers
+        velocity = one.velocity * np.where(bad, 2.5 ** random.choice([-1, 1], 30), 1)
+        o = Observations.of((replace(one, velocity=velocity),), None)
+        likelihood = Likelihood(o, "student", MeanFieldModel(o, Shape("parabolic")))
+        best = lowest(likelihood, Domain.of(likelihood, bounds_of(o, None), {}))
+        total, scatters, shares = likelihood.information(*best.point)
+        rise = float(likelihood.at(drawn.c_e).profile[0]) - best.minus2
+        hits.append(rise <= Calibration(scatters, total, shares).limit(0.95, C_E))
+    print(f"outliers {outliers}, scatter {scatter}: c_e inside {rate(hits)}")
+    assert rate(hits)[0] >= 0.92

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from burrlab._core import Shape
 from burrlab.bone.materials import materials
 from burrlab.fitting.hypotheses import HypothesisTest, Point, p_text
 from burrlab.fitting.intervals import Interval
@@ -285,14 +286,22 @@ class Plausibility:
 
 
 def plausibility(
-    likelihood: Likelihood, calibration: Calibration, base: float, point: Point, plausible: Bounds
+    likelihood: Likelihood,
+    shape: Shape,
+    calibration: Calibration,
+    base: float,
+    point: Point,
+    plausible: Bounds,
 ) -> Plausibility:
     """Compare a fit with the plausible range of c_e [N/mm^2] and alpha [1/ms].
 
     A factor on forces or velocities is absorbed by c_e or alpha exactly, so only such a range can show it.
+    The alphas of the shipped materials hold for parabolic f; with another f only their c_e is asked.
     """
     o = likelihood.observations
     c_e, alpha = plausible["c_e"], plausible["alpha"]
+    if plausible == PLAUSIBLE and shape.name != "parabolic":
+        alpha = (0.0, np.inf)
 
     def p_of(force: float = 1.0, velocity: float = 1.0, wider: float = 1.0) -> float:
         """Of the best point in the range, for data whose forces and velocities carry these factors."""
@@ -317,7 +326,9 @@ def plausibility(
         said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
     outside = inside < _SUSPECT
     if outside and not said:
-        known = f"c_e {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2 and alpha {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
+        known = f"c_e {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
+        if alpha[0] > 0:
+            known += f" and alpha {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
         looks = [
             f"as if {what} (c_e would be {point[0] / force:.3g} N/mm^2, alpha {point[1] / velocity:.3g} /ms)"
             for what, (force, velocity) in _MISTAKES.items()

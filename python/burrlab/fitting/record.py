@@ -309,7 +309,7 @@ class Evidence:
     def doubt(self) -> tuple[str, str] | None:
         """Status and reason where the diagnostics speak against the fit."""
         if self.plausibility is not None and self.plausibility.implausible:
-            return "implausible", f"No burring gives such data: {self.plausibility.sentence}."
+            return "implausible", f"These data are implausible: {self.plausibility.sentence}."
         if self.goodness is not None and self.goodness.poor:
             return "poor-fit", self.goodness.sentence
         return None
@@ -370,7 +370,7 @@ def weigh(
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))
-    likely = plausibility(likelihood, calibration, found.base, best, plausible) if plausible else None
+    likely = plausibility(likelihood, shape, calibration, found.base, best, plausible) if plausible else None
     doubts = [fits.sentence, f"Suspect: {likely.sentence}." if likely and likely.suspect else ""]
     said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
     return Evidence(

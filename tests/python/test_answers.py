@@ -98,6 +98,17 @@ def test_a_file_of_another_program(tmp_path, name, change, options, labels):
     answers = read_answers(path, task="same-different", **options)
     assert (answers.subject, answers.name, answers.side_car, answers.trials) == (*labels, None, None)
     assert [row.response for row in answers.rows] == ["same"] * 3
+    pytest.importorskip("pandas", reason="extra `pandas` is not installed")
+    table = answers.to_dataframe()
+    assert list(table)[:6] == [
+        "onset_s",
+        "duration_s",
+        "trial_type",
+        "response",
+        "correct",
+        "response_time_s",
+    ]
+    assert table.onset_s.tolist() == [row.onset for row in answers.rows]
     assert answers.rows[2].response_time is None
     types = {"AA": (0, 1), "AB": (0, 1), "BB": (0, 1)}
     assert answers.counts() == Counts("same-different", 0, 1, 0, 2, types)

@@ -175,7 +175,7 @@ def test_unknown_rig_finds_surface_and_stiffness_from_first_contact(known):
 
 def test_series_frame_save_and_load(known, tmp_path, monkeypatch):
     pandas = pytest.importorskip("pandas")
-    frame = known.to_frame()
+    frame = known.to_dataframe()
     assert isinstance(frame, pandas.DataFrame)
     assert list(frame.columns) == ["time_s", "immersion_mm", "force_N", "velocity_mm_s", "command_mm_s"]
     known.save(tmp_path / "run.json")
@@ -185,7 +185,7 @@ def test_series_frame_save_and_load(known, tmp_path, monkeypatch):
     assert back != burrlab.descend(BURR, BONE, 1.0, voxel=0.4, seed=2)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match="needs pandas"):
-        known.to_frame()
+        known.to_dataframe()
 
 
 def test_results_with_arrays_are_compared():

@@ -246,14 +246,14 @@ class TestResult:
         assert any(row["c_e_ratio"] is None for row in values["rows"])
         assert values["provenance"]["forces_N"] == [0.4, 0.5, 2.0, 4.0]
 
-    def test_to_frame(self, result, monkeypatch):
+    def test_to_dataframe(self, result, monkeypatch):
         pytest.importorskip("pandas")
-        table = result.to_frame()
+        table = result.to_dataframe()
         assert list(table)[:5] == ["kind", "force_N", "depth_mm", "radius_mm", "n"]
         assert table.area_ratio.tolist() == [one.area_ratio for one in result.rows]
         monkeypatch.setitem(sys.modules, "pandas", None)
-        with pytest.raises(ImportError, match="to_frame needs pandas: pip install"):
-            result.to_frame()
+        with pytest.raises(ImportError, match="to_dataframe needs pandas: pip install"):
+            result.to_dataframe()
 
     def test_plot(self, result, across):
         ax = result.plot()

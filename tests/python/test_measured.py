@@ -165,10 +165,13 @@ def test_they_show_themselves(data: Any, text: str, column: str, monkeypatch: py
     assert f"<th>{column}</th>" in data._repr_html_()
     assert "a&lt;b" in data._repr_html_()
     pytest.importorskip("pandas")
-    assert list(data.to_frame().columns) == written(data).split("# ")[-1].splitlines()[1].split(",")
+    names = written(data).split("# ")[-1].splitlines()[1].split(",")
+    assert list(data.to_dataframe().columns) == names
+    with pytest.warns(DeprecationWarning, match="to_frame.. is to_dataframe.. now"):
+        assert list(data.to_frame().columns) == names
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ImportError, match=r"to_frame needs pandas: pip install 'burrlab\[pandas\]'"):
-        data.to_frame()
+    with pytest.raises(ImportError, match=r"to_dataframe needs pandas: pip install 'burrlab\[pandas\]'"):
+        data.to_dataframe()
 
 
 @pytest.mark.parametrize(

@@ -48,6 +48,9 @@ def test_sinusoidal_strokes(tmp_path, period):
     assert found.rms_jerk == pytest.approx(amplitude * gain * omega**3 / np.sqrt(2), rel=0.02)
     normalised = np.sqrt(0.5 * (amplitude * gain * omega**3) ** 2 / 2 * seconds**6) / found.path
     assert found.normalised_jerk == pytest.approx(normalised, rel=0.02)
+    pytest.importorskip("pandas", reason="extra `pandas` is not installed")
+    row = found.to_dataframe().iloc[0]
+    assert (row.duration_s, row.path_mm, row.threshold_N) == (found.duration, found.path, 2.0)
 
 
 def test_tremor_and_pauses_are_no_strokes(tmp_path):

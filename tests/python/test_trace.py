@@ -274,7 +274,9 @@ def test_frames_and_columns(file, monkeypatch):
     pandas = pytest.importorskip("pandas")
     records = make_records(small_bone(), 200, burrs=2)
     trace = recorded(file, records, burrs=2)
-    table = trace.frame(1)
+    table = trace.to_dataframe(1)
+    with pytest.warns(DeprecationWarning, match="frame.. is to_dataframe.. now"):
+        assert trace.frame(1).equals(table)
     assert isinstance(table, pandas.DataFrame)
     assert table.index.name == "index"
     np.testing.assert_array_equal(table["sent_force_y_N"], records["burr"]["sent"][:, 1, 1])
@@ -283,7 +285,7 @@ def test_frames_and_columns(file, monkeypatch):
     )
     assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
     for ask, said in (
-        (lambda: trace.frame(2), "burr must be an index below 2, got 2"),
+        (lambda: trace.to_dataframe(2), "burr must be an index below 2, got 2"),
         (lambda: trace.array("force_N", -1), "burr must be an index below 2, got -1"),
         (lambda: trace.array("burr"), r"name must be one of index, k, .*, got 'burr'"),
         (lambda: trace.array("force_N").fill(0.0), "read-only"),
@@ -296,8 +298,8 @@ def test_frames_and_columns(file, monkeypatch):
     assert trace.initial_digest is trace.initial_digest, "hashed at each look"
     assert dataclasses.replace(trace, ticks=trace.ticks[:10]).duration < trace.duration
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ImportError, match="a frame needs pandas: pip install"):
-        trace.frame()
+    with pytest.raises(ImportError, match="to_dataframe needs pandas: pip install"):
+        trace.to_dataframe()
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from tqdm import tqdm
@@ -20,6 +21,7 @@ from burrlab.cli.options import (
     OUTPUT,
     VOLUME,
     Command,
+    Group,
     Options,
     chosen_material,
     chosen_specimen,
@@ -115,6 +117,42 @@ def _materials(options: Options) -> int:
     return 0
 
 
+_KINDS: dict[str, Any] = {
+    "file": burrlab.VelocityCurve, "indentation": burrlab.Indentation, "trace": burrlab.DepthTrace,
+}  # fmt: skip
+
+
+def _named(text: str) -> dict[str, str]:
+    """NAME=TEXT,NAME=TEXT, in which a text may hold commas."""
+    names = dict.fromkeys(name for kind in _KINDS.values() for name in kind._TABLE.named)
+    parts = re.split(rf"(?:^|,)({'|'.join(names)})=", text)
+    refuse(parts[0] or len(parts) < 2, f"must begin with NAME=, a NAME of {', '.join(names)}, got '{text}'")
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def read_data(options: Options, kind: str, **given: Any) -> list[Any]:
+    """The data sets in files of one kind, laid out as the options say; prints how they were read."""
+    if not getattr(options, kind):
+        return []
+    columns = {name: text for one in options.columns for name, text in one.items()}
+    tables = {name: _KINDS[name]._TABLE.named for name in _KINDS if getattr(options, name, [])}
+    layout = {"columns": columns, "unit": options.unit}
+    for what, named in layout.items():
+        for name in named if isinstance(named, dict) else ():
+            refuse(not any(name in table for table in tables.values()), f"--{what}: no file has a {name}")
+        if isinstance(named, dict):
+            layout[what] = {name: text for name, text in named.items() if name in tables[kind]}
+    found = []
+    for file in getattr(options, kind):
+        data = _KINDS[kind].from_csv(
+            file, **layout, sep=options.sep, decimal=options.decimal, encoding=options.encoding, **given
+        )
+        if "read" in data.provenance:
+            print(f"burrlab: {file}: {data.provenance['read']}", file=sys.stderr)
+        found.append(data)
+    return found
+
+
 @parsed_by
 def _pair(text: str) -> tuple[float, float]:
     values = [positive(part) for part in text.split(",")]
@@ -149,15 +187,14 @@ def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation 
     """The data sets of a fit, each with its own radius or --radius."""
     refuse(not options.file and not options.trace, "a fit needs velocities: give a FILE.csv or --trace")
     found: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
-    for file in options.file:
-        curve = burrlab.VelocityCurve.from_csv(file)
+    for file, curve in zip(options.file, read_data(options, "file"), strict=True):
         radius = curve.radius or options.radius
         refuse(radius is None, f"--radius must be given: {file} does not say it")
         if options.radius not in (None, radius):
             raise ValueError(f"--radius is {options.radius:g} mm, but {file} was taken with {radius:g} mm")
         found.append(replace(curve, radius=radius))
-    found += [burrlab.Indentation.from_csv(file, radius=options.radius) for file in options.indentation]
-    found += [burrlab.DepthTrace.from_csv(file, radius=options.radius) for file in options.trace]
+    for kind in ("indentation", "trace"):
+        found += read_data(options, kind, radius=options.radius)
     return found
 
 
@@ -181,6 +218,20 @@ def _bar() -> Callable[[int, int], object] | None:
     return show
 
 
+#: Options for files of other programs.
+LAYOUT = Group("files of another program, all of the same layout", (
+    option(
+        "--columns", "headings of force, velocity and so on; repeatable",
+        type=parsed_by(_named), action="append", default=[], metavar="NAME=HEADING,...",
+    ),
+    option(
+        "--unit", "of all columns that can have it, such as um/s, or of single ones",
+        type=parsed_by(lambda text: _named(text) if "=" in text else text), metavar="UNIT|NAME=UNIT,...",
+    ),
+    option("--sep", "separator, or tab; default: the one between the headings"),
+    option("--decimal", "mark of decimals, default a point", choices=[".", ","]),
+    option("--encoding", "such as cp1252, latin-1 or utf-16; default UTF-8"),
+))  # fmt: skip
 _EXPERIMENT = (
     *MATERIAL,
     option("--voxel", "voxel spacing [mm], default 0.1, or a volume's own", type=positive),
@@ -232,6 +283,7 @@ DESCENT_COMMANDS = (
         option("--profile", "write a figure of c_e's profile likelihood", metavar="FILE"),
         option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
         option("--store", "voxel engine: keeps descents, the same command goes on", metavar="FILE"),
+        LAYOUT,
         *OUTPUT,
     )),
 )  # fmt: skip

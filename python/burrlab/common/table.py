@@ -10,10 +10,12 @@ import math
 import os
 import re
 import textwrap
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar, cast
 
 import numpy as np
@@ -132,58 +134,108 @@ class Table:
                 return name, said
         return self.rule(row)
 
-    def read(self, file: Path | IO[str] | IO[bytes]) -> tuple[str, dict[str, str], dict[str, Any]]:
+    def read(
+        self, file: Path | IO[str] | IO[bytes], others: dict[str, list[str]] | None = None
+    ) -> tuple[str, dict[str, str], dict[str, Any]]:
         """The file's name, the `# key: value` comments above its table, and its columns by their names.
+
+        `others` gets the columns that are unknown, by their headings; without it they are refused.
 
         Raises
         ------
         ValueError
-            If the file is not such a table; the message has file, line, column, rule and value.
+            If the file is not such a table; the message has file, line, column, rule and value of each fault.
         OSError
             If the file cannot be read.
         """
         name, text = text_of(file)
         comments: dict[str, str] = {}
-        columns: dict[str, list[Any]] = {}
-        for where, texts in self.rows(name, text, comments):
-            row = self.values(where, texts)
-            if found := self.problem(row):
-                raise ValueError(f"{where}, column {self.named[found[0]].heading}: {found[1]}")
-            for key, value in row.items():
-                columns.setdefault(key, []).append(value)
+        faults: list[str] = []
+        columns = self.checked(self.rows(name, text, comments, faults, others), faults)
+        refuse_all(name, faults)
         return name, comments, columns
 
+    def checked(
+        self, rows: Iterable[tuple[str, Mapping[str, str]]], faults: list[str], **reading: Any
+    ) -> dict[str, list[Any]]:
+        """Values by column name of the rows without faults; `faults` gets those of the others."""
+        columns: dict[str, list[Any]] = {}
+        for where, texts in rows:
+            row = self.values(where, texts, faults, **reading)
+            units = ((name, self.named[name].unit) for name in row)
+            wrong = [
+                (name, said) for name, unit in units if (said := self.named[name].check(row[name], unit))
+            ]
+            if not wrong and len(row) == len(texts) and (found := self.rule(row)):
+                wrong = [found]
+            for name, said in wrong:
+                heading = reading.get("headings", {}).get(name, self.named[name].heading)
+                tell(faults, f"{where}, column {heading}: {said}")
+            for key, value in row.items():
+                columns.setdefault(key, []).append(value)
+        return columns
+
     def rows(
-        self, name: str, text: str, comments: dict[str, str] | None = None
+        self,
+        name: str,
+        text: str,
+        comments: dict[str, str] | None = None,
+        faults: list[str] | None = None,
+        others: dict[str, list[str]] | None = None,
     ) -> Iterator[tuple[str, dict[str, str]]]:
-        """Place ("file, line 3") and texts by column name of each row; fills `comments`."""
+        """Place ("file, line 3") and texts by column name of each row; fills `comments` and `others`.
+
+        `faults` gets the faults of headings and lines; without it the first one is a ValueError.
+        """
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
         refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
-        columns = self._columns(f"{name}, line {line}", header)
+        columns = self._columns(f"{name}, line {line}", header, faults, others)
         where = ""
-        for line, row in lines:
+        for line, content in lines:
             where = f"{name}, line {line}"
-            texts = _fields(where, row)
+            try:
+                texts = _fields(where, content)
+            except ValueError as error:
+                tell(faults, str(error))
+                continue
             if len(texts) != len(columns):
-                due = ", ".join(column.heading for column in columns)
-                raise ValueError(f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
-            yield where, {column.name: text for column, text in zip(columns, texts, strict=True)}
+                due = ", ".join(heading for heading, _ in columns)
+                tell(faults, f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
+                continue
+            row = list(zip(columns, texts, strict=True))
+            if others:
+                for (heading, _), told in row:
+                    others.get(heading, []).append(told)
+            yield where, {column.name: told for (_, column), told in row if column is not None}
         refuse(not where, f"{name}: there is no row below the column names")
 
-    def values(self, where: str, texts: Mapping[str, str]) -> dict[str, Any]:
-        """Values of a row by column name; ValueError with place and column for a text without a value."""
+    def values(
+        self,
+        where: str,
+        texts: Mapping[str, str],
+        faults: list[str] | None = None,
+        *,
+        headings: Mapping[str, str] | None = None,
+        read: Callable[[str, str], Any] | None = None,
+    ) -> dict[str, Any]:
+        """Values of a row by column name. A text without a value is a ValueError with place and column, or
+        one more of `faults`. `headings` are the file's; `read` makes a value of a name and a text."""
         found = {}
         for name, text in texts.items():
             column = self.named[name]
             try:
                 refuse(column.due and not text, f"every row needs {column.due}")
-                found[name] = column.type(text)
+                found[name] = column.type(text) if read is None else read(name, text)
             except ValueError as error:
-                raise ValueError(f"{where}, column {column.heading}: {error}") from None
+                heading = column.heading if headings is None else headings[name]
+                tell(faults, f"{where}, column {heading}: {error}")
         return found
 
-    def _columns(self, where: str, header: str) -> list[Column]:
+    def _columns(
+        self, where: str, header: str, faults: list[str] | None, others: dict[str, list[str]] | None
+    ) -> list[tuple[str, Column | None]]:
+        """The headings in the file with their columns, None for those kept apart."""
         for separator, word in ((";", "semicolons"), ("\t", "tabs")):
             refuse(
                 separator in header and "," not in header,
@@ -191,31 +243,55 @@ class Table:
             )
         known = {column.heading: column for column in self.columns}
         headings = _fields(where, header)
+        missing = [c.heading for c in self.columns if not c.optional and c.heading not in headings]
         for heading in headings:
-            refuse(
-                heading not in known,
-                f"{where}: unknown column {shown(heading)}; known are {', '.join(known)}",
-            )
-            refuse(headings.count(heading) > 1, f"{where}: column {heading} is there twice")
-        for column in self.columns:
-            refuse(
-                not column.optional and column.heading not in headings,
-                f"{where}: column {column.heading} is missing",
-            )
+            unknown = heading not in known and (others is None or not heading or bool(missing))
+            if unknown:
+                tell(faults, f"{where}: unknown column {shown(heading)}; known are {', '.join(known)}")
+            elif headings.count(heading) > 1:
+                tell(faults, f"{where}: column {heading} is there twice")
+            elif heading not in known and others is not None:
+                others[heading] = []
+        for heading in missing:
+            tell(faults, f"{where}: column {heading} is missing")
         for pair in self.pairs:
             one, other = (self.named[name].heading for name in pair)
             if (one in headings) != (other in headings):
                 there, needed = (one, other) if one in headings else (other, one)
-                raise ValueError(f"{where}: column {there} needs column {needed} beside it")
-        return [known[heading] for heading in headings]
+                tell(faults, f"{where}: column {there} needs column {needed} beside it")
+        return [(heading, known.get(heading)) for heading in headings]
 
 
-def decoded(name: str, content: bytes) -> str:
-    """Text of a file's content; ValueError if it is no text in UTF-8."""
+_TOLD = 10  # faults that a message tells
+
+
+def tell(faults: list[str] | None, message: str) -> None:
+    """Adds a fault to the list; without a list it is a ValueError."""
+    if faults is None:
+        raise ValueError(message) from None
+    faults.append(message)
+
+
+def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
+    """ValueError with all faults of a file, each only once, and a hint, if there is any."""
+    if not faults:
+        return
+    faults = list(dict.fromkeys(faults))
+    told = [fault.removeprefix(f"{name}, ").removeprefix(f"{name}: ") for fault in faults[:_TOLD]]
+    more = f"; and {len(faults) - _TOLD} more" if len(faults) > _TOLD else ""
+    several = f"{name}: {len(faults)} faults: {'; '.join(told)}{more}"
+    raise ValueError((faults[0] if len(faults) == 1 else several) + hint)
+
+
+def decoded(name: str, content: bytes, encoding: str = "utf-8-sig") -> str:
+    """Text of a file's content; ValueError if it is no text in UTF-8, or in another encoding."""
     try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{name}: this is not a text file in UTF-8") from None
+        text = content.decode(encoding)
+    except LookupError:
+        raise ValueError(f"encoding must be one such as cp1252 or utf-16, got {shown(encoding)}") from None
+    except UnicodeError:
+        kind = "UTF-8" if encoding == "utf-8-sig" else encoding
+        raise ValueError(f"{name}: this is not a text file in {kind}") from None
     refuse("\0" in text, f"{name}: this is not a text file, it holds zero bytes")
     # Messages quote the text: it must hold no control characters.
     if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
@@ -288,15 +364,18 @@ def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def text_of(file: Path | IO[str] | IO[bytes]) -> tuple[str, str]:
-    """Name of a file and its text; ValueError if it is no text in UTF-8."""
+def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig") -> tuple[str, str]:
+    """Name of a file and its text; ValueError if it is no text in UTF-8, or in another encoding."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()
     else:
         name, raw = str(getattr(file, "name", "CSV text")), file.read()
-        content = raw.encode() if isinstance(raw, str) else raw
-    return name, decoded(name, content)
+        if isinstance(raw, str):
+            content, encoding = raw.encode(), "utf-8-sig"
+        else:
+            content = raw
+    return name, decoded(name, content, encoding)
 
 
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:
@@ -437,22 +516,31 @@ Floats: TypeAlias = NDArray[np.float64]
 Made = TypeVar("Made")
 
 
-class DataSet(ABC):
-    """Base of data sets: compares by value, converts to a DataFrame."""
+class Tabular(ABC):
+    """Base of what converts to a DataFrame."""
 
     @abstractmethod
-    def _table(self) -> Mapping[str, Sequence[Any]]:
-        """Columns by their names in the CSV file."""
+    def _table(self) -> Mapping[str, Any]:
+        """Columns by their names, with units."""
 
-    def to_frame(self) -> pandas.DataFrame:
-        """The data as a pandas DataFrame with the columns of the CSV file.
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The data as a pandas DataFrame, units in the names of the columns.
 
         Raises
         ------
         ImportError
             If pandas is not installed.
         """
-        return frame(self._table())
+        return dataframe(self._table())
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Old name of `to_dataframe`; gives a DeprecationWarning."""
+        warnings.warn("to_frame() is to_dataframe() now", DeprecationWarning, stacklevel=2)
+        return dataframe(self._table())
+
+
+class DataSet(Tabular):
+    """Base of data sets: compares by value."""
 
     def __eq__(self, other: object) -> bool:
         if type(other) is not type(self):
@@ -470,6 +558,12 @@ class TableData(DataSet):
     _WHAT: ClassVar[str]  #: Name of the data set in a message.
     source: str
     provenance: Mapping[str, Any]
+    #: Other columns of the file that it came from, texts by headings. They are neither compared nor written.
+    others: Mapping[str, Sequence[str]] = MappingProxyType({})
+
+    def _read(self) -> str:
+        """How it was read from a file of another program, for `__repr__`."""
+        return f"; {self.provenance['read']}" if "read" in self.provenance else ""
 
     def _keep(
         self,
@@ -541,12 +635,12 @@ def by_value(kind: type[Made]) -> type[Made]:
     return kind
 
 
-def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> pandas.DataFrame:
+def dataframe(columns: Mapping[str, Any]) -> pandas.DataFrame:
     """The columns as a pandas DataFrame; ImportError without pandas."""
     try:
         import pandas
     except ImportError:
-        raise ImportError(f"{what} needs pandas: pip install 'burrlab[pandas]'") from None
+        raise ImportError("to_dataframe needs pandas: pip install 'burrlab[pandas]'") from None
     return pandas.DataFrame(dict(columns))
 
 

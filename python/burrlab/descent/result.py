@@ -16,7 +16,7 @@ from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.records import Codec, parsed
-from burrlab.common.table import by_value, frame
+from burrlab.common.table import Tabular, by_value
 from burrlab.theory.closed_forms import (
     FEWEST_TICKS,
     Array,
@@ -28,7 +28,6 @@ from burrlab.theory.closed_forms import (
 )
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -49,7 +48,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class Descent:
+class Descent(Tabular):
     """A burr's descent at constant force.
 
     Attributes
@@ -149,10 +148,9 @@ class Descent:
         refuse(len(shapes) > 1 or series.time.ndim != 1, "its series differ in length")
         return made
 
-    def to_frame(self) -> pd.DataFrame:
-        """The series as a pandas frame, columns with units; ImportError without pandas."""
+    def _table(self) -> dict[str, Array]:
         units = {"time": "s", "immersion": "mm", "force": "N", "velocity": "mm_s", "command": "mm_s"}
-        return frame({f"{name}_{unit}": getattr(self, name) for name, unit in units.items()})
+        return {f"{name}_{unit}": getattr(self, name) for name, unit in units.items()}
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """The three Axes of force, position and velocity over time, as in the paper's Fig. 4."""

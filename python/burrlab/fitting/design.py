@@ -22,7 +22,6 @@ from burrlab.fitting.verdict import SEPARATE
 from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 
@@ -47,7 +46,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, repr=False)
-class Design:
+class Design(dataset.Tabular):
     """Candidates for the next measurement, the one that shrinks the joint region most first.
 
     Made by `burrlab.design`.
@@ -116,16 +115,9 @@ class Design:
         ]
         return values
 
-    def to_frame(self) -> pandas.DataFrame:
-        """The rows as a pandas DataFrame, units in the names of the columns.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
+    def _table(self) -> dict[str, list[Any]]:
         rows = [asdict(one) for one in self.rows]
-        return dataset.frame({column: [row[name] for row in rows] for name, column in _COLUMNS.items()})
+        return {column: [row[name] for row in rows] for name, column in _COLUMNS.items()}
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Area ratio over force, one line per radius; static candidates as one dashed line.

@@ -14,6 +14,7 @@ import burrlab.common.table as table
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, tidy
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
+from burrlab.measured.layout import Layout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -128,17 +129,43 @@ class VelocityCurve(TableData):
         )
 
     @classmethod
-    def from_csv(cls, file: Path | IO[str] | IO[bytes]) -> VelocityCurve:
+    def from_csv(
+        cls,
+        file: Path | IO[str] | IO[bytes],
+        *,
+        columns: Mapping[str, str] | None = None,
+        unit: str | Mapping[str, str] | None = None,
+        sep: str | None = None,
+        decimal: str | None = None,
+        encoding: str | None = None,
+    ) -> VelocityCurve:
         """Read a curve from a CSV file.
 
         Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]
         [, status]``. An empty velocity is a run without one; an empty window is the default window.
         Lines that begin with ``#`` are comments; ``# source:``, ``# radius_mm:`` and ``# provenance:`` above
-        the column names are kept.
+        the column names are kept. Other columns become the texts in `others`.
+
+        With any of the options below, the file may be of another program: lines above the headings, empty
+        fields at the end of lines, repeated headings and a line of units are passed over.
+        ``provenance["read"]`` says in one line what was read, converted and passed over.
 
         Parameters
         ----------
         file : path or open file
+        columns : mapping of str to str, optional
+            Name of a parameter of `VelocityCurve` -> its heading in the file; the others have the headings
+            above.
+        unit : str or mapping of str to str, optional
+            Name -> unit of its numbers in the file; or the unit of all columns that can have it. Default:
+            N, mm/s and mm. Known are mN, cN, daN, kN, gf, kgf, kp, lbf; um/s, cm/s, m/s, mm/min, um/min,
+            in/s; um, cm, m, in.
+        sep : str, optional
+            Separator; default: the one that separates the headings.
+        decimal : {".", ","}, optional
+            Default: a point.
+        encoding : str, optional
+            Such as "cp1252", "latin-1" or "utf-16"; default: UTF-8.
 
         Returns
         -------
@@ -147,7 +174,8 @@ class VelocityCurve(TableData):
         Raises
         ------
         ValueError
-            If the file is not such a table; the message names file, line and column.
+            If the file is not such a table, or a heading tells another unit; the message has every fault
+            (of more than ten, the first ten and their number) with line and column.
         OSError
             If the file cannot be read.
 
@@ -156,10 +184,60 @@ class VelocityCurve(TableData):
         >>> import io
         >>> VelocityCurve.from_csv(io.StringIO("velocity_mm_s,force_N\\n0.498,1\\n,4\\n")).velocity
         array([0.498,   nan])
+        >>> text = "Kraft [N];v (um/s);Datum\\n0,5;78,5;3. Mai\\n1;498;3. Mai\\n"
+        >>> columns = {"force": "Kraft [N]", "velocity": "v (um/s)"}
+        >>> curve = VelocityCurve.from_csv(io.StringIO(text), columns=columns, unit="um/s", decimal=",")
+        >>> curve.velocity, curve.others
+        (array([0.0785, 0.498 ]), {'Datum': ('3. Mai', '3. Mai')})
         """
-        name, comments, columns = cls._TABLE.read(file)
-        radius = table.number_in_comments(name, comments, "radius_mm")
-        return cls(**columns, radius=radius, **table.origin(name, comments))
+        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
+        radius = table.number_in_comments(found.name, found.comments, "radius_mm")
+        return found.kept(cls(**found.columns, radius=radius, **found.origin()))
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: Any,
+        *,
+        force: str = "force_N",
+        velocity: str = "velocity_mm_s",
+        sigma: str | None = None,
+        unit: str | Mapping[str, str] | None = None,
+        radius: float | None = None,
+        source: str = "",
+    ) -> VelocityCurve:
+        """Take a curve from a pandas DataFrame.
+
+        Parameters
+        ----------
+        frame : pandas.DataFrame, or mapping of columns
+        force, velocity, sigma : str
+            Names of the columns; window and status have those of `from_csv`, other ones become `others`.
+        unit : str or mapping of str to str, optional
+            As in `from_csv`.
+        radius : float, optional
+            Burr radius R [mm].
+        source : str
+            Source of the numbers, one line.
+
+        Returns
+        -------
+        VelocityCurve
+
+        Raises
+        ------
+        ValueError
+            As in `from_csv`; rows count from 1.
+
+        Examples
+        --------
+        >>> frame = {"F": [0.5, 1.0], "v": [78.5, 498.0]}
+        >>> VelocityCurve.from_dataframe(frame, force="F", velocity="v", unit="um/s").velocity
+        array([0.0785, 0.498 ])
+        """
+        columns = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
+        found = Layout(columns, unit).taken(cls._TABLE, frame)
+        return found.kept(cls(**found.columns, radius=radius, **found.origin() | {"source": source}))
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write the curve to a CSV file that `from_csv` reads back without loss.
@@ -213,4 +291,5 @@ class VelocityCurve(TableData):
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
         forces = f"{self.force.min():g}..{self.force.max():g} N"
-        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source})"
+        rows = f"{len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source}"
+        return f"VelocityCurve({rows}{self._read()})"

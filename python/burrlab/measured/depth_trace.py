@@ -16,6 +16,7 @@ import burrlab.common.table as table
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, tidy
 from burrlab.common.table import Column, Floats, Path, Table, TableData
+from burrlab.measured.layout import Layout
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
@@ -178,7 +179,16 @@ class DepthTrace(TableData):
 
     @classmethod
     def from_csv(
-        cls, file: Path | IO[str] | IO[bytes], *, force: float | None = None, radius: float | None = None
+        cls,
+        file: Path | IO[str] | IO[bytes],
+        *,
+        force: float | None = None,
+        radius: float | None = None,
+        columns: Mapping[str, str] | None = None,
+        unit: str | Mapping[str, str] | None = None,
+        sep: str | None = None,
+        decimal: str | None = None,
+        encoding: str | None = None,
     ) -> DepthTrace:
         """Read a record from a CSV file.
 
@@ -191,6 +201,9 @@ class DepthTrace(TableData):
         file : path or open file
         force, radius : float, optional
             Set-point [N] and burr radius [mm], for a file without them.
+        columns, unit, sep, decimal, encoding : optional
+            The layout of another program's file, as in `VelocityCurve.from_csv`; times may also be in ms,
+            us or min.
 
         Returns
         -------
@@ -211,7 +224,8 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
-        name, comments, columns = cls._TABLE.read(file)
+        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
+        name, comments = found.name, found.comments
         start, end = None, None
         if (window := comments.get("window_mm")) is not None:
             try:
@@ -220,10 +234,11 @@ class DepthTrace(TableData):
                 raise ValueError(
                     f"{name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
                 ) from None
-        columns["force"] = table.agreed_number(name, comments, "force_N", "force", force)
-        columns["radius"] = table.agreed_number(name, comments, "radius_mm", "radius", radius)
+        force = table.agreed_number(name, comments, "force_N", "force", force)
+        radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
+        columns = found.columns | {"force": force, "radius": radius}
         try:
-            return cls(**columns, start_mm=start, end_mm=end, **table.origin(name, comments))
+            return found.kept(cls(**columns, start_mm=start, end_mm=end, **found.origin()))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
 
@@ -319,7 +334,7 @@ class DepthTrace(TableData):
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
         window = f"{self.start_mm:g}..{self.end_mm:g} mm"
-        return f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, {window}{source})"
+        return f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, {window}{source}{self._read()})"
 
     def _repr_html_(self) -> str:
         rows = samples_between(self.immersion, self.start_mm, self.end_mm)

@@ -12,6 +12,7 @@ import burrlab.common.table as table
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, tidy
 from burrlab.common.table import Column, Floats, Path, Table, TableData
+from burrlab.measured.layout import Layout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -91,7 +92,17 @@ class Indentation(TableData):
             )
 
     @classmethod
-    def from_csv(cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None) -> Indentation:
+    def from_csv(
+        cls,
+        file: Path | IO[str] | IO[bytes],
+        *,
+        radius: float | None = None,
+        columns: Mapping[str, str] | None = None,
+        unit: str | Mapping[str, str] | None = None,
+        sep: str | None = None,
+        decimal: str | None = None,
+        encoding: str | None = None,
+    ) -> Indentation:
         """Read an indentation from a CSV file.
 
         Columns, in any order: ``force_N, depth_mm[, sigma_N]``. Lines that begin with ``#`` are comments;
@@ -102,6 +113,8 @@ class Indentation(TableData):
         file : path or open file
         radius : float, optional
             Burr radius [mm], for a file without it.
+        columns, unit, sep, decimal, encoding : optional
+            The layout of another program's file, as in `VelocityCurve.from_csv`.
 
         Returns
         -------
@@ -121,12 +134,12 @@ class Indentation(TableData):
         >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
         array([0.36])
         """
-        name, comments, columns = cls._TABLE.read(file)
-        radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
+        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
+        radius = table.agreed_number(found.name, found.comments, "radius_mm", "radius", radius)
         try:
-            return cls(**columns, radius=radius, **table.origin(name, comments))
+            return found.kept(cls(**found.columns, radius=radius, **found.origin()))
         except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+            raise ValueError(f"{found.name}: {error}") from None
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write a CSV file that `from_csv` reads back without loss.
@@ -172,4 +185,5 @@ class Indentation(TableData):
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
         spans = [f"{a.min():.3g}..{a.max():.3g}" for a in (self.force, self.depth)]
-        return f"Indentation({len(self)} rows, R = {self.radius:g} mm, {spans[0]} N at {spans[1]} mm{source})"
+        values = f"{spans[0]} N at {spans[1]} mm{source}{self._read()}"
+        return f"Indentation({len(self)} rows, R = {self.radius:g} mm, {values})"

@@ -3,60 +3,77 @@
 from __future__ import annotations
 
 import csv
-import math
+import io
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import IO, Any
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import IO, Any, NamedTuple, TypeVar
 
 from burrlab.common.check import refuse, shown
-from burrlab.common.table import Path, Table, bytes_of, decoded
+from burrlab.common.table import Path, Table, TableData, origin, refuse_all, tell, text_of
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
-_SHOWN = 10  # faults told one by one
-_GRAVITY = 9.80665  # [N/kg]
+_SEARCHED = 1000  # lines in which the headings may stand
+_TALLEST = 20  # lines of a row with line breaks in quotation marks
+_MARKS = {",": "comma", ".": "point"}
+_BLANKS = " \u00a0\u2009\u202f'\u2019"  # between thousands
 
+_FOREIGN = "; for a file of another program, give columns, unit, sep, decimal or encoding"
+
+_NEWTON = Fraction("9.80665")  # of a kilogram, standard gravity
 #: What one of a unit is, in the unit of the table's column.
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "cN": 1e-2, "gf": 1e-3 * _GRAVITY, "kgf": _GRAVITY, "lbf": 4.4482216152605},
-    "mm/s": {"mm/s": 1.0, "um/s": 1e-3, "m/s": 1e3, "cm/s": 10.0, "mm/min": 1 / 60, "um/min": 1e-3 / 60, "in/s": 25.4},
-    "mm": {"mm": 1.0, "um": 1e-3, "m": 1e3, "cm": 10.0, "in": 25.4},
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+UNITS: Mapping[str, Mapping[str, Fraction]] = {
+    "N": {
+        "N": Fraction(1), "mN": Fraction(1, 1000), "cN": Fraction(1, 100), "daN": Fraction(10), "kN": Fraction(1000),
+        "gf": _NEWTON / 1000, "kgf": _NEWTON, "kp": _NEWTON, "lbf": Fraction("4.4482216152605"),
+    },
+    "mm/s": {
+        "mm/s": Fraction(1), "um/s": Fraction(1, 1000), "cm/s": Fraction(10), "m/s": Fraction(1000),
+        "mm/min": Fraction(1, 60), "um/min": Fraction(1, 60_000), "in/s": Fraction("25.4"),
+    },
+    "mm": {"mm": Fraction(1), "um": Fraction(1, 1000), "cm": Fraction(10), "m": Fraction(1000), "in": Fraction("25.4")},
+    "s": {"s": Fraction(1), "ms": Fraction(1, 1000), "us": Fraction(1, 10**6), "min": Fraction(60)},
 }  # fmt: skip
+_KNOWN = sorted((unit for of in UNITS.values() for unit in of), key=len, reverse=True)
+_TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
+
+Made = TypeVar("Made", bound=TableData)
+
+
+class Found(NamedTuple):
+    """What a table holds: its file's name, comments, columns by our names, other columns by headings, a note."""
+
+    name: str
+    comments: dict[str, str]
+    columns: dict[str, Any]
+    others: dict[str, list[str]]
+    note: str
+
+    def origin(self) -> dict[str, Any]:
+        """Source, and provenance with the note as "read"."""
+        kept = origin(self.name, self.comments)
+        return {**kept, "provenance": kept.get("provenance", {}) | {"read": self.note}} if self.note else kept
+
+    def kept(self, data: Made) -> Made:
+        """The data set with the other columns as `others`."""
+        object.__setattr__(data, "others", {name: tuple(texts) for name, texts in self.others.items()})
+        return data
 
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table of another program is laid out.
+    """How a table of another program is laid out; `VelocityCurve.from_csv` tells what the fields are."""
 
-    Attributes
-    ----------
-    columns : mapping of str to str
-        Our name of a column, such as ``"force"``, -> its heading in the file. Columns without an entry have
-        our heading, such as ``force_N``.
-    unit : mapping of str to str
-        Our name -> unit of the numbers in the file; default: the unit of our heading.
-    sep : str
-        Separator; "" finds it.
-    decimal : str
-        "." or ",".
-    encoding : str
-        Such as ``"latin-1"``, ``"cp1252"`` or ``"utf-16"``.
-    """
+    columns: Mapping[str, str] | None = None
+    unit: str | Mapping[str, str] | None = None
+    sep: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
 
-    columns: Mapping[str, str] = field(default_factory=dict)
-    unit: Mapping[str, str] = field(default_factory=dict)
-    sep: str = ""
-    decimal: str = "."
-    encoding: str = "utf-8-sig"
-
-    def read(
-        self, table: Table, file: Path | IO[str] | IO[bytes]
-    ) -> tuple[str, dict[str, str], dict[str, list[Any]], dict[str, list[str]]]:
-        """The file's name, its comments, its columns by our names, and the other columns by their headings.
-
-        Lines above the headings, empty lines, repeated headings and a line of units below them are passed
-        over.
+    def read(self, table: Table, file: Path | IO[str] | IO[bytes]) -> Found:
+        """The table in a file; one of our own if nothing is said about the layout.
 
         Raises
         ------
@@ -65,158 +82,273 @@ class Layout:
         OSError
             If the file cannot be read.
         """
-        asked = self._asked(table)
-        name, content = bytes_of(file)
-        lines = decoded(name, content, self.encoding).splitlines()
+        others: dict[str, list[str]] = {}
+        if not any((self.columns, self.unit, self.sep, self.decimal, self.encoding)):
+            try:
+                name, comments, columns = table.read(file, others)
+            except ValueError as error:
+                foreign = re.search("text file in UTF-8|unknown column|separator must be", str(error))
+                raise ValueError(f"{error}{_FOREIGN if foreign else ''}") from None
+            return Found(name, comments, columns, others, _apart(others) if others else "")
+        reading, as_text = _Reading(self, table), isinstance(file, io.TextIOBase)
+        refuse(self.encoding and as_text, "encoding must be left out for a file that is open as text")
+        name, text = text_of(file, self.encoding or "utf-8-sig")
+        lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
+        head, start, sep, headings = reading.headings_of(name, lines)
         comments = {}
-        for line in lines:
+        for line in lines[:head]:
             key, colon, value = line[1:].partition(":")
             if line.startswith("#") and colon:
                 comments[key.strip()] = value.strip()
-        head, sep, headings = self._headings(name, lines, asked)
-        places = {ours: headings.index(theirs) for ours, theirs in asked.items() if theirs in headings}
-        self._check_units(name, head, table, places, headings)
-        values: dict[str, list[Any]] = {ours: [] for ours in places}
-        others: dict[str, list[str]] = {
-            heading: [] for i, heading in enumerate(headings) if heading and i not in places.values()
-        }
-        faults: list[str] = []
-        for number, fields in _rows(lines, head, sep, headings):
-            if number == head + 1 and self._are_units(table, {o: fields[i] for o, i in places.items()}):
-                continue
-            row: dict[str, Any] = {}
-            for ours, i in places.items():
-                try:
-                    row[ours] = self._value(table, ours, fields[i])
-                except ValueError as error:
-                    faults.append(f"line {number}, column {headings[i]}: {error}")
-            if len(row) == len(places) and (broken := table.problem(row)):
-                faults.append(f"line {number}, column {headings[places[broken[0]]]}: {broken[1]}")
-            for ours, value in row.items():
-                values[ours].append(value)
-            for heading, kept in others.items():
-                kept.append(fields[headings.index(heading)])
-        if faults:
-            more = f"; and {len(faults) - _SHOWN} more" if len(faults) > _SHOWN else ""
-            commas = "; are the decimals commas (decimal=',')?" if self._commas(faults) else ""
-            many = f"{len(faults)} faults: " if len(faults) > 1 else ""
-            raise ValueError(f"{name}: {many}{'; '.join(faults[:_SHOWN])}{more}{commas}")
-        refuse(not any(values.values()), f"{name}: there is no row below the headings of line {head}")
-        return name, comments, values, others
+        above = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
+        reading.passed["lines above the headings"] = above
+        rows = _records(lines, start, sep)
+        found = reading.columns(name, "line", headings, rows, f"{name}, line {head + 1}")
+        told = f"; separated by {_SEPARATORS[sep]}" if self.sep is None else ""
+        return Found(name, comments, found, reading.others, reading.note(told))
 
-    def _asked(self, table: Table) -> dict[str, str]:
-        """Headings in the file by our names."""
-        known = table.named
-        for what, given in (("columns", self.columns), ("unit", self.unit)):
-            for ours in given:
-                refuse(ours not in known, f"{what} must be given for {', '.join(known)}: got {shown(ours)}")
-        for ours, unit in self.unit.items():
-            of = UNITS.get(known[ours].unit, {})
-            refuse(
-                unit not in of, f"unit of {ours} must be one of {', '.join(of) or 'none'}: got {shown(unit)}"
-            )
+    def taken(self, table: Table, frame: Any) -> Found:
+        """The table in a DataFrame, or in a mapping of columns. Errors are those of `read`."""
+        reading, name = _Reading(self, table), type(frame).__name__
+        headings = [" ".join(str(heading).split()) for heading in frame]
+        if missing := [told for key, told in reading.due.items() if key not in map(_key, headings)]:
+            raise ValueError(f"{name}: no column is {', '.join(missing)}; there are {', '.join(headings)}")
+        if hasattr(frame, "itertuples"):
+            rows = frame.itertuples(index=False, name=None)
+        else:
+            rows = zip(*frame.values(), strict=True)
+        texts = enumerate(([_cell(value) for value in row] for row in rows), start=1)
+        found = reading.columns(name, "row", headings, texts, name)
+        return Found("", {}, found, reading.others, reading.note(""))
+
+
+class _Reading:
+    """One reading: the columns that are asked for, their units, and what it passes over."""
+
+    def __init__(self, layout: Layout, table: Table) -> None:
+        self.table, self.decimal = table, layout.decimal or "."
+        self.group = "." if self.decimal == "," else ","
+        self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(layout.sep, layout.sep or "")
+        refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(layout.decimal)}")
         refuse(
-            self.decimal not in (".", ","), f"decimal must be a point or a comma: got {shown(self.decimal)}"
+            len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
+            f"sep must be one character, or tab: got {shown(layout.sep)}",
         )
-        refuse(len(self.sep) > 1, f"sep must be one character: got {shown(self.sep)}")
-        return {ours: self.columns.get(ours, column.heading) for ours, column in known.items()}
+        columns, unit = layout.columns or {}, layout.unit or {}
+        self.units = {name: column.unit for name, column in table.named.items() if column.unit}
+        if isinstance(unit, str):
+            takers = [name for name, own in self.units.items() if unit in UNITS[own]]
+            fine = dict.fromkeys(one for own in self.units.values() for one in UNITS[own])
+            refuse(not takers, f"unit must be one of {', '.join(fine)}: got {shown(unit)}")
+            self.units |= dict.fromkeys(takers, unit)
+            unit = {}
+        for what, given, names in (("columns", columns, table.named), ("unit", unit, self.units)):
+            for ours in given:
+                refuse(ours not in names, f"{what} must be of {', '.join(names)}: got {shown(ours)}")
+        for ours, one in unit.items():
+            known = UNITS[table.named[ours].unit]
+            refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
+        self.units |= unit
+        self.said = set(unit)  #: Columns whose unit was given by name.
+        self.asked = {ours: columns.get(ours, column.heading) for ours, column in table.named.items()}
+        due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
+        self.due = {_key(self.asked[ours]): self.asked[ours] for ours in due}
+        self.hint = _give("columns", dict.fromkeys(due, "its heading"))
+        refuse(len(self.due) < len(due), f"columns must differ: got {', '.join(self.asked[o] for o in due)}")
+        self.others: dict[str, list[str]] = {}
+        self.passed: Counter[str] = Counter()
+        self.wrong: dict[str, str] = {}  #: Units to be given.
+        self.read: dict[str, str] = {}  #: Headings of the file by our names.
 
-    def _headings(self, name: str, lines: list[str], asked: Mapping[str, str]) -> tuple[int, str, list[str]]:
-        """Number of the line of headings from 1, the separator, and the headings."""
-        needed = set(self.columns.values()) or {asked[ours] for ours in list(asked)[:2]}
-        best: tuple[int, int, str, list[str]] = (1, 0, "", [])
-        for number, line in enumerate(lines, start=1):
-            if line.startswith("#"):
-                continue
+    def headings_of(self, name: str, lines: list[str]) -> tuple[int, int, str, list[str]]:
+        """Index of the line of headings, index of the line below them, the separator, and the headings."""
+        best: tuple[int, int, int, list[str]] = (0, 0, 0, [])
+        for place, line in enumerate(lines[:_SEARCHED]):
+            bare = line.lstrip("#% ") if line[0] in "#%" else line
             for sep in self.sep or _SEPARATORS:
-                fields = _split(line, sep)
-                if needed <= set(fields):
-                    for heading in needed:
-                        refuse(
-                            fields.count(heading) > 1,
-                            f"{name}, line {number}: column {heading} is there twice",
-                        )
-                    return number, sep, fields
-                words = sum(bool(text) and not _is_number(text, self.decimal) for text in fields)
-                best = max(best, (words, -number, sep, fields))
-        missing = ", ".join(sorted(needed - set(best[3])))
-        if best[0] < 2:
-            raise ValueError(f"{name}: no line has the headings {', '.join(sorted(needed))}")
-        raise ValueError(
-            f"{name}: no line has the headings {', '.join(sorted(needed))}; line {-best[1]} has "
-            f"{', '.join(filter(None, best[3]))}, without {missing}: say which columns are meant, as in "
-            f"columns={{'{next(iter(asked))}': {best[3][0]!r}}}"
-        )
+                height, fields = _record([bare, *lines[place + 1 : place + _TALLEST]], sep)
+                keys = set(map(_key, fields))
+                if self.due.keys() <= keys:
+                    return place, place + height, sep, fields
+                words = sum(bool(re.search(r"[^\W\d]", text)) for text in fields) * (bare is line)
+                best = max(best, (len(self.due.keys() & keys), words, -place, fields))
+        there = f"; line {1 - best[2]} has {', '.join(filter(None, best[3]))}" if best[:2] > (0, 1) else ""
+        due = ", ".join(self.due.values())
+        raise ValueError(f"{name}: no line of headings has {due}{there}: {self.hint}")
 
-    def _check_units(
-        self, name: str, line: int, table: Table, places: Mapping[str, int], headings: list[str]
-    ) -> None:
-        """Refuses a heading that tells another unit than the one that its numbers would be read in."""
-        for ours, i in places.items():
-            due = self.unit.get(ours, table.named[ours].unit)
-            told = _unit_in(headings[i])
-            if told and due and told in UNITS.get(table.named[ours].unit, {}) and told != due:
-                raise ValueError(
-                    f"{name}, line {line}: column {headings[i]} tells {told}, but would be read as {due}: give "
-                    f"unit={{'{ours}': '{told}'}}"
-                )
+    def columns(
+        self, name: str, kind: str, headings: list[str], records: Iterable[tuple[int, list[str]]], head: str
+    ) -> dict[str, Any]:
+        """Columns by our names; `others` gets the other ones. ValueError with all faults."""
+        keys, faults = list(map(_key, headings)), list[str]()
+        places = {ours: keys.index(_key(told)) for ours, told in self.asked.items() if _key(told) in keys}
+        self.read = {ours: headings[i] for ours, i in places.items()}
+        for ours, heading in self.read.items():
+            if keys.count(_key(heading)) > 1:
+                tell(faults, f"{head}: column {heading} is there twice")
+            if ours in self.units and (said := self.wrong_unit(ours, heading)):
+                tell(faults, f"{head}: column {heading} {said}")
+        for pair in self.table.pairs:
+            if len(there := [ours for ours in pair if ours in places]) == 1:
+                tell(faults, f"{head}: {' and '.join(pair)} go together: only {there[0]} is there")
+        rest = {
+            i: heading
+            if heading and keys.count(_key(heading)) == 1
+            else f"{heading} (column {i + 1})".strip()
+            for i, heading in enumerate(headings)
+            if i not in places.values()
+        }
+        self.others |= {label: [] for label in rest.values()}
 
-    def _are_units(self, table: Table, fields: Mapping[str, str]) -> bool:
-        """Whether the line below the headings holds units; ValueError if they are other ones."""
-        numbers = {ours: text for ours, text in fields.items() if table.named[ours].unit}
-        if not numbers or any(_is_number(text, self.decimal) or not text for text in numbers.values()):
+        def rows() -> Iterator[tuple[str, dict[str, str]]]:
+            first = kind == "line"
+            for number, fields in records:
+                where = f"{name}, {kind} {number}"
+                if not any(fields):
+                    continue
+                if fields[0][:1] in ("#", "%"):
+                    self.passed["comments"] += 1
+                elif list(map(_key, fields)) == keys[: len(fields)]:
+                    self.passed["repeated headings"] += 1
+                    first = True
+                elif len(fields) <= max(places.values()) or any(fields[len(headings) :]):
+                    tell(faults, f"{where}: {len(headings)} fields are due, found {len(fields)}")
+                else:
+                    texts = {ours: fields[i] for ours, i in places.items()}
+                    if first and self.units_in(where, texts, faults):
+                        continue
+                    first = False
+                    for i, label in rest.items():
+                        self.others[label].append(fields[i] if i < len(fields) else "")
+                    yield where, texts
+
+        found = self.table.checked(rows(), faults, headings=self.read, read=self.value)
+        refuse(not found and not faults, f"{name}: there is no row below the headings")
+        changed = {
+            o: unit for o, unit in self.units.items() if o in places and unit != self.table.named[o].unit
+        }
+        hint = f": {_give('unit', changed | self.wrong)}" if self.wrong else ""
+        if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
+            hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
+        refuse_all(name, faults, hint)
+        self.others = {label: texts for label, texts in self.others.items() if label[0] != "(" or any(texts)}
+        return found
+
+    def wrong_unit(self, ours: str, heading: str) -> str:
+        """What is wrong with the unit that a heading tells, "" for nothing."""
+        told, sure = _told(heading)
+        own, due = self.table.named[ours], self.units[ours]
+        known = UNITS[own.unit]
+        if told in ("", due) or not (sure or told in known or len(told) > 1):
+            return ""
+        if ours in self.said and not (sure and told in _KNOWN) and heading != own.heading:
+            return ""
+        if told in known:
+            self.wrong[ours] = told
+            return f"tells {told}, but would be read in {due}"
+        if told not in _KNOWN:
+            self.wrong[ours] = due
+        return f"tells {told}, which is no unit of {ours} ({', '.join(known)})"
+
+    def units_in(self, where: str, texts: Mapping[str, str], faults: list[str]) -> bool:
+        """Whether a row holds units and no numbers; `faults` gets those that contradict the ones given."""
+        told = {ours: text for ours, text in texts.items() if ours in self.units and text}
+        if not told or any(re.match(r"[\s+.,-]*\d", text) for text in told.values()):
             return False
-        for ours, text in numbers.items():
-            due, told = self.unit.get(ours, table.named[ours].unit), _unit_in(text) or _plain(text)
-            refuse(
-                told != due,
-                f"the line of units tells {shown(told)} for {ours}, which would be read as {due}: give "
-                f"unit={{'{ours}': '{told}'}}",
-            )
+        for ours, text in told.items():
+            if said := self.wrong_unit(ours, text if re.match(r"\W", text) else f"[{text}]"):
+                tell(faults, f"{where}, column {self.read[ours]}: {said}")
+        self.passed["lines of units"] += 1
         return True
 
-    def _value(self, table: Table, ours: str, text: str) -> Any:
-        column = table.named[ours]
+    def value(self, ours: str, text: str) -> Any:
+        """The value of a field, in our unit."""
+        column = self.table.named[ours]
         if not column.unit:
             return column.type(text)
-        text = re.sub(r"(?<=\d)[\s\u00a0\u202f'](?=\d{3}\b)", "", text)  # thousands
-        if self.decimal == ",":
-            refuse("." in text and "," in text, f"{shown(text)} has a point and a comma")
-            refuse("." in text, f"{shown(text)} has a point, but the decimals are commas")
-            text = text.replace(",", ".")
-        refuse(column.due and not text, f"every row needs {column.due}")
-        return column.type(text) * UNITS[column.unit][self.unit.get(ours, column.unit)]
+        plain = self.number(text)
+        try:
+            value = column.type(plain)
+        except ValueError as error:
+            raise ValueError(str(error).replace(shown(plain), shown(text))) from None
+        factor = UNITS[column.unit][self.units[ours]]
+        return value * factor.numerator / factor.denominator
 
-    def _commas(self, faults: list[str]) -> bool:
-        return self.decimal == "." and any(re.search(r"'-?\d+,\d+' is not a number", text) for text in faults)
+    def number(self, text: str) -> str:
+        """A number's text with a point and without marks between thousands; ValueError if it may be two."""
+        whole, point, part = text.partition(self.decimal)
+        for mark in {*_BLANKS, self.group}.intersection(whole):
+            has = f"{shown(text)} has a {_MARKS.get(mark)}"
+            grouped = re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{mark}\d{{3}})+", whole)
+            joined, other = whole.replace(mark, ""), whole.replace(mark, ".")
+            if mark == self.group:
+                refuse(not grouped, f"{has}, decimals a {_MARKS[self.decimal]}")
+                refuse(not point and whole.count(mark) == 1, f"{has}: it may be {joined} or {other}")
+            if grouped:
+                self.passed["marks between thousands"] += 1
+                whole = joined
+        return f"{whole}.{part}" if point else whole
+
+    def note(self, told: str) -> str:
+        """What was read from where, converted and passed over, in one line."""
+        parts = [
+            f"{ours} from {heading}" + (f" in {self.units[ours]}" if ours in self.units else "")
+            for ours, heading in self.read.items()
+        ]
+        passed = ", ".join(f"{what} ({n})" for what, n in self.passed.items() if n)
+        told += f"; passed over: {passed}" if passed else ""
+        return ", ".join(parts) + told + (f"; {_apart(self.others)}" if self.others else "")
 
 
-def _rows(lines: list[str], head: int, sep: str, headings: list[str]) -> Iterator[tuple[int, list[str]]]:
-    """Number and fields of each row below the headings; fields that are missing at the end are empty."""
-    for number, line in enumerate(lines[head:], start=head + 1):
-        fields = _split(line, sep)
-        if line.startswith("#") or not any(fields) or fields == headings:
-            continue
-        yield number, fields[: len(headings)] + [""] * (len(headings) - len(fields))
+def _apart(others: Mapping[str, object]) -> str:
+    return f"other columns, kept apart: {', '.join(others)}"
 
 
-def _split(line: str, sep: str) -> list[str]:
-    return [text.strip() for text in next(csv.reader([line], delimiter=sep, skipinitialspace=True), [])]
-
-
-def _is_number(text: str, decimal: str) -> bool:
+def _record(lines: list[str], sep: str) -> tuple[int, list[str]]:
+    """How many lines the first row takes, and its fields; a stray quotation mark is a character."""
+    if sep == " ":
+        lines = [line.strip(" ") for line in lines]
+    reader = csv.reader(lines, delimiter=sep, skipinitialspace=sep != "\t", strict=True)
     try:
-        return math.isfinite(float(text.replace(decimal, ".")))
-    except ValueError:
-        return False
+        fields, height = next(reader, []), max(reader.line_num, 1)
+    except csv.Error:
+        fields, height = lines[0].split(sep), 1
+    return height, [" ".join(text.split()) for text in fields]
 
 
-def _unit_in(text: str) -> str:
-    """The unit in brackets at the end of a heading, "" for none."""
-    found = re.search(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$", text)
-    return _plain(found[1]) if found else ""
+def _records(lines: list[str], start: int, sep: str) -> Iterator[tuple[int, list[str]]]:
+    """Number from 1 and fields of each row."""
+    while start < len(lines):
+        height, fields = _record(lines[start : start + _TALLEST], sep)
+        yield start + 1, fields
+        start += height
 
 
-def _plain(unit: str) -> str:
-    """A unit in our letters: um for either micro sign, no blanks."""
-    return re.sub(r"[\u00b5\u03bc]", "u", unit.strip(" []()")).replace(" ", "").replace("^-1", "")
+def _cell(value: object) -> str:
+    text = str(value)
+    return "" if text in ("nan", "None", "<NA>", "NaT") else text
+
+
+def _key(heading: str) -> str:
+    """A heading for comparison: blanks are one, both micro signs the same."""
+    return " ".join(heading.replace("\u00b5", "\u03bc").split())
+
+
+def _told(heading: str) -> tuple[str, bool]:
+    """The unit that a heading tells, "" for none, and whether it stands in brackets."""
+    if found := re.search(r"[\[({<]([^\[({<]+)[\])}>]\W*$", heading):
+        return re.sub(r"\s", "", _letters(found[1])), True
+    found = _TAIL.search(_letters(heading))
+    return (found[1].replace("_", "/"), False) if found else ("", False)
+
+
+def _letters(text: str) -> str:
+    """A unit in our letters: u for either micro sign, /s for s^-1."""
+    text = re.sub("[\u00b5\u03bc]", "u", text.strip())
+    return re.sub(r"\s*[\u00b7\u22c5*]?\s*s(\u207b\u00b9|\^?\{?-1\}?)$", "/s", text)
+
+
+def _give(option: str, value: Mapping[str, str] | str) -> str:
+    """What to write in Python and on the command line."""
+    text = value if isinstance(value, str) else ",".join(f"{key}={one}" for key, one in value.items())
+    return f"give {option}={value!r} (--{option} {text})"

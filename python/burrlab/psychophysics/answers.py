@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import burrlab.common.table as tsv_text
 from burrlab._core import __version__
@@ -33,6 +33,9 @@ from burrlab.psychophysics.side_car import (
     side_car_path,
 )
 from burrlab.psychophysics.trial import Order, Trial
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,6 +100,17 @@ class Answers(DataSet):
         rows = [row.fields() for row in self.rows]
         columns = [column for column in columns_of(self.task) if not rows or column in rows[0]]
         return {column: [row[column] for row in rows] for column in columns}
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The rows as a pandas DataFrame; as in the file, but `onset`, `duration` and `response_time` end in _s.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        units = {column: f"{column}_s" for column in ("onset", "duration", "response_time")}
+        return tsv_text.dataframe({units.get(name, name): values for name, values in self._table().items()})
 
     def __repr__(self) -> str:
         kind = "a simulated subject" if self.simulated else "subject"

@@ -14,7 +14,7 @@ from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.records import Codec
-from burrlab.common.table import html_table
+from burrlab.common.table import Tabular, html_table
 from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ _TABLE = [
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class SessionMetrics:
+class SessionMetrics(Tabular):
     """Measures of one burr in one session; NaN where the session is too short.
 
     Attributes
@@ -109,6 +109,9 @@ class SessionMetrics:
         """A dict for JSON, units in the names; None where there is no number."""
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
         return {**_CODEC.plain(self), **anatomy}
+
+    def _table(self) -> dict[str, list[Any]]:
+        return {key: [getattr(self, name)] for key, name in _KEYS.items()}
 
     def __repr__(self) -> str:
         lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]

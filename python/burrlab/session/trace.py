@@ -6,6 +6,7 @@ import html
 import json
 import os
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,7 +23,7 @@ from burrlab.bone.snapshot import open_hdf5, read_bone, read_dataset, told_as_da
 from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
 from burrlab.common.provenance import provenance
-from burrlab.common.table import frame
+from burrlab.common.table import dataframe
 
 if TYPE_CHECKING:
     import h5py
@@ -318,7 +319,7 @@ class Trace:
         names = ", ".join(TICK_COLUMNS + BURR_COLUMNS)
         raise ValueError(f"name must be one of {names}, got '{name}'")
 
-    def frame(self, burr: int = 0) -> pandas.DataFrame:
+    def to_dataframe(self, burr: int = 0) -> pandas.DataFrame:
         """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit.
 
         Raises
@@ -337,8 +338,12 @@ class Trace:
             unit = "mm_s" if name.endswith("_mm_s") else name.rsplit("_", 1)[1]
             stem = name.removesuffix(f"_{unit}")
             columns.update({f"{stem}_{axis}_{unit}": values[:, i] for i, axis in enumerate("xyz")})
-        table = frame(columns, "a frame")
-        return table.set_index("index")
+        return dataframe(columns).set_index("index")
+
+    def frame(self, burr: int = 0) -> pandas.DataFrame:
+        """Old name of `to_dataframe`; gives a DeprecationWarning."""
+        warnings.warn("frame() is to_dataframe() now", DeprecationWarning, stacklevel=2)
+        return self.to_dataframe(burr)
 
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)

@@ -1,0 +1,293 @@
+"""Tables of other programs: messy files go in with one command, or are refused with the whole list of faults."""
+
+from __future__ import annotations
+
+import io
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from command_line import call, refusal
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import burrlab
+from burrlab import DepthTrace, Indentation, VelocityCurve
+from burrlab.measured.layout import UNITS
+
+NAN = float("nan")
+FORCES, VELOCITIES = [0.5, 1.0, 1.5, 2.0, 2.5], [0.0785, 0.498, 1.4982, 2.75, 3.125]
+NAMES = "force=Kraft [N],velocity=v (um/s)"
+
+LVM = """LabVIEW Measurement\t
+Writer_Version\t2
+Reader_Version\t2
+Separator\tTab
+Decimal_Separator\t.
+X_Columns\tOne
+Operator\tLab 3
+Date\t2023/05/11
+Time\t14:22:10.1234567
+***End_of_Header***\t
+\t
+Channels\t2\t\t
+Samples\t5\t5\t
+Y_Unit_Label\tNewton\tMillimeter/s\t
+X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t
+Delta_X\t1.000000\t1.000000\t
+***End_of_Header***\t\t\t
+X_Value\tForce\tVelocity\tComment
+0.000000\t5.000000E-1\t7.850000E-2
+1.000000\t1.000000E+0\t4.980000E-1
+2.000000\t1.500000E+0\t1.498200E+0\tre-zeroed
+3.000000\t2.000000E+0\t2.750000E+0
+4.000000\t2.500000E+0\t3.125000E+0
+"""
+
+#: Name: the text, its encoding, the options of the command, and what it tells.
+GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
+    "Excel, German, Windows": (
+        "Versuch 12;;;\nMaschine: Bär;;;\n\nKraft [N];v (µm/s);Datum;\n0,5;78,5;03.05.2023;\n1;498;03.05.2023;\n"
+        "1,5;1.498,2;03.05.2023;\n2;2750;;\n2,5;3125;;\n;;;\n",
+        "cp1252", ["--columns", "force=Kraft [N],velocity=v (µm/s)", "--unit", "um/s", "--decimal", ","],
+        ["lines above the headings (2)", "marks between thousands (1)", "separated by semicolons", "kept apart: Datum\n"],
+    ),
+    "Excel, French, thin blanks, unit row": (
+        "Essai;Force appliquée;Vitesse;Opérateur\n;N;µm/s;\n1;0,5;78,5;Zoë\n2;1;498;Zoë\n3;1,5;1\u202f498,2;Zoë\n"
+        "4;2;2\u00a0750;Zoë\n5;2,5;3\u00a0125;\n",
+        "utf-8", ["--columns", "force=Force appliquée,velocity=Vitesse", "--unit", "um/s", "--decimal", ","],
+        ["lines of units (1)", "marks between thousands (3)", "kept apart: Essai, Opérateur"],
+    ),
+    "Excel, Italian, quoted headings with commas": (
+        '"Forza, media [N]";"Velocità, media [mm/min]";"σ [mm/min]"\n0,5;4,71;0,6\n1,0;29,88;0,6\n1,5;89,892;0,6\n'
+        "2,0;165;0,6\n2,5;187,5;0,6\n",
+        "utf-8-sig",
+        ["--columns", "force=Forza, media [N],velocity=Velocità, media [mm/min]", "--columns", "sigma=σ [mm/min]",
+         "--unit", "velocity=mm/min,sigma=mm/min", "--decimal", ","],
+        ["sigma from σ [mm/min] in mm/min"],
+    ),
+    "Excel, Spanish, line breaks in headings and cells": (
+        '"Fuerza\n[mN]";"Velocidad\n[m/s]";Observación\n500;"0,0000785";"mal\nalineado"\n1.000,0;0,000498;\n1500;1,4982E-03;\n'
+        "2000;0,00275;\n2500;0,003125;fin\n",
+        "latin-1", ["--columns", "force=Fuerza [mN],velocity=Velocidad [m/s]", "--unit", "force=mN,velocity=m/s",
+                    "--decimal", ","],
+        ["force from Fuerza [mN] in mN", "kept apart: Observación"],
+    ),
+    "Excel, English, Unicode text, thousands": (
+        'Run\tForce (N)\tSpeed (um/s)\t\t\r\n1\t0.5\t78.5\t\t\r\n2\t1\t498\t\t\r\n3\t1.5\t"1,498.2"\t\t\r\n'
+        '4\t2\t"2,750.0"\t\t\r\n5\t2.5\t"3,125.00"\t\t\r\n',
+        "utf-16", ["--columns", "force=Force (N),velocity=Speed (um/s)", "--unit", "um/s"],
+        ["separated by tabs", "marks between thousands (3)", "kept apart: Run\n"],
+    ),
+    "LabVIEW": (LVM, "ascii", ["--columns", "force=Force,velocity=Velocity"],
+                ["lines above the headings (16)", "kept apart: X_Value, Comment"]),
+    "TSV, upper micro and s^-1": (
+        "F / N\tv in \u03bcm s^-1\n0.5\t78.5\n1\t498\n1.5\t1498.2\n2\t2750\n2.5\t3125\n",
+        "utf-8", ["--columns", "force=F / N,velocity=v in \u00b5m s^-1", "--unit", "um/s", "--sep", "tab"], [],
+    ),
+    "comments everywhere, headings in one": (
+        "# source: bench 3\n# radius_mm: 3.0\n# Kraft [N], v (um/s)\n0.5, 78.5\n# drift checked\n1, 498\n1.5, 1498.2\n"
+        "% pause\n2, 2750\n2.5, 3125\n",
+        "utf-8", ["--columns", NAMES, "--unit", "um/s"], ["comments (2)"],
+    ),
+    "appended exports": (
+        "Kraft [N];v (um/s)\n[N];[um/s]\n0,5;78,5\n1;498\n\nKraft [N];v (um/s)\n[N];[um/s]\n1,5;1498,2\n2;2750\n2,5;3125\n",
+        "utf-8", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
+        ["repeated headings (1)", "lines of units (2)"],
+    ),
+    "Swiss apostrophes, commas and quoted decimals": (
+        "Kraft [N],v (um/s),Bemerkung\n\"0,5\",\"78,5\",\n1,498,\"a, b\"\n\"1,5\",\"1'498,2\",\n2,2\u2019750,\n\"2,5\",3'125,\n",
+        "utf-8", ["--columns", NAMES, "--unit", "um/s", "--decimal", ",", "--sep", ","],
+        ["marks between thousands (3)", "kept apart: Bemerkung"],
+    ),
+    "columns of blanks": (
+        "load cell report\n  kgf     mm/s   n\n  0.050985811      0.0785   1\n  0.101971621     0.498   2\n 0.152957432   1.4982   3\n"
+        "0.203943243 2.75 4\n0.254929053 3.125 5\n",
+        "ascii", ["--columns", "force=kgf,velocity=mm/s", "--unit", "force=kgf", "--sep", " "], ["kept apart: n"],
+    ),
+    "our own headings with other columns": (
+        "# source: bench 3\nforce_N,day,velocity_mm_s\n0.5,Mo,0.0785\n1,Tu,0.498\n1.5,We,1.4982\n2,,2.75\n2.5,Fr,3.125\n",
+        "utf-8", [], ["other columns, kept apart: day\n"],
+    ),
+    "our own headings, German": (
+        "force_N;velocity_mm_s\n0,5;0,0785\n1;0,498\n1,5;1,4982\n2;2,75\n2,5;3,125\n",
+        "utf-8", ["--decimal", ","], ["velocity from velocity_mm_s in mm/s"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", GO_IN)
+def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: Any) -> None:
+    text, encoding, options, told = GO_IN[name]
+    (tmp_path / "a.csv").write_bytes(text.encode(encoding))
+    if encoding not in ("utf-8", "utf-8-sig", "ascii"):
+        options = [*options, "--encoding", encoding]
+    words = ["fit", tmp_path / "a.csv", "--radius", "3", *options]
+    code, out, err = call(capsys, *words, "--json", "-")
+    assert (code, err.count("\n")) == (0, 1)
+    assert all(one in err for one in told), err
+    clean = burrlab.fit(VelocityCurve(FORCES, VELOCITIES, radius=3.0))
+    assert json.loads(out)["c_e"] == pytest.approx(clean.c_e, rel=1e-6)
+    kwargs: dict[str, Any] = {}
+    for option, value in zip(options[::2], options[1::2], strict=True):
+        pairs = dict(part.split("=") for part in value.replace(",velocity=", "|velocity=").replace(",sigma=", "|sigma=").split("|")
+                     if "=" in part)  # fmt: skip
+        kwargs[option[2:]] = kwargs.get(option[2:], {}) | pairs if pairs else value
+    curve = VelocityCurve.from_csv(tmp_path / "a.csv", **kwargs)
+    np.testing.assert_allclose(curve.force, FORCES, rtol=1e-7)
+    assert curve.velocity.tolist() == pytest.approx(VELOCITIES, rel=1e-15)
+    assert curve.provenance["read"] in err
+    assert curve.provenance["read"] in repr(curve)
+    assert curve.sigma is None or curve.sigma.tolist() == pytest.approx([0.01] * 5)
+    assert all(len(texts) == 5 for texts in curve.others.values())
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "told"),
+    [
+        ("Kraft [N];v (um/s)\n0,5;78,5\n1,0;498\n", ["--columns", NAMES],
+         "a.csv: 4 faults: line 1: column v (um/s) tells um/s, but would be read in mm/s; line 2, column Kraft [N]: "
+         "'0,5' has a comma, decimals a point; line 2, column v (um/s): '78,5' has a comma, decimals a point; line 3, "
+         "column Kraft [N]: '1,0' has a comma, decimals a point: give unit={'velocity': 'um/s'} (--unit velocity=um/s); "
+         "if decimals have a comma, give decimal=',' (--decimal ,)\n"),
+        ("Kraft [N];v (um/s)\n0.5;78.5\n", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
+         "a.csv: 2 faults: line 2, column Kraft [N]: '0.5' has a point, decimals a comma; line 2, column v (um/s): '78.5' "
+         "has a point, decimals a comma; if decimals have a point, give decimal='.' (--decimal .)\n"),
+        ("Kraft [N];v (um/s)\n1;1.498\n", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
+         "'1.498' has a point: it may be 1498 or 1.498"),
+        ("Kraft [N];v (um/s);\n;78;\n1;-5\n2;fast\n3\n4;1;;note\nx;0\n5;\"1\n6;7\n", ["--columns", NAMES, "--unit", "um/s"],
+         "a.csv: 8 faults: line 2, column Kraft [N]: every row needs a force; line 3, column v (um/s): must be a finite "
+         "number above 0, in mm/s: got -0.005; line 4, column v (um/s): 'fast' is not a number; line 5: 3 fields are due, "
+         "found 1; line 6: 3 fields are due, found 4; line 7, column Kraft [N]: 'x' is not a number; line 7, column v (um/s): "),
+        ("a;b\n1;2\n", ["--columns", NAMES],
+         "a.csv: no line of headings has Kraft [N], v (um/s); line 1 has a, b: give columns={'force': 'its heading', "
+         "'velocity': 'its heading'} (--columns force=its heading,velocity=its heading)\n"),
+        ("Kraft [N];v (um/s)\n", ["--columns", NAMES, "--unit", "um/s"], "a.csv: there is no row below the headings"),
+        ("Kraft [N];Kraft [N];v (um/s)\n1;2;3\n", ["--columns", NAMES, "--unit", "um/s"],
+         "line 1: column Kraft [N] is there twice"),
+        ("v (um/s);Kraft [N]\n1;2\n", ["--columns", "velocity=Kraft [N],force=v (um/s)"],
+         "2 faults: line 1: column v (um/s) tells um/s, which is no unit of force (N, mN, cN, daN, kN, gf, kgf, kp, lbf); "
+         "line 1: column Kraft [N] tells N, which is no unit of velocity (mm/s, "),
+        ("F [kg];v [Skt]\n1;2\n", ["--columns", "force=F [kg],velocity=v [Skt]"],
+         "give unit={'force': 'N', 'velocity': 'mm/s'} (--unit force=N,velocity=mm/s)\n"),
+        ("force_N;v\n;\u00b5m/s\n1;2\n", ["--columns", "velocity=v"],
+         "line 2, column v: tells um/s, but would be read in mm/s: give unit={'velocity': 'um/s'}"),
+        ("force_N;velocity_mm_s\n1;2\n", ["--unit", "velocity=um/s"],
+         "column velocity_mm_s tells mm/s, but would be read in um/s: give unit={'velocity': 'mm/s'}"),
+        ("Kraft [N];v (um/s);sigma_mm_s\n1;2;3\n", ["--columns", NAMES, "--unit", "um/s"],
+         "give unit={'velocity': 'um/s', 'sigma': 'mm/s'} (--unit velocity=um/s,sigma=mm/s)\n"),
+        ("Kraft [N];v (um/s);window_end_mm\n1;2;3\n", ["--columns", NAMES, "--unit", "velocity=um/s"],
+         "line 1: window_start and window_end go together: only window_end is there"),
+        # our own headings: unknown columns are kept apart only if no column is missing; all faults are told
+        ("force_N,velocity\n1,1\n0,1\n", [],
+         "3 faults: line 1: unknown column 'velocity'; known are force_N, velocity_mm_s, sigma_mm_s, window_start_mm, "
+         "window_end_mm, status; line 1: column velocity_mm_s is missing; line 3, column force_N: must be a finite number "
+         "above 0, in N: got 0.0; for a file of another program, give columns, unit, sep, decimal or encoding\n"),
+        ("force_N,velocity_mm_s,day,day\n1,1,2,2\n", [], "line 1: column day is there twice"),
+        ("force_N,velocity_mm_s\n" + "x,1\n" * 12, [], "line 11, column force_N: 'x' is not a number; and 2 more\n"),
+        ("Kr\xe4fte;v\n", [], "a.csv: this is not a text file in UTF-8; for a file of another program, give columns"),
+        ("Kr\xe4fte;v\n", ["--encoding", "ascii"], "a.csv: this is not a text file in ascii"),
+        ("x", ["--encoding", "latin-0"], "encoding must be one such as cp1252 or utf-16, got 'latin-0'"),
+        ("", ["--columns", NAMES, "--unit", "furlong"], "unit must be one of N, mN, "),
+        ("", ["--unit", "velocity=N"], "unit of velocity must be one of mm/s, "),
+        ("", ["--unit", "status=N"], "unit must be of force, velocity, sigma, window_start, window_end: got 'status'"),
+        ("", ["--columns", "Kraft"], "--columns: must begin with NAME=, a NAME of force, velocity, "),
+        ("", ["--columns", "time=t"], "--columns: no file has a time"),
+        ("", ["--columns", "force=a,velocity=a"], "columns must differ: got a, a"),
+        ("", ["--sep", ";;"], "sep must be one character, or tab: got ';;'"),
+    ],
+)  # fmt: skip
+def test_refused_with_the_whole_list(
+    text: str, options: list[str], told: str, tmp_path: Any, capsys: Any
+) -> None:
+    (tmp_path / "a.csv").write_bytes(text.encode("latin-1" if "\xe4" in text else "utf-8"))
+    assert told in refusal(capsys, "fit", tmp_path / "a.csv", "--radius", "3", *options)
+
+
+def test_other_kinds_and_what_only_python_can_ask(tmp_path: Any, capsys: Any) -> None:
+    press = "# radius_mm: 3\nKraft [mN];Weg (\u00b5m)\n1200;95\n2000;133\n"
+    columns = {"force": "Kraft [mN]", "depth": "Weg (\u00b5m)"}
+    found = Indentation.from_csv(io.StringIO(press), columns=columns, unit={"force": "mN", "depth": "um"})
+    assert (found.force.tolist(), found.depth.tolist(), found.radius) == ([1.2, 2.0], [0.095, 0.133], 3.0)
+    rows = "".join(f"{100 * i}\t{500 + 50 * i}\n" for i in range(11))
+    trace = DepthTrace.from_csv(
+        io.BytesIO(f"Zeit (ms)\tWeg (um)\n{rows}".encode("utf-16")), force=1, radius=3, encoding="utf-16",
+        columns={"time": "Zeit (ms)", "immersion": "Weg (um)"}, unit={"time": "ms", "immersion": "um"},
+    )  # fmt: skip
+    assert trace == DepthTrace(np.arange(11) / 10, 0.5 + np.arange(11) / 20, 1, 3, source="CSV text",
+                               provenance={"read": trace.provenance["read"]})  # fmt: skip
+    for arguments, told in (
+        ({"columns": {"kraft": "x"}}, "columns must be of force, velocity, .*: got 'kraft'"),
+        ({"decimal": ";"}, "decimal must be a point or a comma: got ';'"),
+        ({"encoding": "latin-1"}, "encoding must be left out for a file that is open as text"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            VelocityCurve.from_csv(io.StringIO(press), **arguments)
+    # one command reads files of several kinds; names that a kind does not have are for the others
+    (tmp_path / "v.csv").write_text("Kraft [mN];v\n500;0.0785\n1000;0.498\n2000;2.75\n")
+    (tmp_path / "p.csv").write_text(press)
+    words = ["--columns", "force=Kraft [mN],velocity=v,depth=Weg (\u00b5m)", "--unit", "force=mN,depth=um"]
+    code, _, err = call(
+        capsys, "fit", tmp_path / "v.csv", "--indentation", tmp_path / "p.csv", "--radius", "3", *words
+    )
+    assert (code, err.count("force from Kraft [mN] in mN")) == (0, 2)
+
+
+def test_what_is_read_is_written_and_read_again() -> None:
+    text = "Kraft [N];v (um/s);Tag\n0,5;78,5;Mo\n"
+    columns = {"force": "Kraft [N]", "velocity": "v (um/s)"}
+    curve = VelocityCurve.from_csv(io.StringIO(text), columns=columns, unit="um/s", decimal=",")
+    stream = io.StringIO()
+    curve.to_csv(stream)
+    assert "Tag" in curve.others
+    assert VelocityCurve.from_csv(io.StringIO(stream.getvalue())) == curve
+
+
+def test_from_dataframe() -> None:
+    pandas = pytest.importorskip("pandas", reason="extra `pandas` is not installed")
+    frame = pandas.DataFrame(
+        {"F [N]": [1, 2, 3], "v": [78.5, None, 498.0], "s": [1.0, 2.0, NAN], "by": ["a", None, "b"]}
+    )
+    options = {"force": "F [N]", "velocity": "v", "sigma": "s", "unit": "um/s", "radius": 3.0}
+    curve = VelocityCurve.from_dataframe(frame, **options)
+    columns = frame.to_dict("list")
+    assert curve == VelocityCurve.from_dataframe(columns, **options)
+    assert (curve.force.tolist(), curve.ok.tolist(), curve.radius) == ([1, 2, 3], [True, False, True], 3.0)
+    assert (curve.velocity[0], curve.sigma.tolist()[:2], curve.others) == (
+        0.0785,
+        [0.001, 0.002],
+        {"by": ("a", "", "b")},
+    )
+    assert "sigma from s in um/s; other columns, kept apart: by" in repr(curve)
+    assert VelocityCurve.from_dataframe(curve.to_dataframe(), radius=3.0) == VelocityCurve(
+        curve.force, curve.velocity, curve.sigma, radius=3.0,
+        provenance={"read": "force from force_N in N, velocity from velocity_mm_s in mm/s, sigma from sigma_mm_s in mm/s"},
+    )  # fmt: skip
+    for changed, told in (
+        ({"velocity": "w"}, "DataFrame: no column is w; there are F .N., v, s, by$"),
+        (
+            {"sigma": "by"},
+            "DataFrame: 2 faults: row 1, column by: 'a' is not a number; row 3, column by: 'b' is not",
+        ),
+        ({"unit": "mN"}, "column F .N. tells N, but would be read in mN"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            VelocityCurve.from_dataframe(frame, **options | changed)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_any_number_in_any_unit_is_read_as_written(data: st.DataObject) -> None:
+    unit = data.draw(st.sampled_from(sorted(UNITS["mm/s"])))
+    value = data.draw(st.integers(1, 10**9)) / data.draw(st.sampled_from([1, 10, 1000]))
+    decimal, mark = data.draw(
+        st.sampled_from([(",", "."), (",", " "), (".", ","), (".", "'"), (",", ""), (".", "")])
+    )
+    written = f"{value:,.3f}".translate({ord(","): mark, ord("."): decimal})
+    text = f"force_N;v\n1;{written}\n"
+    found = VelocityCurve.from_csv(
+        io.StringIO(text), columns={"velocity": "v"}, unit={"velocity": unit}, decimal=decimal
+    )
+    factor = UNITS["mm/s"][unit]
+    assert found.velocity[0] == value * factor.numerator / factor.denominator

@@ -12,7 +12,7 @@ import re
 import textwrap
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
@@ -90,6 +90,8 @@ class Column:
         Whether the column may be missing.
     due : str
         Content that an empty field lacks; "" if fields may be empty.
+    told : str
+        Another heading than the one of name and unit.
     """
 
     name: str
@@ -98,11 +100,12 @@ class Column:
     check: Callable[[Any, str], str | None] = lambda value, unit: None
     optional: bool = False
     due: str = ""
+    told: str = ""
 
     @property
     def heading(self) -> str:
         """The column's name in the file."""
-        return f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name
+        return self.told or f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name
 
 
 @dataclass(frozen=True)
@@ -156,12 +159,12 @@ class Table:
         return name, comments, columns
 
     def checked(
-        self, rows: Iterable[tuple[str, Mapping[str, str]]], faults: list[str], **reading: Any
+        self, rows: Iterable[tuple[str, Mapping[str, str]]], faults: list[str]
     ) -> dict[str, list[Any]]:
         """Values by column name of the rows without faults; `faults` gets those of the others."""
         columns: dict[str, list[Any]] = {}
         for where, texts in rows:
-            row = self.values(where, texts, faults, **reading)
+            row = self.values(where, texts, faults)
             units = ((name, self.named[name].unit) for name in row)
             wrong = [
                 (name, said) for name, unit in units if (said := self.named[name].check(row[name], unit))
@@ -169,8 +172,7 @@ class Table:
             if not wrong and len(row) == len(texts) and (found := self.rule(row)):
                 wrong = [found]
             for name, said in wrong:
-                heading = reading.get("headings", {}).get(name, self.named[name].heading)
-                tell(faults, f"{where}, column {heading}: {said}")
+                tell(faults, f"{where}, column {self.named[name].heading}: {said}")
             for key, value in row.items():
                 columns.setdefault(key, []).append(value)
         return columns
@@ -208,29 +210,28 @@ class Table:
                 for (heading, _), told in row:
                     others.get(heading, []).append(told)
             yield where, {column.name: told for (_, column), told in row if column is not None}
-        refuse(not where, f"{name}: there is no row below the column names")
+        refuse(not where and not faults, f"{name}: there is no row below the column names")
 
-    def values(
-        self,
-        where: str,
-        texts: Mapping[str, str],
-        faults: list[str] | None = None,
-        *,
-        headings: Mapping[str, str] | None = None,
-        read: Callable[[str, str], Any] | None = None,
-    ) -> dict[str, Any]:
-        """Values of a row by column name. A text without a value is a ValueError with place and column, or
-        one more of `faults`. `headings` are the file's; `read` makes a value of a name and a text."""
+    def values(self, where: str, texts: Mapping[str, str], faults: list[str] | None = None) -> dict[str, Any]:
+        """Values of a row by column name. `faults` gets the texts without a value, each with place and
+        column; without it the first one is a ValueError."""
         found = {}
         for name, text in texts.items():
             column = self.named[name]
             try:
                 refuse(column.due and not text, f"every row needs {column.due}")
-                found[name] = column.type(text) if read is None else read(name, text)
+                found[name] = column.type(text)
             except ValueError as error:
-                heading = column.heading if headings is None else headings[name]
-                tell(faults, f"{where}, column {heading}: {error}")
+                tell(faults, f"{where}, column {column.heading}: {error}")
         return found
+
+    def unpaired(self, headings: Collection[str]) -> Iterator[str]:
+        """What is wrong with headings of which one of a pair is missing."""
+        for pair in self.pairs:
+            one, other = (self.named[name].heading for name in pair)
+            if (one in headings) != (other in headings):
+                there, needed = (one, other) if one in headings else (other, one)
+                yield f"column {there} needs column {needed} beside it"
 
     def _columns(
         self, where: str, header: str, faults: list[str] | None, others: dict[str, list[str]] | None
@@ -254,11 +255,8 @@ class Table:
                 others[heading] = []
         for heading in missing:
             tell(faults, f"{where}: column {heading} is missing")
-        for pair in self.pairs:
-            one, other = (self.named[name].heading for name in pair)
-            if (one in headings) != (other in headings):
-                there, needed = (one, other) if one in headings else (other, one)
-                tell(faults, f"{where}: column {there} needs column {needed} beside it")
+        for said in self.unpaired(headings):
+            tell(faults, f"{where}: {said}")
         return [(heading, known.get(heading)) for heading in headings]
 
 

@@ -7,12 +7,13 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import IO, Any, NamedTuple, TypeVar
 
 from burrlab.common.check import refuse, shown
-from burrlab.common.table import Path, Table, TableData, origin, refuse_all, tell, text_of
+from burrlab.common.table import Column, Path, Table, TableData, origin, refuse_all, tell, text_of
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 _SEARCHED = 1000  # lines in which the headings may stand
@@ -22,19 +23,15 @@ _BLANKS = " \u00a0\u2009\u202f'\u2019"  # between thousands
 
 _FOREIGN = "; for a file of another program, give columns, unit, sep, decimal or encoding"
 
-_NEWTON = Fraction("9.80665")  # of a kilogram, standard gravity
-#: What one of a unit is, in the unit of the table's column.
+#: What one of a unit is, in the unit of the table's column. A kilogram weighs 9.80665 N (standard gravity).
 UNITS: Mapping[str, Mapping[str, Fraction]] = {
-    "N": {
-        "N": Fraction(1), "mN": Fraction(1, 1000), "cN": Fraction(1, 100), "daN": Fraction(10), "kN": Fraction(1000),
-        "gf": _NEWTON / 1000, "kgf": _NEWTON, "kp": _NEWTON, "lbf": Fraction("4.4482216152605"),
-    },
-    "mm/s": {
-        "mm/s": Fraction(1), "um/s": Fraction(1, 1000), "cm/s": Fraction(10), "m/s": Fraction(1000),
-        "mm/min": Fraction(1, 60), "um/min": Fraction(1, 60_000), "in/s": Fraction("25.4"),
-    },
-    "mm": {"mm": Fraction(1), "um": Fraction(1, 1000), "cm": Fraction(10), "m": Fraction(1000), "in": Fraction("25.4")},
-    "s": {"s": Fraction(1), "ms": Fraction(1, 1000), "us": Fraction(1, 10**6), "min": Fraction(60)},
+    own: {unit: Fraction(value) for unit, _, value in (text.partition(" ") for text in of.split(", "))}
+    for own, of in {
+        "N": "N 1, mN 1/1000, cN 1/100, daN 10, kN 1000, gf 0.00980665, kgf 9.80665, kp 9.80665, lbf 4.4482216152605",
+        "mm/s": "mm/s 1, um/s 1/1000, cm/s 10, m/s 1000, mm/min 1/60, um/min 1/60000, in/s 25.4",
+        "mm": "mm 1, um 1/1000, cm 10, m 1000, in 25.4",
+        "s": "s 1, ms 1/1000, us 1/1000000, min 60",
+    }.items()
 }  # fmt: skip
 _KNOWN = sorted((unit for of in UNITS.values() for unit in of), key=len, reverse=True)
 _TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
@@ -158,7 +155,7 @@ class _Reading:
         self.others: dict[str, list[str]] = {}
         self.passed: Counter[str] = Counter()
         self.wrong: dict[str, str] = {}  #: Units to be given.
-        self.read: dict[str, str] = {}  #: Headings of the file by our names.
+        self.read: list[Column] = []
 
     def headings_of(self, name: str, lines: list[str]) -> tuple[int, int, str, list[str]]:
         """Index of the line of headings, index of the line below them, the separator, and the headings."""
@@ -182,22 +179,22 @@ class _Reading:
         """Columns by our names; `others` gets the other ones. ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
         places = {ours: keys.index(_key(told)) for ours, told in self.asked.items() if _key(told) in keys}
-        self.read = {ours: headings[i] for ours, i in places.items()}
-        for ours, heading in self.read.items():
-            if keys.count(_key(heading)) > 1:
-                tell(faults, f"{head}: column {heading} is there twice")
-            if ours in self.units and (said := self.wrong_unit(ours, heading)):
-                tell(faults, f"{head}: column {heading} {said}")
-        for pair in self.table.pairs:
-            if len(there := [ours for ours in pair if ours in places]) == 1:
-                tell(faults, f"{head}: {' and '.join(pair)} go together: only {there[0]} is there")
-        rest = {
-            i: heading
-            if heading and keys.count(_key(heading)) == 1
-            else f"{heading} (column {i + 1})".strip()
-            for i, heading in enumerate(headings)
-            if i not in places.values()
-        }
+        for ours, i in places.items():
+            if keys.count(keys[i]) > 1:
+                tell(faults, f"{head}: column {headings[i]} is there twice")
+            if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
+                tell(faults, f"{head}: column {headings[i]} {said}")
+        columns = (
+            replace(one, type=partial(self.value, one), told=headings[places[name]] if name in places else "")
+            for name, one in self.table.named.items()
+        )
+        self.table = replace(self.table, columns=tuple(columns))
+        for said in self.table.unpaired([headings[i] for i in places.values()]):
+            tell(faults, f"{head}: {said}")
+        rest = {i: one for i, one in enumerate(headings) if i not in places.values()}
+        for i, one in rest.items():
+            if not one or keys.count(keys[i]) > 1:
+                rest[i] = f"{one} (column {i + 1})".strip()
         self.others |= {label: [] for label in rest.values()}
 
         def rows() -> Iterator[tuple[str, dict[str, str]]]:
@@ -222,10 +219,13 @@ class _Reading:
                         self.others[label].append(fields[i] if i < len(fields) else "")
                     yield where, texts
 
-        found = self.table.checked(rows(), faults, headings=self.read, read=self.value)
+        found = self.table.checked(rows(), faults)
         refuse(not found and not faults, f"{name}: there is no row below the headings")
+        self.read = [self.table.named[ours] for ours in places]
         changed = {
-            o: unit for o, unit in self.units.items() if o in places and unit != self.table.named[o].unit
+            one.name: self.units[one.name]
+            for one in self.read
+            if self.units.get(one.name, one.unit) != one.unit
         }
         hint = f": {_give('unit', changed | self.wrong)}" if self.wrong else ""
         if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
@@ -257,13 +257,12 @@ class _Reading:
             return False
         for ours, text in told.items():
             if said := self.wrong_unit(ours, text if re.match(r"\W", text) else f"[{text}]"):
-                tell(faults, f"{where}, column {self.read[ours]}: {said}")
+                tell(faults, f"{where}, column {self.table.named[ours].heading}: {said}")
         self.passed["lines of units"] += 1
         return True
 
-    def value(self, ours: str, text: str) -> Any:
+    def value(self, column: Column, text: str) -> Any:
         """The value of a field, in our unit."""
-        column = self.table.named[ours]
         if not column.unit:
             return column.type(text)
         plain = self.number(text)
@@ -271,7 +270,7 @@ class _Reading:
             value = column.type(plain)
         except ValueError as error:
             raise ValueError(str(error).replace(shown(plain), shown(text))) from None
-        factor = UNITS[column.unit][self.units[ours]]
+        factor = UNITS[column.unit][self.units[column.name]]
         return value * factor.numerator / factor.denominator
 
     def number(self, text: str) -> str:
@@ -291,10 +290,8 @@ class _Reading:
 
     def note(self, told: str) -> str:
         """What was read from where, converted and passed over, in one line."""
-        parts = [
-            f"{ours} from {heading}" + (f" in {self.units[ours]}" if ours in self.units else "")
-            for ours, heading in self.read.items()
-        ]
+        units = {name: f" in {unit}" for name, unit in self.units.items()}
+        parts = [f"{one.name} from {one.heading}{units.get(one.name, '')}" for one in self.read]
         passed = ", ".join(f"{what} ({n})" for what, n in self.passed.items() if n)
         told += f"; passed over: {passed}" if passed else ""
         return ", ".join(parts) + told + (f"; {_apart(self.others)}" if self.others else "")

@@ -23,21 +23,14 @@ FORCES, VELOCITIES = [0.5, 1.0, 1.5, 2.0, 2.5], [0.0785, 0.498, 1.4982, 2.75, 3.
 NAMES = "force=Kraft [N],velocity=v (um/s)"
 
 LVM = """LabVIEW Measurement\t
-Writer_Version\t2
-Reader_Version\t2
 Separator\tTab
 Decimal_Separator\t.
-X_Columns\tOne
-Operator\tLab 3
 Date\t2023/05/11
 Time\t14:22:10.1234567
 ***End_of_Header***\t
 \t
 Channels\t2\t\t
-Samples\t5\t5\t
 Y_Unit_Label\tNewton\tMillimeter/s\t
-X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t
-Delta_X\t1.000000\t1.000000\t
 ***End_of_Header***\t\t\t
 X_Value\tForce\tVelocity\tComment
 0.000000\t5.000000E-1\t7.850000E-2
@@ -83,7 +76,7 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
         ["separated by tabs", "marks between thousands (3)", "kept apart: Run\n"],
     ),
     "LabVIEW": (LVM, "ascii", ["--columns", "force=Force,velocity=Velocity"],
-                ["lines above the headings (16)", "kept apart: X_Value, Comment"]),
+                ["lines above the headings (9)", "kept apart: X_Value, Comment"]),
     "TSV, upper micro and s^-1": (
         "F / N\tv in \u03bcm s^-1\n0.5\t78.5\n1\t498\n1.5\t1498.2\n2\t2750\n2.5\t3125\n",
         "utf-8", ["--columns", "force=F / N,velocity=v in \u00b5m s^-1", "--unit", "um/s", "--sep", "tab"], [],

@@ -132,24 +132,21 @@ def _named(text: str) -> dict[str, str]:
 
 def read_data(options: Options, kind: str, **given: Any) -> list[Any]:
     """The data sets in files of one kind, laid out as the options say; prints how they were read."""
-    if not getattr(options, kind):
-        return []
-    columns = {name: text for one in options.columns for name, text in one.items()}
-    tables = {name: _KINDS[name]._TABLE.named for name in _KINDS if getattr(options, name, [])}
-    layout = {"columns": columns, "unit": options.unit}
+    tables = {name: made._TABLE.named for name, made in _KINDS.items() if getattr(options, name, [])}
+    layout = {
+        "columns": {name: text for one in options.columns for name, text in one.items()},
+        "unit": options.unit,
+    }
     for what, named in layout.items():
-        for name in named if isinstance(named, dict) else ():
-            refuse(not any(name in table for table in tables.values()), f"--{what}: no file has a {name}")
         if isinstance(named, dict):
-            layout[what] = {name: text for name, text in named.items() if name in tables[kind]}
-    found = []
-    for file in getattr(options, kind):
-        data = _KINDS[kind].from_csv(
-            file, **layout, sep=options.sep, decimal=options.decimal, encoding=options.encoding, **given
-        )
+            for name in named:
+                refuse(not any(name in known for known in tables.values()), f"--{what}: no file has a {name}")
+            layout[what] = {name: text for name, text in named.items() if name in tables.get(kind, ())}
+    given |= layout | {name: getattr(options, name) for name in ("sep", "decimal", "encoding")}
+    found = [_KINDS[kind].from_csv(file, **given) for file in getattr(options, kind)]
+    for file, data in zip(getattr(options, kind), found, strict=True):
         if "read" in data.provenance:
             print(f"burrlab: {file}: {data.provenance['read']}", file=sys.stderr)
-        found.append(data)
     return found
 
 

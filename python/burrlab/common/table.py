@@ -105,7 +105,7 @@ class Column:
     @property
     def heading(self) -> str:
         """The column's name in the file."""
-        return self.told or f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name
+        return self.told or (f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name)
 
 
 @dataclass(frozen=True)
@@ -164,27 +164,22 @@ class Table:
         """Values by column name of the rows without faults; `faults` gets those of the others."""
         columns: dict[str, list[Any]] = {}
         for where, texts in rows:
+            before = len(faults)
             row = self.values(where, texts, faults)
-            units = ((name, self.named[name].unit) for name in row)
             wrong = [
-                (name, said) for name, unit in units if (said := self.named[name].check(row[name], unit))
+                (name, self.named[name].check(value, self.named[name].unit)) for name, value in row.items()
             ]
-            if not wrong and len(row) == len(texts) and (found := self.rule(row)):
-                wrong = [found]
-            for name, said in wrong:
-                tell(faults, f"{where}, column {self.named[name].heading}: {said}")
-            for key, value in row.items():
-                columns.setdefault(key, []).append(value)
+            if len(faults) == before and not any(said for _, said in wrong):
+                wrong.append(self.rule(row) or ("", None))
+            faults += [f"{where}, column {self.named[name].heading}: {said}" for name, said in wrong if said]
+            for name, value in row.items():
+                columns.setdefault(name, []).append(value)
         return columns
 
     def rows(
-        self,
-        name: str,
-        text: str,
-        comments: dict[str, str] | None = None,
-        faults: list[str] | None = None,
-        others: dict[str, list[str]] | None = None,
-    ) -> Iterator[tuple[str, dict[str, str]]]:
+        self, name: str, text: str, comments: dict[str, str] | None = None,
+        faults: list[str] | None = None, others: dict[str, list[str]] | None = None,
+    ) -> Iterator[tuple[str, dict[str, str]]]:  # fmt: skip
         """Place ("file, line 3") and texts by column name of each row; fills `comments` and `others`.
 
         `faults` gets the faults of headings and lines; without it the first one is a ValueError.
@@ -245,14 +240,14 @@ class Table:
         known = {column.heading: column for column in self.columns}
         headings = _fields(where, header)
         missing = [c.heading for c in self.columns if not c.optional and c.heading not in headings]
-        for heading in headings:
-            unknown = heading not in known and (others is None or not heading or bool(missing))
-            if unknown:
-                tell(faults, f"{where}: unknown column {shown(heading)}; known are {', '.join(known)}")
-            elif headings.count(heading) > 1:
-                tell(faults, f"{where}: column {heading} is there twice")
-            elif heading not in known and others is not None:
-                others[heading] = []
+        rest = [heading for heading in headings if heading not in known]
+        if unknown := [heading for heading in rest if others is None or missing or not heading]:
+            told = ", ".join(map(shown, unknown))
+            tell(faults, f"{where}: unknown column {told}; known are {', '.join(known)}")
+        for heading in dict.fromkeys(one for one in headings if one and headings.count(one) > 1):
+            tell(faults, f"{where}: column {heading} is there twice")
+        if others is not None:
+            others |= {heading: [] for heading in rest}
         for heading in missing:
             tell(faults, f"{where}: column {heading} is missing")
         for said in self.unpaired(headings):
@@ -369,10 +364,7 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig") -> tu
             name, content = os.fspath(file), stream.read()
     else:
         name, raw = str(getattr(file, "name", "CSV text")), file.read()
-        if isinstance(raw, str):
-            content, encoding = raw.encode(), "utf-8-sig"
-        else:
-            content = raw
+        content, encoding = (raw.encode(), "utf-8-sig") if isinstance(raw, str) else (raw, encoding)
     return name, decoded(name, content, encoding)
 
 

@@ -130,15 +130,10 @@ class VelocityCurve(TableData):
 
     @classmethod
     def from_csv(
-        cls,
-        file: Path | IO[str] | IO[bytes],
-        *,
-        columns: Mapping[str, str] | None = None,
-        unit: str | Mapping[str, str] | None = None,
-        sep: str | None = None,
-        decimal: str | None = None,
+        cls, file: Path | IO[str] | IO[bytes], *, columns: Mapping[str, str] | None = None,
+        unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
-    ) -> VelocityCurve:
+    ) -> VelocityCurve:  # fmt: skip
         """Read a curve from a CSV file.
 
         Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]

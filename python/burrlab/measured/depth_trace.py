@@ -179,17 +179,11 @@ class DepthTrace(TableData):
 
     @classmethod
     def from_csv(
-        cls,
-        file: Path | IO[str] | IO[bytes],
-        *,
-        force: float | None = None,
-        radius: float | None = None,
+        cls, file: Path | IO[str] | IO[bytes], *, force: float | None = None, radius: float | None = None,
         columns: Mapping[str, str] | None = None,
-        unit: str | Mapping[str, str] | None = None,
-        sep: str | None = None,
-        decimal: str | None = None,
+        unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
-    ) -> DepthTrace:
+    ) -> DepthTrace:  # fmt: skip
         """Read a record from a CSV file.
 
         Columns, in any order: ``time_s, immersion_mm``. Lines that begin with ``#`` are comments;

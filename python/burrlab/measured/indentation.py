@@ -93,16 +93,11 @@ class Indentation(TableData):
 
     @classmethod
     def from_csv(
-        cls,
-        file: Path | IO[str] | IO[bytes],
-        *,
-        radius: float | None = None,
+        cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None,
         columns: Mapping[str, str] | None = None,
-        unit: str | Mapping[str, str] | None = None,
-        sep: str | None = None,
-        decimal: str | None = None,
+        unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
-    ) -> Indentation:
+    ) -> Indentation:  # fmt: skip
         """Read an indentation from a CSV file.
 
         Columns, in any order: ``force_N, depth_mm[, sigma_N]``. Lines that begin with ``#`` are comments;

@@ -14,10 +14,11 @@ from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.records import Codec
-from burrlab.common.table import Tabular, html_table
+from burrlab.common.table import dataframe, html_table
 from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -45,7 +46,7 @@ _TABLE = [
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class SessionMetrics(Tabular):
+class SessionMetrics:
     """Measures of one burr in one session; NaN where the session is too short.
 
     Attributes
@@ -110,8 +111,9 @@ class SessionMetrics(Tabular):
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
         return {**_CODEC.plain(self), **anatomy}
 
-    def _table(self) -> dict[str, list[Any]]:
-        return {key: [getattr(self, name)] for key, name in _KEYS.items()}
+    def to_dataframe(self) -> pandas.DataFrame:
+        """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
+        return dataframe({key: [getattr(self, name)] for key, name in _KEYS.items()})
 
     def __repr__(self) -> str:
         lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]

@@ -9,6 +9,7 @@ import re
 import socket
 import struct
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -182,6 +183,9 @@ TARGETS: dict[str, tuple[Callable[[str], object], list[Seed]]] = {
     "trace": (_trace, [lambda at: record(at / "in.h5", make_records(small_bone(), 40, first=40), duration=0.1), _watched]),
     "curve": (burrlab.VelocityCurve.from_csv, [
         lambda at: burrlab.synthetic_curve(*BURR, [0.8, 1.4, 2.0], seed=1).to_csv(at / "in.csv"),
+    ]),
+    "foreign": (partial(burrlab.VelocityCurve.from_csv, columns={"force": "F [N]", "velocity": "v"}, unit="um/s", decimal=","), [
+        lambda at: (at / "in.csv").write_text("Lab 3\n#a: b\nF [N];v;by\n;um/s;\n0,5;1.078,5;A\n1;498;\"B\nC\"\n"),
     ]),
     "indentation": (burrlab.Indentation.from_csv, [
         lambda at: burrlab.synthetic_indentation(*BURR, [0.1, 0.2], seed=1).to_csv(at / "in.csv"),

@@ -197,7 +197,7 @@ class Table:
                 tell(faults, str(error))
                 continue
             if len(texts) != len(columns):
-                due = ", ".join(heading for heading, _ in columns)
+                due = listed(heading for heading, _ in columns)
                 tell(faults, f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
                 continue
             row = list(zip(columns, texts, strict=True))
@@ -256,6 +256,12 @@ class Table:
 
 
 _TOLD = 10  # faults that a message tells
+
+
+def listed(names: Iterable[str]) -> str:
+    """Names from a file for a message, which stays short."""
+    text = ", ".join(names)
+    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def tell(faults: list[str] | None, message: str) -> None:

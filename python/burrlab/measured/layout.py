@@ -13,7 +13,7 @@ from functools import partial
 from typing import IO, Any, NamedTuple, TypeVar
 
 from burrlab.common.check import refuse, shown
-from burrlab.common.table import Column, Path, Table, TableData, origin, refuse_all, tell, text_of
+from burrlab.common.table import Column, Path, Table, TableData, listed, origin, refuse_all, tell, text_of
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 _SEARCHED = 1000  # lines in which the headings may stand
@@ -109,7 +109,7 @@ class Layout:
         reading, name = _Reading(self, table), type(frame).__name__
         headings = [" ".join(str(heading).split()) for heading in frame]
         if missing := [told for key, told in reading.due.items() if key not in map(_key, headings)]:
-            raise ValueError(f"{name}: no column is {', '.join(missing)}; there are {', '.join(headings)}")
+            raise ValueError(f"{name}: no column is {', '.join(missing)}; there are {listed(headings)}")
         if hasattr(frame, "itertuples"):
             rows = frame.itertuples(index=False, name=None)
         else:
@@ -169,7 +169,7 @@ class _Reading:
                     return place, place + height, sep, fields
                 words = sum(bool(re.search(r"[^\W\d]", text)) for text in fields) * (bare is line)
                 best = max(best, (len(self.due.keys() & keys), words, -place, fields))
-        there = f"; line {1 - best[2]} has {', '.join(filter(None, best[3]))}" if best[:2] > (0, 1) else ""
+        there = f"; line {1 - best[2]} has {listed(filter(None, best[3]))}" if best[:2] > (0, 1) else ""
         due = ", ".join(self.due.values())
         raise ValueError(f"{name}: no line of headings has {due}{there}: {self.hint}")
 
@@ -248,7 +248,7 @@ class _Reading:
             return f"tells {told}, but would be read in {due}"
         if told not in _KNOWN:
             self.wrong[ours] = due
-        return f"tells {told}, which is no unit of {ours} ({', '.join(known)})"
+        return f"tells {listed([told])}, which is no unit of {ours} ({', '.join(known)})"
 
     def units_in(self, where: str, texts: Mapping[str, str], faults: list[str]) -> bool:
         """Whether a row holds units and no numbers; `faults` gets those that contradict the ones given."""
@@ -298,7 +298,7 @@ class _Reading:
 
 
 def _apart(others: Mapping[str, object]) -> str:
-    return f"other columns, kept apart: {', '.join(others)}"
+    return f"other columns, kept apart: {listed(others)}"
 
 
 def _record(lines: list[str], sep: str) -> tuple[int, list[str]]:

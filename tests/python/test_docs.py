@@ -27,14 +27,16 @@ def run(name: str, *scripts: str) -> None:
 
 def test_scripts_of_the_readme(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    first, second, third = blocks("README.md")
+    first, own, second, third = blocks("README.md")
     run("README.md", first)
     assert {p.name for p in tmp_path.iterdir()} == {"descent.png", "curve.csv", "fit.png", "region.png"}
+    run("README.md", own)
     run("README.md", second)
     run("README.md", third)
     said = capsys.readouterr().out
     for text in (
         "[[Variables]]",
+        "VelocityCurve(3 rows, 3 with a velocity, 0.5..2 N, 'lab.csv'; force from Kraft [N] in N, velocity from v",
         "Replay(equal, 5000 ticks",
         "path length",
         "facial nerve",

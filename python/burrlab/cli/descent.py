@@ -226,7 +226,7 @@ LAYOUT = Group("files of another program, all of the same layout", (
         type=parsed_by(lambda text: _named(text) if "=" in text else text), metavar="UNIT|NAME=UNIT,...",
     ),
     option("--sep", "separator, or tab; default: the one between the headings"),
-    option("--decimal", "mark of decimals, default a point", choices=[".", ","]),
+    option("--decimal", "mark of decimals, default a point", choices=[".", ","], metavar="MARK"),
     option("--encoding", "such as cp1252, latin-1 or utf-16; default UTF-8"),
 ))  # fmt: skip
 _EXPERIMENT = (

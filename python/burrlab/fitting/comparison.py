@@ -56,9 +56,9 @@ class Ratio:
 
     @property
     def verdict(self) -> str:
-        """``"differ"``, ``"undetermined"`` where an end is open, or ``"not told apart"``."""
+        """``"other than 1"``, ``"undetermined"`` where an end is open, or ``"not told apart"``."""
         if 1.0 not in self.interval:
-            return "differ"
+            return "other than 1"
         return "not told apart" if self.interval.closed else "undetermined"
 
 
@@ -86,7 +86,7 @@ class ComparedPair:
     joint: HypothesisTest  #: whether one c_e and alpha give both
     p_differ: float  #: its p-value, corrected for the number of pairs
     velocity: VelocityRatio | None  #: None where the sets share no force at one radius
-    p_equivalent: float | None  #: of a velocity ratio outside the margin, corrected; None without a margin
+    p_equivalent: float  #: of a velocity ratio outside the margin, corrected; 1 without a margin
 
     @property
     def differ(self) -> bool:
@@ -96,7 +96,7 @@ class ComparedPair:
     @property
     def equivalent(self) -> bool:
         """Whether the velocities agree within the margin, at 5 % for all pairs together."""
-        return self.p_equivalent is not None and self.p_equivalent < ERROR
+        return self.p_equivalent < ERROR
 
 
 @dataclass(frozen=True)
@@ -131,6 +131,7 @@ class Comparison:
             notes += [f"{said}: {pair.joint.sentence}{corrected}", f"{said}: {self._velocity(pair)}"]
         least = "which makes the squared standard errors of all sets together smallest"
         why = "the ridge's, because c_e of a set or a ratio of c_e is open" if self.on_ridge else least
+        notes.append("Whether two sets differ is the joint test's to say: each interval holds by itself.")
         notes.append(f"The combination's exponent, {p}, is common to all sets: {why}.")
         if any(row[-1] == "undetermined" for row in ratios):
             notes.append("Undetermined is not equal: an open end shows that the data set no limit there.")
@@ -151,7 +152,7 @@ class Comparison:
             f"velocities from {v.force.min():.3g} to {v.force.max():.3g} N have ratios within "
             f"{v.lower.min():.3g} to {v.upper.max():.3g} (90 % at each force)"
         )
-        if self.margin is None or pair.p_equivalent is None:
+        if self.margin is None:
             return f"{seen}; without a margin nothing is called equivalent."
         told = "equivalent" if pair.equivalent else "not shown to be equivalent"
         return f"{seen}: {told} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
@@ -237,19 +238,8 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
 
     References
     ----------
-    Welch, The generalization of Student's problem ..., Biometrika 34 (1947).
-    Berger and Hsu, Bioequivalence trials, intersection-union tests ..., Statistical Science 11 (1996).
-    Holm, A simple sequentially rejective multiple test procedure, Scand. J. Statistics 6 (1979).
-
-    Examples
-    --------
-    >>> import burrlab
-    >>> burr, forces = burrlab.Burr(3.0), [0.3, 0.6, 1.2, 2.4]
-    >>> bone = burrlab.materials["bone"]
-    >>> a, b = (burrlab.fit(burrlab.synthetic_curve(burr, bone, forces, seed=k)) for k in (1, 2))
-    >>> (pair,) = burrlab.compare(a, b, margin=0.3).pairs
-    >>> pair.differ, pair.equivalent
-    (False, True)
+    Welch, Biometrika 34 (1947). Berger and Hsu, Bioequivalence trials, intersection-union tests ...,
+    Statistical Science 11 (1996). Holm, Scand. J. Statistics 6 (1979).
     """
     for one in fits:
         if not isinstance(one, FitRecord):
@@ -277,17 +267,16 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     joint = [_joint(sides[i], sides[k]) for i, k in places]
     velocities = [_velocities(sides[i], sides[k], margin, level) for i, k in places]
     p_differ = _holm([one.p_value for one in joint])
-    p_equivalent = _holm([None if one is None else one.p_value for one in velocities])
+    # a pair without shared forces or margin counts as not equivalent
+    p_equivalent = _holm([1.0 if one is None or one.p_value is None else one.p_value for one in velocities])
     pairs = []
     for n, (i, k) in enumerate(places):
         ratios = {"c_e": of_c_e[n]}
         for name, p in (("alpha", 0.0), ("combination", exponent)):
             ends = (sides[one].ends(-p * sides[one].x, np.array([-p, 1.0])) for one in (i, k))
             ratios[name] = _Difference(*ends).ratio(level)
-        differ = p_differ[n]
-        assert differ is not None
-        pair = ComparedPair((named[i], named[k]), ratios, joint[n], differ, velocities[n], p_equivalent[n])
-        pairs.append(pair)
+        judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
+        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so))
     sets = [
         ComparedSet(name, one.n_points, one.c_e, one.alpha, one.residual_kind, one.status)
         for name, one in zip(named, fits, strict=True)
@@ -488,10 +477,9 @@ def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> Veloc
     return VelocityRatio(table[0], table[1], ratio, lower, upper, p_value, *middles[0])
 
 
-def _holm(p_values: Sequence[float | None]) -> list[float | None]:
-    """p-values corrected for their number by Holm's step-down rule; None stays."""
-    given = sorted((p, k) for k, p in enumerate(p_values) if p is not None)
+def _holm(p_values: Sequence[float]) -> list[float]:
+    """p-values corrected for their number by Holm's step-down rule."""
     made, least = list(p_values), 0.0
-    for done, (p, k) in enumerate(given):
-        made[k] = least = max(least, min(1.0, (len(given) - done) * p))
+    for done, (p, k) in enumerate(sorted((p, k) for k, p in enumerate(p_values))):
+        made[k] = least = max(least, min(1.0, (len(made) - done) * p))
     return made

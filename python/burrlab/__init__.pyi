@@ -41,6 +41,8 @@ from burrlab.descent.rig import RigReading as RigReading
 from burrlab.descent.rig import VirtualRig as VirtualRig
 from burrlab.descent.scatter import predicted_scatter as predicted_scatter
 from burrlab.descent.sweep import force_sweep as force_sweep
+from burrlab.fitting.comparison import Comparison as Comparison
+from burrlab.fitting.comparison import compare as compare
 from burrlab.fitting.coverage import Experiment as Experiment
 from burrlab.fitting.coverage import coverage_study as coverage_study
 from burrlab.fitting.design import Design as Design

@@ -66,6 +66,7 @@ def test_commands_of_the_readme(tmp_path, monkeypatch):
         "effects",
         "anatomy",
         "view",
+        "fit",
     ],
 )
 def test_blocks_run(name, tmp_path, monkeypatch):

@@ -190,7 +190,7 @@ class TestHonesty:
         (lambda: fitted("wide").plot_profile("R"), ValueError, "name must be 'c_e' or 'alpha': got 'R'"),
         (lambda: fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)]).curve, ValueError, "hold no velocity curve"),
         (lambda: fitted("wide").differs_from(fitted("wide", shape="linear")), ValueError,
-         "both fits must be mean-field ones with the same shape and kind"),
+         "all fits must be mean-field ones with the same shape"),
     ],
 )  # fmt: skip
 def test_what_is_refused(call, error, match):

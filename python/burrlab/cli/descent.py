@@ -1,4 +1,4 @@
-"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit."""
+"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit | compare."""
 
 from __future__ import annotations
 
@@ -176,7 +176,27 @@ def _fit(options: Options) -> int:
         test = result.test(*options.test)
         plain["test"] = {"c_e": options.test[0], "alpha": options.test[1], "p_value": test.p_value}
         text += f"\n    - {test}"
+    if len(result.data) > 1:
+        text += f"\n    - The {len(result.data)} files are pooled: one c_e and alpha, as of one material."
+        text += " `burrlab compare` asks whether curves differ." if len(options.file) > 1 else ""
     deliver(options, plain, text)
+    return 0
+
+
+def _compare(options: Options) -> int:
+    refuse(len(options.file) < 2, f"needs two FILE.csv or more: got {len(options.file)}")
+    options.indentation, options.trace = [], []
+    fits: list[burrlab.Fit] = []
+    for curve in _data(options):
+        assert isinstance(curve, burrlab.VelocityCurve)
+        sigma = curve.sigma is not None and bool(np.isfinite(curve.sigma[curve.ok]).all())
+        kind = options.residuals
+        if kind == "sigma" and not sigma:
+            kind = "relative"
+        fits.append(burrlab.fit(curve, shape=options.shape, residuals=kind))
+    result = burrlab.compare(*fits, margin=options.margin, names=options.file)
+    plot(options.plot, result.plot)
+    deliver(options, result.to_dict(), result.report())
     return 0
 
 
@@ -241,6 +261,10 @@ _EXPERIMENT = (
     LABELS,
     *OUTPUT,
 )
+_RADIUS = option("--radius", "burr radius R of files that do not say it [mm]", type=positive)
+_SHAPE = option(
+    "--shape", "erosion shape f, default parabolic", type=parsed_by(Shape), default=Shape("parabolic")
+)
 DESCENT_COMMANDS = (
     Command("descend", _descend, "Sink a burr at constant force and measure its penetration velocity.", (
         option("--force", "set-point [N]", type=positive, required=True),
@@ -262,14 +286,12 @@ DESCENT_COMMANDS = (
     Command("materials", _materials, "The paper's materials and their source.", (JSON,)),
     Command("fit", _fit, "Fit c_e and alpha, and say what the data determine.", (
         option("file", "velocity-force curves", metavar="FILE.csv", nargs="*"),
-        option("--radius", "burr radius R of files that do not say it [mm]", type=positive),
+        _RADIUS,
         option(
             "--indentation", "static indentation, repeatable", metavar="FILE.csv", action="append", default=[]
         ),
         option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
-        option(
-            "--shape", "erosion shape f, default parabolic", type=parsed_by(Shape), default=Shape("parabolic")
-        ),
+        _SHAPE,
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
         option("--residuals", choices=["relative", "absolute", "sigma", "student"], default="relative"),
         option("--voxel", "voxel engine: spacing [mm]", type=positive, default=0.1),
@@ -281,6 +303,20 @@ DESCENT_COMMANDS = (
         option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
         option("--store", "voxel engine: keeps descents, the same command goes on", metavar="FILE"),
         LAYOUT,
+        *OUTPUT,
+    )),
+    Command("compare", _compare, "Are velocity-force curves of one material? Each file is fitted by itself.", (
+        option("file", "velocity-force curves, one a data set", metavar="FILE.csv", nargs="+"),
+        option(
+            "--margin", "difference of velocity that counts as equivalent, set beforehand: 0.2 is 20 %%",
+            type=positive,
+        ),
+        _RADIUS,
+        _SHAPE,
+        option(
+            "--residuals", "sigma: of files that have one; the others stay relative", default="relative",
+            choices=["relative", "absolute", "sigma"],
+        ),
         *OUTPUT,
     )),
 )  # fmt: skip

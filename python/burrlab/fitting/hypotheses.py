@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -47,7 +46,7 @@ def p_text(p: float) -> str:
     return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
 
 
-def _judged(statistic: float, *freedom: float) -> tuple[float, str]:
+def judged(statistic: float, *freedom: float) -> tuple[float, str]:
     """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
     p = float((stats.f if len(freedom) > 1 else stats.chi2).sf(statistic, *freedom))
     told = ", ".join(f"{one:.3g}" if isinstance(one, float) else f"{one}" for one in freedom)
@@ -82,7 +81,7 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     S = float(np.sum(r**2))
     if likelihood.known:
         nu = likelihood.n - 2
-        p, told = _judged(S, nu)
+        p, told = judged(S, nu)
         agree = "agrees with" if p >= 0.05 else "contradicts"
         return HypothesisTest(name, S, (nu,), p, f"The scatter {agree} the given sigma: {told}.")
     o = likelihood.observations
@@ -97,7 +96,7 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     if above < 1 or below < 1 or pure == 0:
         return None
     F = (max(S - pure, 0.0) / above) / (pure / below)
-    p, told = _judged(F, above, below)
+    p, told = judged(F, above, below)
     agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
     return HypothesisTest(name, F, (above, below), p, f"Lack of fit: {agree}, {told}.")
 
@@ -139,40 +138,10 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
         weights = 1 / (o.log_sigma[o.run == 0] ** 2 + MODEL_ERROR**2)
         r = np.log(o.velocity[o.run == 0]) - expected
         F = float(np.sum(weights * (r - np.sum(weights * r) / np.sum(weights)) ** 2))
-    p, told = _judged(F, *freedom)
+    p, told = judged(F, *freedom)
     agree = "agrees with" if p >= 0.05 else "contradicts"
     sentence = f"The fall of velocity with depth {agree} the model ({said}): {told}."
     return HypothesisTest("fall with depth", F, tuple(map(float, freedom)), p, sentence)
-
-
-def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequence[Point]) -> HypothesisTest:
-    """Whether two experiments have one c_e and alpha: their fits against the common one.
-
-    The sums of squares add up over the experiments, which are thus taken to scatter alike. The drop of
-    -2 log L by two more parameters is judged by F(2, n - 4), or by chi-square where every scatter is known.
-    Several scatters count by what they say about the parameters.
-
-    Parameters
-    ----------
-    a, b, both : Likelihood
-        Of each experiment, and of all rows together.
-    points : sequence of (c_e, alpha)
-        Their best points [N/mm^2], [1/ms].
-    """
-    parts = [one.squares(*point) for one, point in zip((a, b, both), points, strict=True)]
-    rise = 0.0
-    for kind, (_, rows, known) in parts[2].items():
-        apart = sum(part[kind][0] for part in parts[:2] if kind in part)
-        together = parts[2][kind][0]
-        rise += together - apart if known else rows * float(np.log(together / apart))
-    total, scatters, shares = both.information(*points[2])
-    judged = Calibration(scatters, total, shares).threshold(None, 2.0)  # two more parameters: twice as many
-    statistic = judged.statistic(rise)  # of both parameters together: twice F
-    freedom: tuple[float, ...] = (2.0, judged.nu) if np.isfinite(judged.nu) else (2.0,)
-    F = statistic / len(freedom)
-    p, told = _judged(F, *freedom)
-    differ = "differ" if p < 0.05 else "can be of one material"
-    return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {told}.")
 
 
 def given_values(

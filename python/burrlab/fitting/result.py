@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,12 +18,12 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
+from burrlab.fitting.comparison import compare
 from burrlab.fitting.diagnostics import Row, influence
 from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.intervals import LEVELS, Region
-from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Floats, Observations, bounds_of
-from burrlab.fitting.profile import ALPHA, C_E, Domain, lowest
+from burrlab.fitting.observations import Floats
+from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.fitting.record import FitRecord
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import PER_SECOND, MasterCurve
@@ -79,48 +79,11 @@ class Fit(FitRecord):
         )
 
     def differs_from(self, other: Fit) -> HypothesisTest:
-        """Whether the data of two fits can be of one material: one c_e and alpha.
+        """Whether the data of two fits can be of one material: the joint test of `burrlab.compare`.
 
-        Parameters
-        ----------
-        other : Fit
-            With the same shape and kind of residuals; both fits by the mean-field engine.
-
-        Returns
-        -------
-        HypothesisTest
-            The hypothesis is one material: a small p-value says that the two differ.
-
-        Raises
-        ------
-        ValueError
-            If the fits differ in shape, kind of residuals or engine.
-
-        Notes
-        -----
-        The experiments are taken to scatter alike. Where overloaded runs of one contradict the windows of the
-        other, no common c_e exists and p is 0.
+        The hypothesis is one c_e and alpha: a small p-value says that the two differ. Each has its own scatter.
         """
-        mine = (self.shape, self.residual_kind, self.engine)
-        refuse(
-            mine != (other.shape, other.residual_kind, other.engine)
-            or self.engine != "mean-field"
-            or self.residual_kind == "student",
-            "both fits must be mean-field ones with the same shape and kind of residuals, other than 'student'",
-        )
-        own = [
-            replace(one, radius=fit.radius) if one.radius is None else one
-            for fit in (self, other)
-            for one in fit.data
-        ]
-        try:
-            observations = Observations.of(own, None)
-        except ValueError as error:
-            return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {error}.")
-        both = Likelihood(observations, self.residual_kind, MeanFieldModel(observations, self.shape))
-        common = lowest(both, Domain.of(both, bounds_of(observations, None), {})).point
-        points = [(self.c_e, self.alpha), (other.c_e, other.alpha), common]
-        return hypotheses.one_material(self.likelihood, other.likelihood, both, points)
+        return compare(self, other).pairs[0].joint
 
     def influence(self) -> tuple[Row, ...]:
         """Every row of the curves: leverage, studentised residual, and the fit without it."""

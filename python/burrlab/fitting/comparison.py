@@ -1,0 +1,485 @@
+"""Whether data sets are of one material: ratios of their constants, a joint test, and equivalent velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import combinations
+from typing import Any, Self
+
+import numpy as np
+from matplotlib.axes import Axes
+from scipy import special
+
+from burrlab.common.check import refuse
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.provenance import provenance
+from burrlab.common.records import Codec
+from burrlab.common.table import by_value
+from burrlab.fitting.hypotheses import HypothesisTest, judged, p_text
+from burrlab.fitting.intervals import Interval
+from burrlab.fitting.observations import Floats, Threshold, bounds_of
+from burrlab.fitting.profile import _ENDLESS, C_E, Domain, Walk, _walk
+from burrlab.fitting.record import FitRecord
+from burrlab.fitting.report import columns
+from burrlab.fitting.verdict import span
+from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
+
+LEVEL = 0.95  # of the intervals of ratios, all pairs together
+ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
+_FORCES = 15  # at which velocities are compared
+_OPEN = 1e3  # logarithm that stands for an open end; beyond `_ENDLESS` all are
+#: Distances from a best value in standard errors, at which its ends are known
+_T = np.concatenate([np.arange(0, 1.6, 0.2), np.arange(1.6, 4, 0.1), np.geomspace(4, 40, 16)])
+_ANGLE = np.linspace(0, np.pi / 2, 33)
+
+
+@dataclass(frozen=True)
+class ComparedSet:
+    """One of the fits that were compared."""
+
+    name: str
+    n_points: int
+    c_e: float  #: [N/mm^2]
+    alpha: float  #: [1/ms]
+    residual_kind: str
+    status: str  #: of the fit
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """A quantity of the second set over that of the first, and its interval; None is an open end."""
+
+    value: float
+    interval: Interval
+
+    @property
+    def verdict(self) -> str:
+        """``"other than 1"``, ``"undetermined"`` where an end is open, or ``"not told apart"``."""
+        if 1.0 not in self.interval:
+            return "other than 1"
+        return "not told apart" if self.interval.closed else "undetermined"
+
+
+@by_value
+@dataclass(frozen=True)
+class VelocityRatio:
+    """Predicted velocity of the second set over that of the first, over the forces that both share."""
+
+    radius: Floats  #: R [mm], shape (m,) as the next four
+    force: Floats  #: F [N]
+    ratio: Floats
+    lower: Floats  #: of the 90 % interval at each force
+    upper: Floats
+    p_value: float | None  #: largest of all forces that the ratio lies outside the margin
+    middle: tuple[float, float]  #: R [mm] and the geometric mean of the shared forces [N]
+    at_middle: Ratio  #: the ratio there, its interval at the level of the other ratios
+
+
+@dataclass(frozen=True)
+class ComparedPair:
+    """Two sets: the second over the first."""
+
+    names: tuple[str, str]
+    ratios: Mapping[str, Ratio]  #: of ``c_e``, ``alpha``, ``combination``
+    joint: HypothesisTest  #: whether one c_e and alpha give both
+    p_differ: float  #: its p-value, corrected for the number of pairs
+    velocity: VelocityRatio | None  #: None where the sets share no force at one radius
+    p_equivalent: float  #: of a velocity ratio outside the margin, corrected; 1 without a margin
+
+    @property
+    def differ(self) -> bool:
+        """Whether the sets are of different materials, at 5 % for all pairs together."""
+        return self.p_differ < ERROR
+
+    @property
+    def equivalent(self) -> bool:
+        """Whether the velocities agree within the margin, at 5 % for all pairs together."""
+        return self.p_equivalent < ERROR
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Data sets compared two by two. Made by `burrlab.compare`."""
+
+    sets: tuple[ComparedSet, ...]
+    exponent: float  #: p of the combination alpha/c_e^p, common to all sets
+    on_ridge: bool  #: whether p is the ridge's, because c_e of a set or a ratio of c_e is open
+    margin: float | None
+    pairs: tuple[ComparedPair, ...]
+    provenance: Mapping[str, Any]
+
+    def report(self) -> str:
+        """Tables and sentences as text."""
+        p, notes = f"{self.exponent:.3g}", []
+        sets = [["", "points", "c_e [N/mm^2]", "alpha [1/ms]", "residuals", "status"]]
+        for s in self.sets:
+            sets.append(
+                [s.name, str(s.n_points), f"{s.c_e:.4g}", f"{s.alpha:.4g}", s.residual_kind, s.status]
+            )
+        ratios = [["", "ratio of", "value", "95 %", "verdict"]]
+        for pair in self.pairs:
+            said = f"{pair.names[1]} over {pair.names[0]}"
+            told = {f"alpha/c_e^{p}" if key == "combination" else key: r for key, r in pair.ratios.items()}
+            if pair.velocity is not None:
+                told[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
+            for shown, ratio in told.items():
+                value = "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}"
+                ratios.append([said, shown, value, span(ratio.interval), ratio.verdict])
+            corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
+            notes += [f"{said}: {pair.joint.sentence}{corrected}", f"{said}: {self._velocity(pair)}"]
+        least = "which makes the squared standard errors of all sets together smallest"
+        why = "the ridge's, because c_e of a set or a ratio of c_e is open" if self.on_ridge else least
+        notes.append("Whether two sets differ is the joint test's to say: each interval holds by itself.")
+        notes.append(f"The combination's exponent, {p}, is common to all sets: {why}.")
+        if any(row[-1] == "undetermined" for row in ratios):
+            notes.append("Undetermined is not equal: an open end shows that the data set no limit there.")
+        if len(self.pairs) > 1:
+            notes.append(
+                f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm; 5 % is for all."
+            )
+        if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
+            notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
+        blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": [f"- {note}" for note in notes]}
+        return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items())
+
+    def _velocity(self, pair: ComparedPair) -> str:
+        v = pair.velocity
+        if v is None:
+            return "The two share no force at one radius: velocities are not compared."
+        seen = (
+            f"velocities from {v.force.min():.3g} to {v.force.max():.3g} N have ratios within "
+            f"{v.lower.min():.3g} to {v.upper.max():.3g} (90 % at each force)"
+        )
+        if self.margin is None:
+            return f"{seen}; without a margin nothing is called equivalent."
+        told = "equivalent" if pair.equivalent else "not shown to be equivalent"
+        return f"{seen}: {told} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Velocity ratios over the shared forces with their 90 % bands, and the margin as dashed lines.
+
+        ValueError if no two sets share a force at one radius.
+        """
+        shown = [(pair.names, pair.velocity) for pair in self.pairs if pair.velocity is not None]
+        refuse(not shown, "no two sets share a force at one radius: there is no velocity ratio to draw")
+        ax = axes_or_new(ax)
+        for k, (names, v) in enumerate(shown):
+            colour = (FORCE, VELOCITY, POSITION, "black")[k % 4]
+            for R in np.unique(v.radius):
+                F, ratio, low, high = np.array([v.force, v.ratio, v.lower, v.upper])[:, v.radius == R]
+                ax.fill_between(F, low, high, color=colour, alpha=0.2, linewidth=0)
+                ax.plot(F, ratio, ".-", color=colour, ms=3, label=f"{names[1]} over {names[0]}, R = {R:g} mm")
+        ax.axhline(1, color=REFERENCE, linewidth=0.8)
+        if self.margin is not None:
+            dashed: Any = {"color": REFERENCE, "linewidth": 0.9, "linestyle": "--"}
+            ax.axhline(1 + self.margin, label=f"margin, {100 * self.margin:g} %", **dashed)
+            ax.axhline(1 / (1 + self.margin), **dashed)
+        low, high = ax.get_ylim()
+        ax.set(xlabel="force [N]", ylabel="ratio of velocities", ylim=(low, high + 0.25 * (high - low)))
+        ax.legend(frameon=False, fontsize="small", loc="upper right")
+        return tidy(ax)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain Python objects, ready for JSON."""
+        plain: dict[str, Any] = _CODEC.plain(self)
+        return plain
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The comparison that `to_dict` described."""
+        return _CODEC.made(cls, values)
+
+
+_CODEC = Codec(
+    keys={
+        ComparedPair: {name: name for name in ComparedPair.__dataclass_fields__}
+        | {"differ": lambda pair: pair.differ, "equivalent": lambda pair: pair.equivalent},
+        Ratio: {"value": "value", "interval": "interval", "verdict": lambda ratio: ratio.verdict},
+    }
+)
+
+
+def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] | None = None) -> Comparison:
+    """Whether the data of two or more fits are of one material.
+
+    Parameters
+    ----------
+    *fits : Fit
+        Mean-field fits under one erosion shape, one a data set, without given bounds. They may differ in kind
+        of residuals, scatter, forces and burr.
+    margin : float, optional
+        Relative difference of velocity, set before the data are seen, within which two sets count as
+        equivalent: 0.2 allows ratios from 1/1.2 to 1.2. Without it nothing is called equivalent.
+    names : sequence of str, optional
+        Names of the sets; A, B, C, ... by default.
+
+    Raises
+    ------
+    TypeError
+        If a set is no fit.
+    ValueError
+        If there are fewer than two fits, one is of another kind than above or gave nothing, the margin is not
+        positive and finite, or the names are not one a fit and distinct.
+
+    Notes
+    -----
+    Each set keeps its own scatter, as in Welch's test. Along a quantity g the profile of each set becomes a
+    squared t by the limits of its fit. The statistic of a difference d is the lowest sum of both,
+
+        T(d) = min over g of t_A^2(g) + t_B^2(g + d),
+
+    the square of Welch's t for a linear model. It is judged by F(1, nu), nu by Welch and Satterthwaite from
+    the half widths at t = 1. The joint test is the same for both parameters, F(2, nu).
+
+    Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
+    one-sided tests at 5 %, which need no correction for the number of forces (intersection-union).
+
+    References
+    ----------
+    Welch, Biometrika 34 (1947). Berger and Hsu, Bioequivalence trials, intersection-union tests ...,
+    Statistical Science 11 (1996). Holm, Scand. J. Statistics 6 (1979).
+    """
+    for one in fits:
+        if not isinstance(one, FitRecord):
+            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {one!r}")
+    alike = len({one.shape for one in fits}) == 1 and {one.engine for one in fits} == {"mean-field"}
+    refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
+    refuse(not alike, "all fits must be mean-field ones with the same shape")
+    bounded = any(one.given_bounds for one in fits)
+    refuse(bounded, "compare needs fits without bounds, for these cut intervals")
+    if margin is not None and not 0 < margin < np.inf:
+        raise ValueError(f"margin must be positive and finite: got {margin!r}")
+    named = [chr(65 + k) for k in range(len(fits))] if names is None else list(names)
+    if len(set(named)) != len(fits) or len(named) != len(fits):
+        raise ValueError(f"names must be {len(fits)} different texts: got {names!r}")
+    sides = [_Side(one) for one in fits]
+    places = list(combinations(range(len(fits)), 2))
+    level = 1 - (1 - LEVEL) / len(places)
+    of_c_e = [_Difference(sides[i].ends_of_c_e, sides[k].ends_of_c_e).ratio(level) for i, k in places]
+    on_ridge = not all(ratio.interval.closed for ratio in of_c_e)
+    on_ridge |= any(one.intervals["c_e"]["95"].upper is None for one in fits)
+    exponent = 4 * (fits[0].shape.order + 1) / 3
+    if not on_ridge:  # the p of the smallest summed variance of log alpha - p log c_e
+        variance = np.sum([side.variance for side in sides], axis=0)
+        exponent = float(np.clip(variance[0, 1] / variance[0, 0], 0.0, 3 * exponent))
+    joint = [_joint(sides[i], sides[k]) for i, k in places]
+    velocities = [_velocities(sides[i], sides[k], margin, level) for i, k in places]
+    p_differ = _holm([one.p_value for one in joint])
+    # a pair without shared forces or margin counts as not equivalent
+    p_equivalent = _holm([1.0 if one is None or one.p_value is None else one.p_value for one in velocities])
+    pairs = []
+    for n, (i, k) in enumerate(places):
+        ratios = {"c_e": of_c_e[n]}
+        for name, p in (("alpha", 0.0), ("combination", exponent)):
+            ends = (sides[one].ends(-p * sides[one].x, np.array([-p, 1.0])) for one in (i, k))
+            ratios[name] = _Difference(*ends).ratio(level)
+        judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
+        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so))
+    sets = [
+        ComparedSet(name, one.n_points, one.c_e, one.alpha, one.residual_kind, one.status)
+        for name, one in zip(named, fits, strict=True)
+    ]
+    made = provenance(shape=fits[0].shape.name, margin=margin)
+    return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), made)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """Lowest and highest logarithm of a quantity at each distance `_T`, and the freedom of its scatter."""
+
+    low: Floats
+    high: Floats
+    nu: float
+
+    @property
+    def variance(self) -> float:
+        """Of the logarithm, from the half width at t = 1."""
+        return float(np.interp(1.0, _T, self.high - self.low) / 2) ** 2
+
+
+class _Side:
+    """The likelihood of one set along any quantity."""
+
+    def __init__(self, fit: FitRecord) -> None:
+        evidence = fit._evidence()
+        self.fit, self.likelihood, self.calibration = fit, fit.likelihood, evidence.calibration
+        self.wider = (1 + self.calibration.monte_carlo) * self.calibration.inflation
+        o = self.likelihood.observations
+        self.domain = Domain.of(self.likelihood, bounds_of(o, None), {})
+        reach = [float(self._rise(self.calibration.threshold(C_E), t)) for t in (1.0, 2.0, 4.0)]
+        self.walk: Walk = _walk(self.likelihood, self.domain, fit.c_e, reach)
+        self.x = np.log(self.walk.c_e)
+        self.best = int(np.argmin(self.walk.minus2))
+        self.base = float(self.walk.minus2[self.best])
+        total = evidence.information
+        self.joint = self.calibration.threshold(None)
+        self.variance = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        self.variance *= self.joint.inflation * self.wider
+        self._bands = cache(self._bands_at)
+
+    def _rise(self, threshold: Threshold, t: Any) -> Any:
+        """Rise of -2 log L at a distance of t standard errors."""
+        t2 = np.square(t)
+        judged = t2 if np.isinf(threshold.nu) else threshold.nu * np.log1p(t2 / threshold.nu)
+        return self.wider * threshold.inflation * judged
+
+    def _bands_at(self, threshold: Threshold) -> tuple[Floats, Floats]:
+        """Lowest and highest log alpha at each distance and c_e; infinite outside."""
+        low, high = np.full((2, len(_T), len(self.x)), np.inf)
+        high = -high
+        for k, rise in enumerate(self._rise(threshold, _T)):
+            ends = self.walk.slices.alpha_below(self.base + rise)
+            inside = np.isfinite(ends[0]) & (self.walk.minus2 <= self.base + rise)
+            inside[self.best] = True
+            if k == 0:
+                low[0, self.best] = high[0, self.best] = np.log(self.walk.alpha[self.best])
+                continue
+            with np.errstate(divide="ignore"):
+                low[k, inside], high[k, inside] = np.log(ends[0][inside]), np.log(ends[1][inside])
+        return low, high
+
+    def ends(self, h: Floats, direction: Floats) -> _Ends:
+        """Of log alpha + h(c_e); `direction` is its gradient over (log c_e, log alpha)."""
+        threshold = self.calibration.threshold(direction)
+        low, high = self._bands(threshold)
+        lower, upper = np.min(low + h, axis=1), np.max(high + h, axis=1)
+        far = np.isfinite(low[:, -1]) & (not self.domain.high_hard)
+        g = np.log(self.walk.alpha[-2:]) + h[-2:]
+        slope = float((g[1] - g[0]) / (self.x[-1] - self.x[-2]))  # on the ridge, where c_e has no end
+        lower[(far & (slope < -1e-3)) | (lower < -_ENDLESS)] = -_OPEN
+        upper[(far & (slope > 1e-3)) | (upper > _ENDLESS)] = _OPEN
+        return _Ends(lower, upper, threshold.nu)
+
+    @cached_property
+    def ends_of_c_e(self) -> _Ends:
+        threshold, i = self.calibration.threshold(C_E), self.best
+        rise = np.minimum(self.walk.minus2, 1e12) - self.base
+        right = np.minimum.accumulate(rise[::-1])[::-1][i:]
+        left = np.minimum.accumulate(rise)[: i + 1][::-1]
+        asked = self._rise(threshold, _T)
+        low, high = np.interp(asked, left, self.x[: i + 1][::-1]), np.interp(asked, right, self.x[i:])
+        if not self.domain.high_hard:
+            high[asked >= right[-1]] = _OPEN
+        return _Ends(low, high, threshold.nu)
+
+    def distance(self, c_e: Floats) -> Any:
+        """Function of log alpha: the joint statistic, squared, at each c_e; and the best log alpha."""
+        slices = self.likelihood.at(c_e)
+
+        def at(g: Floats) -> Floats:
+            rise = np.maximum(slices.minus2(np.exp(g)) - self.base, 0) / self.joint.inflation / self.wider
+            nu = self.joint.nu
+            return rise if np.isinf(nu) else nu * np.expm1(np.minimum(rise / nu, 300.0))
+
+        return at, np.log(slices.best_alpha)
+
+
+class _Difference:
+    """The difference of a quantity between two independent sets, second less first."""
+
+    def __init__(self, a: _Ends, b: _Ends) -> None:
+        self.value = float(b.low[0] - a.low[0])
+        part = np.array([a.variance, b.variance])
+        part /= part.sum()
+        self.nu = 1 / max(float(np.sum(part**2 / [a.nu, b.nu])), 1e-12)
+        mine, other = _T[:, None] * np.cos(_ANGLE), _T[:, None] * np.sin(_ANGLE)
+        self.high = np.max(np.interp(other, _T, b.high) - np.interp(mine, _T, a.low), axis=1)
+        self.low = np.min(np.interp(other, _T, b.low) - np.interp(mine, _T, a.high), axis=1)
+
+    def ends(self, level: float) -> tuple[float, float]:
+        """Logarithms of the interval's ends; infinite where open."""
+        t = float(-special.stdtrit(self.nu, (1 - level) / 2))
+        low, high = float(np.interp(t, _T, self.low)), float(np.interp(t, _T, self.high))
+        above = min(int(np.searchsorted(_T, t)), len(_T) - 1)  # an end is open from the distance before
+        low = low if self.low[above] > -_ENDLESS else -np.inf
+        return low, high if self.high[above] < _ENDLESS else np.inf
+
+    def ratio(self, level: float) -> Ratio:
+        low, high = self.ends(level)
+        lower, upper = (float(np.exp(end)) if np.isfinite(end) else None for end in (low, high))
+        return Ratio(float(np.exp(self.value)), Interval(lower, upper))
+
+    def outside(self, bound: float) -> float:
+        """p-value of a difference of `bound` or more in size."""
+        signed = [
+            np.interp(bound, outer, _T) if value < bound else -np.interp(-bound, -inner, _T)
+            for value, outer, inner in (
+                (self.value, self.high, self.low),
+                (-self.value, -self.low, -self.high),
+            )
+        ]
+        return float(special.stdtr(self.nu, -min(signed)))
+
+
+def _joint(a: _Side, b: _Side) -> HypothesisTest:
+    """Whether both sets have one c_e and alpha, each with its own scatter."""
+    low, high = max(a.domain.low, b.domain.low), min(a.domain.high, b.domain.high)
+    if low >= high:
+        said = "the data contradict one another: windows of one need a larger c_e than overloaded runs of the other"
+        return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {said} allow.")
+    c_e = np.unique(np.concatenate([a.walk.c_e, b.walk.c_e])[::6])
+    c_e = np.unique([low, *c_e[(c_e >= low) & (c_e <= high)], a.fit.c_e, b.fit.c_e, high])
+    c_e = c_e[(c_e >= low) & (c_e <= high)]
+    golden = (5**0.5 - 1) / 2
+    for _ in range(4):
+        (of_a, best_a), (of_b, best_b) = a.distance(c_e), b.distance(c_e)
+        begin, end = np.minimum(best_a, best_b), np.maximum(best_a, best_b)
+        for _ in range(18):
+            left, right = end - golden * (end - begin), begin + golden * (end - begin)
+            lower = of_a(left) + of_b(left) < of_a(right) + of_b(right)
+            begin, end = np.where(lower, begin, left), np.where(lower, right, end)
+        total = of_a(begin) + of_b(begin)
+        total[~np.isfinite(total)] = np.inf
+        i = int(np.argmin(total))
+        statistic = float(total[i])
+        c_e = np.geomspace(c_e[max(i - 1, 0)], c_e[min(i + 1, len(c_e) - 1)], 25)
+    both = a.variance + b.variance
+    share = np.array([np.trace(np.linalg.solve(both, side.variance)) / 2 for side in (a, b)])
+    nu = 1 / max(float(np.sum(share**2 / [a.joint.nu, b.joint.nu])), 1e-12)
+    freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
+    F = statistic / len(freedom)
+    p, told = judged(F, *freedom)
+    differ = "differ" if p < ERROR else "can be of one material"
+    return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {told}.")
+
+
+def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> VelocityRatio | None:
+    """The velocities that both fits predict over the forces that both sets share, in the default window."""
+    rows, middles, curve = [], [], MasterCurve(a.fit.shape)
+    of_a, of_b = a.likelihood.observations, b.likelihood.observations
+    for R in np.intersect1d(of_a.radius, of_b.radius).tolist():
+        used = [o.force[o.radius == R] for o in (of_a, of_b)]
+        largest = WINDOW_STOP**1.5 * R**2 * min(a.domain.low, b.domain.low)  # with a window at every c_e
+        low, high = max(one.min() for one in used), min([largest, *(one.max() for one in used)])
+        if low > high:
+            continue
+        force = np.unique(np.geomspace(low, high, _FORCES))
+        force[-1] = min(force[-1], high)
+        pressure = force / R**2
+        unit = [np.log(PER_SECOND * R * curve.velocity_ratio(pressure / s.walk.c_e[:, None])) for s in (a, b)]
+        for k, F in enumerate(force.tolist()):
+            ends = []
+            for side, h in zip((a, b), unit, strict=True):
+                slope = float(np.gradient(h[:, k], side.x)[side.best])
+                ends.append(side.ends(h[:, k], np.array([slope, 1.0])))
+            there = _Difference(*ends)
+            p = 1.0 if margin is None else there.outside(float(np.log1p(margin)))
+            if k == len(force) // 2:
+                middles.append(((R, F), there.ratio(level)))
+            rows.append((R, F, there.value, *there.ends(1 - 2 * ERROR), p))
+    if not rows:
+        return None
+    table = np.array(rows).T
+    p_value = None if margin is None else float(table[5].max())
+    ratio, lower, upper = np.exp(table[2:5])
+    return VelocityRatio(table[0], table[1], ratio, lower, upper, p_value, *middles[0])
+
+
+def _holm(p_values: Sequence[float]) -> list[float]:
+    """p-values corrected for their number by Holm's step-down rule."""
+    made, least = list(p_values), 0.0
+    for done, (p, k) in enumerate(sorted((p, k) for k, p in enumerate(p_values))):
+        made[k] = least = max(least, min(1.0, (len(made) - done) * p))
+    return made

@@ -6,6 +6,14 @@
 
 namespace {
 
+std::vector<double> numbers(const py::object& values, const char* name) {
+  const auto array = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(values);
+  if (!array || array.ndim() != 1)
+    throw std::invalid_argument(std::string(name) + " of a table must be a list of numbers, got " +
+                                std::string(py::repr(values)));
+  return {array.data(), array.data() + array.size()};
+}
+
 void bind_shape(py::module_& m) {
   py::class_<Shape>(m, "Shape", R"doc(Erosion shape function f(x), x = r/R, of Eq. 4.
 
@@ -15,8 +23,8 @@ one f.
 Parameters
 ----------
 name : str
-    ``"parabolic"`` 1 - x^2, ``"linear"`` 1 - x, ``"quartic"`` (1 - x^2)^2, ``"constant"`` 1, or
-    ``"power(k)"`` (1 - x^2)^k with 0 < k <= 8.
+    ``"parabolic"`` 1 - x^2, ``"linear"`` 1 - x, ``"quartic"`` (1 - x^2)^2, ``"constant"`` 1,
+    ``"power(k)"`` (1 - x^2)^k with 0 < k <= 8, or the name of a table; see `from_table`.
 
 Raises
 ------
@@ -31,9 +39,58 @@ Examples
 ('power(1.5)', 1.5, 0.6495)
 )doc")
       .def(py::init(&Shape::parse), "name"_a)
-      .def_property_readonly("name", &Shape::name, "Name that gives the same shape.")
-      .def_property_readonly("order", &Shape::order,
-                             "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")
+      .def_static(
+          "from_table",
+          [](const py::object& x, const py::object& f, std::optional<double> order) {
+            const std::vector<double> at = numbers(x, "x");
+            const bool tabulate = PyCallable_Check(f.ptr()) != 0;
+            const py::object values = tabulate ? f(py::array_t<double>(at.size(), at.data())) : f;
+            return Shape::from_table(at, numbers(values, "f"), order.value_or(std::nan("")));
+          },
+          "x"_a, "f"_a, py::kw_only(), "order"_a = py::none(), R"doc(A shape of your own, from a table or a function.
+
+Parameters
+----------
+x : array_like, shape (n,)
+    r/R, rising from 0 to 1 in steps of 1e-6 or more; 3 to 256 points.
+f : array_like, shape (n,), or callable
+    f at x, or a function that gives it for the array x. f(0) is the maximum, below x = 1 f is above 1e-9
+    f(0), and f(1) is zero (to 1e-9 f(0)) or positive.
+order : float, optional
+    Order k of the zero at x = 1, in (0, 8]; 0 where f(1) > 0. By default the whole number next to the slope
+    of log f over log(1 - x) between the two points before the last, 1 at least.
+
+Returns
+-------
+Shape
+    Its name holds the order and all numbers: whatever a file or a key keeps of it is the table itself.
+
+Raises
+------
+ValueError
+    If a table breaks one of these rules.
+
+Notes
+-----
+f is divided by f(0), so that alpha is the erosion rate at the burr's centre, as with the other shapes.
+Between points f^(1/k) is linear, f itself where k = 0: so f never leaves the range of the two values beside
+it, and ends as (1 - x)^k. The last piece alone decides the law of small forces, v ~ F^(4 (k + 1)/3), and
+bone is cut near the surface: points should be dense there.
+
+Examples
+--------
+>>> import burrlab, numpy
+>>> x = 1 - numpy.linspace(1, 0, 33) ** 2
+>>> f = burrlab.Shape.from_table(x, lambda x: numpy.cos(numpy.pi / 2 * x))
+>>> f.order, round(f(0.5), 4), f == burrlab.Shape(f.name)
+(1.0, 0.7069, True)
+)doc")
+      .def_property_readonly("name", &Shape::name, "Name that gives the same shape to the bit.")
+      .def_property_readonly("label", &Shape::label,
+                             "The name; for a table its number of points, order and a digest of its name.")
+      .def_property_readonly(
+          "order", &Shape::order,
+          "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k) and tables.")
       .def(
           "__call__",
           [](const Shape& f, const py::array_t<double, py::array::forcecast>& x) {
@@ -46,8 +103,8 @@ Examples
       .def(
           "__eq__", [](const Shape& a, const Shape& b) { return a == b; }, py::is_operator())
       .def("__hash__", [](const Shape& f) { return py::hash(py::str(f.name())); })
-      .def("__repr__", [](const Shape& f) { return "Shape('" + f.name() + "')"; })
-      .def("__str__", &Shape::name)
+      .def("__repr__", [](const Shape& f) { return "Shape('" + f.label() + "')"; })
+      .def("__str__", &Shape::label)
       .def(py::pickle([](const Shape& f) { return f.name(); },
                       [](const std::string& name) { return Shape::parse(name); }));
 
@@ -143,7 +200,7 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
       .def("__repr__",
            [](const Material& a) {
              return format("Material({!r}, c_e={!r}, alpha={!r}, shape={!r}, source={!r})", a.name, a.c_e,
-                           a.alpha, a.shape.name(), a.source);
+                           a.alpha, a.shape.label(), a.source);
            })
       .def(py::pickle(
           [](const Material& a) { return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source); },

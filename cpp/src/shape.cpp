@@ -1,5 +1,9 @@
 #include "burrlab/shape.hpp"
 
+#include <algorithm>
+#include <cstdint>
+#include <iomanip>
+#include <limits>
 #include <locale>
 #include <sstream>
 #include <stdexcept>
@@ -21,6 +25,54 @@ constexpr Named named[] = {{"parabolic", Shape::Kind::power, 1.0},
                            {"quartic", Shape::Kind::power, 2.0},
                            {"constant", Shape::Kind::constant, 0.0}};
 
+constexpr double closest = 1e-6;  // of two x of a table, so that they differ in single precision too
+constexpr double least = 1e-9;    // of f over f(0) that is not zero
+
+bool read(const std::string& number, double& value) {
+  std::istringstream text(number);
+  text.imbue(std::locale::classic());
+  return number.find_first_not_of("0123456789.eE+-") == std::string::npos && text >> value && text.eof();
+}
+
+/// The shortest text that gives the same number.
+std::string written(double value) {
+  for (int digits = 1;; ++digits) {
+    std::ostringstream text;
+    text.imbue(std::locale::classic());
+    text.precision(digits);
+    text << value;
+    double again = 0.0;
+    if (digits == 17 || (read(text.str(), again) && again == value)) return text.str();
+  }
+}
+
+/// Order of the zero at delta = 0: the whole number next to the slope of log f over log delta at the two
+/// nodes before the last.
+double order_at_end(double delta_1, double f_1, double delta_2, double f_2) {
+  return std::clamp(std::rint(std::log(f_2 / f_1) / std::log(delta_2 / delta_1)), 1.0, 8.0);
+}
+
+/// "table(k;x:f,x:f,...)".
+Shape read_table(const std::string& name) {
+  const auto malformed = [&] {
+    return std::invalid_argument("a table must read table(k;x:f,x:f,...), got '" + name + "'");
+  };
+  std::istringstream rows(name.substr(6, name.size() - 7));
+  std::string part;
+  double order = 0.0;
+  if (name.back() != ')' || !std::getline(rows, part, ';') || !read(part, order)) throw malformed();
+  std::vector<double> x, f;
+  while (std::getline(rows, part, ',')) {
+    const std::size_t colon = part.find(':');
+    x.push_back(0.0);
+    f.push_back(0.0);
+    if (colon == std::string::npos || !read(part.substr(0, colon), x.back()) ||
+        !read(part.substr(colon + 1), f.back()))
+      throw malformed();
+  }
+  return Shape::from_table(x, f, order);
+}
+
 }  // namespace
 
 std::vector<std::string> Shape::names() {
@@ -35,12 +87,10 @@ Shape Shape::parse(const std::string& name) {
     if (name == row.name) return Shape(row.kind, row.order);
     known += (known.empty() ? "" : ", ") + std::string(row.name);
   }
+  if (name.rfind("table(", 0) == 0) return read_table(name);
   if (name.size() > 7 && name.rfind("power(", 0) == 0 && name.back() == ')') {
-    const std::string number = name.substr(6, name.size() - 7);
-    std::istringstream text(number);
-    text.imbue(std::locale::classic());
     double k = 0.0;
-    if (number.find_first_not_of("0123456789.eE+-") == std::string::npos && text >> k && text.eof()) {
+    if (read(name.substr(6, name.size() - 7), k)) {
       if (!(k > 0.0 && k <= 8.0)) refuse("k of power(k)", "in (0, 8]", k);
       return Shape(Kind::power, k);
     }
@@ -48,16 +98,80 @@ Shape Shape::parse(const std::string& name) {
   throw std::invalid_argument("shape must be " + known + " or power(k), got '" + name + "'");
 }
 
+Shape Shape::from_table(const std::vector<double>& x, const std::vector<double>& f, double order) {
+  const std::size_t n = x.size(), last = n - 1;
+  if (f.size() != n) refuse("f", "as long as x, " + std::to_string(n), static_cast<double>(f.size()));
+  if (n < Table::fewest || n > Table::most) refuse("points of a table", "3 to 256", static_cast<double>(n));
+  for (std::size_t i = 0; i < n; ++i) {
+    require_finite("every x of a table", x[i]);
+    require_finite("every f of a table", f[i]);
+    if (i > 0 && !(x[i] - x[i - 1] >= closest)) refuse("x of a table", "rising by 1e-6 or more", x[i]);
+    if (f[i] > f[0]) refuse("f of a table", "at most f(0) = " + written(f[0]) + ", its maximum", f[i]);
+    if (f[i] < 0.0) refuse("f of a table", "zero or positive", f[i]);
+    if (i < last && !(f[i] > least * f[0])) refuse("f of a table", "above 1e-9 f(0) below x = 1", f[i]);
+  }
+  if (x[0] != 0.0) refuse("the first x of a table", "0", x[0]);
+  if (x[last] != 1.0) refuse("the last x of a table", "1", x[last]);
+
+  Table table;
+  const bool zero = f[last] <= least * f[0];
+  if (std::isnan(order))
+    order = zero ? order_at_end(1.0 - x[last - 1], f[last - 1], 1.0 - x[last - 2], f[last - 2]) : 0.0;
+  if (zero && !(order > 0.0 && order <= 8.0)) refuse("order of a table with f(1) = 0", "in (0, 8]", order);
+  if (!zero && order != 0.0) refuse("order of a table with f(1) above 0", "0", order);
+  table.name = "table(" + written(order);
+  for (std::size_t i = 0; i < n; ++i) {
+    const double ratio = i == last && zero ? 0.0 : f[i] / f[0];
+    table.name += (i == 0 ? ";" : ",") + written(x[i] + 0.0) + ":" + written(ratio);
+    table.depth.push_back(1.0 - x[i]);
+    table.value.push_back(zero && order != 1.0 ? portable::pow(ratio, 1.0 / order) : ratio);
+  }
+  table.name += ")";
+  std::reverse(table.depth.begin(), table.depth.end());
+  std::reverse(table.value.begin(), table.value.end());
+  const std::vector<double>&d = table.depth, &value = table.value;
+  for (std::size_t i = 0; i < last; ++i) table.slope.push_back((value[i + 1] - value[i]) / (d[i + 1] - d[i]));
+  table.slope.push_back(0.0);
+  std::size_t size = 4;
+  while (size < n) size *= 2;
+  table.nodes.assign(3 * size, std::numeric_limits<float>::max());
+  for (std::size_t i = 0; i < n; ++i) {
+    table.nodes[i] = static_cast<float>(d[i]);
+    table.nodes[size + i] = static_cast<float>(value[i]);
+    table.nodes[2 * size + i] = static_cast<float>(table.slope[i]);
+  }
+  Shape shape(Kind::table, order);
+  shape.table_ = std::make_shared<const Table>(std::move(table));
+  return shape;
+}
+
+double Shape::Table::at(double delta) const {
+  const std::size_t i = static_cast<std::size_t>(std::upper_bound(depth.begin() + 1, depth.end(), delta) -
+                                                 depth.begin()) - 1;
+  return value[i] + (delta - depth[i]) * slope[i];
+}
+
+double Shape::kappa() const {
+  if (!table_) return kind_ == Kind::power ? std::pow(2.0, order_) : 1.0;
+  return order_ == 0.0 ? table_->value[0] : std::pow(table_->slope[0], order_);
+}
+
 std::string Shape::name() const {
+  if (table_) return table_->name;
   for (const Named& row : named)
     if (kind_ == row.kind && order_ == row.order) return row.name;
-  for (int digits = 1;; ++digits) {  // the shortest text that gives the same number
-    std::ostringstream text;
-    text.imbue(std::locale::classic());
-    text.precision(digits);
-    text << order_;
-    if (digits == 17 || std::stod(text.str()) == order_) return "power(" + text.str() + ")";
-  }
+  return "power(" + written(order_) + ")";
+}
+
+std::string Shape::label() const {
+  if (!table_) return name();
+  std::uint32_t digest = 2166136261u;  // FNV-1a
+  for (const char letter : table_->name) digest = (digest ^ static_cast<unsigned char>(letter)) * 16777619u;
+  std::ostringstream text;
+  text.imbue(std::locale::classic());
+  text << "table(" << table_->depth.size() << " points, order " << order_ << ", " << std::hex
+       << std::setw(8) << std::setfill('0') << digest << ")";
+  return text.str();
 }
 
 }  // namespace burrlab

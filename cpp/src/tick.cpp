@@ -53,7 +53,7 @@ Tick::Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& sha
     throw std::invalid_argument(text.str());
   }
   if (scheme == Scheme::layer && shape.kind() != Shape::Kind::constant)
-    depth_ = DepthTable::of_order(shape.order());
+    depth_ = DepthTable::of_order(shape.layer_order());
 }
 
 Tick::Placement Tick::place(const VoxelBone& bone, const Vec3& center) const {
@@ -95,9 +95,13 @@ kernel::Sphere Tick::sphere(const Placement& at) const {
 
 void Tick::prepare_erosion(kernel::Sphere& sphere, std::uint64_t tick) const {
   sphere.shape = shape_.kind() == Shape::Kind::constant ? kernel::shape_constant
-                 : shape_.kind() == Shape::Kind::linear ? kernel::shape_linear
-                                                        : kernel::shape_power;
-  sphere.whole = shape_.whole();
+                 : shape_.kind() == Shape::Kind::power  ? kernel::shape_power
+                                                        : kernel::shape_linear;  // y = depth
+  if (const Shape::Table* table = shape_.table()) {
+    sphere.table = table->nodes.data();
+    sphere.table_size = static_cast<int>(table->nodes.size() / 3);
+  }
+  sphere.whole = shape_.table() && shape_.order() == 0.0 ? 1 : shape_.whole();
   sphere.exponent = shape_.order();
   sphere.power = &portable::pow;
   sphere.depth = depth_ ? depth_->cells() : nullptr;

@@ -1,4 +1,4 @@
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Never, SupportsIndex, TypeAlias, overload
 
 import numpy as np
@@ -20,8 +20,14 @@ class _Pybind11Type(type): ...
 
 class Shape(metaclass=_Pybind11Type):
     def __init__(self, name: str) -> None: ...
+    @staticmethod
+    def from_table(
+        x: ArrayLike, f: ArrayLike | Callable[[NDArray[np.float64]], ArrayLike], *, order: float | None = None
+    ) -> Shape: ...
     @property
     def name(self) -> str: ...
+    @property
+    def label(self) -> str: ...
     @property
     def order(self) -> float: ...
     @overload

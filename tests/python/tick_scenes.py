@@ -15,7 +15,13 @@ import burrlab._core as _core
 from reference.tick import ReferenceContact, ReferenceShape, ReferenceTissues
 
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
-ALL_SHAPES = (*SHAPES, "power(0.5)", "power(7.3)")
+TABLES = (  # orders 1, 2 and 2.5 of the zero at x = 1, and none
+    "table(1;0:1,0.3:0.2,0.5:0.9,0.8:0.35,1:0)",
+    "table(2;0:1,0.5:0.5625,0.75:0.19140625,0.95:0.00950625,1:0)",
+    "table(2.5;0:1,0.5:0.48,0.9:0.02,1:0)",
+    "table(0;0:1,0.6:1,0.97:0.4,1:0.1)",
+)
+ALL_SHAPES = (*SHAPES, "power(0.5)", "power(7.3)", *TABLES)
 SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
 SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]
@@ -99,7 +105,7 @@ def reference_of(
 ) -> ReferenceContact:
     """The reference's contact with the values and the tick of `core`; `q` and `p` are not copied."""
     material = core.material
-    shape, order = material.shape.name, ReferenceShape(material.shape.name).order
+    shape, order = material.shape.name, ReferenceShape(material.shape.name).layer_order
     table = np.asarray(_core.depth_table(order)) if order > 0 else None
     reference = ReferenceContact(
         q, p, core.bone.spacing, core.bone.origin, core.burr.radius, material.c_e, material.alpha, shape,

@@ -129,27 +129,44 @@ SHAPES = {
 
 @dataclass(frozen=True)
 class ReferenceShape:
-    """An erosion shape by its name: one of `SHAPES`, or power(k), (1 - x^2)^k."""
+    """An erosion shape by its name: one of `SHAPES`, power(k), (1 - x^2)^k, or a table."""
 
     name: str
 
     @property
     def base(self) -> str:
         """Name of y."""
-        return SHAPES.get(self.name, ("square", 0.0))[0]
+        return "depth" if self.name.startswith("table(") else SHAPES.get(self.name, ("square", 0.0))[0]
 
     @property
     def order(self) -> float:
         """k, the order of the zero of f at r = R; 0 for constant."""
         if self.name in SHAPES:
             return SHAPES[self.name][1]
-        return float(self.name.removeprefix("power(").removesuffix(")"))
+        return float(self.name[6:-1].split(";")[0])
+
+    @property
+    def layer_order(self) -> float:
+        """k of the effective depth."""
+        return self.order or float(self.base == "depth")
+
+    def tabulated(self, delta: Float) -> Float:
+        """y of the table (f32)."""
+        rows = [row.split(":") for row in self.name[6:-1].split(";")[1].split(",")][::-1]
+        d, y = np.array([(1 - float(x), float(f)) for x, f in rows]).T
+        if self.order not in (0, 1):
+            y = portable_pow(y, 1 / self.order)
+        S = np.append(np.diff(y) / np.diff(d), 0.0).astype(f32)
+        D, Y = d.astype(f32), y.astype(f32)
+        i = np.maximum(np.searchsorted(D, delta, "right") - 1, 0)
+        y = Y[i] + (delta - D[i]) * S[i]
+        return np.where((delta > 0) & (y > 0), y, ZERO)
 
     def raised(self, y: Float) -> Float:
         """y^k (f32)."""
         if self.order != int(self.order):
             return portable_pow(y.astype(np.float64), self.order).astype(f32)
-        result = y
+        result = y  # and for k = 0, of a table
         for _ in range(int(self.order) - 1):
             result = result * y
         return result
@@ -159,7 +176,7 @@ class ReferenceShape:
         if self.base == "one":
             return np.ones_like(delta)
         if self.base == "depth":
-            return self.raised(delta)
+            return self.raised(self.tabulated(delta) if ";" in self.name else delta)
         return self.raised(np.where(deep, ONE - np.where(deep, x2, ZERO), delta * (TWO - delta)))
 
     def at_radius(self, x: Float, x2: Float) -> Float:
@@ -167,7 +184,8 @@ class ReferenceShape:
         if self.base == "one":
             f = np.ones_like(x)
         elif self.base == "depth":
-            f = self.raised(np.maximum(ONE - x, ZERO))
+            delta = np.maximum(ONE - x, ZERO)
+            f = self.raised(self.tabulated(delta) if ";" in self.name else delta)
         else:
             f = self.raised(ONE - np.where(x2 > ONE, ONE, x2))
         return np.where(x2 > ONE, ZERO, f)

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cmath>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -12,12 +13,25 @@ namespace burrlab {
 
 class Shape {
  public:
-  /// f = y^order, where y is 1, the depth delta = 1 - x, or 1 - x^2.
-  enum class Kind { constant, linear, power };
+  /// f = y^order, where y is 1, the depth delta = 1 - x, 1 - x^2, or a table over the depth.
+  enum class Kind { constant, linear, power, table };
 
-  /// The shape of one of `names()`, or of "power(k)", (1 - x^2)^k with 0 < k <= 8; throws
+  /// y of a table: f^(1/order), or f where f(1) > 0 and the order is 0. Linear between its nodes, which stand
+  /// by rising depth; so f lies between its values at the nodes, and ends as delta^order.
+  struct Table {
+    static constexpr std::size_t fewest = 3, most = 256;
+    std::vector<double> depth, value, slope;
+    std::vector<float> nodes;  ///< depth, value and slope for the tick, each padded to a power of two
+    std::string name;
+    double at(double delta) const;
+  };
+
+  /// The shape of one of `names()`, of "power(k)", (1 - x^2)^k with 0 < k <= 8, or of a table's name; throws
   /// std::invalid_argument.
   static Shape parse(const std::string& name);
+  /// The table of f at x; `order` is that of the zero at x = 1, NaN to take it from the table's end. Throws
+  /// std::invalid_argument.
+  static Shape from_table(const std::vector<double>& x, const std::vector<double>& f, double order);
   static Shape parabolic() { return Shape(Kind::power, 1.0); }
   static std::vector<std::string> names();
 
@@ -25,14 +39,22 @@ class Shape {
   /// Order of the zero of f at x = 1; 0 for constant.
   double order() const { return order_; }
   /// Factor of the leading term at the surface: f = kappa delta^order + ...
-  double kappa() const { return kind_ == Kind::power ? std::pow(2.0, order_) : 1.0; }
+  double kappa() const;
   int whole() const { return whole_; }  ///< the order if it is a whole number, else 0
-  std::string name() const;
+  /// The order whose effective depth `layer` takes; that of a table with f(1) > 0 is of what f adds to f(1).
+  double layer_order() const { return table_ && order_ == 0.0 ? 1.0 : order_; }
+  const Table* table() const { return table_.get(); }  ///< null for the other kinds
+  std::string name() const;   ///< `parse` gives the same shape to the bit: that of a table holds its numbers
+  std::string label() const;  ///< the name, or for a table a short one with a digest
 
   /// f at the depth delta = d/R = 1 - x in [0, 1] below the sphere's surface. In the tick Real is float.
   template <class Real>
   Real at_depth(Real delta) const {
     if (kind_ == Kind::constant) return Real(1);
+    if (kind_ == Kind::table) {
+      const Real y = static_cast<Real>(table_->at(static_cast<double>(delta)));
+      return order_ == 0.0 ? y : raise(y);
+    }
     return raise(kind_ == Kind::linear ? delta : delta * (Real(2) - delta));
   }
 
@@ -40,11 +62,13 @@ class Shape {
   template <class Real>
   Real at_radius(Real x) const {
     if (x > Real(1)) return Real(0);
-    if (kind_ == Kind::constant) return Real(1);
+    if (kind_ == Kind::constant || kind_ == Kind::table) return at_depth(Real(1) - x);
     return raise(Real(1) - (kind_ == Kind::linear ? x : x * x));
   }
 
-  bool operator==(const Shape& other) const { return kind_ == other.kind_ && order_ == other.order_; }
+  bool operator==(const Shape& other) const {
+    return kind_ == other.kind_ && order_ == other.order_ && (!table_ || table_->name == other.table_->name);
+  }
 
  private:
   Shape(Kind kind, double order)
@@ -61,6 +85,7 @@ class Shape {
   Kind kind_;
   double order_;
   int whole_;
+  std::shared_ptr<const Table> table_;
 };
 
 }  // namespace burrlab

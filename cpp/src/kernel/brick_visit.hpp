@@ -175,6 +175,7 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
       else
         find_f<isotropic, false>(at.depth, c, steps, shallow);
     }
+    if (at.table) tabulate(at, steps, count);
     if (at.shape != shape_constant && at.whole != 1) raise(at, steps, count);
     draw_slabs(at, brick, wanted.shallow | wanted.deep, steps.u);
     if (mixed ? brick.tissues->most_doublings : brick.doublings)

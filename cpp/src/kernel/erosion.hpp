@@ -9,8 +9,10 @@ namespace burrlab::kernel {
 namespace {
 
 #ifdef _MSC_VER
-#define BURRLAB_RARE __declspec(noinline)
+#define BURRLAB_APART __declspec(noinline)
+#define BURRLAB_RARE BURRLAB_APART
 #else
+#define BURRLAB_APART __attribute__((noinline))
 #define BURRLAB_RARE __attribute__((noinline, cold))
 #endif
 
@@ -73,6 +75,19 @@ inline void find_f(const float* depth_table, const Constants& c, Steps& steps, i
     const Mask deep = r2 <= c.deep2;
     store(step.f, power ? select(deep, c.one - r2 * c.radius2_inverse, delta * (c.two - delta))
                         : select(deep, load(step.depth) * c.radius_inverse, delta));
+  }
+}
+
+/// From depths to y of a table. Lane by lane: nodes may stand at any depths.
+BURRLAB_APART void tabulate(const Sphere& at, Steps& steps, int count) {
+  const float *depth = at.table, *value = depth + at.table_size, *slope = value + at.table_size;
+  for (int i = 0; i < count; ++i) {
+    for (float& each : steps.row[i].f) {
+      int node = 0;  // the last one that is not deeper
+      for (int half = at.table_size / 2; half; half /= 2) node += depth[node + half] <= each ? half : 0;
+      const float y = value[node] + (each - depth[node]) * slope[node];
+      each = each > 0.0f && y > 0.0f ? y : 0.0f;
+    }
   }
 }
 

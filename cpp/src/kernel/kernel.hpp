@@ -35,6 +35,8 @@ struct Sphere {
   double exponent;
   double (*power)(double y, double k);  // for exponents that are not whole
   const float* depth;                   // DepthTable::cells(); null if f needs no depth
+  const float* table;                   // Shape::Table::nodes of y over the depth, or null
+  int table_size;                       // of each of its three parts
   Draws draws;
 };
 

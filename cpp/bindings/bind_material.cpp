@@ -22,7 +22,7 @@ one f.
 
 Parameters
 ----------
-name : str
+name : str or Shape
     ``"parabolic"`` 1 - x^2, ``"linear"`` 1 - x, ``"quartic"`` (1 - x^2)^2, ``"constant"`` 1,
     ``"power(k)"`` (1 - x^2)^k with 0 < k <= 8, or the name of a table; see `from_table`.
 
@@ -38,7 +38,7 @@ Examples
 >>> f.name, f.order, round(f(0.5), 4)
 ('power(1.5)', 1.5, 0.6495)
 )doc")
-      .def(py::init(&Shape::parse), "name"_a)
+      .def(py::init(&to_shape), "name"_a)
       .def_static(
           "from_table",
           [](const py::object& x, const py::object& f, std::optional<double> order) {
@@ -47,7 +47,8 @@ Examples
             const py::object values = tabulate ? f(py::array_t<double>(at.size(), at.data())) : f;
             return Shape::from_table(at, numbers(values, "f"), order.value_or(std::nan("")));
           },
-          "x"_a, "f"_a, py::kw_only(), "order"_a = py::none(), R"doc(A shape of your own, from a table or a function.
+          "x"_a, "f"_a, py::kw_only(), "order"_a = py::none(),
+          R"doc(A shape of your own, from a table or a function.
 
 Parameters
 ----------

@@ -146,8 +146,8 @@ Shape Shape::from_table(const std::vector<double>& x, const std::vector<double>&
 }
 
 double Shape::Table::at(double delta) const {
-  const std::size_t i = static_cast<std::size_t>(std::upper_bound(depth.begin() + 1, depth.end(), delta) -
-                                                 depth.begin()) - 1;
+  const std::size_t i =
+      static_cast<std::size_t>(std::upper_bound(depth.begin() + 1, depth.end(), delta) - depth.begin()) - 1;
   return value[i] + (delta - depth[i]) * slope[i];
 }
 
@@ -169,8 +169,8 @@ std::string Shape::label() const {
   for (const char letter : table_->name) digest = (digest ^ static_cast<unsigned char>(letter)) * 16777619u;
   std::ostringstream text;
   text.imbue(std::locale::classic());
-  text << "table(" << table_->depth.size() << " points, order " << order_ << ", " << std::hex
-       << std::setw(8) << std::setfill('0') << digest << ")";
+  text << "table(" << table_->depth.size() << " points, order " << order_ << ", " << std::hex << std::setw(8)
+       << std::setfill('0') << digest << ")";
   return text.str();
 }
 

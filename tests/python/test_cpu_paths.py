@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tick_scenes import SCHEMES, TABLES, Scene, check_scene, make_pair, on_every_path, scene_of, step_both, tissues_of
+import tick_scenes
+from tick_scenes import SCHEMES, Scene, check_scene, make_pair, on_every_path, scene_of, step_both, tissues_of
 
 import burrlab
 import burrlab._core as _core
 from reference.tick import draw_lanes
 
 PATHS = tuple(_core.cpu_paths())
-KINDS = ("parabolic", "quartic", "power(7.3)", "power(0.5)", "linear", "constant", *TABLES[1:])  # of shapes
+KINDS = ("parabolic", "quartic", "power(7.3)", "power(0.5)", "linear", "constant", *tick_scenes.ALL_SHAPES[-3:])  # of shapes
 LARGE = 2**64 - 1
 COLUMNS = ("force", "normal", "m1", "m0", "penetration", "removed", "faint", "ambiguous")
 
@@ -118,7 +119,7 @@ def long_run(path: str, scene: Scene, ticks: int) -> tuple[str, list[Any]]:
 @pytest.mark.parametrize(
     ("scheme", "shape", "alpha"),
     [("layer", "parabolic", 0.087), ("layer", "power(7.3)", 2.0), ("layer", "constant", 0.02), ("layer", "linear", 0.3),
-     ("cell", "parabolic", 0.087), ("cell", "power(0.5)", 0.02), ("cell", "linear", 2.0), ("layer", TABLES[1], 0.3), ("cell", TABLES[3], 0.3)],
+     ("cell", "parabolic", 0.087), ("cell", "power(0.5)", 0.02), ("cell", "linear", 2.0), ("layer", tick_scenes.ALL_SHAPES[-3], 0.3), ("cell", tick_scenes.ALL_SHAPES[-1], 0.3)],
 )  # fmt: skip
 def test_two_hundred_ticks(
     scheme: str, shape: str, alpha: float, spacing: tuple[float, float, float], fill: str

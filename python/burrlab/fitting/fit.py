@@ -147,7 +147,7 @@ def fit(
     None
     """
     begin = time.perf_counter()
-    sets, shape = _sets(data), shape if isinstance(shape, Shape) else Shape(shape)
+    sets, shape = _sets(data), Shape(shape)
     voxels = _engine(engine, old)
     _check(burr, residuals, seed, bounds, voxels)
     observations = Observations.of(sets, burr)

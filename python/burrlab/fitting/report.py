@@ -71,7 +71,7 @@ def statistics(fit: FitRecord) -> dict[str, str]:
         points += f", {len(o.pressed)} pairs of an indentation"
     rows = {
         "data": "; ".join(one.source or "unnamed" for one in fit.data),
-        "engine": f"{fit.engine}, shape {fit.shape.name}, burr radius {radius} mm",
+        "engine": f"{fit.engine}, shape {fit.shape.label}, burr radius {radius} mm",
         "likelihood": _RESIDUALS[fit.residual_kind],
         "data points": f"{points}; rows skipped: {fit.n_skipped}, of these censored: {fit.n_censored}",
         "variables": f"{fit.n_parameters}, scatters included",
@@ -171,7 +171,7 @@ def notes(fit: FitRecord) -> list[str]:
             f"within {100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens "
             f"the limits by {100 * fit.evidence.monte_carlo:.2g} %."
         )
-    lines.append(f"alpha holds for f = {fit.shape.name} and for one drill, burr type and speed.")
+    lines.append(f"alpha holds for f = {fit.shape.label} and for one drill, burr type and speed.")
     return lines
 
 

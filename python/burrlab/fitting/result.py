@@ -224,7 +224,7 @@ class Fit(FitRecord):
 
     def __repr__(self) -> str:
         return (
-            f"Fit(c_e={self.c_e:.4g} N/mm^2, alpha={self.alpha:.4g} /ms, shape={self.shape.name!r}, "
+            f"Fit(c_e={self.c_e:.4g} N/mm^2, alpha={self.alpha:.4g} /ms, shape={self.shape.label!r}, "
             f"{self.n_points} points, {self.residual_kind} residual {self.residual_norm:.3g}, {self.status})"
         )
 

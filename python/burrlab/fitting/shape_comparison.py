@@ -150,7 +150,7 @@ class ShapeComparison:
     residual_kind: str
     provenance: Mapping[str, Any]
 
-    def __getitem__(self, shape: str) -> ShapeRow:
+    def __getitem__(self, shape: Shape | str) -> ShapeRow:
         for row in self.rows:
             if row.shape == Shape(shape):
                 return row
@@ -315,7 +315,7 @@ def cells(comparison: ShapeComparison) -> list[list[str]]:
         numbers = [f"{one.c_e:.4g}", f"{one.alpha:.4g}"]
         rows.append(
             [
-                row.shape.name,
+                row.shape.label,
                 *(f"{number} (open)" if _is_open(row) else number for number in numbers),
                 f"{one.log_likelihood:.4g}",
                 f"{one.aic:.4g}",
@@ -344,13 +344,13 @@ def sentences(comparison: ShapeComparison) -> list[str]:
     if reference is not None and reference.shape.name in comparison.kept:
         lines += [_alpha(reference, row) for row in comparison.rows if row.shape.name in comparison.kept]
     lines += [
-        f"Under {row.shape.name}, velocities are {words}."
+        f"Under {row.shape.label}, velocities are {words}."
         for row in comparison.rows
         if (words := _misfit(comparison, row))
     ]
     lack = comparison.best.fit.lack_of_fit
     if lack is not None and lack.p_value < 0.05:
-        lines.append(f"The best shape, {comparison.best.shape.name}, does not fit either: {lack.sentence}")
+        lines.append(f"The best shape, {comparison.best.shape.label}, does not fit either: {lack.sentence}")
     lines.append("An alpha holds for the f that it was fitted with: quote both, and simulate with both.")
     return lines
 
@@ -367,7 +367,7 @@ def _rejection(comparison: ShapeComparison) -> str:
         ("not rejected", [row for row in comparison.rows if not row.rejected]),
     ):
         if rows:
-            each = [f"{row.shape.name} ({p_text(row.p_value or 0.0)})" for row in rows]
+            each = [f"{row.shape.label} ({p_text(row.p_value or 0.0)})" for row in rows]
             said.append(f"{_listed(each)} {'is' if len(rows) == 1 else 'are'} {name}")
     return f"Against f = (1 - x^2)^k with k free, at {percent} ({test}): {'; '.join(said)}."
 
@@ -395,15 +395,15 @@ def _pair(comparison: ShapeComparison, pair: Pair) -> str:
     zero = "both have a simple zero at the burr's surface and " if same and order == 1 else ""
     delta = comparison[pair.worse].delta_aic - comparison[pair.better].delta_aic
     return (
-        f"{pair.better} and {pair.worse} {zero}cannot be told apart: delta AIC {delta:.2g}, "
+        f"{Shape(pair.better)} and {Shape(pair.worse)} {zero}cannot be told apart: delta AIC {delta:.2g}, "
         f"-2 log L differs by {pair.rise:.2g}, below {pair.limit:.2g}, the 95 % limit of one parameter."
     )
 
 
 def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
-    name = row.shape.name
+    name = row.shape.label
     if row.alpha_ratio is None:
-        names = _listed([r.shape.name for r in (row, reference) if _is_open(r)])
+        names = _listed([r.shape.label for r in (row, reference) if _is_open(r)])
         line = f"{name} has no alpha of its own to compare with parabolic's: c_e is open above under {names}."
     elif row is reference:
         return f"Under parabolic alpha is {row.fit.alpha:.4g} /ms and c_e {row.fit.c_e:.4g} N/mm^2."
@@ -478,13 +478,13 @@ def plot_residuals(comparison: ShapeComparison, ax: Axes | None) -> Axes:
     farthest = half
     for i, row in enumerate(comparison.rows):
         force, ratio = _line(row.fit, best.fit)
-        label = f"{row.shape.name}, rejected" if row.rejected else row.shape.name
+        label = f"{row.shape.label}, rejected" if row.rejected else row.shape.label
         ax.plot(force, 100 * np.log(ratio), _STYLES[i % len(_STYLES)], color=_LINES[i % len(_LINES)],
                 linewidth=1.4, label=label, zorder=3)  # fmt: skip
         farthest = max(farthest, 100 * float(np.abs(np.log(ratio)).max()))
     ax.plot(o.force, measured, "s", color="black", markersize=3.5, mfc="none", mew=0.8,
-            label=f"data ({best.shape.name} fits best)", zorder=4)  # fmt: skip
-    ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.name}}}$)")
+            label=f"data ({best.shape.label} fits best)", zorder=4)  # fmt: skip
+    ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.label}}}$)")
     _plain_ticks(ax)
     step = float(next((s for s in _TICKS if half / s < 3), _TICKS[-1]))
     inner = np.arange(0, half, step)

@@ -269,7 +269,7 @@ def compare_shapes(
     data: Data | Sequence[Data],
     burr: Burr | None = None,
     *,
-    shapes: Sequence[str] = SHAPES,
+    shapes: Sequence[Shape | str] = SHAPES,
     free: bool = True,
     level: float = 0.99,
     residuals: ResidualKind = "relative",
@@ -291,8 +291,8 @@ def compare_shapes(
         As for `fit`.
     burr : Burr, optional
         The burr of data sets without a radius.
-    shapes : sequence of str
-        Names of shapes, each once.
+    shapes : sequence of Shape or str
+        Shapes or their names, each once.
     free : bool
         Fit the family too. Its master curves, eight k per window, take seconds once per process. Without it
         no shape is rejected, but pairs are judged.

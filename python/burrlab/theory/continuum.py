@@ -276,7 +276,7 @@ class MasterCurve:
     """
 
     def __init__(self, shape: Shape | str) -> None:
-        self.shape = Shape(shape) if isinstance(shape, str) else shape
+        self.shape = Shape(shape)
         self._name = self.shape.name
 
     def velocity_ratio(
@@ -318,7 +318,7 @@ class MasterCurve:
         return np.where(phi < spline.end, spline.slope(np.log(np.minimum(phi, spline.end))), np.nan)[()]
 
     def __repr__(self) -> str:
-        return f"MasterCurve({self._name!r})"
+        return f"MasterCurve({self.shape.label!r})"
 
 
 def penetration_velocity(

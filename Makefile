@@ -20,7 +20,7 @@ machine:
 $(VENV)/tools: pyproject.toml | machine
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) --upgrade pip
-	$(PIP) "scikit-build-core>=0.10" "pybind11>=3" "cmeel-eigen>=3.4" "cmake>=3.26" ninja "setuptools>=70.1"
+	$(PIP) "scikit-build-core>=0.10" "pybind11>=3.1" "cmeel-eigen>=3.4" "cmake>=3.26" ninja "setuptools>=70.1"
 	touch $@
 
 $(VENV)/installed: $(VENV)/tools $(SOURCES)

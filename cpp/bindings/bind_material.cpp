@@ -123,6 +123,25 @@ Examples
       "float32; a copy.");
 }
 
+/// Warns of constants that look swapped, or given in other units. The ranges are those of the shipped
+/// materials, widened by 1.5 (as in a fit's diagnostics); 30 times beyond them is far (ours).
+void doubt(double c_e, double alpha) {
+  constexpr double stiff[] = {0.308, 3.2175}, fast[] = {0.058, 0.384}, far = 30;
+  const auto within = [](double value, const double* range) {
+    return range[0] <= value && value <= range[1];
+  };
+  const char* looks = nullptr;
+  if (within(alpha, stiff) && within(c_e, fast) && !within(c_e, stiff))
+    looks = "look swapped";
+  else if (alpha > far * fast[1] || c_e > far * stiff[1] || c_e < stiff[0] / far)
+    looks = "look like numbers of other units than N/mm^2 and 1/ms";
+  if (looks)
+    warn(format(
+        "c_e = {:g} N/mm^2 and alpha = {:g} 1/ms {}: known materials have c_e 0.46 to 2.1 N/mm^2 and alpha "
+        "0.087 to 0.26 1/ms",
+        c_e, alpha, looks));
+}
+
 }  // namespace
 
 void bind_material(py::module_& m) {
@@ -174,6 +193,11 @@ Raises
 ValueError
     If c_e is not positive, alpha negative, either not finite, or the shape unknown.
 
+Warns
+-----
+UserWarning
+    If c_e and alpha look swapped, or as if in other units.
+
 Notes
 -----
 The unit of c_e follows from F = c_e R^2 (h/R)^(3/2). Only an alpha per millisecond gives the paper's
@@ -185,10 +209,13 @@ Examples
 >>> burrlab.Material("test block", c_e=2.0, alpha=0.1)
 Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
 )")
-      .def(
-          py::init([](const py::str& name, double c_e, double alpha, const ShapeArgument& shape,
-                      const py::str& source) { return Material(name, c_e, alpha, to_shape(shape), source); }),
-          "name"_a, py::kw_only(), "c_e"_a, "alpha"_a, "shape"_a = "parabolic", "source"_a = "")
+      .def(py::init([](const py::str& name, double c_e, double alpha, const ShapeArgument& shape,
+                       const py::str& source) {
+             Material made(name, c_e, alpha, to_shape(shape), source);
+             doubt(c_e, alpha);
+             return made;
+           }),
+           "name"_a = "unnamed", py::kw_only(), "c_e"_a, "alpha"_a, "shape"_a = "parabolic", "source"_a = "")
       .def_readonly("name", &Material::name)
       .def_readonly("c_e", &Material::c_e, "Elastic constant [N/mm^2]")
       .def_readonly("alpha", &Material::alpha, "Erosion rate [1/ms]")

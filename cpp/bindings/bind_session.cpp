@@ -85,7 +85,12 @@ void bind_executor(py::module_& m) {
       .def_property_readonly("seed", [](const TickExecutor& e) { return e.setup().seed; });
 
   py::class_<Device, std::shared_ptr<Device>>(m, "Device", "A device that moves a burr and feels its force.")
-      .def_property_readonly("name", &Device::name);
+      .def_property_readonly("name", &Device::name)
+      .def_static("__init_subclass__", [](const py::kwargs&) {
+        throw py::type_error(
+            "Device cannot be subclassed in Python, which is too slow for a tick: put positions into a "
+            "MailboxDevice, or give them to a ScriptedDevice or a ReplayDevice");
+      });
   py::class_<MailboxDevice, Device, std::shared_ptr<MailboxDevice>>(
       m, "MailboxDevice", R"(A device driven from Python, or any other thread, through a mailbox.
 

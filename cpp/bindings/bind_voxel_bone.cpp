@@ -202,12 +202,22 @@ py::array read_only(const VoxelBone& bone, bool pristine) {
 std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const Vec3& origin, int level) {
   const Vec3 s = to_vector(spacing);
   Index3 shape;
+  Vec3 made;
   for (int axis = 0; axis < 3; ++axis) {
     require_positive("size", size[axis]);
     require_positive("spacing", s[axis]);
     const double count = std::ceil(size[axis] / s[axis] - 1e-6);
     if (!(count < 1e6)) refuse("voxels along a side", "below 1000000", count);
     shape[2 - axis] = static_cast<std::int64_t>(count);
+    made[axis] = count * s[axis];
+  }
+  if (((made - size).array() > 1e-6 * s.array()).any()) {
+    const py::str text = format(
+        "size ({:g}, {:g}, {:g}) mm is no whole number of voxels of ({:g}, {:g}, {:g}) mm: the block has "
+        "({:g}, "
+        "{:g}, {:g}) mm",
+        size[0], size[1], size[2], s[0], s[1], s[2], made[0], made[1], made[2]);
+    warn(text);
   }
   if (level < 0 || level > 255) refuse("level", "0 to 255", level);
   check_memory(shape, level > 0 ? 1.04 : 0.04);  // empty bricks take only their sums
@@ -263,7 +273,7 @@ Examples
 Parameters
 ----------
 size : (x, y, z)
-    Sides [mm]; rounded up to whole voxels.
+    Sides [mm]; rounded up to whole voxels, with a warning where that changes them.
 spacing : float or (x, y, z)
     [mm]
 origin : (x, y, z)

@@ -62,6 +62,14 @@ std::string format(const char* text, Values&&... values) {
   return py::str(text).format(std::forward<Values>(values)...);
 }
 
+/// Python's UserWarning at the caller's line; none where a module of burrlab calls, but its command line.
+inline void warn(const std::string& text) {
+  const py::dict globals = py::globals();
+  const std::string caller = globals.contains("__name__") ? py::str(globals["__name__"]) : py::str();
+  if (caller.rfind("burrlab.", 0) == 0 && caller.rfind("burrlab.cli", 0) != 0) return;
+  if (PyErr_WarnEx(PyExc_UserWarning, text.c_str(), 1) != 0) throw py::error_already_set();
+}
+
 /// Three values, as of a Vec3, an Index3 or a colour.
 template <class Values>
 py::tuple three(const Values& values) {
@@ -132,3 +140,4 @@ void bind_network(py::module_& m);
 void bind_effect_parameters(py::module_& m);
 void bind_effects(py::module_& m);
 void bind_surface(py::module_& m);
+void bind_refusal(py::module_& m);

@@ -43,7 +43,7 @@ from burrlab.descent.scatter import predicted_scatter as predicted_scatter
 from burrlab.descent.sweep import force_sweep as force_sweep
 from burrlab.fitting.comparison import Comparison as Comparison
 from burrlab.fitting.comparison import compare as compare
-from burrlab.fitting.coverage import Experiment as Experiment
+from burrlab.fitting.coverage import ExperimentPlan as ExperimentPlan
 from burrlab.fitting.coverage import coverage_study as coverage_study
 from burrlab.fitting.design import Design as Design
 from burrlab.fitting.design import design as design

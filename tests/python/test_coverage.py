@@ -15,7 +15,7 @@ import burrlab.fitting.coverage as module
 from burrlab import materials
 from burrlab._core import Burr
 from burrlab.common.study import Store
-from burrlab.fitting.coverage import Experiment, Share, coverage_study
+from burrlab.fitting.coverage import ExperimentPlan, Share, coverage_study
 from burrlab.fitting.fit import fit
 from burrlab.fitting.observations import Calibration, Scatter
 from burrlab.measured.curve import VelocityCurve
@@ -29,16 +29,16 @@ def evenly(low: float, high: float, n: int = 10) -> list[float]:
     return np.linspace(low, high, n).tolist()
 
 
-def one_burr(low: float, high: float, *, n: int = 10, repeats: int = 3) -> Experiment:
-    return Experiment([(3.0, evenly(low, high, n), repeats)])
+def one_burr(low: float, high: float, *, n: int = 10, repeats: int = 3) -> ExperimentPlan:
+    return ExperimentPlan([(3.0, evenly(low, high, n), repeats)])
 
 
-def two_burrs(low: float, high: float) -> Experiment:
-    return Experiment([(R, evenly(low, high, 5), 3) for R in (2.0, 4.0)])
+def two_burrs(low: float, high: float) -> ExperimentPlan:
+    return ExperimentPlan([(R, evenly(low, high, 5), 3) for R in (2.0, 4.0)])
 
 
-def with_static(low: float, high: float) -> Experiment:
-    return Experiment([(3.0, evenly(low, high), 3)], static=[(3.0, evenly(0.1, 0.5, 5), 1)])
+def with_static(low: float, high: float) -> ExperimentPlan:
+    return ExperimentPlan([(3.0, evenly(low, high), 3)], static=[(3.0, evenly(0.1, 0.5, 5), 1)])
 
 
 WIDE = one_burr(0.3, 2.6)
@@ -89,8 +89,8 @@ class TestStudy:
         assert not np.array_equal(drawn.lower, alone.lower[:2])
 
     def test_goes_on_from_a_store(self, tmp_path, monkeypatch):
-        def stop(done, n):
-            if done == 25:
+        def stop(done):
+            if done == 25 / 30:
                 raise KeyboardInterrupt
 
         path, told = tmp_path / "study.jsonl", []
@@ -102,11 +102,9 @@ class TestStudy:
         made = []
         draw = module.lowest
         monkeypatch.setattr(module, "lowest", lambda *given: made.append(1) or draw(*given))
-        resumed = coverage_study(
-            WIDE, BONE, n=30, seed=3, store=path, progress=lambda done, n: told.append((done, n))
-        )
+        resumed = coverage_study(WIDE, BONE, n=30, seed=3, store=path, progress=told.append)
         assert len(made) == 30 - kept
-        assert told == [(i, 30) for i in range(1, 31)]
+        assert told == [i / 30 for i in range(1, 31)]
         assert same(resumed, coverage_study(WIDE, BONE, n=30, seed=3))
 
     def test_wide_data_cover(self):
@@ -144,15 +142,15 @@ def study():
         (lambda _: coverage_study(WIDE, BONE, static_scatter=np.nan), ValueError,
          "^static_scatter must be positive and finite: got nan"),
         (lambda _: coverage_study(one_burr(0.5, 4.0), BONE, n=1), ValueError, r"leave a window, below 0\.1925 c_e R\^2 = 3\.72 N: got 4 N"),
-        (lambda _: coverage_study(Experiment([(3.0, [0.5, 1.0], 3)]), BONE, n=1), ValueError,
+        (lambda _: coverage_study(ExperimentPlan([(3.0, [0.5, 1.0], 3)]), BONE, n=1), ValueError,
          "three or more distinct forces: got 2"),
-        (lambda _: Experiment([(0.0, [1.0], 1)]), ValueError,
+        (lambda _: ExperimentPlan([(0.0, [1.0], 1)]), ValueError,
          "radius in velocities must be positive and finite: got 0.0"),
-        (lambda _: Experiment([(3.0, [1.0, -1.0], 1)]), ValueError,
+        (lambda _: ExperimentPlan([(3.0, [1.0, -1.0], 1)]), ValueError,
          "forces in velocities must be positive and finite, at least one"),
-        (lambda _: Experiment([(3.0, [1.0], 1)], [(3.0, [], 1)]), ValueError,
+        (lambda _: ExperimentPlan([(3.0, [1.0], 1)], [(3.0, [], 1)]), ValueError,
          "depths in static must be positive and finite, at least one"),
-        (lambda _: Experiment([(3.0, [1.0], 0)]), ValueError,
+        (lambda _: ExperimentPlan([(3.0, [1.0], 0)]), ValueError,
          "repeats in velocities must be at least 1: got 0"),
         (lambda study: study.holds("beta"), ValueError,
          "quantity must be one of c_e, alpha, identified: got 'beta'"),

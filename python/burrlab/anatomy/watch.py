@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -13,13 +13,14 @@ from scipy.ndimage import distance_transform_edt, find_objects
 
 from burrlab._core import AnatomyWatch, StructureDistance, StructureSearch, VoxelBone
 from burrlab.common.check import real, refuse
+from burrlab.common.progress import Progress, reporter
 
 SPACING = 0.4  # of the nodes [mm]
 MARGIN = 15.0  # about the structure [mm]
 
 
 def structure_distances(
-    bone: VoxelBone, tissues: Sequence[int], progress: Callable[[float], object] | None = None
+    bone: VoxelBone, tissues: Sequence[int], progress: Progress | None = None
 ) -> list[StructureDistance]:
     """Distance fields of structures, one each.
 
@@ -29,8 +30,8 @@ def structure_distances(
         With tissues.
     tissues : sequence of int
         Tissue numbers.
-    progress : callable, optional
-        Called with the part done, 0 to 1, after each.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1, after each; True shows a bar.
 
     Raises
     ------
@@ -44,6 +45,7 @@ def structure_distances(
     nodes' cell plus half a diagonal of a voxel. For nodes that may be nearer than 8 mm, a search among the
     voxels then gives the exact distance.
     """
+    report = reporter(progress, "distances")
     searches = [StructureSearch(bone, tissue) for tissue in tissues]
     numbers = bone.tissue_numbers
     assert numbers is not None  # a search would have refused
@@ -51,8 +53,7 @@ def structure_distances(
     distances = []
     for search, tissue in zip(searches, tissues, strict=True):
         distances.append(_field(search, bone, numbers[boxes[tissue]] == tissue, boxes[tissue]))
-        if progress is not None:
-            progress(len(distances) / len(tissues))
+        report(len(distances) / len(tissues))
     return distances
 
 
@@ -119,8 +120,8 @@ class Watch:
         Distance beyond a limit that the burr must reach before an event is told again [mm]; default ours.
     structures : sequence of str, optional
         Names of tissues; default: all that are critical and have voxels.
-    progress : callable, optional
-        Called with the part of the fields that is done, 0 to 1.
+    progress : callable or True, optional
+        Called with the fraction of the fields that is done, 0 to 1; True shows a bar.
 
     Attributes
     ----------
@@ -162,7 +163,7 @@ class Watch:
         injury: Limit = _INJURY,
         hysteresis: float = _HYSTERESIS,
         structures: Sequence[str] | None = None,
-        progress: Callable[[float], object] | None = None,
+        progress: Progress | None = None,
     ) -> None:
         tissues = bone.tissues
         if tissues is None:

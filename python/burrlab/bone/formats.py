@@ -7,7 +7,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from burrlab.bone.header import (
     three_sizes,
 )
 from burrlab.bone.image import Colour, LabelVolume, Volume, checked_direction
-from burrlab.common.check import check_memory, first_bytes, refuse
+from burrlab.common.check import check_memory, first_bytes, refuse, shown
 from burrlab.common.files import check_folder, new_part
 
 
@@ -144,6 +144,8 @@ def _read(
 ) -> tuple[str, Header, NDArray[Any]]:
     """Name, header and values of a volume of at most `most` layers."""
     single = isinstance(path, str | os.PathLike)
+    if not single and not isinstance(path, Iterable):
+        raise TypeError(f"path must be a path or a list of paths, got {shown(path)}")
     names = [os.fspath(part) for part in ([path] if isinstance(path, str | os.PathLike) else path)]
     refuse(not names, "path must name a file, got an empty list")
     name = names[0]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
 from burrlab.common.check import check_memory, real, refuse, require_type
+from burrlab.common.table import object_html
 
 #: Corners of a box: 0 or 1 for its two ends along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
@@ -562,6 +563,9 @@ class Volume(OnGrid):
         )
         check_finite(values, self.path)
         self._check(values)
+
+    def _repr_html_(self) -> str:
+        return object_html(self)
 
     def to_bone(
         self,

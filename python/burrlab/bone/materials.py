@@ -2,27 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
 
 from burrlab._core import Material
+from burrlab.common.check import nearest
 
 _PAPER = "Agus et al., HAPTICS 2004, section 4.2"
 _UNKNOWN = "the paper's f and voxel size are unknown; alpha holds for one drill, burr type and speed"
 
+
+class Materials(Mapping[str, Material]):
+    """Materials by name, read-only; printed as a table."""
+
+    def __init__(self, *materials: Material) -> None:
+        self._named = {one.name: one for one in materials}
+
+    def __getitem__(self, name: str) -> Material:
+        if name not in self._named:
+            raise KeyError(
+                f"material must be one of {', '.join(self._named)}, got {name!r}{nearest(name, self)}"
+            )
+        return self._named[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._named)
+
+    def __len__(self) -> int:
+        return len(self._named)
+
+    def __repr__(self) -> str:
+        lines = [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source"]
+        lines += [
+            f"{m.name:<10} {m.c_e:>12} {m.alpha:>12}  {m.shape.name:<10} {m.source}" for m in self.values()
+        ]
+        return "\n".join(lines)
+
+
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:
 #: the paper states neither them nor its voxel size.
-materials: Mapping[str, Material] = MappingProxyType(
-    {
-        "bone": Material(
-            "bone", c_e=2.145, alpha=0.087, source=f"{_PAPER}: fitted, mastoid bone; {_UNKNOWN}"
-        ),
-        "pettigrew": Material(
-            "pettigrew", c_e=1.504, alpha=0.116, source=f"{_PAPER}: fitted, Pettigrew resin; {_UNKNOWN}"
-        ),
-        "pvc": Material("pvc", c_e=0.462, alpha=0.256, source=f"{_PAPER}: fitted, PVC K70; {_UNKNOWN}"),
-        "expert": Material(
-            "expert", c_e=1.5, alpha=0.1, source=f"{_PAPER}: set by expert surgeons; {_UNKNOWN}"
-        ),
-    }
+materials = Materials(
+    Material("bone", c_e=2.145, alpha=0.087, source=f"{_PAPER}: fitted, mastoid bone; {_UNKNOWN}"),
+    Material("pettigrew", c_e=1.504, alpha=0.116, source=f"{_PAPER}: fitted, Pettigrew resin; {_UNKNOWN}"),
+    Material("pvc", c_e=0.462, alpha=0.256, source=f"{_PAPER}: fitted, PVC K70; {_UNKNOWN}"),
+    Material("expert", c_e=1.5, alpha=0.1, source=f"{_PAPER}: set by expert surgeons; {_UNKNOWN}"),
 )

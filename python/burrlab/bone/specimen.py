@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.common.check import check_bone, real, refuse
+from burrlab.common.check import check_bone, real, refuse, require_tool
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 
@@ -94,6 +94,7 @@ def block_below_plane(
     burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
 ) -> Block:
     """Block of `half_space`, with the same parameters and errors."""
+    require_tool(burr)
     spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
     refuse(
         not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)),

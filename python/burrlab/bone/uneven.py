@@ -10,7 +10,7 @@ from scipy import special
 
 from burrlab._core import Burr
 from burrlab.bone.specimen import Specimen, Vector, block_below_plane
-from burrlab.common.check import refuse
+from burrlab.common.check import real, refuse
 from burrlab.common.study import stored_as
 
 Floats = NDArray[np.float64]
@@ -88,6 +88,8 @@ class BoneField:
     correlation_length: float = 0.5
 
     def __post_init__(self) -> None:
+        for name in ("mean", "contrast", "correlation_length"):
+            real(getattr(self, name), name)
         refuse(not 0 < self.mean <= 1, f"mean must be above 0 and at most 1, got {self.mean}")
         most = np.sqrt((1 - self.mean) / self.mean)
         refuse(

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-import sys
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
-from tqdm import tqdm
 
 import burrlab
 from burrlab._core import Burr, Shape
@@ -28,6 +25,7 @@ from burrlab.cli.options import (
     count,
     deliver,
     flag,
+    on_terminal,
     option,
     parsed_by,
     plot,
@@ -35,7 +33,6 @@ from burrlab.cli.options import (
     refuse_options,
     save_figure,
     seed,
-    show_progress,
 )
 from burrlab.common.check import refuse
 
@@ -59,12 +56,11 @@ def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
 def _descend(options: Options) -> int:
     burr, material = Burr(options.radius), chosen_material(options)
     specimen = _specimen(options, burr)
-    with show_progress("descent") as progress:
-        run = burrlab.descend(
-            burr, material, options.force, voxel=options.voxel or 0.1, dt=options.dt, seed=options.seed,
-            scheme=options.scheme, ideal=options.ideal, specimen=specimen, stop=options.stop,
-            max_duration=options.max_duration, progress=progress,
-        )  # fmt: skip
+    run = burrlab.descend(
+        burr, material, options.force, voxel=options.voxel or 0.1, dt=options.dt, seed=options.seed,
+        scheme=options.scheme, ideal=options.ideal, specimen=specimen, stop=options.stop,
+        max_duration=options.max_duration, progress=on_terminal(),
+    )  # fmt: skip
     plot(options.plot, lambda: run.plot()[0])
     deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}")
     return 130 if run.status == "interrupted" else 0
@@ -74,8 +70,8 @@ def _sweep(options: Options) -> int:
     burr, material = Burr(options.radius), chosen_material(options)
     curve = burrlab.force_sweep(
         burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, dt=options.dt,
-        seed=options.seed, scheme=options.scheme, rig=options.rig, specimen=_specimen(options, burr),
-        stop=options.stop, max_duration=options.max_duration, store=options.store, progress=sys.stderr.isatty(),
+        seed=options.seed, scheme=options.scheme, ideal=not options.rig, specimen=_specimen(options, burr),
+        stop=options.stop, max_duration=options.max_duration, store=options.store, progress=on_terminal(),
     )  # fmt: skip
     curve.to_csv(options.out)
     notes = told_notes(curve.provenance.get("volume"))
@@ -109,11 +105,7 @@ def _materials(options: Options) -> int:
         name: {"c_e": m.c_e, "alpha": m.alpha, "shape": m.shape.name, "source": m.source}
         for name, m in burrlab.materials.items()
     }
-    lines = [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source"]
-    lines += [
-        f"{n:<10} {m['c_e']:>12} {m['alpha']:>12}  {m['shape']:<10} {m['source']}" for n, m in table.items()
-    ]
-    deliver(options, table, "\n".join(lines))
+    deliver(options, table, str(burrlab.materials))
     return 0
 
 
@@ -219,20 +211,7 @@ def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:
     if options.engine == "mean-field":
         return "mean-field"
     store = None if options.store is None else burrlab.Store(options.store)
-    return burrlab.VoxelEngine(voxel=options.voxel, store=store, progress=_bar())
-
-
-def _bar() -> Callable[[int, int], object] | None:
-    """A progress bar on a terminal."""
-    if not sys.stderr.isatty():
-        return None
-    bar = tqdm(desc="descents", leave=False)
-
-    def show(done: int, total: int) -> None:
-        bar.total = total
-        bar.update(done - bar.n)
-
-    return show
+    return burrlab.VoxelEngine(voxel=options.voxel, store=store, progress=on_terminal())
 
 
 #: Options for files of other programs.
@@ -295,7 +274,7 @@ DESCENT_COMMANDS = (
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
         option("--residuals", choices=["relative", "absolute", "sigma", "student"], default="relative"),
         option("--voxel", "voxel engine: spacing [mm]", type=positive, default=0.1),
-        option("--seed", type=seed, default=0),
+        option("--seed", "default: drawn and recorded", type=seed),
         option("--alpha-lines", "also draw alpha +- D [1/ms], as the paper does", type=positive, metavar="D"),
         flag("--log", "logarithmic axes in the figure"),
         option("--region", "write a figure of the joint region of c_e and alpha", metavar="FILE"),

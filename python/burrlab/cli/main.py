@@ -25,6 +25,7 @@ from burrlab.cli.options import (
 )
 from burrlab.cli.session import SESSION_COMMANDS
 from burrlab.cli.view import VIEW_COMMAND
+from burrlab.common.check import nearest
 from burrlab.common.files import NO_ROOM
 from burrlab.common.provenance import provenance
 from burrlab.starting import started
@@ -34,6 +35,15 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         """Takes whole names only: an abbreviation may mean another option later."""
         super().__init__(allow_abbrev=False, **options)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse, but names a misspelt option before it asks for a missing one."""
+        given = list(sys.argv[1:] if args is None else args)
+        for text in [] if self._subparsers else given[: (given + ["--"]).index("--")]:
+            name = text.partition("=")[0]
+            if name.startswith("--") and name not in self._option_string_actions:
+                self.error(f"unknown option {name}{nearest(name, self._option_string_actions)}")
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Prints one line that names the option, and exits with status 2."""

@@ -14,8 +14,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
-from tqdm import tqdm
-
 import burrlab
 from burrlab._core import Burr, Material, Shape, shape_names
 from burrlab.bone.image import OccupancyMap
@@ -276,11 +274,9 @@ def show_line(line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
-@contextlib.contextmanager
-def show_progress(what: str) -> Iterator[Callable[[float], object]]:
-    """A function that sets a progress bar on a terminal to the fraction done, 0 to 1."""
-    with tqdm(total=100, desc=what, unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
-        yield lambda done: bar.update(int(100 * done) - bar.n)
+def on_terminal() -> bool | None:
+    """The `progress` of a command: a bar on a terminal, else none."""
+    return True if sys.stderr.isatty() else None
 
 
 @contextlib.contextmanager

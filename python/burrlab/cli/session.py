@@ -34,6 +34,7 @@ from burrlab.cli.options import (
     deliver,
     ended_by_signals,
     flag,
+    on_terminal,
     option,
     parsed_by,
     plot,
@@ -43,7 +44,6 @@ from burrlab.cli.options import (
     say,
     seed,
     show_line,
-    show_progress,
     whole,
 )
 from burrlab.common.check import refuse
@@ -319,8 +319,7 @@ def _tell_events(replica: Replica, known: int) -> int:
 
 def _replay(options: Options) -> int:
     trace = load_trace(options.file)
-    with show_progress("replay") as progress:
-        again = replay(trace, until=options.until, progress=progress)
+    again = replay(trace, until=options.until, progress=on_terminal())
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     said = f"equal: {where}" if again.equal else f"different: {again.difference}"
     ended = trace.ended or "recording did not end: the session was killed, or goes on"
@@ -349,13 +348,11 @@ def _metrics(options: Options) -> int:
     if asked or (metrics.anatomy is None and trace.tissues is not None):
         watch = chosen_watch(options, trace.bone()) if asked else None
         refuse(asked and watch is None, "--watch must name structures of the trace's bone, got none")
-        with show_progress("replay") as progress:
-            anatomy = anatomy_report(trace, watch=watch, progress=progress)
+        anatomy = anatomy_report(trace, watch=watch, progress=on_terminal())
         metrics = replace(metrics, anatomy=anatomy)
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:
-        with show_progress("replay") as progress:
-            again = replay(trace, progress=progress)
+        again = replay(trace, progress=on_terminal())
         refuse(not again.equal, f"--target: the trace replays otherwise than recorded: {again.difference}")
         removed = compare_with_target(again.bone, target, onto=options.onto)
         before = trace.bone().removed
@@ -370,11 +367,10 @@ def _metrics(options: Options) -> int:
 
 def _export(options: Options) -> int:
     refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
-    with show_progress("replay") as progress:
-        export_volumetric_drilling(
-            load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
-            progress=progress,
-        )  # fmt: skip
+    export_volumetric_drilling(
+        load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
+        progress=on_terminal(),
+    )  # fmt: skip
     deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")
     return 0
 

@@ -3,34 +3,48 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 import operator
 import os
 import re
 import reprlib
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab._core import Burr, Material
+
 
 def require_type(name: str, value: object, kind: type, example: str) -> None:
     """TypeError unless `value` is a `kind`."""
     if not isinstance(value, kind):
-        raise TypeError(f"{name} must be a {kind.__name__}, such as {example}, got {value!r}")
+        raise TypeError(
+            f"{name} must be a{'n' * (kind.__name__[0] in 'AEIOU')} {kind.__name__}, such as {example}, got {shown(value)}"
+        )
+
+
+def require_tool(burr: object, *material: object) -> None:
+    """TypeError unless these are a Burr and, if given, a Material."""
+    require_type("burr", burr, Burr, "Burr(3.0)")
+    for one in material:
+        require_type("material", one, Material, "materials['bone']")
 
 
 def real(value: object, name: str) -> NDArray[np.float64]:
     """A copy in float64; ValueError for complex numbers, flags, bytes, 10**400 and anything not real."""
     try:
         found = np.asarray(value)
-        if found.dtype.kind in "iufUO":
+        texts = found.dtype.kind == "O" and any(isinstance(one, str | bytes) for one in found.flat)
+        if found.dtype.kind in "iufO" and not texts:
             return np.array(found, np.float64)
     except (TypeError, ValueError, OverflowError):
         pass
-    raise ValueError(f"{name} must be of real numbers that a float holds, got {reprlib.repr(value)}")
+    raise ValueError(f"{name} must be of real numbers that a float holds, got {shown(value)}")
 
 
 def whole(name: str, value: object, end: int, end_text: str) -> int:
@@ -44,16 +58,27 @@ def whole(name: str, value: object, end: int, end_text: str) -> int:
 
 
 def check_positive(name: str, value: float) -> None:
-    """ValueError unless the number is positive and finite."""
+    """TypeError unless it is a number, ValueError unless it is positive and finite."""
+    if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__"):
+        raise TypeError(f"{name} must be a number, got {shown(value)}")
     refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
 
 
 def seed_or_new(seed: int | None) -> int:
-    """The seed, or a random one for None; ValueError unless it is from 0 and below 2^64."""
+    """The seed, or a random one for None; TypeError or ValueError unless it is whole, from 0, below 2^64."""
     if seed is None:
         return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+    if isinstance(seed, bool) or not hasattr(seed, "__index__"):
+        raise TypeError(f"seed must be a whole number or None, got {shown(seed)}")
     refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
-    return seed
+    return operator.index(seed)
+
+
+def nearest(name: object, names: Iterable[str]) -> str:
+    """ "; did you mean 'bone'?" for a misspelt name; empty where none is near."""
+    lower = {one.lower(): one for one in names}
+    found = difflib.get_close_matches(str(name).lower(), lower, 1)
+    return f"; did you mean {lower[found[0]]!r}?" if found else ""
 
 
 #: Most bytes that Deflate unpacks from one: two bits can stand for 258 bytes.
@@ -67,7 +92,7 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 120, 120
 
 def shown(value: object) -> str:
     """Short text of a value for a message; a large value costs no time."""
-    text = _SHORT.repr(value)
+    text = " ".join(_SHORT.repr(value).split())  # an array has lines
     return text if len(text) <= 200 else f"{text[:200]}..."
 
 

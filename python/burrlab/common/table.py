@@ -650,6 +650,29 @@ def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
     return f"<p>{html.escape(title)}</p>{table_html(cells)}"
 
 
+# What the table of an object shows: its attributes, and their units.
+_OBJECTS = {
+    "Burr": {"radius": "mm"},
+    "Material": {"name": "", "c_e": "N/mm²", "alpha": "1/ms", "shape": "", "source": ""},
+    "VoxelBone": {"shape": "z, y, x", "spacing": "mm", "origin": "mm", "mass": "mm³", "removed": "mm³"},
+    "Volume": {"values": "z, y, x", "spacing": "mm", "origin": "mm", "path": ""},
+}
+
+
+def object_html(shown: object) -> str:
+    """HTML of a burr, material, bone or volume: a row an attribute."""
+    rows = _OBJECTS[(kind := type(shown).__name__)]
+    names = [f"{name} [{unit}]" if unit else name for name, unit in rows.items()]
+    return html_table(kind, {"": names, kind: [_plain(getattr(shown, name)) for name in rows]})
+
+
+def _plain(value: Any) -> str:
+    value = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) and value.ndim == 3 else value
+    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+        return "(" + ", ".join(_plain(one) for one in value) + ")"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
 def data_label(source: str) -> str:
     """Name of data in a legend, with "synthetic" or "simulated" if the source begins so."""
     return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")

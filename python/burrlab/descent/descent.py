@@ -11,7 +11,8 @@ import numpy as np
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
 from burrlab.bone.specimen import Specimen, Vector, half_space
-from burrlab.common.check import check_positive, real, refuse, require_type, seed_or_new
+from burrlab.common.check import check_positive, real, refuse, require_tool, require_type, seed_or_new
+from burrlab.common.progress import Progress, foretold, reporter
 from burrlab.common.provenance import provenance
 from burrlab.descent.result import Descent, Series, evaluate
 from burrlab.descent.rig import Rig, RigReading, VirtualRig
@@ -66,8 +67,9 @@ def descend(
         Immersion at which the run ends [mm]; default R/3.
     max_duration : float
         Time after which a run that has not reached the stop is stalled [s].
-    progress : callable, optional
-        Called from time to time with the fraction of the way to the stop.
+    progress : callable or True, optional
+        Called from time to time with the fraction of the way to the stop; True shows a bar. None writes a
+        note to the logger ``burrlab`` where the run has more than 10 s to go.
     cancel : threading.Event, optional
         Ends the run with status ``interrupted``, as Ctrl-C does.
 
@@ -99,11 +101,11 @@ def descend(
     >>> run.status, 2.6 < run.penetration_velocity < 2.9
     ('ok', True)
     """
-    require_type("burr", burr, Burr, "Burr(3.0)")
+    require_tool(burr, *([] if material is None else [material]))
     if specimen is not None:
         require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
-    if material is not None:
-        require_type("material", material, Material, "materials['bone']")
+    if rig is not None:
+        require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
     stop = burr.radius / 3 if stop is None else float(real(stop, "stop"))
     for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
         check_positive(name, value)
@@ -114,11 +116,17 @@ def descend(
     )
     seed = seed_or_new(seed)
     refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
+    if controller is not None:
+        require_type("controller", controller, ForceController, "ForceController(2.0)")
+    if not isinstance(ideal, bool):
+        raise TypeError(f"ideal must be True or False, got {ideal!r}")
     refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
 
+    about = f"descent at dt = {dt:g} ms, voxel = {voxel} mm"
+    report = foretold(about) if progress is None else reporter(progress, "descent")
+
     def interrupted(immersion: float) -> bool:
-        if progress is not None:
-            progress(min(max(immersion / stop, 0.0), 1.0))
+        report(min(max(immersion / stop, 0.0), 1.0))
         return cancel is not None and cancel.is_set()
 
     contact: BurrContact | None = None
@@ -175,8 +183,6 @@ LONGEST_APPROACH, RETREAT = 20.0, 5.0
 #: Fraction of the set-point from which the integral of the default gains acts (ours).
 ARRIVED = 0.95
 _CHUNK = 256  # ticks between looks at progress and interrupts
-
-Progress = Callable[[float], object]
 
 
 def free_clearance(contact: BurrContact, specimen: Specimen, burr: Burr) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 
 from burrlab._core import BurrContact
 from burrlab.bone.specimen import Specimen
-from burrlab.common.check import check_positive, refuse
+from burrlab.common.check import check_positive, refuse, require_type
 
 
 class RigReading(NamedTuple):
@@ -90,6 +90,8 @@ class VirtualRig:
         force_limit: float = 20.0,
         clearance: float = 0.2,
     ) -> None:
+        require_type("contact", contact, BurrContact, "BurrContact(bone, burr, material, seed=1)")
+        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
         named = {"lag": lag, "encoder_step": encoder_step, "noise": noise, "force_filter": force_filter}
         for name, value in named.items():
             refuse(not 0 <= value < np.inf, f"{name} must be zero or positive and finite, got {value}")

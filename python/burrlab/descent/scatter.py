@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,8 +12,9 @@ from scipy import stats
 
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
-from burrlab.common.check import check_positive, refuse, require_type, seed_or_new
+from burrlab.common.check import check_positive, refuse, require_tool, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
 from burrlab.common.study import StorePath, run_items, stored_as
@@ -267,7 +267,7 @@ def predicted_scatter(
     seed: int | None = None,
     executor: Executor | None = None,
     store: StorePath | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress | None = None,
 ) -> Scatter:
     """Scatter of the penetration velocity over realisations of a field, force held exactly.
 
@@ -291,8 +291,8 @@ def predicted_scatter(
         Default: threads over the cores. The result does not depend on it.
     store : Store or path, optional
         Keeps every descent, so that an interrupted study resumes.
-    progress : callable, optional
-        Called with (descents done, descents in all).
+    progress : callable or True, optional
+        Called with the fraction done; True shows a bar.
 
     Returns
     -------
@@ -323,8 +323,7 @@ def predicted_scatter(
     >>> scatter.pooled_n_dof, scatter.pooled > scatter.without_field
     (4, True)
     """
-    require_type("burr", burr, Burr, "Burr(3.0)")
-    require_type("material", material, Material, "materials['bone']")
+    require_tool(burr, material)
     require_type("field", field, BoneField, "BoneField()")
     force = np.asarray(forces, dtype=float)
     refuse(force.ndim != 1 or force.size == 0, f"forces must be a list of at least one force, got {forces!r}")
@@ -344,7 +343,7 @@ def predicted_scatter(
         for f in force
         for k in range(repeats)
     ]
-    rows = run_items(run_item, items, executor=executor, store=store, progress=progress)
+    rows = run_items(run_item, items, executor=executor, store=store, progress=counter(progress, "descents"))
     table = np.array([row[0] for row in rows]).reshape(2, force.size, repeats)
     return Scatter(
         force, table[0], table[1], tuple(row[1] for row in rows[: len(rows) // 2]), field, burr, material,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -9,11 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from tqdm import tqdm
 
 from burrlab._core import Burr, Material
 from burrlab.bone.specimen import Specimen, Vector
-from burrlab.common.check import real, refuse, require_type, seed_or_new, whole
+from burrlab.common.check import real, refuse, require_tool, seed_or_new, whole
+from burrlab.common.progress import Progress, foretold, reporter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, Study, cancel_event, stored_as
 from burrlab.descent.descent import descend
@@ -91,7 +93,7 @@ def run_item(item: SweepItem) -> Row:
         specimen = item.specimen.specimen(item.burr, item.voxel, depth=depth, seed=specimen_seed(item.seed))
     run = descend(
         item.burr, item.material, item.force, voxel=item.voxel, dt=item.dt, seed=item.seed, scheme=item.scheme,
-        ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, cancel=cancel_event(),
+        ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, progress=False, cancel=cancel_event(),
     )  # fmt: skip
     if run.status == "interrupted":
         raise KeyboardInterrupt  # no result: a store must not keep it
@@ -110,13 +112,14 @@ def force_sweep(
     dt: float = 1.0,
     seed: int | None = None,
     scheme: str = "layer",
-    rig: bool = False,
+    ideal: bool = True,
+    rig: bool | None = None,
     specimen: Specimen | SpecimenSource | None = None,
     stop: float | None = None,
     max_duration: float = 120.0,
     executor: Executor | None = None,
     store: StorePath | None = None,
-    progress: bool = False,
+    progress: Progress | None = None,
 ) -> VelocityCurve:
     """Penetration velocity at every force, `repeats` times each, in parallel.
 
@@ -136,14 +139,17 @@ def force_sweep(
         Default: a half-space of solid bone.
     seed : int, optional
         Seed of the whole sweep; None draws one and records it.
-    rig : bool
-        Use controller and virtual rig; else the force is held exactly.
+    ideal : bool
+        As for `descend`: hold the force exactly; False uses controller and virtual rig.
+    rig : bool, optional
+        Deprecated: the opposite of `ideal`.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores.
     store : Store or path, optional
         Keeps every descent as it ends and does not repeat those it holds; needs a seed.
-    progress : bool
-        Show a progress bar on standard error.
+    progress : callable or True, optional
+        Called with the fraction done; True shows a bar. None writes a note to the logger ``burrlab`` where the
+        sweep has more than 10 s to go.
 
     Returns
     -------
@@ -169,8 +175,7 @@ def force_sweep(
     >>> curve.status
     ('ok', 'ok')
     """
-    require_type("burr", burr, Burr, "Burr(3.0)")
-    require_type("material", material, Material, "materials['bone']")
+    require_tool(burr, material)
     values = real(forces, "forces")
     refuse(values.ndim != 1 or values.size == 0, "forces must be a list of at least one force")
     finite = np.isfinite(values) & (values > 0)
@@ -181,13 +186,20 @@ def force_sweep(
             "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
             f"{specimen!r}"
         )
+    if rig is not None:
+        if not isinstance(rig, bool):
+            raise TypeError(f"rig of a sweep cannot be shared by its descents: give ideal=False, got {rig!r}")
+        warnings.warn(f"rig={rig} is deprecated: use ideal={not rig}", DeprecationWarning, stacklevel=2)
+        ideal = not rig
+    if not isinstance(ideal, bool):
+        raise TypeError(f"ideal must be True or False, got {ideal!r}")
     if seed is None:
         refuse(store is not None, "seed must be given with a store, which finds results by it, got None")
-        seed = seed_or_new(None)
-    spacing = voxel if isinstance(voxel, int | float) else tuple(float(v) for v in voxel)
+    seed = seed_or_new(seed)
+    spacing = voxel if isinstance(voxel, int | float) else tuple(real(voxel, "voxel").tolist())
     drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
     items = [
-        SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, dt, scheme, not rig, drawn, stop, max_duration)
+        SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, dt, scheme, ideal, drawn, stop, max_duration)
         for f in values
         for k in range(repeats)
     ]  # fmt: skip
@@ -195,8 +207,10 @@ def force_sweep(
     order = sorted(range(len(items)), key=lambda i: items[i].force)
     study = Study(run_item, [items[i] for i in order], executor=executor, store=store)
     with suppress(KeyboardInterrupt):
-        for _ in tqdm(study, total=len(items), desc="descents", disable=not progress):
-            pass
+        told = foretold("sweep") if progress is None else reporter(progress, "descents")
+        for done in enumerate(study, start=1):
+            if progress is not None or done[0] >= (os.cpu_count() or 1):  # the first ones ran side by side
+                told(done[0] / len(items))
     rows = [_INTERRUPTED] * len(items)
     for place, row in study.results.items():
         rows[order[place]] = row
@@ -209,7 +223,7 @@ def force_sweep(
         about = specimen.source
         if specimen.made:
             volume = {"volume": dict(specimen.made), "digest": specimen.bone.digest()}
-    own_window = rig or stop is not None or specimen is not None
+    own_window = not ideal or stop is not None or specimen is not None
     return VelocityCurve(
         force=np.array([item.force for item in items]),
         velocity=table[:, 0],
@@ -221,7 +235,7 @@ def force_sweep(
         provenance=provenance(
             seed=seed, voxel_mm=list(specimen.bone.spacing) if isinstance(specimen, Specimen) else spacing,
             specimen=about,
-            warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=dt, scheme=scheme, rig=rig, radius_mm=burr.radius, repeats=repeats,
+            warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=dt, scheme=scheme, rig=not ideal, radius_mm=burr.radius, repeats=repeats,
             c_e=material.c_e, alpha=material.alpha, shape=material.shape.name, **volume,
         ),
     )  # fmt: skip

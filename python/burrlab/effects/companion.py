@@ -19,8 +19,8 @@ from burrlab._core import (
     Replica,
     Sucker,
 )
-from burrlab.common.check import real
-from burrlab.effects.effects import FrameRecord, to_seed
+from burrlab.common.check import real, seed_or_new
+from burrlab.effects.effects import FrameRecord
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.session import Session
 
@@ -89,7 +89,7 @@ class Companion:
         spin: ArrayLike = (0.0, 0.0, 1.0),
     ) -> None:
         self.parameters = EffectParameters() if parameters is None else parameters
-        self.seed = to_seed(seed)
+        self.seed = seed_or_new(seed)
         self.rate = float(real(rate, "rate"))
         self.budget = budget
         self._process = os.getpid()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import secrets
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab._core as _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone, read_bricks
-from burrlab.common.check import real, refuse, require_type, whole
+from burrlab.common.check import real, refuse, require_type, seed_or_new
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.player import TracePlayer
 
@@ -82,7 +81,7 @@ class Effects:
         if camera is not None:
             require_type("camera", camera, Camera, "Camera((0, -40, 60), (0, 0, 0))")
         self.parameters = EffectParameters() if parameters is None else parameters
-        self.seed = to_seed(seed)
+        self.seed = seed_or_new(seed)
         self.budget = budget
         self._bricks = tuple(-(-int(side) // 8) for side in bone.shape)
         self._core = _core.Effects(
@@ -230,13 +229,6 @@ class Effects:
     def __repr__(self) -> str:
         report = self.report()
         return f"Effects({report.frames} frames, seed={self.seed})"
-
-
-def to_seed(seed: int | None) -> int:
-    """The seed, or a new one."""
-    if seed is None:
-        return secrets.randbits(64)
-    return whole("seed", seed, 2**64, "2^64")
 
 
 def effects_of(

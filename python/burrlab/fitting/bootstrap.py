@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Shape
-from burrlab.common.check import refuse
+from burrlab.common.check import refuse, seed_or_new
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
@@ -238,7 +237,7 @@ def bootstrap(
     )
     evidence = fit._evidence()
     identified = evidence.profile.identified
-    seed = secrets.randbits(32) if seed is None else int(seed)
+    seed = seed_or_new(seed)
     low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
     scatters = tuple(
         (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters

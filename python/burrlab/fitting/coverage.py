@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from burrlab._core import Material, Shape
-from burrlab.common.check import refuse, require_type
+from burrlab.common.check import refuse, require_type, seed_or_new, shown, whole
+from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.fitting.intervals import LEVELS, Interval
@@ -32,7 +32,7 @@ Series: TypeAlias = tuple[float, tuple[float, ...], int]  # radius [mm], forces 
 
 @stored_as("burrlab.fitting.experiment.Experiment")
 @dataclass(frozen=True)
-class Experiment:
+class ExperimentPlan:
     """The measurements of one data set, without outcomes; small and picklable.
 
     Parameters
@@ -49,8 +49,8 @@ class Experiment:
 
     Examples
     --------
-    >>> Experiment([(2.0, [0.8, 1.0, 1.2], 3), (4.0, [0.8, 1.2], 3)], static=[(3.0, [0.1, 0.2], 1)])
-    Experiment(R = 2 mm: 3 forces 0.8..1.2 N x 3; R = 4 mm: 2 forces 0.8..1.2 N x 3; static R = 3 mm: 2 depths 0.1..0.2 mm x 1)
+    >>> ExperimentPlan([(2.0, [0.8, 1.0, 1.2], 3), (4.0, [0.8, 1.2], 3)], static=[(3.0, [0.1, 0.2], 1)])
+    ExperimentPlan(R = 2 mm: 3 forces 0.8..1.2 N x 3; R = 4 mm: 2 forces 0.8..1.2 N x 3; static R = 3 mm: 2 depths 0.1..0.2 mm x 1)
     """
 
     velocities: tuple[Series, ...]
@@ -62,12 +62,16 @@ class Experiment:
         static: Sequence[tuple[float, Sequence[float], int]] = (),
     ) -> None:
         for name, what, table in (("velocities", "forces", velocities), ("static", "depths", static)):
+            if not isinstance(table, Sequence) or not all(
+                isinstance(r, Sequence) and len(r) == 3 for r in table
+            ):
+                raise TypeError(f"{name} must be a list of (radius, {what}, repeats), got {shown(table)}")
             object.__setattr__(self, name, tuple(_series(name, what, *row) for row in table))
 
     def __repr__(self) -> str:
         parts = [f"R = {R:g} mm: {_range(F, 'force', 'N')} x {k}" for R, F, k in self.velocities]
         parts += [f"static R = {R:g} mm: {_range(h, 'depth', 'mm')} x {k}" for R, h, k in self.static]
-        return f"Experiment({'; '.join(parts)})"
+        return f"ExperimentPlan({'; '.join(parts)})"
 
     def observations(self) -> Observations:
         """The rows of a fit, every outcome 1 [mm/s] or [N]."""
@@ -130,7 +134,7 @@ class Coverage:
 
     Attributes
     ----------
-    experiment : Experiment
+    experiment : ExperimentPlan
     material : Material
         True c_e, alpha and shape.
     scatter, static_scatter : float
@@ -151,7 +155,7 @@ class Coverage:
     provenance : dict
     """
 
-    experiment: Experiment
+    experiment: ExperimentPlan
     material: Material
     scatter: float
     static_scatter: float
@@ -297,7 +301,7 @@ _CHUNK = 25  # data sets per submission; one fit takes milliseconds
 class CoverageItem:
     """One data set: small, picklable and self-contained."""
 
-    experiment: Experiment
+    experiment: ExperimentPlan
     c_e: float
     alpha: float
     shape: str
@@ -308,7 +312,7 @@ class CoverageItem:
 
 
 @lru_cache(maxsize=8)
-def _template(experiment: Experiment, shape: str) -> tuple[Observations, MeanFieldModel]:
+def _template(experiment: ExperimentPlan, shape: str) -> tuple[Observations, MeanFieldModel]:
     o = experiment.observations()
     return o, MeanFieldModel(o, Shape(shape))
 
@@ -350,7 +354,7 @@ def _ends(interval: Interval) -> tuple[float, float]:
 
 
 def coverage_study(
-    experiment: Experiment,
+    experiment: ExperimentPlan,
     material: Material,
     *,
     n: int = 2000,
@@ -359,7 +363,7 @@ def coverage_study(
     seed: int | None = None,
     executor: Executor | None = None,
     store: StorePath | None = None,
-    progress: Callable[[int, int], object] | None = None,
+    progress: Progress | None = None,
 ) -> Coverage:
     """Fits to synthetic data sets of an experiment, and how often their intervals hold the truth.
 
@@ -367,7 +371,7 @@ def coverage_study(
 
     Parameters
     ----------
-    experiment : Experiment
+    experiment : ExperimentPlan
         Radii, forces, depths and repeats.
     material : Material
         The truth: c_e [N/mm^2], alpha [1/ms] and erosion shape. The fits know the shape.
@@ -381,8 +385,8 @@ def coverage_study(
         Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
     store : Store or path, optional
         Keeps every data set's outcome, so that an interrupted study resumes.
-    progress : callable, optional
-        Called with (data sets done, n).
+    progress : callable or True, optional
+        Called with the fraction done; True shows a bar.
 
     Returns
     -------
@@ -406,17 +410,17 @@ def coverage_study(
     Examples
     --------
     >>> import burrlab
-    >>> wide = burrlab.Experiment([(3.0, [0.3, 0.6, 1.2, 2.4], 3)])
+    >>> wide = burrlab.ExperimentPlan([(3.0, [0.3, 0.6, 1.2, 2.4], 3)])
     >>> study = burrlab.coverage_study(wide, burrlab.materials["bone"], n=20, seed=1)
     >>> len(study), study.open_above("c_e").k
     (20, 0)
     """
-    require_type("experiment", experiment, Experiment, "Experiment([(3.0, [0.5, 1.0, 2.0], 3)])")
+    require_type("experiment", experiment, ExperimentPlan, "ExperimentPlan([(3.0, [0.5, 1.0, 2.0], 3)])")
     require_type("material", material, Material, 'burrlab.materials["bone"]')
-    refuse(n < 1, f"n must be at least 1: got {n!r}")
+    refuse(whole("n", n, 2**31, "2^31") < 1, f"n must be at least 1: got {n!r}")
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
         refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
-    seed = secrets.randbits(32) if seed is None else int(seed)
+    seed = seed_or_new(seed)
     o, model = _template(experiment, material.shape.name)
     lost = ~np.isfinite(model.unit(material.c_e))
     first = int(np.argmax(lost))
@@ -438,7 +442,8 @@ def coverage_study(
         )
         for k in range(n)
     ]
-    outcomes = run_items(replicate, items, executor=executor, store=store, progress=progress, chunk=_CHUNK)
+    told = counter(progress, "fits")
+    outcomes = run_items(replicate, items, executor=executor, store=store, progress=told, chunk=_CHUNK)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as dataset
-from burrlab.common.check import refuse, require_type
+from burrlab.common.check import refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, axes_or_new, tidy
 from burrlab.common.provenance import provenance
 from burrlab.fitting.likelihood import MODEL_ERROR
@@ -224,7 +223,7 @@ def design(
     scatter: float | None = None,
     static_scatter: float | None = None,
     truths: int = 100,
-    seed: int | None = 0,
+    seed: int | None = None,
 ) -> Design:
     """Rank candidates for the next measurement by how far they shrink the joint region of c_e and alpha.
 
@@ -252,7 +251,7 @@ def design(
         has none.
     truths : int
         Number of (c_e, alpha) that the mean is taken over.
-    seed : int or None
+    seed : int, optional
         Seed of their draw; None draws a seed, which the result records.
 
     Returns
@@ -323,7 +322,7 @@ def design(
     )
     scatter = _scatter(fit, scatter)
     static_scatter = _static_scatter(fit, static_scatter)
-    seed = secrets.randbits(32) if seed is None else int(seed)
+    seed = seed_or_new(seed)
 
     grid = RegionGrid.of(fit)
     truth = grid.truths(truths, np.random.default_rng(seed))

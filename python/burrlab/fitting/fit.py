@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import secrets
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.check import refuse, require_type
+from burrlab.common.check import refuse, require_type, seed_or_new
 from burrlab.common.provenance import provenance
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.hypotheses import Point
@@ -46,7 +45,7 @@ def fit(
     shape: Shape | str = "parabolic",
     engine: Engine | VoxelEngine = "mean-field",
     residuals: ResidualKind = "relative",
-    seed: int | None = 0,
+    seed: int | None = None,
     bounds: Bounds | None = None,
     plausible: Bounds | None = PLAUSIBLE,
     **old: Any,
@@ -76,7 +75,7 @@ def fit(
         voxels; ``"voxel"`` is `VoxelEngine` with its defaults. The voxel engine begins at the mean-field fit.
     residuals : {"relative", "absolute", "sigma", "student"}
         See above.
-    seed : int or None
+    seed : int, optional
         Seed of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default the search takes c_e from
@@ -155,7 +154,7 @@ def fit(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
-    seed = secrets.randbits(32) if seed is None else int(seed)
+    seed = 0 if seed is None and voxels is None else seed_or_new(seed)  # the mean field draws nothing
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
     box = bounds_of(observations, bounds)
@@ -259,17 +258,16 @@ def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | Non
     return engine if isinstance(engine, VoxelEngine) else made if engine == "voxel" else None
 
 
-def _check(burr: object, residuals: str, seed: object, bounds: object, voxels: VoxelEngine | None) -> None:
+def _check(
+    burr: object, residuals: str, seed: int | None, bounds: object, voxels: VoxelEngine | None
+) -> None:
     if burr is not None:
         require_type("burr", burr, Burr, "Burr(3.0)")
     refuse(
         residuals not in get_args(ResidualKind),
         f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}",
     )
-    refuse(
-        not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)),
-        f"seed must be a whole number from 0, or None: got {seed!r}",
-    )
+    seed_or_new(seed)
     refuse(
         residuals == "student" and voxels is not None,
         "residuals 'student' are for the mean-field engine: got the voxel engine",

@@ -7,10 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from burrlab.common.check import refuse
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
+
+
+def level_name(level: str | float) -> str:
+    """ "95" of 95 or "95"; ValueError for a level that a fit does not keep."""
+    name = f"{level:g}" if isinstance(level, int | float) else level
+    refuse(name not in LEVELS, f"level must be one of {', '.join(LEVELS)}: got {level!r}")
+    return name
 
 
 @dataclass(frozen=True)
@@ -30,6 +38,13 @@ class Interval:
     def ratio(self) -> float:
         """Upper over lower end; infinite where one is open."""
         return self.upper / self.lower if self.upper is not None and self.lower else np.inf
+
+
+class ByLevel(dict[str, Interval]):
+    """Intervals by level: ["95"] and [95] are one."""
+
+    def __getitem__(self, level: str | float) -> Interval:
+        return super().__getitem__(level_name(level))
 
 
 def plain_ends(intervals: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, list[float | None]]]:
@@ -71,6 +86,9 @@ class Combination:
     exponent: float
     value: float  #: [1/ms (mm^2/N)^exponent]
     intervals: Mapping[str, Interval]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "intervals", ByLevel(self.intervals))
 
     @property
     def interval(self) -> Interval:
@@ -115,3 +133,7 @@ class Profile:
     regions: Mapping[str, Region]
     at_infinity: float
     base: float = 0.0
+
+    def __post_init__(self) -> None:
+        by_level = {name: ByLevel(levels) for name, levels in self.intervals.items()}
+        object.__setattr__(self, "intervals", by_level)

@@ -18,7 +18,7 @@ from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
 from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, goodness, influence, plausibility
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
-from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, plain_ends
+from burrlab.fitting.intervals import LEVELS, ByLevel, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -148,7 +148,7 @@ class FitRecord:
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha`` -> ``68``, ``95``, ``99.7`` -> Interval, by profile likelihood; None is open."""
         if self.evidence is None:
-            return {name: dict.fromkeys(LEVELS, _OPEN) for name in ("c_e", "alpha")}
+            return {name: ByLevel.fromkeys(LEVELS, _OPEN) for name in ("c_e", "alpha")}
         return self.evidence.profile.intervals
 
     @property

@@ -21,7 +21,7 @@ from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.comparison import compare
 from burrlab.fitting.diagnostics import Row, influence
 from burrlab.fitting.hypotheses import HypothesisTest
-from burrlab.fitting.intervals import LEVELS, Region
+from burrlab.fitting.intervals import LEVELS, Region, level_name
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.fitting.record import FitRecord
@@ -38,12 +38,12 @@ class Fit(FitRecord):
     `evidence`, `starts`, `data`, `provenance` and more; and its JSON, `to_json` and `from_json`.
     """
 
-    def region(self, level: str = "95") -> Region:
+    def region(self, level: str | float = "95") -> Region:
         """The joint region of c_e and alpha.
 
         Parameters
         ----------
-        level : {"68", "95", "99.7"}
+        level : {"68", "95", "99.7"} or number
 
         Raises
         ------
@@ -51,8 +51,7 @@ class Fit(FitRecord):
             If the level is unknown, or the fit failed.
         """
         evidence = self._evidence()
-        refuse(level not in LEVELS, f"level must be one of {', '.join(LEVELS)}: got {level!r}")
-        return evidence.profile.regions[level]
+        return evidence.profile.regions[level_name(level)]
 
     def test(self, c_e: float, alpha: float) -> HypothesisTest:
         """Whether given values lie in the joint region: the rise of -2 log L, judged as the regions are.

@@ -275,7 +275,7 @@ def compare_shapes(
     residuals: ResidualKind = "relative",
     bounds: Bounds | None = None,
     starts: int | None = None,
-    seed: int | None = 0,
+    seed: int | None = None,
 ) -> ShapeComparison:
     """Fit data under several erosion shapes f, and say which are rejected and which cannot be told apart.
 
@@ -304,7 +304,7 @@ def compare_shapes(
         As for `fit`.
     starts : int, optional
         Deprecated: does nothing but give a DeprecationWarning.
-    seed : int or None
+    seed : int, optional
         As for `fit`; nothing is drawn.
 
     Returns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
@@ -14,6 +13,7 @@ from burrlab._core import Burr, Material, Shape
 from burrlab.bone.specimen import Specimen
 from burrlab.bone.uneven import BoneField
 from burrlab.common.check import refuse
+from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import descend
 from burrlab.descent.result import Descent
@@ -49,8 +49,8 @@ class VoxelEngine:
         Runs the descents; threads over the cores by default.
     store : Store or path, optional
         Keeps every descent, so that an interrupted fit resumes.
-    progress : callable, optional
-        Called with (descents done, descents in all).
+    progress : callable or True, optional
+        Called with the fraction done; True shows a bar.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class VoxelEngine:
     replicates: int = 4
     executor: Executor | None = field(default=None, compare=False)
     store: StorePath | None = field(default=None, compare=False)
-    progress: Callable[[int, int], object] | None = field(default=None, compare=False)
+    progress: Progress | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.replicates, (int, np.integer)):
@@ -267,7 +267,7 @@ class Descents:
             [items[j] for j in order],
             executor=self._engine.executor,
             store=self._engine.store,
-            progress=self._engine.progress,
+            progress=counter(self._engine.progress, "descents"),
         )
         velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
         for j, values in zip(order, found, strict=True):

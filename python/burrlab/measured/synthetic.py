@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import secrets
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material
-from burrlab.common.check import real, refuse, whole
+from burrlab.common.check import real, refuse, require_tool, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.common.table import Floats
 from burrlab.measured.curve import VelocityCurve
@@ -65,7 +64,8 @@ def synthetic_curve(
         force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()),
         f"forces must be finite and above 0 N: got {forces!r}",
     )
-    seed = _seed(seed)
+    require_tool(burr, material)
+    seed = seed_or_new(seed)
 
     mean = np.asarray(penetration_velocity(burr, material, force))
     velocity = _scattered(mean, repeats, scatter, seed)
@@ -127,7 +127,8 @@ def synthetic_indentation(
         depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all(),
         f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}",
     )
-    seed = _seed(seed)
+    require_tool(burr, material)
+    seed = seed_or_new(seed)
 
     force = material.c_e * burr.radius**2 * (depth / burr.radius) ** 1.5  # Eq. 3
     return Indentation(
@@ -195,7 +196,8 @@ def synthetic_trace(
         f"sample_ms must be finite and above 0: got {sample_ms!r}",
     )
     descent = mean_field_descent(burr, material, force)
-    seed = _seed(seed)
+    require_tool(burr, material)
+    seed = seed_or_new(seed)
 
     random = np.random.default_rng(seed)
     stretched = descent.time * np.exp(run_scatter * random.standard_normal())
@@ -215,10 +217,6 @@ def synthetic_trace(
 
 def _check_not_negative(name: str, value: float) -> None:
     refuse(not (np.isfinite(value) and value >= 0), f"{name} must be finite and not negative: got {value!r}")
-
-
-def _seed(seed: int | None) -> int:
-    return secrets.randbits(32) if seed is None else int(seed)
 
 
 def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:

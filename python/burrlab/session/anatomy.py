@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
 from burrlab.anatomy.events import EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport, nothing_watched
 from burrlab.anatomy.watch import Watch, critical_structures
+from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
@@ -166,7 +167,7 @@ _BATCH = 2000  # ticks between two checks for Ctrl-C
 
 
 def anatomy_report(
-    trace: Trace, *, watch: Watch | None = None, progress: Callable[[float], object] | None = None
+    trace: Trace, *, watch: Watch | None = None, progress: Progress | None = None
 ) -> AnatomyReport:
     """The report of a trace that is executed again: to the bit the session's own, or that of another watch.
 
@@ -176,8 +177,8 @@ def anatomy_report(
         On a bone with tissues.
     watch : Watch, optional
         Watch of `trace.bone()`. Default: the session's own; without one, all critical structures.
-    progress : callable, optional
-        Called with the part done, 0 to 1.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar.
 
     Returns
     -------
@@ -191,6 +192,7 @@ def anatomy_report(
     TypeError
         If `trace` is not a trace.
     """
+    report = reporter(progress, "replay")
     check_trace(trace)
     bone = trace.bone()
     tissues = bone.tissues
@@ -210,8 +212,7 @@ def anatomy_report(
     before = _core.tissue_levels(bone)
     for start in range(0, len(trace), _BATCH):
         executor.execute(inputs(trace.ticks[start : start + _BATCH]))
-        if progress is not None:
-            progress(min(start + _BATCH, len(trace)) / len(trace))
+        report(min(start + _BATCH, len(trace)) / len(trace))
     removed = before - _core.tissue_levels(bone)
     watched = nothing_watched(trace.burrs, removed) if core is None else Watched.of(core.seen(), removed)
     settings = {} if watch is None else watch.settings

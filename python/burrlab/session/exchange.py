@@ -18,6 +18,7 @@ from burrlab.bone.kept import stack_slices
 from burrlab.bone.slices import is_stack
 from burrlab.common.check import refuse
 from burrlab.common.files import new_hdf5
+from burrlab.common.progress import Progress, reporter
 from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
 
@@ -171,7 +172,7 @@ def export_volumetric_drilling(
     *,
     burr: int = 0,
     layout: Literal["new", "old"] = "new",
-    progress: Callable[[float], object] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Writes a trace as the recorder of volumetric_drilling (`data_record.py`) would have recorded it.
 
@@ -187,8 +188,8 @@ def export_volumetric_drilling(
     layout : {"new", "old"}
         New: `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025. Old: as in
         its earlier recordings.
-    progress : callable, optional
-        Called with the part done, 0 to 1.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar.
 
     Raises
     ------
@@ -238,7 +239,7 @@ def export_volumetric_drilling(
         whole = np.int64 if layout == "new" else np.int32
         size = np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole)
         _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
-        _write_voxels(group("voxels_removed"), trace, grid, stamps, progress)
+        _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
 
 
 @dataclass(frozen=True)
@@ -295,7 +296,7 @@ def _write_data(
 
 def _write_voxels(
     out: h5py.Group, trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
-    progress: Callable[[float], object] | None,
+    report: Callable[[float], object],
 ) -> None:  # fmt: skip
     start, bone = trace.bone(), trace.bone()
     before, numbers = bone.density, bone.tissue_numbers
@@ -316,8 +317,7 @@ def _write_voxels(
             voxels.append(np.hstack([group, grid.indices(found)]))
             colors.append(np.hstack([group, color, opaque]))
             times.append(stamps[first + len(rows) - 1])
-        if progress is not None:
-            progress((first + len(rows)) / len(trace))
+        report((first + len(rows)) / len(trace))
     _put(
         out, voxel_time_stamp=np.array(times), voxel_removed=np.vstack([np.zeros((0, 4)), *voxels]),
         voxel_color=np.vstack([np.zeros((0, 5)), *colors]),

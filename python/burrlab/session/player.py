@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import operator
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone, read_bricks, restore_bricks, take_changed_bricks
 from burrlab.common.check import refuse
+from burrlab.common.progress import Progress, reporter
 from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
 
@@ -304,17 +305,15 @@ class TracePlayer:
         )
         return self._walk.go(tick - first)
 
-    def prepare(
-        self, progress: Callable[[float], object] | None = None, *, cancel: threading.Event | None = None
-    ) -> bool:
+    def prepare(self, progress: Progress | None = None, *, cancel: threading.Event | None = None) -> bool:
         """Executes the whole trace once on a bone of its own, so that every later seek is fast.
 
         It may run in a thread beside seeks. Until it returns, it needs memory for one more bone.
 
         Parameters
         ----------
-        progress : callable, optional
-            Called with the part done, 0 to 1.
+        progress : callable or True, optional
+            Called with the fraction done, 0 to 1; True shows a bar.
         cancel : threading.Event, optional
             Ends it early once set.
 
@@ -323,13 +322,13 @@ class TracePlayer:
         bool
             Whether it came to the end.
         """
+        report = reporter(progress, "replay")
         scout = _Walk(self.trace, self._kept, self._every)
         while scout.done < self.ticks:
             if cancel is not None and cancel.is_set():
                 return False
             scout.go(min(max(self._kept.last, scout.done) + self._every, self.ticks))
-            if progress is not None:
-                progress(scout.done / self.ticks)
+            report(scout.done / self.ticks)
         return True
 
     def _last(self, name: str) -> NDArray[np.float64]:

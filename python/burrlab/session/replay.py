@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 import burrlab._core as _core
 from burrlab._core import TickExecutor, VoxelBone
 from burrlab.common.check import refuse
+from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value
 from burrlab.session.trace import Trace, check_trace, to_records, to_rows
@@ -96,9 +96,7 @@ _CODEC = Codec(
 )
 
 
-def replay(
-    trace: Trace, *, progress: Callable[[float], object] | None = None, until: int | None = None
-) -> Replay:
+def replay(trace: Trace, *, progress: Progress | None = None, until: int | None = None) -> Replay:
     """Executes all ticks of a trace on its initial volume and compares the results.
 
     Device, hand, coupling and network are not run again: the burr's centres are the recorded ones.
@@ -106,8 +104,8 @@ def replay(
     Parameters
     ----------
     trace : Trace
-    progress : callable, optional
-        Called with the part done, 0 to 1.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar.
     until : int, optional
         Tick index before which to stop; default: all.
 
@@ -123,6 +121,7 @@ def replay(
     TypeError
         If `trace` is not a trace.
     """
+    report = reporter(progress, "replay")
     check_trace(trace)
     end = len(trace) if until is None else until - trace.first_tick
     refuse(
@@ -146,8 +145,7 @@ def replay(
             compared += 1
             if (found := bone.digest()) != digests[mark]:
                 difference = Difference(executor.tick, None, "digest", digests[mark], found)
-        if progress is not None:
-            progress(done / max(end, 1))
+        report(done / max(end, 1))
         if difference is not None:
             break
     return Replay(done, compared, difference, executor.tick, path, bone)

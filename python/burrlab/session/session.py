@@ -6,7 +6,6 @@ import atexit
 import contextlib
 import json
 import os
-import secrets
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +25,7 @@ from burrlab._core import (
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import told_notes
-from burrlab.common.check import real, refuse, whole
+from burrlab.common.check import real, refuse, require_type, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
 from burrlab.session.network import open_publisher
@@ -153,7 +152,7 @@ class Session:
         self.devices: list[Device] = _listed(
             devices, lambda one: isinstance(one, Device), "devices must be a Device or a list of them"
         )
-        self.seed = secrets.randbits(64) if seed is None else whole("seed", seed, 2**64, "2^64")
+        self.seed = seed_or_new(seed)
         tick = whole("tick", tick, _EXACT, "2^53")
         # The numbers may be NumPy's; JSON knows only Python's.
         rate, force_limit = float(real(rate, "rate")), float(real(force_limit, "force_limit"))
@@ -172,6 +171,7 @@ class Session:
         refuse(not 0 < digest_every < 1e9, f"digest_every must be positive, got {digest_every!r}")
         recipe = json.loads(json_text("source", source))
         period = 1e3 / rate
+        require_type("bone", bone, VoxelBone, "VoxelBone.block((10, 10, 5), 0.1)")
         start = bone.copy()
         self._largest_spacing = max(start.spacing)
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
-from burrlab.common.check import real, refuse
+from burrlab.common.check import real, refuse, require_tool
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -151,6 +151,7 @@ def mean_field_descent(
     >>> round(descent.velocity(), 3), descent.window()
     (0.499, (0.5, 1.0))
     """
+    require_tool(burr, material)
     R, stop_mm = burr.radius, WINDOW_STOP * burr.radius if stop is None else float(real(stop, "stop"))
     force = float(positive("force", force))
     positive("alpha of the material", material.alpha)
@@ -213,9 +214,10 @@ def thin_layer_velocity(
     >>> thin_layer_velocity(burrlab.Burr(3.0), bone, 0.1, [0.5, 1.0]).round(5)
     array([0.00257, 0.00071])
     """
+    require_tool(burr, material)
     R = burr.radius
     phi = positive("force", force) / (material.c_e * R**2)
-    depth = np.asarray(immersion, dtype=np.float64)
+    depth = real(immersion, "immersion")
     inside = (depth > 0) & (depth <= R)
     refuse(not inside.all(), f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}")
     velocity: Floats = np.asarray(_core.thin_layer_velocity(material.shape, phi, depth / R))
@@ -357,6 +359,7 @@ def penetration_velocity(
     >>> penetration_velocity(burrlab.Burr(3.0), bone, [0.3, 0.5, 1.0, 2.0]).round(4)
     array([0.0203, 0.0787, 0.4994, 2.8161])
     """
+    require_tool(burr, material)
     R = burr.radius
     phi = positive("force", force) / (material.c_e * R**2)
     window = [None if end is None else end / R for end in (start_mm, stop_mm)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from burrlab.bone.phantom.shapes import Grid, Singles, distance_to, ellipsoid, l
 from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
 from burrlab.bone.tissues import default_tissues
 from burrlab.common.check import check_bone, real, refuse
+from burrlab.common.progress import Progress, reporter
 from burrlab.common.table import by_value
 
 #: Occupancy of nerve, sinus, dura and labyrinth (ours, assumed): softer than bone, but above level 128.
@@ -163,7 +164,7 @@ def temporal_bone(
     side: Literal["right", "left"] = "right",
     material: Material = materials["bone"],
     air_cells: AirCells = AirCells(),  # noqa: B008
-    progress: Callable[[float], object] | None = None,
+    progress: Progress | None = None,
 ) -> Phantom:
     """A temporal bone with its air cells, nerve, sinus, dura and labyrinth.
 
@@ -182,8 +183,8 @@ def temporal_bone(
     material : Material
         Material of all tissues.
     air_cells : AirCells
-    progress : callable, optional
-        Called with the completed part, 0..1.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar.
 
     Returns
     -------
@@ -208,6 +209,7 @@ def temporal_bone(
     >>> phantom.bone.shape
     (20, 20, 20)
     """
+    report = reporter(progress, "phantom")
     spacing, grid = _checked_grid(voxel, size, corner, side)
     seed = operator.index(seed)
     refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
@@ -227,8 +229,7 @@ def temporal_bone(
         slab = paint(at, fields, cells, part, air_cells.wall, width)
         for whole, one in zip((levels, numbers, target), slab, strict=True):
             whole[rows] = one[:, :, order]
-        if progress is not None:
-            progress(min(1.0, (begin + layers) / grid.shape[0]))
+        report(min(1.0, (begin + layers) / grid.shape[0]))
     bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in (grid.x, grid.y, grid.z)])
     bone.set_tissues(phantom_tissues(material), numbers)
     flip = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])

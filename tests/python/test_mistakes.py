@@ -1,0 +1,316 @@
+"""Natural mistakes of newcomers: each is answered by one sentence that says what to give instead."""
+
+from __future__ import annotations
+
+import logging
+import re
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab import Burr, Material, VoxelBone, descend, fit, force_sweep, materials
+from burrlab.cli.main import main
+from burrlab.common.progress import foretold, reporter
+
+bone, burr = materials["bone"], Burr(3.0)
+block = VoxelBone.block((8, 8, 3), 0.2, origin=(-4, -4, -3))
+contact = burrlab.BurrContact(block, burr, bone, seed=1)
+curve = burrlab.VelocityCurve([1, 2, 3], [1, 2, 3])
+hand = burrlab.HandDevice((0, 0, 5))
+
+# A call, and below it what it raises: "..." at the end stands for the rest of the sentence.
+MISTAKES = """
+Burr("3")
+    TypeError: radius of Burr() must be a number [mm], got the text '3'
+Burr(diameter=6)
+    TypeError: Burr() has no parameter 'diameter': it takes radius
+Burr(raduis=3)
+    TypeError: Burr() has no parameter 'raduis': it takes radius; did you mean 'radius'?
+Burr()
+    TypeError: Burr() needs radius [mm]
+Burr(None)
+    TypeError: radius of Burr() must be a number [mm], got None
+Burr([3])
+    TypeError: radius of Burr() must be a number [mm], got [3]
+Burr(3, 8)
+    TypeError: Burr() takes 1 value by place (radius), got 2: 3, 8
+Burr(3, radius=3)
+    TypeError: radius of Burr() must be given once, got 3 and 3
+Burr(-3)
+    ValueError: radius must be positive and finite, got -3
+Burr(float("nan"))
+    ValueError: radius must be positive and finite, got nan
+Material(2.1, 0.09)
+    TypeError: Material() takes 1 value by place (name), got 2: 2.1, 0.09; give c_e, alpha, shape and source by name
+Material("resin", c_e=2.1)
+    TypeError: Material() needs alpha [1/ms]
+Material("resin", ce=2.1, alpha=0.1)
+    TypeError: Material() has no parameter 'ce': it takes name, c_e, alpha, shape and source; did you mean 'c_e'?
+Material("resin", c_e="2,1", alpha=0.1)
+    TypeError: c_e of Material() must be a number [N/mm^2], got the text '2,1'
+Material("resin", c_e=-2.1, alpha=0.1)
+    ValueError: c_e must be positive and finite, got -2.1
+Material("resin", c_e=2.1, alpha=0.1, shape="parabola")
+    ValueError: shape must be parabolic, linear, quartic, constant or power(k), got 'parabola'
+Material("resin", c_e=2.1, alpha=0.1, shape=2)
+    TypeError: shape of Material() must be text or a Shape, such as Shape('parabolic'), got 2
+burrlab.Shape()
+    TypeError: Shape() needs name
+VoxelBone.block(10, 0.1)
+    TypeError: size of VoxelBone.block() must be three numbers (x, y, z) [mm], got 10
+VoxelBone.block((10, 10), 0.1)
+    TypeError: size of VoxelBone.block() must be three numbers (x, y, z) [mm], got (10, 10)
+VoxelBone.block((10, 10, 10))
+    TypeError: VoxelBone.block() needs spacing [mm]
+VoxelBone.block((10, 10, 10), "0.1")
+    TypeError: spacing of VoxelBone.block() must be a number or three of them (x, y, z) [mm], got the text '0.1'
+VoxelBone.block((10, 10, 10), 0)
+    ValueError: spacing must be positive and finite, got 0
+VoxelBone(np.ones((3, 3)), 0.1)
+    ValueError: dimensions of density must be 3 (z, y, x), got 2
+VoxelBone([[[1]]], 0.1)
+    TypeError: density of VoxelBone() must be a NumPy array, got [[[...]]]
+block.read((0, 0), (1, 1, 1))
+    TypeError: start of VoxelBone.read() must be three whole numbers, got (0, 0)
+class_of_device()
+    TypeError: Device cannot be subclassed in Python, which is too slow for a tick: put positions into a MailboxDevice, or ...
+burrlab.MailboxDevice(20)
+    TypeError: MailboxDevice() takes no value by place, got 1: 20; give lost_after and name by name
+burrlab.HandDevice((0, 0, 5), push="2")
+    TypeError: push of HandDevice() must be a number [N], got the text '2'
+burrlab.Tissues({"bone": 1}, bone)
+    TypeError: tissues of Tissues() must be a list, each a Tissue, got {'bone': 1}
+burrlab.ForceController("2")
+    TypeError: kp of ForceController() must be a number [mm/s/N], got the text '2'
+burrlab.BurrContact(burr, block, bone, seed=1)
+    TypeError: bone of BurrContact() must be a VoxelBone, such as VoxelBone.block((10, 10, 5), 0.1), got Burr(radius=3.0)
+burrlab.BurrContact(block, burr, bone, seed=-1)
+    TypeError: seed of BurrContact() must be a whole number from 0, got -1
+burrlab.BurrContact(block, burr, bone, seed=2**70)
+    TypeError: seed of BurrContact() must be a smaller whole number, got 1180591620717411303424
+burrlab.BurrContact(block, Burr(0.3), bone, seed=1)
+    ValueError: radius must be at least 4 voxels, got 1.5; a spacing of 0.04 mm or finer would do
+contact.step((0, 0, 2.6), "1")
+    TypeError: dt of BurrContact.step() must be a number [ms], got the text '1'
+contact.step(2.6, 1)
+    TypeError: center of BurrContact.step() must be three numbers (x, y, z) [mm], got 2.6
+contact.run([[0, 0, 0]], 1, "on")
+    TypeError: burr_on of BurrContact.run() must be True or False, got the text 'on'
+contact.probe(np.zeros((3, 3)))
+    TypeError: center of BurrContact.probe() must be three numbers (x, y, z), got array([[0., 0., 0.], [0., 0., 0.], ...
+setattr(contact, "tick", "a")
+    TypeError: tick of BurrContact must be a whole number, got the text 'a'
+burrlab.elastic_force(block, burr, bone)
+    TypeError: elastic_force() takes 2 values by place (m0 and m1), got 3: ...
+bone.shape("a")
+    TypeError: x of Shape.__call__() must be an array of numbers, got the text 'a'
+descend(burr, bone, force="1")
+    TypeError: force must be a number, got '1'
+descend(burr, bone, [1, 2])
+    TypeError: force must be a number, got [1, 2]
+descend(burr, bone, -2)
+    ValueError: force must be positive and finite, got -2
+descend(burr, bone, 2, seed="a")
+    TypeError: seed must be a whole number or None, got 'a'
+descend(burr, bone, 2, seed=1.5)
+    TypeError: seed must be a whole number or None, got 1.5
+descend(burr, "bone", 2)
+    TypeError: material must be a Material, such as materials['bone'], got 'bone'
+descend(bone, burr, 2)
+    TypeError: burr must be a Burr, such as Burr(3.0), got Material('bone', ...
+descend(burr, bone, 2, voxel="0.1")
+    ValueError: voxel must be of real numbers that a float holds, got '0.1'
+descend(burr, bone, 2, voxel=1)
+    ValueError: radius must be at least 4 voxels, got 3; a spacing of 0.4 mm or finer would do
+descend(burr, bone, 2, stop="1")
+    ValueError: stop must be of real numbers that a float holds, got '1'
+descend(burr, bone, 2, rig=True)
+    TypeError: rig must be a Rig, such as VirtualRig(contact, specimen); without a rig, ideal=False makes it, got True
+descend(burr, bone, 2, ideal="yes")
+    TypeError: ideal must be True or False, got 'yes'
+descend(burr, bone, 2, progress=3)
+    TypeError: progress must be a function of the fraction done, or True for a bar, got 3
+descend(burr, bone, 2, controller=2.0)
+    TypeError: controller must be a ForceController, such as ForceController(2.0), got 2.0
+descend(burr, bone, 2, specimen=block)
+    TypeError: specimen must be a Specimen, such as half_space(burr, 0.1), got VoxelBone(...
+descend(burr, bone, 2, max_duration=None)
+    TypeError: max_duration must be a number, got None
+descend(burr, bone, 2, voxl=0.1)
+    TypeError: descend() got an unexpected keyword argument 'voxl'
+force_sweep(burr, bone, 2.0)
+    ValueError: forces must be a list of at least one force
+force_sweep(burr, bone, ["1", "2"])
+    ValueError: forces must be of real numbers that a float holds, got ['1', '2']
+force_sweep(burr, bone, [1, -1])
+    ValueError: every force must be positive and finite, got [1, -1]
+force_sweep(burr, bone, [1, 2], voxel="0.1")
+    ValueError: voxel must be of real numbers that a float holds, got '0.1'
+force_sweep(burr, bone, [1, 2], rig=hand)
+    TypeError: rig of a sweep cannot be shared by its descents: give ideal=False, got <burrlab._core.HandDevice object ...
+force_sweep(burr, bone, [1, 2], seed="a")
+    TypeError: seed must be a whole number or None, got 'a'
+force_sweep(burr, bone, [1, 2], executor=4)
+    TypeError: executor must be a concurrent.futures.Executor, of a dask client its client.get_executor(), got 4
+burrlab.half_space(3.0, 0.1)
+    TypeError: burr must be a Burr, such as Burr(3.0), got 3.0
+burrlab.penetration_velocity(bone, burr, 2)
+    TypeError: burr must be a Burr, such as Burr(3.0), got Material('bone', ...
+burrlab.penetration_velocity(burr, None, 2)
+    TypeError: material must be a Material, such as materials['bone'], got None
+burrlab.penetration_velocity(burr, bone, "2")
+    ValueError: force must be of real numbers that a float holds, got '2'
+burrlab.synthetic_curve(burr, bone, [1, 2], seed="a")
+    TypeError: seed must be a whole number or None, got 'a'
+burrlab.VirtualRig(block, burr)
+    TypeError: contact must be a BurrContact, such as BurrContact(bone, burr, material, seed=1), got VoxelBone(...
+burrlab.Session("bone", (burr, bone), hand)
+    TypeError: bone must be a VoxelBone, such as VoxelBone.block((10, 10, 5), 0.1), got 'bone'
+burrlab.ExperimentPlan([3.0])
+    TypeError: velocities must be a list of (radius, forces, repeats), got [3.0]
+burrlab.BoneField(correlation_length="1")
+    ValueError: correlation_length must be of real numbers that a float holds, got '1'
+burrlab.VelocityCurve([1, 2], [1, 2], radius="3")
+    ValueError: radius must be of real numbers that a float holds, got '3'
+fit("curve.csv", burr)
+    TypeError: data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as ...
+fit(curve)
+    ValueError: a burr must be given for data without a radius: got none for VelocityCurve(3 rows, ...
+fit(curve, burr, seed="a")
+    TypeError: seed must be a whole number or None, got 'a'
+fit(curve, burr).region(90)
+    ValueError: level must be one of 68, 95, 99.7: got 90
+materials["Bone"]
+    KeyError: "material must be one of bone, pettigrew, pvc, expert, got 'Bone'; did you mean 'bone'?"
+materials["wood"]
+    KeyError: "material must be one of bone, pettigrew, pvc, expert, got 'wood'"
+burrlab.Brur
+    AttributeError: module 'burrlab' has no attribute 'Brur'
+burrlab.read_volume(3)
+    TypeError: path must be a path or a list of paths, got 3
+"""
+ROWS = re.findall(r"^(\S.*)\n    (.*)$", MISTAKES, re.MULTILINE)
+
+
+def class_of_device() -> Any:
+    return type("D", (burrlab.Device,), {})
+
+
+@pytest.mark.parametrize(("call", "answer"), ROWS, ids=[call for call, _ in ROWS])
+def test_a_mistake_is_answered_by_one_sentence(call: str, answer: str) -> None:
+    with pytest.raises(Exception) as raised:  # noqa: PT011  # the row names it
+        eval(call)
+    said = f"{type(raised.value).__name__}: {raised.value}"
+    assert said.startswith(answer[:-3]) if answer.endswith("...") else said == answer
+    for dump in ("incompatible", "supported:", "std::", "Annotated", "Supports", "\n"):
+        assert dump not in said
+
+
+def test_there_are_enough_rows() -> None:
+    assert len(ROWS) == len(set(ROWS)) >= 80
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Material(c_e=0.087, alpha=2.145), "c_e = 0.087 N/mm^2 and alpha = 2.145 1/ms look swapped"),
+        (lambda: Material(c_e=2.145, alpha=87), "alpha = 87 1/ms look like numbers of other units"),
+        (lambda: VoxelBone.block((10.05, 1, 1), 0.1), "the block has (10.1, 1, 1) mm"),
+    ],
+)
+def test_numbers_that_look_wrong_warn(make: Any, says: str) -> None:
+    with pytest.warns(UserWarning, match=re.escape(says)):
+        assert make()
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (lambda: burrlab.Experiment, lambda: burrlab.ExperimentPlan),
+        (
+            lambda: force_sweep(burr, bone, [2.0], voxel=0.4, seed=1, rig=False).velocity,
+            lambda: force_sweep(burr, bone, [2.0], voxel=0.4, seed=1, ideal=True).velocity,
+        ),
+        (lambda: followed(lambda done, total: seen.append(done / total)), lambda: followed(seen.append)),
+    ],
+)
+def test_old_spellings_warn_and_do_the_same(old: Any, new: Any) -> None:
+    with pytest.warns(DeprecationWarning, match=r"is now burrlab\.|deprecated"):
+        found = old()
+    assert found == new()
+
+
+seen: list[float] = []
+
+
+def followed(progress: Any) -> list[float]:
+    seen.clear()
+    plan = burrlab.ExperimentPlan([(3.0, [0.5, 1.0, 2.0], 1)])
+    burrlab.coverage_study(plan, bone, n=2, seed=1, progress=progress)
+    return seen[:]
+
+
+def test_true_shows_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    descend(burr, bone, 2.0, voxel=0.4, seed=1, ideal=True, progress=True)
+    assert "descent:   0%|" in capsys.readouterr().err
+    tell = reporter(True, "work")
+    time.sleep(0.15)  # a bar is drawn at most every 0.1 s
+    tell(0.5)
+    assert "work:  50%" in capsys.readouterr().err
+
+
+def test_long_work_says_how_long_once(monkeypatch, caplog: pytest.LogCaptureFixture) -> None:
+    clock = iter((0.0, 0.5, 2.0, 3.0))
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    tell = foretold("descent at dt = 0.001 ms, voxel = 0.1 mm")
+    with caplog.at_level(logging.INFO, "burrlab"):
+        for done in (0.2, 0.21, 0.24, 0.26):
+            tell(done)
+    assert caplog.messages == [
+        "descent at dt = 0.001 ms, voxel = 0.1 mm: about 38 s more; progress=True shows a bar, Ctrl-C ends it"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("descend --forec 2", "unknown option --forec; did you mean '--force'?"),
+        ("sweep --forces 1,2 --ou x.csv", "unknown option --ou; did you mean '--out'?"),
+        ("descend --force 2 --material Bone", "argument --material: invalid choice: 'Bone'"),
+    ],
+)
+def test_a_misspelt_option_is_named(command: str, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(command.split())
+    assert says in capsys.readouterr().err
+
+
+def test_levels_are_numbers_too() -> None:
+    found = fit(curve, burr)
+    for levels in (found.intervals["c_e"], found.identified.intervals):  # type: ignore[union-attr]
+        assert levels[95] is levels["95"]
+    assert found.region(95) == found.region("95")
+
+
+@pytest.mark.parametrize(
+    "shown",
+    [burr, bone, block, burrlab.Volume(np.zeros((2, 3, 4)), (1, 1, 1), (0, 0, 0), np.eye(3), "a.nrrd")],
+)
+def test_objects_show_a_table_in_notebooks(shown: Any) -> None:
+    assert re.match(rf"<p>{type(shown).__name__}</p><table.*</table>$", shown._repr_html_(), re.DOTALL)
+    assert "array" not in shown._repr_html_()
+
+
+def test_the_face_is_tidy() -> None:
+    assert re.search(r"^name +c_e \[N/mm\^2\] .*\n(.*\n){2}pvc +0.462 ", str(materials))
+    told = (
+        "import burrlab, types; burrlab.fit, burrlab.descend;"
+        "print([n for n in dir(burrlab) if isinstance(getattr(burrlab, n), types.ModuleType)])"
+    )
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -15,7 +15,7 @@ from tqdm import tqdm
 Progress: TypeAlias = Callable[[float], object] | bool
 
 LOG = logging.getLogger("burrlab")
-_LONG = 10.0  # time left that is worth a note [s] (ours)
+LONG = 10.0  # time left that is worth a note [s] (ours)
 
 
 def reporter(progress: Progress | None, what: str) -> Callable[[float], object]:
@@ -49,6 +49,12 @@ def counter(progress: Progress | None, what: str) -> Callable[[int, int], object
     return lambda done, total: told(done / max(total, 1))
 
 
+def duration(seconds: float) -> str:
+    """In s, min or h."""
+    minutes = seconds / 60
+    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.0f} h"
+
+
 def foretold(what: str) -> Callable[[float], None]:
     """A function that takes the fraction done, and after a second logs once how long the rest takes, if long."""
     first: list[tuple[float, float]] = []
@@ -59,15 +65,8 @@ def foretold(what: str) -> Callable[[float], None]:
             begun, before = first[0]
             left = (now - begun) * (1.0 - done) / (done - before)
             first.append((now, done))  # once
-            if left > _LONG:
-                text = (
-                    f"{left:.0f} s"
-                    if left < 120
-                    else f"{left / 60:.0f} min"
-                    if left < 7200
-                    else f"{left / 3600:.0f} h"
-                )
-                LOG.warning("%s: about %s more; progress=True shows a bar, Ctrl-C ends it", what, text)
+            if left > LONG:
+                LOG.warning("%s: about %s more; progress=True shows a bar, Ctrl-C ends it", what, duration(left))
         elif not first:
             first.append((now, done))
 

@@ -198,6 +198,7 @@ def test_voxel_engine_and_store(capsys, files):
     )
     command = (
         "fit", files / "v.csv", "--radius", 3, "--engine", "voxel", "--voxel", 0.4, "--store", files / "s",
+        "--seed", 0,
     )  # fmt: skip
     first = result(capsys, *command)
     assert first["engine"] == "voxel"

@@ -97,7 +97,8 @@ class Subject:
         while kind != "over":
             found = terminal.wait_for(*SHOWN.values())
             kind = next(kind for kind, pattern in SHOWN.items() if re.fullmatch(pattern, found))
-            trial = int(["0", *re.findall(r"Trial (\d+) of", terminal.text)][-1])
+            number, place = [("0", ""), *re.findall(r"Trial (\d+) of \d+, (\w+)", terminal.text)][-1]
+            trial = int(number) + 2 * (place == "block")  # two of practice
             if kind == "question":
                 self.asked.append(trial)
             if kind != "over" and stop(kind, trial):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import subprocess
@@ -288,6 +289,19 @@ def test_a_misspelt_option_is_named(command: str, says: str, capsys: pytest.Capt
     with pytest.raises(SystemExit):
         main(command.split())
     assert says in capsys.readouterr().err
+
+
+def test_a_command_says_what_looks_swapped(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["descend", "--force", "2", "--c-e", "0.087", "--alpha", "2.145", "--ideal", "--voxel", "0.4"])
+    assert capsys.readouterr().err.startswith(
+        "burrlab: c_e = 0.087 N/mm^2 and alpha = 2.145 1/ms look swapped:"
+    )
+
+
+def test_a_session_has_a_virtual_clock(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["session", "--device", "hand", "--duration", "0.5", "--virtual-clock", "--json", "-"])
+    told = json.loads(capsys.readouterr().out)
+    assert (told["ticks"], told["provenance"]["wall_clock"]) == (500, False)
 
 
 def test_levels_are_numbers_too() -> None:

@@ -48,13 +48,13 @@ interval_s = 0.1
 """
 
 
-def paper(answers=(), patience=3):
+def paper(answers=(), patience=3, seconds=1.25):
     """A seat that records its calls and gives these answers; "right" stands for the correct one."""
     left = iter(answers)
 
     def ask(design, trial, rendered):
         answer = next(left)
-        return (trial.correct if answer == "right" else answer), 1.25
+        return (trial.correct if answer == "right" else answer), seconds
 
     done = itertools.cycle([False] * patience + [True])
     return Mock(
@@ -112,8 +112,8 @@ def test_whole_run(scene):
     assert [call.args[1] for call in seat.rest.mock_calls] == [60.0]  # between the blocks, not after practice
     assert "That was practice. Now it counts." in seen(seat)
     assert [text for text in seen(seat) if text.startswith("Trial")] == [
-        *(f"Trial {i} of 10, practice" for i in (1, 2)),
-        *(f"Trial {i + 2} of 10, block {1 + (i > 4)}" for i in range(1, 9)),
+        *(f"Trial {i} of 2, practice" for i in (1, 2)),
+        *(f"Trial {i} of 8, block {1 + (i > 4)}" for i in range(1, 9)),
     ]
     right = sum(answer.correct for answer in scene.kept[2:])
     assert scene.log.rstrip().endswith(f"{right} of 8 right")
@@ -327,3 +327,9 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
 def test_refusals(scene, subject, options, sentence):
     with pytest.raises(ValueError, match=sentence):
         Sitting(scene.protocol, subject, **options)
+
+
+@pytest.mark.parametrize(("seconds", "said"), [(0.05, True), (0.6, False)])
+def test_answers_that_come_too_fast_are_flagged(scene, seconds, said):
+    scene.run(FOUR, paper(itertools.cycle(["same"]), seconds=seconds))
+    assert ("too fast to have judged" in scene.log) is said

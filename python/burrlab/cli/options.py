@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -145,7 +146,12 @@ def chosen_material(options: Options) -> Material:
     if set(given.values()) == {None}:
         return named
     changed = {key: getattr(named, key) if value is None else value for key, value in given.items()}
-    return Material(f"{named.name}, modified", **changed, source="command line")
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always")
+        made = Material(f"{named.name}, modified", **changed, source="command line")
+    for doubt in doubts:
+        say(str(doubt.message))
+    return made
 
 
 #: Options whose values may begin with a minus.

@@ -184,7 +184,7 @@ def _session(options: Options) -> int:
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
         header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
-        watch=watch, on_message=say,
+        watch=watch, on_message=say, wall_clock=not options.virtual_clock,
     )  # fmt: skip
     interrupted = False
     effects = start_effects(options, session)
@@ -429,6 +429,7 @@ SESSION_COMMANDS = (
         option("--force-limit", "of the force sent [N], default 8", type=positive, default=8.0),
         option("--slew-limit", "of its change [N/ms], default 1", type=positive, default=1.0),
         option("--coupling", "spring between device and burr [N/mm], default none", type=positive),
+        flag("--virtual-clock", "ticks as fast as possible, for devices that need no clock (scripted, hand)"),
         flag("--no-realtime", "do not ask for real-time priority and locked memory"),
         *OUTPUT,
     )),

@@ -52,7 +52,13 @@ def counter(progress: Progress | None, what: str) -> Callable[[int, int], object
 def duration(seconds: float) -> str:
     """In s, min or h."""
     minutes = seconds / 60
-    return f"{seconds:.0f} s" if minutes < 2 else f"{minutes:.0f} min" if minutes < 120 else f"{minutes / 60:.0f} h"
+    return (
+        f"{seconds:.0f} s"
+        if minutes < 2
+        else f"{minutes:.0f} min"
+        if minutes < 120
+        else f"{minutes / 60:.0f} h"
+    )
 
 
 def foretold(what: str) -> Callable[[float], None]:
@@ -66,7 +72,9 @@ def foretold(what: str) -> Callable[[float], None]:
             left = (now - begun) * (1.0 - done) / (done - before)
             first.append((now, done))  # once
             if left > LONG:
-                LOG.warning("%s: about %s more; progress=True shows a bar, Ctrl-C ends it", what, duration(left))
+                LOG.warning(
+                    "%s: about %s more; progress=True shows a bar, Ctrl-C ends it", what, duration(left)
+                )
         elif not first:
             first.append((now, done))
 

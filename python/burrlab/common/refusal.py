@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from burrlab import _core
+import burrlab._core as _core
 from burrlab.common.check import nearest, shown
 
 # "1. burrlab._core.Burr(radius: ...)" of a constructor, "1. (self: ..., dt: ...) -> ..." of others

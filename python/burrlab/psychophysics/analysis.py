@@ -46,6 +46,7 @@ from burrlab.psychophysics.scored_task import (
     with_selection,
 )
 from burrlab.psychophysics.sensitivity import DPrime
+from burrlab.psychophysics.side_car import TOO_FAST
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 Task: TypeAlias = ScoredTask | ThresholdTask
@@ -464,6 +465,13 @@ def analyse(
     repeats = [(sum(row.repeats or 0 for row in found.rows), run) for run, found in runs if found]
     if told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
         notes.append(f"Trials that were repeated, as the loop had stalled: {told}.")
+    times = [
+        (sum(row.response_time is not None and row.response_time < TOO_FAST for row in found.rows), run)
+        for run, found in runs
+        if found
+    ]
+    if told := ", ".join(f"{count} of {run}" for count, run in times if count):
+        notes.append(f"Answers within {TOO_FAST:g} s of the question, too fast to have judged: {told}.")
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
     chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]

@@ -20,7 +20,7 @@ from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_l
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.seat import Experimenter, Seat
-from burrlab.psychophysics.side_car import Answer
+from burrlab.psychophysics.side_car import TOO_FAST, Answer
 from burrlab.psychophysics.trial import Interval, Mode, Order, Stimulus, Trial
 from burrlab.session.exchange import parse_device
 
@@ -191,8 +191,11 @@ class Runner:
             self._seat.rest("Take a break.", self._protocol.rest)
 
     def _announce(self, trial: Trial) -> None:
-        number, total = len(self._order.answered) + 1, self._order.total
-        place = "practice" if trial.phase == "practice" else f"block {trial.block}"
+        practised = sum(one.phase == "practice" for one, _ in self._order.answered)
+        number = len(self._order.answered) - practised + 1
+        place, total = f"block {trial.block}", self._order.total - self._design.practice
+        if trial.phase == "practice":
+            number, place, total = practised + 1, "practice", self._design.practice
         self._seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
         shown = [(interval.stimulus.name, interval.stimulus.material) for interval in trial.intervals]
@@ -309,6 +312,7 @@ class Runner:
         main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
         score = sum(r == t.correct for t, r in main)
         taken = "" if response_time is None else f" in {response_time:.2f} s"
+        taken += ", too fast to have judged" if response_time is not None and response_time < TOO_FAST else ""
         self._experimenter.say(
             f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
             f"{'right' if right else 'wrong'}; {score} of {len(main)} right"

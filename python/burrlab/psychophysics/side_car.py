@@ -34,6 +34,8 @@ TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
 }
 PHASES: tuple[Phase, ...] = ("practice", "main")
 
+#: Below this time from question to key a subject cannot have judged [s] (ours).
+TOO_FAST = 0.2
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
 #: Columns of each interval, and the fields that hold them.
 _NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings"}

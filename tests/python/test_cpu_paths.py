@@ -14,7 +14,15 @@ import burrlab._core as _core
 from reference.tick import draw_lanes
 
 PATHS = tuple(_core.cpu_paths())
-KINDS = ("parabolic", "quartic", "power(7.3)", "power(0.5)", "linear", "constant", *tick_scenes.ALL_SHAPES[-3:])  # of shapes
+KINDS = (
+    "parabolic",
+    "quartic",
+    "power(7.3)",
+    "power(0.5)",
+    "linear",
+    "constant",
+    *tick_scenes.ALL_SHAPES[-3:],
+)  # of shapes
 LARGE = 2**64 - 1
 COLUMNS = ("force", "normal", "m1", "m0", "penetration", "removed", "faint", "ambiguous")
 

@@ -108,12 +108,15 @@ class Design(ABC):
         Asked after the last interval.
     answers : tuple of str
         The possible responses, in the order of their keys 1, 2.
+    practice : int
+        Trials before those that count.
     """
 
     task: TaskName
     mode: Mode
     question: str
     answers: tuple[str, ...]
+    practice: int
     _kind: ClassVar[str]  # the design's name in files
     _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
 

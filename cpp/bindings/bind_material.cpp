@@ -84,7 +84,7 @@ Examples
 >>> x = 1 - numpy.linspace(1, 0, 33) ** 2
 >>> f = burrlab.Shape.from_table(x, lambda x: numpy.cos(numpy.pi / 2 * x))
 >>> f.order, round(f(0.5), 4), f == burrlab.Shape(f.name)
-(1.0, 0.7069, True)
+(1.0, 0.7067, True)
 )doc")
       .def_property_readonly("name", &Shape::name, "Name that gives the same shape to the bit.")
       .def_property_readonly("label", &Shape::label,

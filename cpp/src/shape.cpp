@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <iomanip>
+#include <cstdio>
 #include <limits>
 #include <locale>
 #include <sstream>
@@ -44,12 +44,6 @@ std::string written(double value) {
     double again = 0.0;
     if (digits == 17 || (read(text.str(), again) && again == value)) return text.str();
   }
-}
-
-/// Order of the zero at delta = 0: the whole number next to the slope of log f over log delta at the two
-/// nodes before the last.
-double order_at_end(double delta_1, double f_1, double delta_2, double f_2) {
-  return std::clamp(std::rint(std::log(f_2 / f_1) / std::log(delta_2 / delta_1)), 1.0, 8.0);
 }
 
 /// "table(k;x:f,x:f,...)".
@@ -115,8 +109,11 @@ Shape Shape::from_table(const std::vector<double>& x, const std::vector<double>&
 
   Table table;
   const bool zero = f[last] <= least * f[0];
-  if (std::isnan(order))
-    order = zero ? order_at_end(1.0 - x[last - 1], f[last - 1], 1.0 - x[last - 2], f[last - 2]) : 0.0;
+  if (std::isnan(order) && zero) {  // the slope of log f over log delta before the end, as a whole number
+    const double f_ratio = f[last - 2] / f[last - 1], depth_ratio = (1.0 - x[last - 2]) / (1.0 - x[last - 1]);
+    order = std::clamp(std::rint(std::log(f_ratio) / std::log(depth_ratio)), 1.0, 8.0);
+  }
+  if (std::isnan(order)) order = 0.0;
   if (zero && !(order > 0.0 && order <= 8.0)) refuse("order of a table with f(1) = 0", "in (0, 8]", order);
   if (!zero && order != 0.0) refuse("order of a table with f(1) above 0", "0", order);
   table.name = "table(" + written(order);
@@ -167,11 +164,10 @@ std::string Shape::label() const {
   if (!table_) return name();
   std::uint32_t digest = 2166136261u;  // FNV-1a
   for (const char letter : table_->name) digest = (digest ^ static_cast<unsigned char>(letter)) * 16777619u;
-  std::ostringstream text;
-  text.imbue(std::locale::classic());
-  text << "table(" << table_->depth.size() << " points, order " << order_ << ", " << std::hex << std::setw(8)
-       << std::setfill('0') << digest << ")";
-  return text.str();
+  char text[80];
+  std::snprintf(text, sizeof text, "table(%zu points, order %s, %08x)", table_->depth.size(),
+                written(order_).c_str(), static_cast<unsigned>(digest));
+  return text;
 }
 
 }  // namespace burrlab

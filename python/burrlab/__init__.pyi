@@ -49,6 +49,7 @@ from burrlab.fitting.design import Design as Design
 from burrlab.fitting.design import design as design
 from burrlab.fitting.fit import Fit as Fit
 from burrlab.fitting.fit import fit as fit
+from burrlab.fitting.result import plot_curves as plot_curves
 from burrlab.fitting.shape_comparison import ShapeComparison as ShapeComparison
 from burrlab.fitting.shapes import compare_shapes as compare_shapes
 from burrlab.fitting.voxel import VoxelEngine as VoxelEngine

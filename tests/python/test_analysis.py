@@ -14,7 +14,6 @@ from scipy import stats
 
 from burrlab.common.figures import new_figure
 from burrlab.psychophysics.analysis import Analysis, analyse
-from burrlab.psychophysics.plots import wrapped
 from burrlab.psychophysics.psychometric import PsychometricFit
 from burrlab.psychophysics.published import SelectionEffect, group_score_from
 from burrlab.psychophysics.rules import Counts
@@ -339,12 +338,6 @@ def test_simulated_subjects_and_selection_stand_in_every_title():
     assert repr(made) == told
     for axes in (made.plot_scores(), made.plot_intervals(), made.plot_d_prime()):
         assert "(simulated subjects; 4 selected of 20)" in axes.get_title().replace("\n", " ")
-
-
-def test_long_titles_are_broken():
-    lines = wrapped("word " * 30).splitlines()
-    assert len(lines) > 1
-    assert max(map(len, lines)) <= 52
 
 
 def thresholds(*found, design=()):

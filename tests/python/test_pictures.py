@@ -79,7 +79,7 @@ def test_slices_have_units_outlines_and_a_legend(bone):
     figure = axes[0].figure
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cortex", "nerve", "burr"]
     mine = Figure()
-    drawn = plot_slices(bone, (0, 0, 0), radii=[0.5], centers=[(9, 9, 90)], figure=mine)
+    drawn = plot_slices(bone, (0, 0, 0), radii=[0.5], centers=[(9, 9, 90)], ax=mine)
     assert drawn[0].figure is mine
     assert not any(axes.patches for axes in drawn), "a burr that meets no plane"
 
@@ -120,10 +120,10 @@ def test_the_map_says_what_it_shows(crater):
     low, high = axes.get_xlim()
     assert -3.0 < low < -1.8
     assert 1.8 < high < 3.0
-    assert axes.figure.axes[1].get_ylabel() == "depth along z [mm]"
+    assert axes.child_axes[0].get_ylabel() == "depth along z [mm]"
     whole = plot_depth_map(crater, axis="x", thickness=True, crop=False, contours=0)
     assert whole.get_xlim() == pytest.approx((3.0, -3.0))  # along x, z upwards: y to the left
-    assert whole.figure.axes[1].get_ylabel() == "bone removed along x [mm]"
+    assert whole.child_axes[0].get_ylabel() == "bone removed along x [mm]"
     mirrored = {axis for axis in AXES if plot_depth_map(crater, axis=axis).xaxis_inverted()}
     # by definition, right is perpendicular to the line of sight and to up
     expected = set()

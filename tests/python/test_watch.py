@@ -15,6 +15,7 @@ import burrlab._core as _core
 from burrlab.anatomy.events import KINDS
 from burrlab.anatomy.report import AnatomyReport, dose_figure
 from burrlab.anatomy.watch import Watch
+from burrlab.common.figures import drawing
 from burrlab.session.anatomy import anatomy_report
 from burrlab.session.replay import inputs
 from burrlab.session.trace import to_rows
@@ -152,7 +153,7 @@ def test_the_words_of_a_figure_lie_beside_its_bars(recorded) -> None:
     dose = replace(
         recorded[0].anatomy().doses[0], mean_force={1.0: 1.9, 2.0: 0.9}, peak_force={1.0: 2.5, 2.0: 2.5}
     )
-    axes = dose_figure([dose], {})[-1]
+    axes = drawing(dose_figure)([dose], {})[-1]
     axes.get_figure(root=True).draw_without_rendering()
     words = axes.get_legend().get_window_extent()
     assert len(axes.patches) == 2

@@ -18,12 +18,11 @@ from burrlab._core import Tissues
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
-from burrlab.common.figures import new_figure, tidy
+from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled, tidy
 from burrlab.common.records import Codec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 #: Distances within which time is counted [mm], and within which force is looked at [mm].
@@ -116,19 +115,24 @@ def dose_table(doses: Sequence[Dose]) -> str:
 
 
 def dose_figure(
-    doses: Sequence[Dose], colours: Mapping[str, tuple[int, int, int]], figure: Figure | None = None
-) -> list[Axes]:
+    doses: Sequence[Dose], colours: Mapping[str, tuple[int, int, int]], ax: Panels = None,
+    label: str | None = None, **style: Any,
+) -> list[Axes]:  # fmt: skip
     """Charts of time within a distance, a line a structure (dashed: second burr), and of forces near it."""
-    figure = new_figure(6.4, 5.6) if figure is None else figure
-    top, bottom = figure.subplots(2, 1)
+    top, bottom = panels(ax, (2, 1), (6.4, 5.6))
     for d in doses:
         colour = tuple(0.85 * part / 255.0 for part in colours.get(d.structure, (0, 0, 0)))
         name = d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}"
-        top.plot(list(d.time_within), list(d.time_within.values()), color=colour, marker="o", markersize=3,
-                 linewidth=1.2, linestyle="--" if d.burr else "-", label=name)  # fmt: skip
+        look = styled(
+            style, color=colour, marker="o", markersize=3, linewidth=1.2, linestyle="--" if d.burr else "-"
+        )
+        top.plot(
+            list(d.time_within),
+            list(d.time_within.values()),
+            label=f"{label}, {name}" if label else name,
+            **look,
+        )
     top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
-    if doses:
-        top.legend(fontsize=8, frameon=False)
     rows = np.arange(len(doses))
     for i, edge in enumerate(NEAR):
         at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
@@ -136,14 +140,11 @@ def dose_figure(
         bottom.barh(
             at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
         )
-        bottom.plot([d.mean_force[edge] for d in doses], at, "|", color="#D55E00", markersize=8,
+        bottom.plot([d.mean_force[edge] for d in doses], at, "|", color=VELOCITY, markersize=8,
                     label="mean" if i == 0 else None)  # fmt: skip
     bottom.set_yticks(rows, [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses])
     bottom.invert_yaxis()
     bottom.set(xlabel="force [N]", xlim=(0, None))
-    if doses:
-        # above the bars, which may fill the chart
-        bottom.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return [tidy(axes) for axes in (top, bottom)]
 
 
@@ -326,9 +327,13 @@ class AnatomyReport:
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
 
-    def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Charts of the time within a distance of each structure, and of the force there."""
-        return dose_figure(self.doses, self.colours, figure)
+    @drawing
+    def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> list[Axes]:
+        """Charts of the time within a distance of each structure, and of the force there.
+
+        `ax` is a figure or two Axes; `label` is said before each structure, `style` is that of the lines.
+        """
+        return dose_figure(self.doses, self.colours, ax, label, **style)
 
 
 def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:

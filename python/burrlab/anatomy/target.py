@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, tidy
+from burrlab.common.figures import axes_or_new, drawing, tidy
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table
 
@@ -101,19 +102,26 @@ class TargetComparison:
         title = f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}"
         return html_table(title, columns)
 
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Bars of the three volumes, a row a tissue."""
-        axes = axes_or_new(axes)
+    @drawing
+    def plot(
+        self, ax: Axes | None = None, *, label: str | None = None, color: Any = None, **style: Any
+    ) -> Axes:
+        """Bars of the three volumes, a row a tissue.
+
+        `label` is said before each part, `color` fades from part to part, `style` is that of the bars.
+        """
+        axes = axes_or_new(ax)
         rows = np.arange(len(self.tissues))
         for k, (part, colour) in enumerate(zip(_PARTS, _COLOURS, strict=True)):
-            bars = axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, color=colour, label=part)
-            axes.bar_label(bars, fmt=lambda v: f"{v:.1f}" if v else "", padding=2, fontsize=7)
+            look = {"color": colour if color is None else to_rgba(color, 1 - 0.35 * k), **style}
+            said = f"{label}, {part}" if label else part
+            bars = axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, label=said, **look)
+            axes.bar_label(bars, fmt=lambda v: f"{v:.1f}" if v else "", padding=2, fontsize=8)
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
         axes.margins(x=0.12)
         axes.set_xlabel("volume of solid bone [mm$^3$]")
-        axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}", fontsize=10)
-        axes.legend(fontsize=8, frameon=False)
+        axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}")
         return tidy(axes)
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from burrlab._core import Nozzle, VoxelBone
 from burrlab.bone.header import assumed
@@ -199,9 +198,8 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
 
 def _write_pictures(path: str, bone: VoxelBone, point: Any, note: str, **burrs: Any) -> list[str]:
     """Writes slices, and a depth map if bone was removed; returns the files."""
-    figure, written = Figure(figsize=(9.6, 3.9), layout="constrained"), [str(path)]
-    plot_slices(bone, point, note=note, figure=figure, **burrs)
-    figure.savefig(path, dpi=200)
+    written, slices = [str(path)], plot_slices(bone, point, note=note, **burrs)
+    slices[0].get_figure(root=True).savefig(path, dpi=200)
     if bone.removed > 0:
         depth, file = new_figure(), _depth_file(path)
         plot_depth_map(bone, axis=_widest_opening(bone), note=note, ax=depth.subplots())

@@ -1,22 +1,99 @@
-"""Figures for papers: size, colours and style."""
+"""Figures for papers: size, colours, style, and what all `plot` methods share."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import inspect
+import itertools
+import textwrap
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
 
-from matplotlib.figure import Figure
+import numpy as np
+from matplotlib import rc_context, rcParams, rcParamsDefault
+from matplotlib.axis import Axis
+from matplotlib.cbook import normalize_kwargs
+from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox, ScaledTranslation
+
+from burrlab.common.check import refuse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+#: Where a picture of several panels goes: a figure, or as many Axes.
+Panels: TypeAlias = "Figure | SubFigure | Iterable[Axes] | None"
+
+P = ParamSpec("P")
+Drawn = TypeVar("Drawn", bound="Axes | list[Axes]")
 
 #: Colour of each quantity throughout the package (Okabe and Ito's palette, for colour-blind readers too).
 FORCE, POSITION, VELOCITY, REFERENCE = "#0072B2", "#009E73", "#D55E00", "#555555"
+#: Looks of several curves in one figure. Lightness L* of the first four is 0, 71, 36 and 54, so grey keeps them apart.
+SERIES = tuple(
+    {"color": color, "marker": marker, "linestyle": line}
+    for color, marker, line in (
+        ("#000000", "s", "-"), ("#E69F00", "o", "--"), ("#0050A0", "^", "-."), ("#D55E00", "D", (0, (1, 1))),
+        ("#56B4E9", "v", (0, (6, 1))), ("#009E73", "P", (0, (4, 1, 1, 1, 1, 1))), ("#CC79A7", "X", (0, (2, 2))),
+    )
+)  # fmt: skip
+#: Widths of a column and of a page of a journal [inch].
+WIDTHS = {"single": 3.5, "double": 7.0}
+_PLACES = ("upper left", "upper right", "lower right", "lower left", "center left", "center right",
+           "upper center", "lower center")  # fmt: skip
+
+
+@contextmanager
+def paper(width: str = "single") -> Iterator[None]:
+    """The style of a paper's figures, as a context: 3.5 or 7 inch wide, 8 pt, fonts embedded in PDF and PS.
+
+    Parameters
+    ----------
+    width : {"single", "double"}
+        A column or a page. Every `plot` without `ax` makes a figure of this width.
+
+    Raises
+    ------
+    ValueError
+        If the width is unknown.
+
+    Examples
+    --------
+    >>> from matplotlib import pyplot
+    >>> with paper("single"):
+    ...     pyplot.figure().get_size_inches().tolist()
+    [3.5, 2.625]
+    """
+    refuse(width not in WIDTHS, f"width must be one of {', '.join(WIDTHS)}: got {width!r}")
+    across = WIDTHS[width]
+    style: Any = {
+        "figure.figsize": (across, min(0.75 * across, 3.5)), "figure.constrained_layout.use": True, "savefig.dpi": 300,
+        "font.size": 8, "axes.titlesize": 8, "axes.labelsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8,
+        "legend.fontsize": 8, "figure.titlesize": 8, "axes.linewidth": 0.6, "lines.markersize": 4, "pdf.fonttype": 42, "ps.fonttype": 42,
+    }  # fmt: skip
+    with rc_context(style):
+        yield
 
 
 def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
-    """A new figure [inch] outside pyplot: threads and notebooks may draw at the same time."""
-    return Figure(figsize=(width, height), layout="constrained")
+    """A new figure [inch] outside pyplot: threads and notebooks may draw at the same time.
+
+    A width of `figure.figsize` that differs from matplotlib's own, as `paper` sets it, goes before.
+    """
+    return Figure(figsize=_size(width, height), layout="constrained")
+
+
+def _size(width: float, height: float) -> tuple[float, float]:
+    asked = rcParams["figure.figsize"]
+    if list(asked) == list(rcParamsDefault["figure.figsize"]):
+        return width, height
+    return asked[0], height * max(asked[0] / width, 0.75) if asked[0] < width else height
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -25,8 +102,39 @@ def axes_or_new(axes: Axes | None) -> Axes:
         return axes
     from matplotlib import pyplot
 
-    made: Axes = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+    made: Axes = pyplot.subplots(figsize=_size(4.8, 3.6), layout="constrained")[1]
     return made
+
+
+def panels(given: Panels, count: tuple[int, int], size: tuple[float, float], **how: Any) -> list[Axes]:
+    """The given Axes, or rows x columns of a figure: a new one of a size [inch] by default.
+
+    A figure that holds as many Axes already is drawn on again.
+    """
+    needed = count[0] * count[1]
+    figure = new_figure(*size) if given is None else given
+    if isinstance(figure, Figure | SubFigure):
+        figure = figure.axes if len(figure.axes) == needed else figure.subplots(*count, squeeze=False, **how)
+    found = list(np.asarray(list(figure), dtype=object).ravel())
+    refuse(len(found) != needed, f"ax must hold {needed} Axes, got {len(found)}")
+    return found
+
+
+def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
+    """A plot's usual look with what its caller asks for; None keeps the usual."""
+    asked = {name: value for name, value in normalize_kwargs(style, Line2D).items() if value is not None}
+    return usual | asked
+
+
+def plot_points(ax: Axes, x: Any, y: Any, sigma: Any, style: dict[str, Any], label: str | None) -> None:
+    """Draws measured points as squares, with error bars of y if sigma is known."""
+    look = styled(
+        style, color="black", marker="s", linestyle="", markerfacecolor="white", markersize=0.75 * rcParams["lines.markersize"],
+        markeredgewidth=0.9, zorder=3, label=label,
+    )  # fmt: skip
+    if sigma is not None:
+        ax.errorbar(x, y, sigma, fmt="none", ecolor=look["color"], elinewidth=0.8, zorder=look["zorder"])
+    ax.plot(x, y, **look)
 
 
 def tidy(axes: Axes) -> Axes:
@@ -35,3 +143,126 @@ def tidy(axes: Axes) -> Axes:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     return axes
+
+
+def plain_ticks(axis: Axis) -> None:
+    """Numbers instead of powers on a logarithmic axis, more of them where less than a decade is shown."""
+    if axis.get_scale() == "log":
+        low, high = sorted(axis.get_view_interval())
+        decades = np.log10(high / low)
+        subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+        axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))
+        axis.set_major_formatter(FormatStrFormatter("%g"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
+    """Makes a method that draws on `ax` kind to what others drew there.
+
+    It widens limits and never narrows them, adds to the legend, puts the legend where it covers nothing, and
+    breaks titles that are too wide. The older names of `ax`, `axes` and `figure`, warn.
+    """
+    signature = inspect.signature(draw)
+
+    @wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Drawn:
+        for old in {"axes", "figure"} & kwargs.keys():
+            warnings.warn(f"{old}= is now ax=, in all plots", DeprecationWarning, stacklevel=2)
+            kwargs["ax"] = kwargs.pop(old)
+        given = signature.bind(*args, **kwargs).arguments.get("ax")
+        listed = getattr(given, "axes", given)  # of a figure, or of Axes themselves
+        there = list(np.ravel(np.asarray(listed, dtype=object))) if listed is not None else []
+        before = {one: (one.get_xlim(), one.get_ylim()) for one in there if _used(one)}
+        made = draw(*args, **kwargs)
+        for one in made if isinstance(made, list) else [made]:
+            for name, limits in zip("xy", before.get(one, ()), strict=False):
+                _widen(one, name, limits)
+            _fit_title(one)
+            named = len(one.get_legend_handles_labels()[1])
+            if one.get_legend() or named > 1 or (named and kwargs.get("label")):
+                _legend(one)
+        return made
+
+    return drawn
+
+
+def _used(axes: Axes) -> bool:
+    return axes.has_data() or not (axes.get_autoscalex_on() and axes.get_autoscaley_on())
+
+
+def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
+    axis: Axis = getattr(axes, f"{name}axis")
+    low, high = axis.get_view_interval()
+    ends = [end for end in (*limits, low, high) if end > 0 or axis.get_scale() != "log"]
+    wide = (min(ends), max(ends))
+    if wide != (min(low, high), max(low, high)):
+        axes.set(**{f"{name}lim": wide[::-1] if axis.get_inverted() else wide})
+        if isinstance(axis.get_major_formatter(), FormatStrFormatter):
+            plain_ticks(axis)
+
+
+def _fit_title(axes: Axes) -> None:
+    """The title in the style's size, in lines no wider than the axes."""
+    size, title = rcParams["font.size"], axes.get_title()
+    fit = int(144 * axes.bbox.width / axes.figure.dpi / size)
+    axes.title.set(text="\n".join(textwrap.fill(line, fit) for line in title.split("\n")), fontsize=size)
+
+
+def _legend(axes: Axes) -> None:
+    """One legend of all that has a label: inside the axes where it covers nothing, else below them."""
+    old, figure = axes.get_legend(), cast("Figure", axes.get_figure(root=True))
+    handles, labels = axes.get_legend_handles_labels()
+    first: dict[str, Any] = dict(zip(labels[::-1], handles[::-1], strict=True))
+    shown: dict[str, Any] = {label: first[label] for label in labels}
+    look: dict[str, Any] = {"fontsize": 8, "title_fontsize": 8, "columnspacing": 1.2, "handletextpad": 0.5}
+    if old is not None:
+        look["title"] = old.get_title().get_text() or None
+        for text, handle in zip(old.get_texts(), old.legend_handles, strict=True):
+            shown.setdefault(text.get_text(), handle)
+        old.remove()
+    figure.draw_without_rendering()
+    obstacles, room = list(_obstacles(axes)), cast("Bbox", axes.get_tightbbox())
+    for columns, place in itertools.product((1, 2), _PLACES if not axes.images else ()):
+        made = axes.legend(shown.values(), shown, ncols=columns, **{"loc": place, "framealpha": 1.0, **look})
+        box = made.get_window_extent()
+        if np.all(box.size < axes.bbox.size) and not any(meets(box.padded(3)) for meets in obstacles):
+            return
+    if figure.get_layout_engine() is None:
+        figure.set_layout_engine("constrained")  # else the legend would lie beyond the edge
+    aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1)
+    below = cast("Bbox", axes.xaxis.get_tightbbox()).y0 - axes.bbox.y0 - 4
+    where = axes.transAxes + ScaledTranslation(aside / figure.dpi, below / figure.dpi, figure.dpi_scale_trans)
+    for columns in range(min(len(shown), 4), 0, -1):
+        made = axes.legend(shown.values(), shown, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns,
+                           bbox_transform=where, frameon=False, borderaxespad=0.0, **look)  # fmt: skip
+        if made.get_window_extent().width <= room.width:
+            return
+
+
+def _obstacles(axes: Axes) -> Iterator[Callable[[Bbox], bool]]:
+    """For each artist in front of the grid: whether it meets a box in pixels."""
+
+    def crossing(path: Path, filled: bool) -> Callable[[Bbox], bool]:
+        return lambda box: bool(path.intersects_bbox(box, filled))
+
+    def holding(marks: Any) -> Callable[[Bbox], bool]:
+        return lambda box: box.padded(5).count_contains(marks) > 0
+
+    artists: list[Any] = [*axes.lines, *axes.collections, *axes.patches]
+    for artist in artists:
+        if artist.get_zorder() < 1 or not artist.get_visible():
+            continue
+        transform, line = artist.get_transform(), isinstance(artist, Line2D)
+        if isinstance(artist, PathCollection):
+            yield holding(artist.get_offset_transform().transform(artist.get_offsets()))
+            continue
+        if line and artist.get_marker() != "None" and len(artist.get_xydata()):
+            yield holding(transform.transform(artist.get_xydata()))
+        if not line or artist.get_linestyle() != "None":
+            for path in artist.get_paths() if hasattr(artist, "get_paths") else [artist.get_path()]:
+                if len(path.vertices):
+                    yield crossing(
+                        transform.transform_path(path), not isinstance(artist, Line2D | LineCollection)
+                    )
+    for text in axes.texts:
+        yield text.get_window_extent().overlaps

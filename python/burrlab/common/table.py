@@ -26,8 +26,6 @@ from burrlab.common.check import real, refuse, shown
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
 
 
 Path: TypeAlias = str | os.PathLike[str]
@@ -676,23 +674,6 @@ def _plain(value: Any) -> str:
 def data_label(source: str) -> str:
     """Name of data in a legend, with "synthetic" or "simulated" if the source begins so."""
     return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")
-
-
-def plot_points(ax: Axes, x: Floats, y: Floats, sigma: Floats | None, source: str) -> None:
-    """Draws measured points as squares, with error bars of y if sigma is known."""
-    if sigma is not None:
-        ax.errorbar(x, y, sigma, fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
-    style: dict[str, Any] = {"color": "black", "mfc": "white", "ms": 4.5, "mew": 0.9, "zorder": 3}
-    ax.plot(x, y, "s", label=data_label(source), **style)
-
-
-def log_ticks(axis: Axis) -> None:
-    """Sets plain numbers at 1, 2 and 5 of every decade of a logarithmic axis."""
-    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
-
-    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def _same(a: object, b: object) -> bool:

@@ -14,7 +14,7 @@ from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled, tidy
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import Tabular, by_value
 from burrlab.theory.closed_forms import (
@@ -29,7 +29,6 @@ from burrlab.theory.closed_forms import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @by_value
@@ -152,9 +151,17 @@ class Descent(Tabular):
         units = {"time": "s", "immersion": "mm", "force": "N", "velocity": "mm_s", "command": "mm_s"}
         return {f"{name}_{unit}": getattr(self, name) for name, unit in units.items()}
 
-    def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """The three Axes of force, position and velocity over time, as in the paper's Fig. 4."""
-        return plot_descent(self, figure)
+    @drawing
+    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
+        """The three Axes of force, position and velocity over time, as in the paper's Fig. 4.
+
+        Parameters
+        ----------
+        ax : Figure or array of three Axes, optional
+        **style
+            `label`, `color` and other properties of the three lines.
+        """
+        return plot_descent(self, ax, style)
 
     def _repr_html_(self) -> str:
         rows = [(key, value) for key, value in self.to_dict().items() if key != "provenance"]
@@ -318,12 +325,11 @@ def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str,
     return {name: edge for name, edge in edges.items() if edge[1] > edge[0]}
 
 
-def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
+def plot_descent(run: Descent, ax: Panels, style: dict[str, Any]) -> list[Axes]:
     """Force, immersion and velocity over time with the window shaded (the paper's Fig. 4)."""
-    figure = new_figure(6.4, 6.4) if figure is None else figure
-    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    top, middle, bottom = panels(ax, (3, 1), (6.4, 6.4), sharex=True)
     name = "unknown material" if run.material is None else run.material.name
-    top.plot(run.time, run.force, color=FORCE, linewidth=0.8)
+    top.plot(run.time, run.force, **styled(style, color=FORCE, linewidth=0.8))
     top.axhline(run.setpoint, color=REFERENCE, linewidth=0.8, linestyle="--")
     top.annotate(f"set-point {run.setpoint:g} N", (0.99, run.setpoint), xycoords=("axes fraction", "data"),
                  xytext=(0, 3), textcoords="offset points", ha="right", color=REFERENCE, fontsize=8)  # fmt: skip
@@ -332,18 +338,19 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
         bottom=min(0.0, float(run.force.min(initial=0.0))),
         top=1.35 * max(run.setpoint, run.force.max(initial=0.0) / 1.2),
     )
-    middle.plot(run.time, run.immersion, color=POSITION, linewidth=1.2)
+    middle.plot(run.time, run.immersion, **styled(style, color=POSITION, linewidth=1.2))
     middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
     middle.set_ylabel("immersion [mm]")
-    middle.invert_yaxis()
+    middle.yaxis.set_inverted(True)
     light: dict[str, float] = {"linewidth": 1.2} if run.series.exact else {"linewidth": 0.7, "alpha": 0.6}
-    bottom.plot(run.time, run.velocity, color=VELOCITY, label="slope over 51 samples", **light)
+    look = styled(style, color=VELOCITY, label="slope over 51 samples", **light)
+    bottom.plot(run.time, run.velocity, **look)
     bottom.set_ylabel("velocity [mm/s]")
     bottom.set_xlabel("time [s]")
     if len(run.time):
         shown = samples_between(run.immersion, *run.window) if run.window is not None else slice(None)
-        steady = run.velocity[shown]
-        bottom.set_ylim(0, 1.2 * max(float(steady.max(initial=0.0)), 1e-6) if run.series.exact else None)
+        highest = float(run.velocity[shown].max(initial=0.0))
+        bottom.set_ylim(0, 1.2 * max(highest, 1e-6) if run.series.exact else None)
     if run.window is not None and run.penetration_velocity is not None:
         rows = samples_between(run.immersion, *run.window)
         t = run.time[rows]
@@ -351,18 +358,17 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
             # The rig reads positions in steps; a slope over more samples smooths their ripple.
             span = max(51, len(t) // 8) | 1
             slope = savgol_filter(run.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
-            bottom.plot(t, slope, color=VELOCITY, linewidth=1.6, label=f"over {span} samples")
-            bottom.legend(fontsize=8, frameon=False)
+            bottom.plot(t, slope, color=look["color"], linewidth=1.6, label=f"over {span} samples")
         for axes in (top, middle, bottom):
             axes.axvspan(t[0], t[-1], color="0.93", zorder=0)
         line = run.immersion[rows].mean() + run.penetration_velocity * (t - t.mean())
         middle.plot(t, line, color=REFERENCE, linewidth=1.0, linestyle="--")
         middle.annotate(f"{run.penetration_velocity:.3g} mm/s", (t.mean(), line.mean()), xytext=(8, 8),
-                        textcoords="offset points", color=REFERENCE, fontsize=9)  # fmt: skip
+                        textcoords="offset points", color=REFERENCE, fontsize=8)  # fmt: skip
     for phase, (begin, end) in run.phases.items():
         if end - begin > 0.04 * max(run.duration, 1e-9):
             top.annotate(
-                phase,
+                "window" if phase == "steady" else phase,  # the velocity falls there, too
                 ((begin + end) / 2, 0.97),
                 xycoords=("data", "axes fraction"),
                 ha="center",
@@ -373,5 +379,5 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
     said = "".join(f"; {text.split(':')[0]}" for text in run.warnings)
     said += f"; {note}" if (note := assumed(told_notes(run.provenance.get("volume")))) else ""
     kind = "force held exactly" if run.series.exact else "controller and rig"
-    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}", fontsize=10)
+    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}")
     return [tidy(axes) for axes in (top, middle, bottom)]

@@ -13,7 +13,7 @@ from scipy import stats
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
 from burrlab.common.check import check_positive, refuse, require_tool, require_type, seed_or_new
-from burrlab.common.figures import REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.figures import REFERENCE, VELOCITY, drawing, new_figure, styled, tidy
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
@@ -181,19 +181,16 @@ class Scatter:
         text = f"the field predicts {self._pooled_text()}, measured {100 * sd:.1f} %: {verdict} (p = {p:.2g})"
         return Comparison(p, text)
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """The Axes of the scatter and its intervals against force, the pooled scatter as a line."""
+    @drawing
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """The Axes of the scatter and its intervals against force, the pooled scatter as a line.
+
+        `style`: label, color and other properties of the points.
+        """
         ax = new_figure(4.8, 3.6).subplots() if ax is None else ax
         sd, interval = 100 * self.sd, 100 * self.interval
-        ax.errorbar(
-            self.force,
-            sd,
-            np.abs(interval.T - sd),
-            fmt="o",
-            color=VELOCITY,
-            capsize=3,
-            label="each force, 95 %",
-        )
+        look = styled(style, marker="o", linestyle="", color=VELOCITY, label="each force, 95 %")
+        ax.errorbar(self.force, sd, np.abs(interval.T - sd), capsize=3, **look)
         if self.pooled_n_dof:
             low, high = self.pooled_interval
             ax.axhspan(100 * low, 100 * high, color="0.93", zorder=0)
@@ -208,10 +205,7 @@ class Scatter:
         ax.set_ylim(bottom=0)
         ax.set_xlabel("force [N]")
         ax.set_ylabel("standard deviation of ln v [%]")
-        ax.set_title(
-            f"{self.material.name}, R = {self.burr.radius:g} mm\n{_bone_text(self.bone)}", fontsize=9
-        )
-        ax.legend(fontsize=8, frameon=False)
+        ax.set_title(f"{self.material.name}, R = {self.burr.radius:g} mm\n{_bone_text(self.bone)}")
         return tidy(ax)
 
     def to_dict(self) -> dict[str, Any]:

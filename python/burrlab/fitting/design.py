@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import burrlab.common.table as dataset
 from burrlab.common.check import refuse, require_type, seed_or_new
-from burrlab.common.figures import REFERENCE, axes_or_new, tidy
+from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled, tidy
 from burrlab.common.provenance import provenance
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
@@ -118,7 +118,8 @@ class Design(dataset.Tabular):
         rows = [asdict(one) for one in self.rows]
         return {column: [row[name] for row in rows] for name, column in _COLUMNS.items()}
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
         """Area ratio over force, one line per radius; static candidates as one dashed line.
 
         Static candidates share a line because their depth does not matter. A hollow mark is a run that is
@@ -128,6 +129,10 @@ class Design(dataset.Tabular):
         ----------
         ax : matplotlib Axes, optional
             Where to draw; a new figure by default.
+        label : str, optional
+            Said before each radius.
+        **style
+            `color` and other properties of the lines and marks.
 
         Returns
         -------
@@ -141,15 +146,14 @@ class Design(dataset.Tabular):
             )
             force, ratio, overloaded = (np.array(column) for column in zip(*line, strict=True))
             colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
-            ax.plot(force, ratio, color=colour, linewidth=1.2)
+            look = styled(style, color=colour, marker=marker, linewidth=1.2, markersize=4.5)
+            ax.plot(force, ratio, **(look | {"marker": ""}))
             likely = overloaded > 0.5
-            label: str | None = f"velocity, $R$ = {R:g} mm"
-            for rows, face in ((~likely, colour), (likely, "white")):
+            said: str | None = f"{label or 'velocity'}, $R$ = {R:g} mm"
+            for rows, face in ((~likely, look["color"]), (likely, "white")):
                 if rows.any():
-                    ax.plot(
-                        force[rows], ratio[rows], marker, color=colour, mfc=face, mew=1.0, ms=4.5, label=label
-                    )
-                    label = None
+                    ax.plot(force[rows], ratio[rows], label=said, **(look | {"linestyle": "", "mfc": face}))
+                    said = None
         if any(one.overloaded > 0.5 for one in velocities):
             ax.plot(
                 [], [], "o", color=REFERENCE, mfc="white", mew=1.0, ms=4.5, label="more likely overloaded"
@@ -166,7 +170,7 @@ class Design(dataset.Tabular):
         )
         if not velocities:
             ax.set_xticks([])
-        ax.legend(frameon=False, fontsize="small", title=_repeats(self.best.n), title_fontsize="small")
+        ax.legend(title=_repeats(self.best.n))
         return tidy(ax)
 
 

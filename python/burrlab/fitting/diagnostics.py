@@ -223,6 +223,14 @@ def influence(
     )
 
 
+def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) -> float | None:
+    """The limit of |studentised residual| over some rows; None below 8 rows."""
+    J, r = likelihood.own_rows(*point)
+    if len(r) < _FEWEST:
+        return None
+    return _studentised(J[rows], r[rows], likelihood.known, likelihood.floor)[2]
+
+
 def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Floats, Floats, float]:
     """Leverages and externally studentised residuals of rows, and Bonferroni's limit at 5 %."""
     basis = _orthonormal(J)

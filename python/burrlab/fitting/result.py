@@ -2,31 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from matplotlib.cbook import normalize_kwargs
+from matplotlib.colors import to_rgba
+from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 import burrlab.fitting.hypotheses as hypotheses
 import burrlab.fitting.report as report
 from burrlab._core import Material
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import (
+    FORCE,
+    POSITION,
+    REFERENCE,
+    SERIES,
+    VELOCITY,
+    axes_or_new,
+    drawing,
+    plain_ticks,
+    styled,
+    tidy,
+)
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.comparison import compare
-from burrlab.fitting.diagnostics import Row, influence
+from burrlab.fitting.diagnostics import Row, influence, rows_limit
 from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.intervals import LEVELS, Region, level_name
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.fitting.record import FitRecord
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import PER_SECOND, MasterCurve
+from burrlab.theory.continuum import PER_SECOND, WINDOW_START, MasterCurve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -148,7 +164,10 @@ class Fit(FitRecord):
         """The fit as aligned text blocks."""
         return report.text(self)
 
-    def plot(self, ax: Axes | None = None, *, alpha_lines: float | None = None, log: bool = False) -> Axes:
+    @drawing
+    def plot(
+        self, ax: Axes | None = None, *, alpha_lines: float | None = None, log: bool = False, **style: Any
+    ) -> Axes:
         """Velocities as squares, the fitted line and its 95 % band, as in Fig. 5 of the paper.
 
         The line is the mean-field prediction over the default window, one per radius. The band is the range
@@ -164,6 +183,9 @@ class Fit(FitRecord):
             confidence interval.
         log : bool
             Make both axes logarithmic.
+        **style
+            `label`, `color` and other properties of line and points; the band fades from the colour. A label
+            stands for both.
 
         Returns
         -------
@@ -178,15 +200,18 @@ class Fit(FitRecord):
             alpha_lines is not None and not 0 < alpha_lines < self.alpha,
             f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}",
         )
-        return plot_fit(self, ax, alpha_lines, log)
+        return plot_fit(self, ax, alpha_lines, log, style)
 
-    def plot_profile(self, name: str = "c_e", ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot_profile(self, name: str = "c_e", ax: Axes | None = None, **style: Any) -> Axes:
         """Rise of -2 log L over c_e or alpha, the other at its best, with the limits of the three levels.
 
         Parameters
         ----------
         name : {"c_e", "alpha"}
         ax : matplotlib Axes, optional
+        **style
+            `label`, `color` and other properties of the line.
 
         Raises
         ------
@@ -194,14 +219,18 @@ class Fit(FitRecord):
             If the name is unknown, or the fit failed.
         """
         refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
-        return plot_profile(self, name, ax)
+        return plot_profile(self, name, ax, style)
 
+    @drawing
     def plot_region(
         self,
         ax: Axes | None = None,
         *,
         points: Mapping[str, tuple[float, float]] | None = None,
         combination: bool = False,
+        label: str | None = None,
+        color: Any = None,
+        **style: Any,
     ) -> Axes:
         """Joint regions of c_e and alpha at 68, 95 and 99.7 %, logarithmic axes.
 
@@ -213,13 +242,38 @@ class Fit(FitRecord):
         combination : bool
             Draw alpha/c_e^p, the best-determined combination, instead of alpha, so that a long ridge lies
             flat.
+        label : str, optional
+            Said before each level.
+        color : colour, optional
+            Of the regions; it fades outwards.
+        **style
+            Properties of the regions.
 
         Raises
         ------
         ValueError
             If the fit failed.
         """
-        return plot_region(self, ax, points, combination)
+        return plot_region(self, ax, points, combination, label, color, style)
+
+    @drawing
+    def plot_residuals(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Externally studentised residuals of the curves' rows over force, with the limit of `influence`.
+
+        A row that stands out has its number, from 1 after the header; of several data sets also the set's.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        **style
+            `label`, `color` and other properties of the points.
+
+        Raises
+        ------
+        ValueError
+            If the fit failed, or has no curve.
+        """
+        return plot_residuals(self, ax, style)
 
     def __repr__(self) -> str:
         return (
@@ -235,20 +289,27 @@ _SHADES = {"99.7": "#d4e6f4", "95": "#8dbfe2", "68": "#3c8cc4"}
 LINES = (FORCE, VELOCITY, POSITION, "black")  # one per radius
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
+_BAR = (2, 2, 45)  # across a line that rises
 
 
-def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) -> Axes:
+def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool, style: dict[str, Any]) -> Axes:
     """See `Fit.plot`."""
     ax = axes_or_new(ax)
     o = fit.observations
+    own = styled(style)
+    named = own.pop("label", None)
+    dress = {key: value for key, value in own.items() if not key.startswith("mark")}
+    mark = {key: value for key, value in own.items() if key != "linestyle"} | {"linestyle": ""}
     for one in fit.data:
         if isinstance(one, VelocityCurve):
-            one.plot(ax, log=log)
+            one.plot(ax, log=log, label=named and f"_{named}", **mark)
     single = o.run < 0
     if not single.all():
         ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
                 label="segments of traces")  # fmt: skip
-    label: str | None = f"fit: $c_e$ = {fit.c_e:#.3g} N/mm², $\\alpha$ = {fit.alpha:#.3g} /ms"
+    label: str | None = (
+        None if named else f"fit: $c_e$ = {fit.c_e:#.3g} N/mm², $\\alpha$ = {fit.alpha:#.3g} /ms"
+    )
     default = np.isnan(o.window_start)
     for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
         used = o.force[default & (o.radius == R)]
@@ -256,11 +317,18 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
         high = min(1.04 * used.max(), 0.999 * fit.c_e * R**2 / 27**0.5)
         force = np.geomspace(low, high, 300)
         lower, upper = band(fit, force, R)
-        ax.fill_between(force, lower, upper, color=_SHADES["99.7"], label=label and "95 % band", zorder=1)
+        shade = (
+            {"color": own["color"], "alpha": 0.25, "linewidth": 0}
+            if "color" in own
+            else {"color": _SHADES["99.7"]}
+        )
+        ax.fill_between(force, lower, upper, label="95 % band" if i == 0 else None, zorder=1, **shade)
         several = fit.radius is None
         colour = LINES[i % len(LINES)] if several else "black"
-        shown_as = f"fit, R = {R:g} mm" if several else label
-        ax.plot(force, fit.velocity(force, radius=R), color=colour, linewidth=1.2, label=shown_as)
+        shown_as = f"fit, R = {R:g} mm" if several and not named else label
+        ax.plot(
+            force, fit.velocity(force, radius=R), **styled(dress, color=colour, linewidth=1.2, label=shown_as)
+        )
         label = None
         if alpha_lines is not None:
             for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
@@ -270,16 +338,107 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
         name = "voxel descents" if fit.engine == "voxel" else "fit, over each row's window"
         rows = np.concatenate([np.full(len(rows), kind == "velocity") for kind, rows in o.rows])
         ax.plot(o.force, fit.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
+    if named:
+        usual = {
+            "color": "black",
+            "marker": "s",
+            "mfc": "white",
+            "ms": 0.75 * rcParams["lines.markersize"],
+            "mew": 0.9,
+            "linewidth": 1.2,
+        }
+        ax.plot([], [], **styled(own, **normalize_kwargs(usual, Line2D), label=named))
     ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
     if log:
         ax.autoscale()  # a logarithmic axis cannot begin at zero
-        _plain_ticks(ax)
+        plain_ticks(ax.xaxis)
+        plain_ticks(ax.yaxis)
     else:
         ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
-    handles, labels = ax.get_legend_handles_labels()
-    shown = dict(zip(labels, handles, strict=True))
-    ax.legend(list(shown.values()), list(shown), frameon=False, fontsize="small")
     return tidy(ax)
+
+
+@drawing
+def plot_curves(
+    items: Sequence[VelocityCurve | Fit] | Mapping[str, VelocityCurve | Fit],
+    ax: Axes | None = None,
+    *,
+    log: bool = True,
+    **style: Any,
+) -> Axes:
+    """Several materials, burrs or drills in one figure, in looks that differ in colour, grey and shape.
+
+    Data are points, with error bars if sigma is known; a fit adds its line and 95 % band. A bar across a line
+    marks the fit's kink at phi = F/(c_e R^2) = 0.068. Below it the default window begins deeper than static
+    contact and the data determine only alpha/c_e^p; c_e itself shows above it (docs/model.md, section 5).
+
+    Parameters
+    ----------
+    items : sequence, or mapping of names, of VelocityCurve and Fit
+        Without names, the sources of the data are the labels.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+    log : bool
+        Make both axes logarithmic.
+    **style
+        Properties of all points and lines, such as `markersize`.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        If there is no curve or fit.
+    TypeError
+        If an item is neither.
+    """
+    if not isinstance(items, Mapping):
+        sources = [
+            one.data[0].source if isinstance(one, Fit) else getattr(one, "source", "") for one in items
+        ]
+        items = {
+            f"{k + 1}: {source}" if sources.count(source) > 1 or not source else source: one
+            for k, (source, one) in enumerate(zip(sources, items, strict=True))
+        }
+    refuse(not items, "items must hold a curve or a fit, got none")
+    ax, kinks = axes_or_new(ax), False
+    for look, (name, one) in zip(itertools.cycle(SERIES), items.items(), strict=False):
+        if not isinstance(one, Fit | VelocityCurve):
+            raise TypeError(f"items must be VelocityCurve or Fit, got {type(one).__name__} for {name!r}")
+        dress = {"label": name} | look | style
+        if isinstance(one, VelocityCurve):
+            one.plot(ax, log=log, **(dress | {"linestyle": ""}))
+            continue
+        one.plot(ax, log=log, **dress)
+        o = one.observations
+        default = np.isnan(o.window_start)
+        for R in sorted(set(o.radius[default].tolist())):
+            force, kink = o.force[default & (o.radius == R)], one.c_e * R**2 * WINDOW_START**1.5
+            if force.min() < kink < force.max():
+                kinks = True
+                ax.plot(
+                    kink,
+                    one.velocity(kink, radius=R),
+                    marker=_BAR,
+                    color=dress["color"],
+                    ms=18,
+                    mew=1.2,
+                    zorder=5,
+                )
+    if kinks:
+        ax.plot(
+            [],
+            [],
+            marker=_BAR,
+            ls="",
+            color=REFERENCE,
+            ms=11,
+            mew=1.2,
+            label="kink, $\\phi$ = 0.068: $c_e$ shows above",
+        )
+    return ax
 
 
 def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
@@ -296,7 +455,35 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
     return low, high
 
 
-def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
+def plot_residuals(fit: Fit, ax: Axes | None, style: dict[str, Any]) -> Axes:
+    """See `Fit.plot_residuals`."""
+    rows = fit.influence()
+    refuse(not rows, "residuals of rows need a curve: the fit has none")
+    ax = axes_or_new(ax)
+    force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
+    named = np.array([row.named for row in rows])
+    look = styled(style, color=FORCE, marker="o", linestyle="", markersize=4, zorder=3, label="rows")
+    ax.plot(force[~named], size[~named], **look)
+    limit = rows_limit(fit.likelihood, (fit.c_e, fit.alpha), ~named)
+    if limit is not None:
+        ax.axhspan(-limit, limit, color="0.95", zorder=0)
+        for sign, said in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
+            ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=said)
+    if named.any():
+        ax.plot(force[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"}))
+    for row in rows:
+        if row.named:
+            number = f"{row.data_set + 1}: {row.row}" if len(fit.data) > 1 else f"{row.row}"
+            ax.annotate(f"row {number}", (row.force, row.studentised), xytext=(6, 0), va="center",
+                        textcoords="offset points", fontsize=8)  # fmt: skip
+    ax.axhline(0, color=REFERENCE, linewidth=0.6)
+    ax.margins(x=0.1)
+    why = "" if limit is not None else "\n(no limit below 8 rows)"
+    ax.set(xlabel="force [N]", ylabel=f"studentised residual [sigma]{why}")
+    return tidy(ax)
+
+
+def plot_profile(fit: Fit, name: str, ax: Axes | None, style: dict[str, Any]) -> Axes:
     """See `Fit.plot_profile`."""
     evidence, ax = fit._evidence(), axes_or_new(ax)
     profile = evidence.profile
@@ -306,7 +493,8 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     top = 1.6 * limits["99.7"]
     near = np.flatnonzero((rise < top) & (x < 12 * getattr(fit, name)))
     shown = slice(max(near[0] - 1, 0), near[-1] + 2)
-    ax.plot(x[shown], rise[shown], color=FORCE, linewidth=1.4)
+    look = styled(style, color=FORCE, linewidth=1.4)
+    ax.plot(x[shown], rise[shown], **look)
     for level, limit in limits.items():
         ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
         ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
@@ -316,18 +504,19 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     interval = profile.intervals[name]["95"]
     for end in (interval.lower, interval.upper):
         if end is not None and end < 12 * getattr(fit, name):
-            ax.axvline(end, color=FORCE, linewidth=0.8, linestyle=":")
+            ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":")
     if interval.upper is None:
         ax.annotate("open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE)
     ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
     ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])
-    _plain_ticks(ax)
+    plain_ticks(ax.xaxis)
     return tidy(ax)
 
 
 def plot_region(
-    fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool
-) -> Axes:
+    fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool,
+    label: str | None, color: Any, style: dict[str, Any],
+) -> Axes:  # fmt: skip
     """See `Fit.plot_region`."""
     profile, ax = fit._evidence().profile, axes_or_new(ax)
     widest = 12 * fit.c_e
@@ -337,8 +526,14 @@ def plot_region(
         near = region.c_e <= widest
         suffix = ", open above" if region.open_above else ""
         c_e = region.c_e[near]
-        ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p, color=_SHADES[level],
-                        linewidth=0.6, edgecolor=FORCE, label=f"{level} %{suffix}")  # fmt: skip
+        fade = {"99.7": 0.2, "95": 0.35, "68": 0.6}[level]
+        shade = {
+            "color": _SHADES[level] if color is None else to_rgba(color, fade),
+            "edgecolor": color or FORCE,
+        }
+        said = f"{label}, {level} %{suffix}" if label else f"{level} %{suffix}"
+        ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p,
+                        **{"linewidth": 0.6, "label": said, **shade, **style})  # fmt: skip
     ax.plot(fit.c_e, fit.alpha / fit.c_e**p, "+", color="black", ms=8, mew=1.4, label="fit")
     for marker, (name, (c_e_there, alpha)) in zip("osD^v*", (points or {}).items(), strict=False):
         ax.plot(
@@ -346,22 +541,6 @@ def plot_region(
         )
     power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
     ax.set(xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"])
-    low, high = ax.get_ylim()
-    ax.set_ylim(low * (low / high) ** 0.3, high)  # room for the legend
-    _plain_ticks(ax)
-    ax.legend(loc="lower right", ncols=2, frameon=False, fontsize="small")
+    plain_ticks(ax.xaxis)
+    plain_ticks(ax.yaxis)
     return tidy(ax)
-
-
-def _plain_ticks(ax: Axes) -> None:
-    """Numbers instead of powers on logarithmic axes, more of them where less than a decade is shown."""
-    for axis, scale, (low, high) in (
-        (ax.xaxis, ax.get_xscale(), ax.get_xlim()),
-        (ax.yaxis, ax.get_yscale(), ax.get_ylim()),
-    ):
-        if scale == "log":
-            decades = np.log10(high / low)
-            subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-            axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))
-            axis.set_major_formatter(FormatStrFormatter("%g"))
-            axis.set_minor_formatter(NullFormatter())

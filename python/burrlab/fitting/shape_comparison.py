@@ -13,13 +13,24 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
 from burrlab._core import Shape, shape_kappa
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import (
+    FORCE,
+    POSITION,
+    REFERENCE,
+    VELOCITY,
+    axes_or_new,
+    drawing,
+    plain_ticks,
+    plot_points,
+    styled,
+    tidy,
+)
 from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
 from burrlab.fitting.intervals import Interval, plain_ends
 from burrlab.fitting.observations import Floats, Threshold
 from burrlab.fitting.report import columns
-from burrlab.fitting.result import Fit, _plain_ticks
+from burrlab.fitting.result import Fit
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
 
@@ -197,7 +208,8 @@ class ShapeComparison:
         lines = ["[[Erosion shapes]]", *(f"    {line}" for line in columns(cells(self))), "[[Notes]]"]
         return "\n".join([*lines, *(f"    - {sentence}" for sentence in self.sentences)])
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Velocities over the best shape's predictions, against force: data as points, shapes as lines.
 
         The axis shows 100 ln of the ratio, which is in % where it is small. It is linear, and shaded, where
@@ -207,14 +219,17 @@ class ShapeComparison:
         ----------
         ax : matplotlib Axes, optional
             Where to draw; a new figure by default.
+        **style
+            `label`, `color` and other properties of the points.
 
         Returns
         -------
         matplotlib Axes
         """
-        return plot_residuals(self, ax)
+        return plot_residuals(self, ax, style)
 
-    def plot_power(self, ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot_power(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Rise of -2 log L over k of the family, with the limits of three levels and marks at k = 0, 1, 2.
 
         The axis of the rise is linear up to the largest limit, and logarithmic above.
@@ -222,6 +237,8 @@ class ShapeComparison:
         Parameters
         ----------
         ax : matplotlib Axes, optional
+        **style
+            `label`, `color` and other properties of the line.
 
         Returns
         -------
@@ -236,7 +253,7 @@ class ShapeComparison:
             self.power is None,
             "the profile over k needs the family, free=True, and more than three rows: got none",
         )
-        return plot_power(self, ax)
+        return plot_power(self, ax, style)
 
     def to_dict(self) -> dict[str, Any]:
         """All but the data as plain Python objects, ready for JSON; infinities and NaN are None."""
@@ -468,7 +485,7 @@ _LEAST = 5.0  # half of the linear part of the axis is at least this, in 100 ln
 _TICKS = (1, 2, 5, 10, 20, 30, 50, 100, 300)
 
 
-def plot_residuals(comparison: ShapeComparison, ax: Axes | None) -> Axes:
+def plot_residuals(comparison: ShapeComparison, ax: Axes | None, style: dict[str, Any]) -> Axes:
     """See `ShapeComparison.plot`."""
     ax = axes_or_new(ax)
     best = comparison.best
@@ -482,10 +499,11 @@ def plot_residuals(comparison: ShapeComparison, ax: Axes | None) -> Axes:
         ax.plot(force, 100 * np.log(ratio), _STYLES[i % len(_STYLES)], color=_LINES[i % len(_LINES)],
                 linewidth=1.4, label=label, zorder=3)  # fmt: skip
         farthest = max(farthest, 100 * float(np.abs(np.log(ratio)).max()))
-    ax.plot(o.force, measured, "s", color="black", markersize=3.5, mfc="none", mew=0.8,
-            label=f"data ({best.shape.label} fits best)", zorder=4)  # fmt: skip
+    plot_points(
+        ax, o.force, measured, None, {"ms": 3.5, "zorder": 4} | style, f"data ({best.shape.label} fits best)"
+    )
     ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.label}}}$)")
-    _plain_ticks(ax)
+    plain_ticks(ax.xaxis)
     step = float(next((s for s in _TICKS if half / s < 3), _TICKS[-1]))
     inner = np.arange(0, half, step)
     outer = np.array([s for s in (*_TICKS, 1000, 3000) if 1.5 * half < s <= farthest and str(s)[0] in "13"])
@@ -497,7 +515,6 @@ def plot_residuals(comparison: ShapeComparison, ax: Axes | None) -> Axes:
     ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set(ylim=(-1.1 * farthest, 1.1 * farthest), xlim=(0.93 * o.force.min(), 1.07 * o.force.max()))
-    ax.legend(frameon=False, fontsize="small", ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))
     return tidy(ax)
 
 
@@ -516,14 +533,14 @@ def _line(one: Fit, best: Fit) -> tuple[Floats, Floats]:
     return force, np.exp(np.bincount(inverse, log) / np.bincount(inverse))
 
 
-def plot_power(comparison: ShapeComparison, ax: Axes | None) -> Axes:
+def plot_power(comparison: ShapeComparison, ax: Axes | None, style: dict[str, Any]) -> Axes:
     """See `ShapeComparison.plot_power`."""
     ax = axes_or_new(ax)
     power = comparison.power
     assert power is not None
     largest = max(power.limits.values())
     ax.set_yscale("symlog", linthresh=largest, linscale=2.0)
-    ax.plot(power.grid, power.rise, color=FORCE, linewidth=1.4)
+    ax.plot(power.grid, power.rise, **styled(style, color=FORCE, linewidth=1.4))
     for level, limit in power.limits.items():
         ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
         ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
@@ -552,5 +569,5 @@ def plot_power(comparison: ShapeComparison, ax: Axes | None) -> Axes:
     interval = power.intervals["95"]
     ends = [f"{NODES[0]:g}" if interval.lower is None else f"{interval.lower:.3f}"]
     ends.append("open" if interval.upper is None else f"{interval.upper:.3f}")
-    ax.set_title(f"$k$ = {power.k:.3f}, 95 %: {ends[0]} .. {ends[1]}", fontsize=10)
+    ax.set_title(f"$k$ = {power.k:.3f}, 95 %: {ends[0]} .. {ends[1]}")
     return tidy(ax)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, tidy
+from burrlab.common.figures import axes_or_new, drawing, plain_ticks, plot_points, tidy
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
 from burrlab.measured.layout import Layout
 
@@ -258,7 +258,8 @@ class VelocityCurve(TableData):
         fine = [text in ("", "ok") for text in self.status or len(self) * ("",)]
         return np.isfinite(self.velocity) & np.array(fine, dtype=np.bool_)
 
-    def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
+    @drawing
+    def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
         """Draw the velocities as squares over the force, with error bars if sigma is known.
 
         Parameters
@@ -267,6 +268,8 @@ class VelocityCurve(TableData):
             Default: axes of a new figure.
         log : bool
             Make both axes logarithmic; the thin-layer law is then a line of slope 8/3 (parabolic f).
+        **style
+            `label`, `color` and other properties of the points.
 
         Returns
         -------
@@ -276,10 +279,10 @@ class VelocityCurve(TableData):
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
         sigma = None if self.sigma is None else self.sigma[ok]
-        table.plot_points(ax, force, velocity, sigma, self.source)
+        plot_points(ax, force, velocity, sigma, style, table.data_label(self.source))
         if log:
             ax.set(xscale="log", yscale="log")
-            table.log_ticks(ax.xaxis)
+            plain_ticks(ax.xaxis)
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
         return tidy(ax)
 

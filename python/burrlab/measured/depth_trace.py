@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled, tidy
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
@@ -295,7 +295,8 @@ class DepthTrace(TableData):
         velocities, errors, counts = map(np.array, zip(*rows, strict=True))
         return TraceSegments(edges[:-1].copy(), edges[1:].copy(), velocities, errors, counts)
 
-    def plot(self, ax: Axes | None = None, *, n: int = 5) -> Axes:
+    @drawing
+    def plot(self, ax: Axes | None = None, *, n: int = 5, **style: Any) -> Axes:
         """Draw immersion, downwards, over time, with the slopes of n segments; every second one is shaded.
 
         Parameters
@@ -304,6 +305,8 @@ class DepthTrace(TableData):
             Default: axes of a new figure.
         n : int
             Number of segments.
+        **style
+            `label`, `color` and other properties of the line.
 
         Returns
         -------
@@ -311,7 +314,8 @@ class DepthTrace(TableData):
         """
         ax = axes_or_new(ax)
         segments = self.segments(n)
-        ax.plot(self.time, self.immersion, color=POSITION, linewidth=1.2, label=table.data_label(self.source))
+        look = styled(style, color=POSITION, linewidth=1.2, label=table.data_label(self.source))
+        ax.plot(self.time, self.immersion, **look)
         level = rising(self.immersion)
         for i, (start, end) in enumerate(zip(segments.start_mm, segments.end_mm, strict=True)):
             rows = samples_between(level, start, end)

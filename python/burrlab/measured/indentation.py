@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, tidy
+from burrlab.common.figures import axes_or_new, drawing, plain_ticks, plot_points, tidy
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
 
@@ -154,7 +154,8 @@ class Indentation(TableData):
         """
         self._write(file, {"radius_mm": self.radius})
 
-    def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
+    @drawing
+    def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
         """Draw the forces as squares over the depth, with error bars if sigma is known.
 
         Parameters
@@ -163,17 +164,19 @@ class Indentation(TableData):
             Default: axes of a new figure.
         log : bool
             Make both axes logarithmic; Eq. 3 is then a line of slope 3/2.
+        **style
+            `label`, `color` and other properties of the points.
 
         Returns
         -------
         matplotlib Axes
         """
         ax = axes_or_new(ax)
-        table.plot_points(ax, self.depth, self.force, self.sigma, self.source)
+        plot_points(ax, self.depth, self.force, self.sigma, style, table.data_label(self.source))
         if log:
             ax.set(xscale="log", yscale="log")
-            table.log_ticks(ax.xaxis)
-            table.log_ticks(ax.yaxis)
+            plain_ticks(ax.xaxis)
+            plain_ticks(ax.yaxis)
         ax.set(xlabel="depth [mm]", ylabel="force [N]")
         return tidy(ax)
 

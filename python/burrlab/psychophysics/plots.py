@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -11,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, styled, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,11 +24,6 @@ STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "
 _LOWEST = 4.0  # the least end of a d' axis
 
 
-def wrapped(title: str) -> str:
-    """The title in lines that fit above a one-column figure."""
-    return textwrap.fill(title, 52)
-
-
 def room_for(ax: Axes | None, rows: float) -> Axes:
     """The given axes, or axes of a new figure that is tall enough for the rows."""
     ax, new = axes_or_new(ax), ax is None
@@ -38,8 +32,12 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
     return ax
 
 
-def draw(ax: Axes, spans: Sequence[Span], rows: Rows, end: float, colour: str, marker: str) -> None:
+def draw(
+    ax: Axes, spans: Sequence[Span], rows: Rows, end: float, style: dict[str, Any], colour: str, marker: str
+) -> None:  # fmt: skip
     """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark."""
+    look = styled(style, color=colour, marker=marker, markersize=4.5, zorder=4)
+    colour = look["color"]
     for (low, estimate, high), row in zip(spans, rows, strict=True):
         if math.isinf(high):
             ax.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
@@ -49,13 +47,15 @@ def draw(ax: Axes, spans: Sequence[Span], rows: Rows, end: float, colour: str, m
             ax.errorbar(0.5 * (low + high), row, xerr=0.5 * (high - low), fmt="none", ecolor=colour,
                         elinewidth=1.2, capsize=2.5)  # fmt: skip
         if math.isinf(estimate):
-            ax.plot(0.96 * end, row, marker, color=colour, mfc="white", markersize=5, zorder=4)
+            ax.plot(0.96 * end, row, **(look | {"mfc": "white"}))
         else:
-            ax.plot(estimate, row, marker, color=colour, markersize=4.5, zorder=4, clip_on=False)
+            ax.plot(estimate, row, **look, clip_on=False)
+        look["label"] = None
 
 
 def draw_d_prime(
-    ax: Axes, by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, *, named: bool = True, delta: float | None = None,
+    ax: Axes, by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, style: dict[str, Any], *,
+    named: bool = True, delta: float | None = None,
 ) -> None:  # fmt: skip
     """Draws d' by each rule side by side, with chance and any Delta."""
     spans = [span for some in by_rule.values() for span in some]
@@ -64,9 +64,10 @@ def draw_d_prime(
     for i, (rule, some) in enumerate(by_rule.items()):
         shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
         colour, marker = STYLES[rule]
-        draw(ax, some, rows + shift, end, colour, marker)
+        draw(ax, some, rows + shift, end, ({"label": None} if named else {}) | style, colour, marker)
         if named:
-            ax.plot([], [], marker, linestyle="-", color=colour, markersize=4.5, linewidth=1.2, label=rule)
+            said = f"{style['label']}, {rule}" if style.get("label") else rule
+            ax.plot([], [], **styled({**style, "label": said}, color=colour, marker=marker, markersize=4.5))
     ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
     if delta is not None:
         ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")
@@ -77,11 +78,9 @@ def draw_d_prime(
 
 
 def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
-    """The axes with one name per row; the legend stands above the frame, which intervals fill."""
-    ax.set_yticks(rows, names, fontsize=8 if len(names) < 25 else 6)
+    """The axes with one name per row."""
+    ax.set_yticks(rows, names, fontsize=8)
     ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")
-    handles, labels = ax.get_legend_handles_labels()
-    ax.legend(handles, labels, frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0),
-              ncols=min(3, len(labels)), columnspacing=1.2, handletextpad=0.5)  # fmt: skip
-    ax.set_title(wrapped(title), fontsize=10, pad=22 if len(labels) <= 3 else 36)
+    ax.legend()
+    ax.set_title(title)
     return tidy(ax)

@@ -18,7 +18,7 @@ from scipy.special import entr
 from scipy.stats import beta, chi2
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled, tidy
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_level
 from burrlab.psychophysics.rules import Floats, Result, one_of
@@ -276,15 +276,19 @@ class PsychometricFit(Result):
             lines.append(f"the {end} end of the {name} is set by the prior, not by the data")
         return "\n".join(lines)
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Proportion correct over the ratio with exact binomial intervals, the curve, and the threshold."""
+    @drawing
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Proportion correct over the ratio with exact binomial intervals, the curve, and the threshold.
+
+        `style`: label, color and other properties of the curve.
+        """
         ax = axes_or_new(ax)
         x = np.log(self.ratios)
         correct, trials = np.asarray(self.correct), np.asarray(self.trials)
         share, tail, ends = correct / trials, 0.5 - 0.5 * self.level, np.log(self.interval)
         reach = max(1.4 * x.max(), 1.05 * ends[1])
         span = np.geomspace(0.7 * x.min(), reach, 200)
-        ax.plot(span, self.proportion_at(np.exp(span)), color=POSITION, linewidth=1.4)
+        ax.plot(span, self.proportion_at(np.exp(span)), **styled(style, color=POSITION, linewidth=1.4))
         # Clopper and Pearson's intervals. beta's parameters must be above 0 at shares of 0 and 1 too.
         low = np.where(correct == 0, 0.0, beta.ppf(tail, np.maximum(correct, 0.5), trials - correct + 1))
         wrong = np.maximum(trials - correct, 0.5)
@@ -293,8 +297,7 @@ class PsychometricFit(Result):
         if bars:
             ax.vlines(x, low, high, color=REFERENCE, linewidth=0.9)
         ax.scatter(x, share, s=18.0 * np.sqrt(trials / trials.max()), color=REFERENCE, zorder=3)
-        style: dict[str, Any] = {"linewidth": 2.0, "markersize": 7, "solid_capstyle": "butt"}
-        ax.plot(ends, [self.proportion] * 2, "|-", color=VELOCITY, **style)
+        ax.plot(ends, [self.proportion] * 2, "|-", color=VELOCITY, lw=2.0, ms=7, solid_capstyle="butt")
         ax.plot(math.log(self.threshold), self.proportion, "o", color=VELOCITY, zorder=4)
         ax.axhline(self.guess_rate, color=REFERENCE, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")

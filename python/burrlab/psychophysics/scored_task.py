@@ -14,10 +14,10 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, tidy
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
-from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for, wrapped
+from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.published import PublishedScore, SelectionEffect
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName
@@ -491,7 +491,10 @@ class ScoredTask(TaskResult[SubjectResult]):
             return None
         return SelectionEffect(self.chosen, self.of, self.trials, self.chance)
 
-    def plot_scores(self, ax: Axes | None = None, *, published: PublishedScore | None = None) -> Axes:
+    @drawing
+    def plot_scores(
+        self, ax: Axes | None = None, *, published: PublishedScore | None = None, **style: Any
+    ) -> Axes:
         """Histogram of scores with the one expected at chance, and mean ± s.e.m. (the paper's Figs. 7 and 8).
 
         Parameters
@@ -499,6 +502,8 @@ class ScoredTask(TaskResult[SubjectResult]):
         ax : matplotlib Axes, optional
         published : PublishedScore, optional
             Another mean ± s.e.m. to mark.
+        **style
+            `label`, `color` and other properties of the bars.
 
         Raises
         ------
@@ -518,7 +523,8 @@ class ScoredTask(TaskResult[SubjectResult]):
         scores = np.array([one.counts.score for one in self.subjects])
         n = len(scores)
         counts = np.bincount(scores, minlength=trials + 1)
-        ax.bar(score, counts, width=0.9, color=FORCE, alpha=0.75, label=f"subjects, n = {n}")
+        look = {"width": 0.9, "color": FORCE, "alpha": 0.75, "label": f"subjects, n = {n}", **style}
+        ax.bar(score, counts, **look)
         expected = n * stats.binom.pmf(score, trials, 0.5)
         ax.stairs(expected, np.arange(trials + 2) - 0.5, color=REFERENCE, linewidth=1.2, baseline=None,
                   label="expected of chance performers")  # fmt: skip
@@ -532,16 +538,16 @@ class ScoredTask(TaskResult[SubjectResult]):
             ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
                         label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
         ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
-        ax.set_ylim(0, (1.5 if published is None else 1.75) * top)
+        ax.set_ylim(0, 1.3 * top)
         ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
         ax.xaxis.set_major_locator(
             FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
         )
-        ax.legend(frameon=False, fontsize=8, loc="upper left")
-        ax.set_title(wrapped(self.title), fontsize=10)
+        ax.set_title(self.title)
         return tidy(ax)
 
-    def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None) -> Axes:
+    @drawing
+    def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None, **style: Any) -> Axes:
         """Each subject's proportion correct with its interval, and the chance line.
 
         Parameters
@@ -549,6 +555,8 @@ class ScoredTask(TaskResult[SubjectResult]):
         ax : matplotlib Axes, optional
         rule : {"independent-observations", "differencing"}, optional
             Draws d' under this rule instead; an interval that is open above is an arrow.
+        **style
+            `label`, `color` and other properties of the subjects' marks.
 
         Raises
         ------
@@ -563,19 +571,23 @@ class ScoredTask(TaskResult[SubjectResult]):
                 (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
                 for one in self.subjects
             ]  # fmt: skip
-            draw(ax, spans, rows, 100.0, POSITION, "o")
+            draw(ax, spans, rows, 100.0, style, POSITION, "o")
             ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
             ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
         else:
-            draw_d_prime(ax, {rule: [one.span(rule) for one in self.subjects]}, rows, self.level, named=False)
+            spans = [one.span(rule) for one in self.subjects]
+            draw_d_prime(ax, {rule: spans}, rows, self.level, style, named=False)
         return of_subjects(ax, names, rows, self.title)
 
-    def plot_d_prime(self, ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot_d_prime(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's d' under all rules, side by side, and the group's.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
+        **style
+            `label`, `color` and other properties of the marks.
 
         Raises
         ------
@@ -591,7 +603,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         if self.group_d_prime:
             names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
             ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
-        draw_d_prime(ax, spans, rows, self.level, delta=self.delta)
+        draw_d_prime(ax, spans, rows, self.level, style, delta=self.delta)
         return of_subjects(ax, names, rows, self.title)
 
     def _some(self) -> None:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from scipy import stats
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY
-from burrlab.psychophysics.plots import of_subjects, room_for, wrapped
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
+from burrlab.psychophysics.plots import of_subjects, room_for
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, shared
 from burrlab.psychophysics.staircase import (
@@ -108,7 +108,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         found = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
         return found[0], found[1], found[2]
 
-    def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None) -> Axes:
+    @drawing
+    def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
         """A subject's proportion correct over the ratio, with the fitted psychometric function.
 
         Parameters
@@ -116,6 +117,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ax : matplotlib Axes, optional
         subject : str, optional
             By default the only one.
+        **style
+            `label`, `color` and other properties of the curve.
 
         Raises
         ------
@@ -129,16 +132,19 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         one = self.subjects[0] if subject is None else self.subject(subject)
         if not isinstance(one.estimate, PsychometricFit):
             raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
-        axes = one.estimate.plot(ax)
-        axes.set_title(wrapped(f"{self.title}, subject {one.subject}"), fontsize=10)
+        axes = one.estimate.plot(ax, **style)
+        axes.set_title(f"{self.title}, subject {one.subject}")
         return axes
 
-    def plot_thresholds(self, ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot_thresholds(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's threshold with any interval, and the group's.
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
+        **style
+            `label`, `color` and other properties of the subjects' marks.
 
         Raises
         ------
@@ -149,10 +155,12 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         refuse(not found, f"task {self.name} must hold a threshold to be drawn, got none")
         ax = room_for(ax, len(self.subjects))
         names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
+        look = styled(style, color=POSITION, marker="o", markersize=4.5)
         for (_, threshold, interval), at in zip(found, rows, strict=True):
             if interval is not None:
-                ax.plot(interval, [at, at], "|-", color=POSITION, linewidth=1.2, markersize=5)
-            ax.plot(threshold, at, "o", color=POSITION, markersize=4.5)
+                ax.plot(interval, [at, at], "|-", color=look["color"], linewidth=1.2, markersize=5)
+            ax.plot(threshold, at, **look)
+            look["label"] = None
         if (group := self.group_threshold) is not None:
             row = len(rows) + 0.4
             names, rows = [*names, "all"], np.append(rows, row)

@@ -12,7 +12,18 @@ from scipy.signal import butter, sosfiltfilt
 
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.figures import (
+    FORCE,
+    POSITION,
+    REFERENCE,
+    VELOCITY,
+    Panels,
+    drawing,
+    new_figure,
+    panels,
+    styled,
+    tidy,
+)
 from burrlab.common.records import Codec
 from burrlab.common.table import dataframe, html_table
 from burrlab.session.trace import Trace, check_trace
@@ -20,7 +31,6 @@ from burrlab.session.trace import Trace, check_trace
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 Array = NDArray[np.float64]
@@ -129,20 +139,32 @@ class SessionMetrics:
         table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", columns)
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
-    def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Charts of force, speed and removed volume over time, and below them the anatomy report."""
+    @drawing
+    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
+        """Charts of force, speed and removed volume over time, and below them the anatomy report.
+
+        `ax` is a figure, or an array of the Axes: three, with watched structures five. `style`: label, color
+        and other properties of the lines.
+        """
         near = self.anatomy is not None and bool(self.anatomy.structures)
-        figure = new_figure(6.4, 11.2 if near else 6.4) if figure is None else figure
-        parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(8, 7))[:, 0] if near else [figure]
-        upper, lower = parts[0], parts[-1]
-        all_axes = top, middle, bottom = upper.subplots(3, 1, sharex=True)
-        s = self.series
-        top.plot(s["time"], s["force"], color=FORCE, linewidth=0.6)
+        given: Any = new_figure(6.4, 11.2 if near else 6.4) if ax is None else ax
+        upper = lower = given
+        if near and hasattr(given, "axes"):
+            fresh = not given.axes
+            upper, lower = (
+                given.subfigures(2, 1, height_ratios=(8, 7)) if fresh else (given.axes[:3], given.axes[3:])
+            )
+        elif near:
+            given = np.ravel(given)
+            upper, lower = given[:3], given[3:]
+        all_axes = top, middle, bottom = panels(upper, (3, 1), (6.4, 6.4), sharex=True)
+        s, told = self.series, {"label": None} | style
+        top.plot(s["time"], s["force"], **styled(told, color=FORCE, linewidth=0.6))
         if self.peak_force > 0.5 * self.threshold:
             top.axhline(self.threshold, color=REFERENCE, linewidth=0.8, linestyle="--", label="threshold")
-            top.legend(fontsize=8, frameon=False)
-        middle.plot(s["motion_time"], s["speed"], color=VELOCITY, linewidth=0.8)
-        bottom.plot(s["time"], s["removed"], color=POSITION, linewidth=1.2)
+            top.legend()
+        middle.plot(s["motion_time"], s["speed"], **styled(style, color=VELOCITY, linewidth=0.8))
+        bottom.plot(s["time"], s["removed"], **styled(style, color=POSITION, linewidth=1.2))
         bottom.set_xlabel("time [s]")
         for axes, label in zip(all_axes, ("force [N]", "speed [mm/s]", "removed [mm$^3$]"), strict=True):
             axes.set(ylabel=label, ylim=(0, None))

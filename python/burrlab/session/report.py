@@ -12,13 +12,12 @@ import numpy as np
 
 from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
-from burrlab.common.figures import FORCE, REFERENCE, new_figure, tidy
+from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels, tidy
 from burrlab.common.records import Codec
 from burrlab.session.recorder import TraceWriter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
@@ -180,15 +179,18 @@ class SessionReport:
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
 
-    def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Histograms of tick time and period jitter, logarithmic."""
-        figure = new_figure(6.4, 3.2) if figure is None else figure
-        all_axes = figure.subplots(1, 2)
+    @drawing
+    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
+        """Histograms of tick time and period jitter, logarithmic: two Axes, or a figure.
+
+        `style`: label, color and other properties of the histograms.
+        """
+        all_axes = panels(ax, (1, 2), (6.4, 3.2))
         for axes, name in zip(all_axes, ("tick_time", "jitter"), strict=True):
             counts, edges = self.histograms[name].astype(float), self.edges
             if counts.any():
                 counts, edges = _coarser(counts, edges)
-                axes.stairs(counts, edges, color=FORCE, fill=True)
+                axes.stairs(counts, edges, **{"color": FORCE, "fill": True, **style})
                 axes.set(xscale="log", yscale="log", ylim=(0.5, 40 * counts.max()))  # room for the labels
                 for i, q in enumerate(_QUANTILES):
                     value = self.times[name][_key(q)]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from scipy.interpolate import CubicSpline, PPoly
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
 from burrlab.common.check import real, refuse, require_tool
+from burrlab.common.figures import POSITION, axes_or_new, drawing, styled, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -90,16 +91,14 @@ class MeanFieldDescent:
             return float("nan")
         return _core.window_velocity(self.time, self.immersion, start, min(stop, end))
 
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draws immersion over time; returns the Axes."""
-        if ax is None:
-            from matplotlib import pyplot
-
-            ax = pyplot.subplots()[1]
-        ax.plot(self.time, self.immersion, label=f"{self.material.name}, {self.force:g} N, mean-field")
-        ax.set_xlabel("time [s]")
-        ax.set_ylabel("immersion [mm]")
-        return ax
+    @drawing
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Draws immersion over time; returns the Axes. `style`: label, color and so on of the line."""
+        ax = axes_or_new(ax)
+        label = f"{self.material.name}, {self.force:g} N, mean-field"
+        ax.plot(self.time, self.immersion, **styled(style, color=POSITION, label=label))
+        ax.set(xlabel="time [s]", ylabel="immersion [mm]")
+        return tidy(ax)
 
     def __repr__(self) -> str:
         return (

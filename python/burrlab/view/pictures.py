@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 import burrlab._core as _core
 from burrlab._core import VoxelBone
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new
+from burrlab.common.figures import Panels, axes_or_new, drawing, panels, styled
 from burrlab.view.surface import BONE, tissue_palette
 
 if TYPE_CHECKING:
@@ -120,6 +119,7 @@ _NAMES = "xyz"
 _BURR = "#33BBEE"
 
 
+@drawing
 def plot_slices(
     bone: VoxelBone,
     point: ArrayLike,
@@ -127,7 +127,8 @@ def plot_slices(
     radii: Sequence[float] = (),
     centers: ArrayLike = (),
     note: str = "",
-    figure: Figure | None = None,
+    ax: Panels = None,
+    **style: Any,
 ) -> list[Axes]:
     """Slices through a point along the three planes of the voxels, with the tissues' colours.
 
@@ -141,8 +142,10 @@ def plot_slices(
     centers : array_like, shape (burrs, 3), optional
         Burr centres [mm]; default: one burr at `point`.
     note : str
-        A few words on the bone, above the slices.
-    figure : Figure, optional
+        A few words on the bone, above the slices, such as the time.
+    ax : Figure or array of three Axes, optional
+    **style
+        `label`, `color` and other properties of the burrs' circles.
 
     Returns
     -------
@@ -161,18 +164,16 @@ def plot_slices(
         len(places) != len(radii), f"centers must be one for each of {len(radii)} radii, got {len(places)}"
     )
     images = [slice_image(bone, point, plane) for plane in PLANES]
-    if figure is None:
-        figure = Figure(figsize=(9.6, 3.9), layout="constrained")
+    widths = [image.extent[1] - image.extent[0] for image in images]
+    made = panels(ax, (1, 3), (9.6, 3.9), width_ratios=widths)
+    figure, look = made[0].figure, styled(style, color=_BURR, label="burr", linewidth=1.4)
     if note:
         figure.suptitle(note, fontsize=8)
-    made: list[Axes] = list(
-        figure.subplots(1, 3, width_ratios=[image.extent[1] - image.extent[0] for image in images])
-    )
     for axes, image in zip(made, images, strict=True):
-        _draw_slice(axes, image, np.asarray(point, float), radii, places)
+        _draw_slice(axes, image, np.asarray(point, float), radii, places, look)
     handles: list[Artist] = [*_tissue_handles(bone, images)]
     if any(axes.patches for axes in made):
-        handles.append(Line2D([], [], color=_BURR, marker="o", fillstyle="none", linestyle="", label="burr"))
+        handles.append(Line2D([], [], **look | {"marker": "o", "fillstyle": "none", "linestyle": ""}))
     if handles:
         figure.legend(
             handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False, fontsize=8
@@ -186,22 +187,22 @@ def _draw_slice(
     point: NDArray[np.float64],
     radii: Sequence[float],
     centers: NDArray[np.float64],
+    look: dict[str, Any],
 ) -> None:
     across, right, up = PLANES[image.plane]
     axes.imshow(image.pixels, origin="lower", extent=image.extent, interpolation="nearest")
     for center, radius in zip(centers, radii, strict=True):
         cut = image.burr_radius(center, radius)
         if cut > 0:
-            axes.add_patch(
-                Circle((center[right], center[up]), cut, fill=False, edgecolor=_BURR, linewidth=1.4)
-            )
+            ring = {key: value for key, value in look.items() if key != "label"}
+            axes.add_patch(Circle((center[right], center[up]), cut, fill=False, **ring))
     axes.axvline(point[right], color="white", linewidth=0.5, alpha=0.55)
     axes.axhline(point[up], color="white", linewidth=0.5, alpha=0.55)
     axes.set_xlim(image.extent[:2])
     axes.set_ylim(image.extent[2:])
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")
-    axes.set_title(f"{_NAMES[across]} = {image.position:.2f} mm", fontsize=10)
+    axes.set_title(f"{_NAMES[across]} = {image.position:.2f} mm")
 
 
 def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch]:
@@ -314,6 +315,7 @@ def _axis(axis: str) -> int:
     return _NAMES.index(axis[-1])
 
 
+@drawing
 def plot_depth_map(
     bone: VoxelBone,
     *,
@@ -323,6 +325,9 @@ def plot_depth_map(
     contours: int = 6,
     crop: bool = True,
     note: str = "",
+    label: str | None = None,
+    color: Any = "white",
+    **style: Any,
 ) -> Axes:
     """A map of the crater with contours: `depth_map`, or `removed_thickness`.
 
@@ -339,7 +344,13 @@ def plot_depth_map(
     crop : bool
         Show only the part with removed bone, with a margin; else all.
     note : str
-        A few words on the bone, in the title.
+        A few words on the bone, in the title, such as the time.
+    label : str, optional
+        Of the colour bar.
+    color : colour
+        Of the contours.
+    **style
+        Properties of the image.
 
     Returns
     -------
@@ -358,14 +369,14 @@ def plot_depth_map(
     half = [bone.spacing[a] / 2 for a in (right, up)]
     axes = axes_or_new(ax)
     image = axes.imshow(
-        depth, origin="lower", cmap="cividis", vmin=0, interpolation="nearest",
+        depth, origin="lower", **{"cmap": "cividis", "vmin": 0, "interpolation": "nearest", **style},
         extent=(places[0][0] - half[0], places[0][-1] + half[0], places[1][0] - half[1], places[1][-1] + half[1]),
     )  # fmt: skip
     deepest, lines = float(depth.max()), None
     if contours and deepest > 0 and min(depth.shape) > 1:
         round_values = np.asarray(MaxNLocator(contours + 1).tick_values(0, deepest), float)
         levels = [float(value) for value in round_values if 0 < value < deepest]
-        lines = axes.contour(*places, depth, levels=levels, colors="white", linewidths=0.6)
+        lines = axes.contour(*places, depth, levels=levels, colors=color, linewidths=0.6)
     if crop and deepest > 0:
         for limits, along, step in ((axes.set_xlim, 0, half[0]), (axes.set_ylim, 1, half[1])):
             kept = places[along][np.flatnonzero(depth.max(axis=along) > 0.01 * deepest)]
@@ -376,9 +387,10 @@ def plot_depth_map(
             )
     figure = axes.get_figure(root=True)
     assert figure is not None
+    said = label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
     bar = figure.colorbar(
-        image, ax=axes, label=f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
-    )
+        image, cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)), label=said
+    )  # as tall as the map
     if lines is not None:
         bar.add_lines(lines)  # on the map their numbers would hide a small crater
     if axis in ("x", "-y", "z"):  # seen from behind: left is the viewer's left
@@ -386,5 +398,5 @@ def plot_depth_map(
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")
     said = f"\n{note}" if note else ""
-    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most{said}", fontsize=10)
+    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most{said}")
     return axes

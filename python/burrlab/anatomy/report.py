@@ -18,7 +18,7 @@ from burrlab._core import Tissues
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
-from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled, tidy
+from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 
 if TYPE_CHECKING:
@@ -123,15 +123,9 @@ def dose_figure(
     for d in doses:
         colour = tuple(0.85 * part / 255.0 for part in colours.get(d.structure, (0, 0, 0)))
         name = d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}"
-        look = styled(
-            style, color=colour, marker="o", markersize=3, linewidth=1.2, linestyle="--" if d.burr else "-"
-        )
-        top.plot(
-            list(d.time_within),
-            list(d.time_within.values()),
-            label=f"{label}, {name}" if label else name,
-            **look,
-        )
+        look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
+        times = list(d.time_within), list(d.time_within.values())
+        top.plot(*times, label=f"{label}, {name}" if label else name, **look)
     top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
     rows = np.arange(len(doses))
     for i, edge in enumerate(NEAR):
@@ -145,7 +139,7 @@ def dose_figure(
     bottom.set_yticks(rows, [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses])
     bottom.invert_yaxis()
     bottom.set(xlabel="force [N]", xlim=(0, None))
-    return [tidy(axes) for axes in (top, bottom)]
+    return [top, bottom]
 
 
 #: Least time that the report calls a touch [s], and least volume for an injury [mm^3]; ours. A hand does not

@@ -13,7 +13,7 @@ from burrlab._core import VoxelBone
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing, tidy
+from burrlab.common.figures import axes_or_new, drawing
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table
 
@@ -122,7 +122,7 @@ class TargetComparison:
         axes.margins(x=0.12)
         axes.set_xlabel("volume of solid bone [mm$^3$]")
         axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}")
-        return tidy(axes)
+        return axes
 
 
 _CODEC = Codec(

@@ -27,8 +27,10 @@ from burrlab.cli.options import (
     port,
     positive,
     refuse_options,
+    save_figure,
     say_notes,
     sentence,
+    show_progress,
 )
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
@@ -93,8 +95,11 @@ def _view(options: Options) -> int:
             scene.look(viewpoint)
         if options.video is not None:
             fps = options.fps or _FPS
-            frames = view.frames(fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo))
-            result["frames"] = write_video(options.video, frames, fps=fps)
+            with show_progress("film") as progress:
+                frames = view.frames(
+                    fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=progress
+                )
+                result["frames"] = write_video(options.video, frames, fps=fps)
             result["written"].append(str(options.video))
         if player is not None and (options.video is None or options.png or options.pictures):
             view.go(at)
@@ -111,6 +116,7 @@ def _view(options: Options) -> int:
         known = player is not None and len(centers) > 0 and bool(np.isfinite(centers).all())
         burrs = {"radii": player.burrs.radii.tolist(), "centers": centers} if player and known else {}
         point = options.entry or (centers[0] if known else middle)
+        note = note if player is None else f"{note}, at {at:.2f} s" if note else f"at {at:.2f} s"
         result["written"] += _write_pictures(options.pictures, bone, point, note, **burrs)
     deliver(options, result, "".join(f"written {path}\n" for path in result["written"]).rstrip() or "closed")
     return 0
@@ -199,7 +205,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
 def _write_pictures(path: str, bone: VoxelBone, point: Any, note: str, **burrs: Any) -> list[str]:
     """Writes slices, and a depth map if bone was removed; returns the files."""
     written, slices = [str(path)], plot_slices(bone, point, note=note, **burrs)
-    slices[0].get_figure(root=True).savefig(path, dpi=200)
+    save_figure(slices[0], path)
     if bone.removed > 0:
         depth, file = new_figure(), _depth_file(path)
         plot_depth_map(bone, axis=_widest_opening(bone), note=note, ax=depth.subplots())

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
 import numpy as np
 from matplotlib import rc_context, rcParams, rcParamsDefault
 from matplotlib.axis import Axis
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import normalize_kwargs
-from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
-from matplotlib.path import Path
 from matplotlib.transforms import Bbox, ScaledTranslation
 
 from burrlab.common.check import refuse
@@ -93,7 +93,7 @@ def _size(width: float, height: float) -> tuple[float, float]:
     asked = rcParams["figure.figsize"]
     if list(asked) == list(rcParamsDefault["figure.figsize"]):
         return width, height
-    return asked[0], height * max(asked[0] / width, 0.75) if asked[0] < width else height
+    return asked[0], height * min(max(asked[0] / width, 0.55), 1.0)
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -111,8 +111,11 @@ def panels(given: Panels, count: tuple[int, int], size: tuple[float, float], **h
 
     A figure that holds as many Axes already is drawn on again.
     """
-    needed = count[0] * count[1]
-    figure = new_figure(*size) if given is None else given
+    if (
+        given is None and count == (1, 2) and _size(*size)[0] < 4.5
+    ):  # a column of a paper: one below the other
+        count, size = (2, 1), (4.5, 5.0)
+    needed, figure = count[0] * count[1], new_figure(*size) if given is None else given
     if isinstance(figure, Figure | SubFigure):
         figure = figure.axes if len(figure.axes) == needed else figure.subplots(*count, squeeze=False, **how)
     found = list(np.asarray(list(figure), dtype=object).ravel())
@@ -123,7 +126,7 @@ def panels(given: Panels, count: tuple[int, int], size: tuple[float, float], **h
 def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """A plot's usual look with what its caller asks for; None keeps the usual."""
     asked = {name: value for name, value in normalize_kwargs(style, Line2D).items() if value is not None}
-    return usual | asked
+    return normalize_kwargs(usual, Line2D) | asked
 
 
 def plot_points(ax: Axes, x: Any, y: Any, sigma: Any, style: dict[str, Any], label: str | None) -> None:
@@ -145,15 +148,14 @@ def tidy(axes: Axes) -> Axes:
     return axes
 
 
-def plain_ticks(axis: Axis) -> None:
+def _plain_ticks(axis: Axis) -> None:
     """Numbers instead of powers on a logarithmic axis, more of them where less than a decade is shown."""
-    if axis.get_scale() == "log":
-        low, high = sorted(axis.get_view_interval())
-        decades = np.log10(high / low)
-        subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-        axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))
-        axis.set_major_formatter(FormatStrFormatter("%g"))
-        axis.set_minor_formatter(NullFormatter())
+    low, high = sorted(axis.get_view_interval())
+    decades = np.log10(high / low)
+    subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
@@ -177,6 +179,11 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         for one in made if isinstance(made, list) else [made]:
             for name, limits in zip("xy", before.get(one, ()), strict=False):
                 _widen(one, name, limits)
+            if not one.images:
+                tidy(one)
+            for axis in (one.xaxis, one.yaxis):
+                if axis.get_scale() == "log" and isinstance(axis.get_major_locator(), LogLocator):
+                    _plain_ticks(axis)
             _fit_title(one)
             named = len(one.get_legend_handles_labels()[1])
             if one.get_legend() or named > 1 or (named and kwargs.get("label")):
@@ -197,8 +204,6 @@ def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
     wide = (min(ends), max(ends))
     if wide != (min(low, high), max(low, high)):
         axes.set(**{f"{name}lim": wide[::-1] if axis.get_inverted() else wide})
-        if isinstance(axis.get_major_formatter(), FormatStrFormatter):
-            plain_ticks(axis)
 
 
 def _fit_title(axes: Axes) -> None:
@@ -220,49 +225,27 @@ def _legend(axes: Axes) -> None:
         for text, handle in zip(old.get_texts(), old.legend_handles, strict=True):
             shown.setdefault(text.get_text(), handle)
         old.remove()
-    figure.draw_without_rendering()
-    obstacles, room = list(_obstacles(axes)), cast("Bbox", axes.get_tightbbox())
-    for columns, place in itertools.product((1, 2), _PLACES if not axes.images else ()):
+    canvas = figure.canvas
+    agg: Any = FigureCanvasAgg(figure)
+    figure.draw_without_rendering()  # the layout settles at the second drawing
+    agg.draw()
+    figure.set_canvas(canvas)
+    seen = np.asarray(agg.buffer_rgba())[::-1, :, :3] / 255
+    inked = np.abs(seen - to_rgb(axes.get_facecolor())).max(axis=2) > 0.12  # more than grid and shading
+    for columns, place in itertools.product((1, 2), _PLACES):
         made = axes.legend(shown.values(), shown, ncols=columns, **{"loc": place, "framealpha": 1.0, **look})
-        box = made.get_window_extent()
-        if np.all(box.size < axes.bbox.size) and not any(meets(box.padded(3)) for meets in obstacles):
+        box = made.get_window_extent().padded(3)
+        rows, across = slice(int(box.y0), int(box.y1) + 1), slice(int(box.x0), int(box.x1) + 1)
+        if np.all(box.size < axes.bbox.size) and not inked[rows, across].any():
             return
+    made.remove()
     if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")  # else the legend would lie beyond the edge
-    aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1)
-    below = cast("Bbox", axes.xaxis.get_tightbbox()).y0 - axes.bbox.y0 - 4
-    where = axes.transAxes + ScaledTranslation(aside / figure.dpi, below / figure.dpi, figure.dpi_scale_trans)
+    room, below = (cast("Bbox", part.get_tightbbox()) for part in (axes, axes.xaxis))
+    aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1) / figure.dpi
+    where = ScaledTranslation(aside, (below.y0 - axes.bbox.y0 - 4) / figure.dpi, figure.dpi_scale_trans)
     for columns in range(min(len(shown), 4), 0, -1):
         made = axes.legend(shown.values(), shown, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns,
-                           bbox_transform=where, frameon=False, borderaxespad=0.0, **look)  # fmt: skip
+                           bbox_transform=axes.transAxes + where, frameon=False, borderaxespad=0.0, **look)  # fmt: skip
         if made.get_window_extent().width <= room.width:
             return
-
-
-def _obstacles(axes: Axes) -> Iterator[Callable[[Bbox], bool]]:
-    """For each artist in front of the grid: whether it meets a box in pixels."""
-
-    def crossing(path: Path, filled: bool) -> Callable[[Bbox], bool]:
-        return lambda box: bool(path.intersects_bbox(box, filled))
-
-    def holding(marks: Any) -> Callable[[Bbox], bool]:
-        return lambda box: box.padded(5).count_contains(marks) > 0
-
-    artists: list[Any] = [*axes.lines, *axes.collections, *axes.patches]
-    for artist in artists:
-        if artist.get_zorder() < 1 or not artist.get_visible():
-            continue
-        transform, line = artist.get_transform(), isinstance(artist, Line2D)
-        if isinstance(artist, PathCollection):
-            yield holding(artist.get_offset_transform().transform(artist.get_offsets()))
-            continue
-        if line and artist.get_marker() != "None" and len(artist.get_xydata()):
-            yield holding(transform.transform(artist.get_xydata()))
-        if not line or artist.get_linestyle() != "None":
-            for path in artist.get_paths() if hasattr(artist, "get_paths") else [artist.get_path()]:
-                if len(path.vertices):
-                    yield crossing(
-                        transform.transform_path(path), not isinstance(artist, Line2D | LineCollection)
-                    )
-    for text in axes.texts:
-        yield text.get_window_extent().overlaps

@@ -14,7 +14,7 @@ from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled, tidy
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import Tabular, by_value
 from burrlab.theory.closed_forms import (
@@ -380,4 +380,4 @@ def plot_descent(run: Descent, ax: Panels, style: dict[str, Any]) -> list[Axes]:
     said += f"; {note}" if (note := assumed(told_notes(run.provenance.get("volume")))) else ""
     kind = "force held exactly" if run.series.exact else "controller and rig"
     top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}")
-    return [tidy(axes) for axes in (top, middle, bottom)]
+    return [top, middle, bottom]

@@ -13,7 +13,7 @@ from scipy import stats
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
 from burrlab.common.check import check_positive, refuse, require_tool, require_type, seed_or_new
-from burrlab.common.figures import REFERENCE, VELOCITY, drawing, new_figure, styled, tidy
+from burrlab.common.figures import REFERENCE, VELOCITY, drawing, new_figure, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
@@ -206,7 +206,7 @@ class Scatter:
         ax.set_xlabel("force [N]")
         ax.set_ylabel("standard deviation of ln v [%]")
         ax.set_title(f"{self.material.name}, R = {self.burr.radius:g} mm\n{_bone_text(self.bone)}")
-        return tidy(ax)
+        return ax
 
     def to_dict(self) -> dict[str, Any]:
         """The result, ready for JSON."""

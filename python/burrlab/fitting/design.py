@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 import burrlab.common.table as dataset
 from burrlab.common.check import refuse, require_type, seed_or_new
-from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled, tidy
+from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
@@ -171,7 +171,7 @@ class Design(dataset.Tabular):
         if not velocities:
             ax.set_xticks([])
         ax.legend(title=_repeats(self.best.n))
-        return tidy(ax)
+        return ax
 
 
 _COLUMNS = {

@@ -6,14 +6,11 @@ import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.cbook import normalize_kwargs
 from matplotlib.colors import to_rgba
-from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike
 
 import burrlab.fitting.hypotheses as hypotheses
@@ -28,9 +25,8 @@ from burrlab.common.figures import (
     VELOCITY,
     axes_or_new,
     drawing,
-    plain_ticks,
+    plot_points,
     styled,
-    tidy,
 )
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
@@ -228,8 +224,6 @@ class Fit(FitRecord):
         *,
         points: Mapping[str, tuple[float, float]] | None = None,
         combination: bool = False,
-        label: str | None = None,
-        color: Any = None,
         **style: Any,
     ) -> Axes:
         """Joint regions of c_e and alpha at 68, 95 and 99.7 %, logarithmic axes.
@@ -242,19 +236,15 @@ class Fit(FitRecord):
         combination : bool
             Draw alpha/c_e^p, the best-determined combination, instead of alpha, so that a long ridge lies
             flat.
-        label : str, optional
-            Said before each level.
-        color : colour, optional
-            Of the regions; it fades outwards.
         **style
-            Properties of the regions.
+            `label`, said before each level, `color`, which fades outwards, and others of the regions.
 
         Raises
         ------
         ValueError
             If the fit failed.
         """
-        return plot_region(self, ax, points, combination, label, color, style)
+        return plot_region(self, ax, points, combination, style)
 
     @drawing
     def plot_residuals(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -289,27 +279,24 @@ _SHADES = {"99.7": "#d4e6f4", "95": "#8dbfe2", "68": "#3c8cc4"}
 LINES = (FORCE, VELOCITY, POSITION, "black")  # one per radius
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
-_BAR = (2, 2, 45)  # across a line that rises
+Items: TypeAlias = "Sequence[VelocityCurve | Fit] | Mapping[str, VelocityCurve | Fit]"
 
 
 def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool, style: dict[str, Any]) -> Axes:
     """See `Fit.plot`."""
     ax = axes_or_new(ax)
     o = fit.observations
-    own = styled(style)
-    named = own.pop("label", None)
-    dress = {key: value for key, value in own.items() if not key.startswith("mark")}
-    mark = {key: value for key, value in own.items() if key != "linestyle"} | {"linestyle": ""}
+    named = style.pop("label", None)
+    line = {key: value for key, value in style.items() if not key.startswith("mark")}
     for one in fit.data:
         if isinstance(one, VelocityCurve):
-            one.plot(ax, log=log, label=named and f"_{named}", **mark)
+            one.plot(ax, log=log, label=named and f"_{named}", **style | {"linestyle": ""})
     single = o.run < 0
     if not single.all():
         ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
                 label="segments of traces")  # fmt: skip
-    label: str | None = (
-        None if named else f"fit: $c_e$ = {fit.c_e:#.3g} N/mm², $\\alpha$ = {fit.alpha:#.3g} /ms"
-    )
+    found = f"fit: $c_e$ = {fit.c_e:#.3g} N/mm², $\\alpha$ = {fit.alpha:#.3g} /ms"
+    label: str | None = None if named else found
     default = np.isnan(o.window_start)
     for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
         used = o.force[default & (o.radius == R)]
@@ -317,55 +304,35 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool, st
         high = min(1.04 * used.max(), 0.999 * fit.c_e * R**2 / 27**0.5)
         force = np.geomspace(low, high, 300)
         lower, upper = band(fit, force, R)
-        shade = (
-            {"color": own["color"], "alpha": 0.25, "linewidth": 0}
-            if "color" in own
-            else {"color": _SHADES["99.7"]}
-        )
-        ax.fill_between(force, lower, upper, label="95 % band" if i == 0 else None, zorder=1, **shade)
+        shade = {"color": style.get("color", _SHADES["99.7"]), "alpha": 0.25 if "color" in style else None}
+        said = "95 % band" if i == 0 else None
+        ax.fill_between(force, lower, upper, label=said, zorder=1, linewidth=0, **shade)
         several = fit.radius is None
         colour = LINES[i % len(LINES)] if several else "black"
         shown_as = f"fit, R = {R:g} mm" if several and not named else label
-        ax.plot(
-            force, fit.velocity(force, radius=R), **styled(dress, color=colour, linewidth=1.2, label=shown_as)
-        )
+        look = styled(line, color=colour, linewidth=1.2, label=shown_as)
+        ax.plot(force, fit.velocity(force, radius=R), **look)
         label = None
         if alpha_lines is not None:
             for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
-                line = fit.velocity(force, radius=R) * (1 + sign * alpha_lines / fit.alpha)
-                ax.plot(force, line, "--", color="0.4", linewidth=0.9, label=name)
+                beside = fit.velocity(force, radius=R) * (1 + sign * alpha_lines / fit.alpha)
+                ax.plot(force, beside, "--", color="0.4", linewidth=0.9, label=name)
     if fit.engine == "voxel" or not default.all():
         name = "voxel descents" if fit.engine == "voxel" else "fit, over each row's window"
         rows = np.concatenate([np.full(len(rows), kind == "velocity") for kind, rows in o.rows])
         ax.plot(o.force, fit.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
     if named:
-        usual = {
-            "color": "black",
-            "marker": "s",
-            "mfc": "white",
-            "ms": 0.75 * rcParams["lines.markersize"],
-            "mew": 0.9,
-            "linewidth": 1.2,
-        }
-        ax.plot([], [], **styled(own, **normalize_kwargs(usual, Line2D), label=named))
+        plot_points(ax, [], [], None, {"linestyle": "-", "linewidth": 1.2, **style}, named)
     ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
     if log:
         ax.autoscale()  # a logarithmic axis cannot begin at zero
-        plain_ticks(ax.xaxis)
-        plain_ticks(ax.yaxis)
     else:
         ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
-    return tidy(ax)
+    return ax
 
 
 @drawing
-def plot_curves(
-    items: Sequence[VelocityCurve | Fit] | Mapping[str, VelocityCurve | Fit],
-    ax: Axes | None = None,
-    *,
-    log: bool = True,
-    **style: Any,
-) -> Axes:
+def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **style: Any) -> Axes:
     """Several materials, burrs or drills in one figure, in looks that differ in colour, grey and shape.
 
     Data are points, with error bars if sigma is known; a fit adds its line and 95 % band. A bar across a line
@@ -377,15 +344,10 @@ def plot_curves(
     items : sequence, or mapping of names, of VelocityCurve and Fit
         Without names, the sources of the data are the labels.
     ax : matplotlib Axes, optional
-        Where to draw; a new figure by default.
     log : bool
         Make both axes logarithmic.
     **style
         Properties of all points and lines, such as `markersize`.
-
-    Returns
-    -------
-    matplotlib Axes
 
     Raises
     ------
@@ -395,49 +357,27 @@ def plot_curves(
         If an item is neither.
     """
     if not isinstance(items, Mapping):
-        sources = [
-            one.data[0].source if isinstance(one, Fit) else getattr(one, "source", "") for one in items
-        ]
-        items = {
-            f"{k + 1}: {source}" if sources.count(source) > 1 or not source else source: one
-            for k, (source, one) in enumerate(zip(sources, items, strict=True))
-        }
+        sources = [getattr(one.data[0] if isinstance(one, Fit) else one, "source", "") for one in items]
+        names = [f"{k}: {source}".rstrip(": ") for k, source in enumerate(sources, 1)]
+        items = dict(zip(names, items, strict=True))
     refuse(not items, "items must hold a curve or a fit, got none")
-    ax, kinks = axes_or_new(ax), False
+    ax = axes_or_new(ax)
+    bar: dict[str, Any] = {"marker": (2, 2, 45), "linestyle": "", "mew": 1.2}  # across a line that rises
     for look, (name, one) in zip(itertools.cycle(SERIES), items.items(), strict=False):
-        if not isinstance(one, Fit | VelocityCurve):
-            raise TypeError(f"items must be VelocityCurve or Fit, got {type(one).__name__} for {name!r}")
-        dress = {"label": name} | look | style
+        dress: dict[str, Any] = {"label": name, **look, **style}
         if isinstance(one, VelocityCurve):
-            one.plot(ax, log=log, **(dress | {"linestyle": ""}))
+            one.plot(ax, log=log, **dress | {"linestyle": ""})
             continue
+        if not isinstance(one, Fit):
+            raise TypeError(f"items must be VelocityCurve or Fit, got {type(one).__name__} for {name!r}")
         one.plot(ax, log=log, **dress)
         o = one.observations
-        default = np.isnan(o.window_start)
-        for R in sorted(set(o.radius[default].tolist())):
-            force, kink = o.force[default & (o.radius == R)], one.c_e * R**2 * WINDOW_START**1.5
+        for R in sorted(set(o.radius[np.isnan(o.window_start)].tolist())):
+            force, kink = o.force[o.radius == R], one.c_e * R**2 * WINDOW_START**1.5
             if force.min() < kink < force.max():
-                kinks = True
-                ax.plot(
-                    kink,
-                    one.velocity(kink, radius=R),
-                    marker=_BAR,
-                    color=dress["color"],
-                    ms=18,
-                    mew=1.2,
-                    zorder=5,
-                )
-    if kinks:
-        ax.plot(
-            [],
-            [],
-            marker=_BAR,
-            ls="",
-            color=REFERENCE,
-            ms=11,
-            mew=1.2,
-            label="kink, $\\phi$ = 0.068: $c_e$ shows above",
-        )
+                ax.plot(kink, one.velocity(kink, radius=R), color=dress["color"], ms=18, zorder=5, **bar)
+                said = "kink, $\\phi$ = 0.068: $c_e$ shows above"
+                ax.plot([], [], color=REFERENCE, ms=11, label=said, **bar)
     return ax
 
 
@@ -478,9 +418,9 @@ def plot_residuals(fit: Fit, ax: Axes | None, style: dict[str, Any]) -> Axes:
                         textcoords="offset points", fontsize=8)  # fmt: skip
     ax.axhline(0, color=REFERENCE, linewidth=0.6)
     ax.margins(x=0.1)
-    why = "" if limit is not None else "\n(no limit below 8 rows)"
+    why = "" if limit else "\n(no limit below 8 rows)"
     ax.set(xlabel="force [N]", ylabel=f"studentised residual [sigma]{why}")
-    return tidy(ax)
+    return ax
 
 
 def plot_profile(fit: Fit, name: str, ax: Axes | None, style: dict[str, Any]) -> Axes:
@@ -509,31 +449,29 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None, style: dict[str, Any]) ->
         ax.annotate("open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE)
     ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
     ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])
-    plain_ticks(ax.xaxis)
-    return tidy(ax)
+    return ax
 
 
 def plot_region(
     fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool,
-    label: str | None, color: Any, style: dict[str, Any],
+    style: dict[str, Any],
 ) -> Axes:  # fmt: skip
     """See `Fit.plot_region`."""
     profile, ax = fit._evidence().profile, axes_or_new(ax)
-    widest = 12 * fit.c_e
+    widest, color = 12 * fit.c_e, style.pop("color", None)
+    label = f"{style.pop('label')}, " if style.get("label") else ""
     p = profile.identified.exponent if combination else 0.0
     for level in reversed(list(LEVELS)):
         region = profile.regions[level]
         near = region.c_e <= widest
         suffix = ", open above" if region.open_above else ""
         c_e = region.c_e[near]
-        fade = {"99.7": 0.2, "95": 0.35, "68": 0.6}[level]
-        shade = {
-            "color": _SHADES[level] if color is None else to_rgba(color, fade),
-            "edgecolor": color or FORCE,
-        }
-        said = f"{label}, {level} %{suffix}" if label else f"{level} %{suffix}"
+        shade = (
+            _SHADES[level] if color is None else to_rgba(color, {"99.7": 0.2, "95": 0.35, "68": 0.6}[level])
+        )
+        look = {"color": shade, "edgecolor": color or FORCE, "linewidth": 0.6, **style}
         ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p,
-                        **{"linewidth": 0.6, "label": said, **shade, **style})  # fmt: skip
+                        label=f"{label}{level} %{suffix}", **look)  # fmt: skip
     ax.plot(fit.c_e, fit.alpha / fit.c_e**p, "+", color="black", ms=8, mew=1.4, label="fit")
     for marker, (name, (c_e_there, alpha)) in zip("osD^v*", (points or {}).items(), strict=False):
         ax.plot(
@@ -541,6 +479,4 @@ def plot_region(
         )
     power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
     ax.set(xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"])
-    plain_ticks(ax.xaxis)
-    plain_ticks(ax.yaxis)
-    return tidy(ax)
+    return ax

@@ -20,10 +20,8 @@ from burrlab.common.figures import (
     VELOCITY,
     axes_or_new,
     drawing,
-    plain_ticks,
     plot_points,
     styled,
-    tidy,
 )
 from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
@@ -503,7 +501,6 @@ def plot_residuals(comparison: ShapeComparison, ax: Axes | None, style: dict[str
         ax, o.force, measured, None, {"ms": 3.5, "zorder": 4} | style, f"data ({best.shape.label} fits best)"
     )
     ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.label}}}$)")
-    plain_ticks(ax.xaxis)
     step = float(next((s for s in _TICKS if half / s < 3), _TICKS[-1]))
     inner = np.arange(0, half, step)
     outer = np.array([s for s in (*_TICKS, 1000, 3000) if 1.5 * half < s <= farthest and str(s)[0] in "13"])
@@ -515,7 +512,7 @@ def plot_residuals(comparison: ShapeComparison, ax: Axes | None, style: dict[str
     ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set(ylim=(-1.1 * farthest, 1.1 * farthest), xlim=(0.93 * o.force.min(), 1.07 * o.force.max()))
-    return tidy(ax)
+    return ax
 
 
 def _predicted(one: Fit) -> Floats:
@@ -570,4 +567,4 @@ def plot_power(comparison: ShapeComparison, ax: Axes | None, style: dict[str, An
     ends = [f"{NODES[0]:g}" if interval.lower is None else f"{interval.lower:.3f}"]
     ends.append("open" if interval.upper is None else f"{interval.upper:.3f}")
     ax.set_title(f"$k$ = {power.k:.3f}, 95 %: {ends[0]} .. {ends[1]}")
-    return tidy(ax)
+    return ax

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing, plain_ticks, plot_points, tidy
+from burrlab.common.figures import axes_or_new, drawing, plot_points
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
 from burrlab.measured.layout import Layout
 
@@ -282,9 +282,8 @@ class VelocityCurve(TableData):
         plot_points(ax, force, velocity, sigma, style, table.data_label(self.source))
         if log:
             ax.set(xscale="log", yscale="log")
-            plain_ticks(ax.xaxis)
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
-        return tidy(ax)
+        return ax
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled, tidy
+from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
@@ -327,7 +327,7 @@ class DepthTrace(TableData):
         ax.set(xlabel="time [s]", ylabel="immersion [mm]")
         if not ax.yaxis_inverted():
             ax.invert_yaxis()
-        return tidy(ax)
+        return ax
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing, plain_ticks, plot_points, tidy
+from burrlab.common.figures import axes_or_new, drawing, plot_points
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
 
@@ -175,10 +175,8 @@ class Indentation(TableData):
         plot_points(ax, self.depth, self.force, self.sigma, style, table.data_label(self.source))
         if log:
             ax.set(xscale="log", yscale="log")
-            plain_ticks(ax.xaxis)
-            plain_ticks(ax.yaxis)
         ax.set(xlabel="depth [mm]", ylabel="force [N]")
-        return tidy(ax)
+        return ax
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""

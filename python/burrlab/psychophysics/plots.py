@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, styled, tidy
+from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,4 +83,4 @@ def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
     ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")
     ax.legend()
     ax.set_title(title)
-    return tidy(ax)
+    return ax

@@ -18,7 +18,7 @@ from scipy.special import entr
 from scipy.stats import beta, chi2
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled, tidy
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_level
 from burrlab.psychophysics.rules import Floats, Result, one_of
@@ -321,7 +321,7 @@ class PsychometricFit(Result):
             ylim=(min(0.4, float((low if bars else share).min())) - 0.03, 1.03),
             ylabel="proportion correct [1]",
         )
-        return tidy(ax)
+        return ax
 
     def _shown(self, difference: float) -> float:
         return math.exp(-difference if self.side == "below" else difference)

@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, tidy
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, drawing
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
 from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for
@@ -544,7 +544,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
         )
         ax.set_title(self.title)
-        return tidy(ax)
+        return ax
 
     @drawing
     def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None, **style: Any) -> Axes:

@@ -12,18 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.check import refuse
-from burrlab.common.figures import (
-    FORCE,
-    POSITION,
-    REFERENCE,
-    VELOCITY,
-    Panels,
-    drawing,
-    new_figure,
-    panels,
-    styled,
-    tidy,
-)
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 from burrlab.common.table import dataframe, html_table
 from burrlab.session.trace import Trace, check_trace
@@ -147,17 +136,9 @@ class SessionMetrics:
         and other properties of the lines.
         """
         near = self.anatomy is not None and bool(self.anatomy.structures)
-        given: Any = new_figure(6.4, 11.2 if near else 6.4) if ax is None else ax
-        upper = lower = given
-        if near and hasattr(given, "axes"):
-            fresh = not given.axes
-            upper, lower = (
-                given.subfigures(2, 1, height_ratios=(8, 7)) if fresh else (given.axes[:3], given.axes[3:])
-            )
-        elif near:
-            given = np.ravel(given)
-            upper, lower = given[:3], given[3:]
-        all_axes = top, middle, bottom = panels(upper, (3, 1), (6.4, 6.4), sharex=True)
+        drawn = panels(ax, (5 if near else 3, 1), (6.4, 11.2 if near else 6.4))
+        all_axes, lower = drawn[:3], drawn[3:]
+        top, middle, bottom = all_axes
         s, told = self.series, {"label": None} | style
         top.plot(s["time"], s["force"], **styled(told, color=FORCE, linewidth=0.6))
         if self.peak_force > 0.5 * self.threshold:
@@ -168,8 +149,7 @@ class SessionMetrics:
         bottom.set_xlabel("time [s]")
         for axes, label in zip(all_axes, ("force [N]", "speed [mm/s]", "removed [mm$^3$]"), strict=True):
             axes.set(ylabel=label, ylim=(0, None))
-        drawn = [tidy(axes) for axes in all_axes]
-        return drawn + self.anatomy.plot(lower) if near and self.anatomy is not None else drawn
+        return all_axes + (self.anatomy.plot(lower) if near and self.anatomy is not None else [])
 
 
 _KEYS = {key: name for name, key, _ in _TABLE} | {"threshold_N": "threshold", "burr": "burr"}

@@ -12,7 +12,7 @@ import numpy as np
 
 from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
-from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels, tidy
+from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels
 from burrlab.common.records import Codec
 from burrlab.session.recorder import TraceWriter
 
@@ -199,7 +199,7 @@ class SessionReport:
                                   xytext=(-3, 0), textcoords="offset points", ha="right", va="top", fontsize=8,
                                   color=REFERENCE, bbox={"color": "white", "pad": 0.5})  # fmt: skip
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
-        return [tidy(axes) for axes in all_axes]
+        return all_axes
 
 
 def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from scipy.interpolate import CubicSpline, PPoly
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
 from burrlab.common.check import real, refuse, require_tool
-from burrlab.common.figures import POSITION, axes_or_new, drawing, styled, tidy
+from burrlab.common.figures import POSITION, axes_or_new, drawing, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -98,7 +98,7 @@ class MeanFieldDescent:
         label = f"{self.material.name}, {self.force:g} N, mean-field"
         ax.plot(self.time, self.immersion, **styled(style, color=POSITION, label=label))
         ax.set(xlabel="time [s]", ylabel="immersion [mm]")
-        return tidy(ax)
+        return ax
 
     def __repr__(self) -> str:
         return (

@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -62,13 +62,15 @@ class TraceView:
         if self._replay.past is not None:
             self._replay.past.make()
         settings = {"outline": True, "note": self._replay.note, **options}
+        self._note = str(settings["note"])
         self.scene = Scene(self.player.bone, self._replay.radii, **settings)
         self.scene.look(approach_view(self.player.bone, self._replay.approach()))
         self.go(self.player.time)
 
     def go(self, seconds: float) -> int:
-        """Shows a time of the trace [s]; returns the number of blocks made anew. ValueError outside the
-        trace."""
+        """Shows a time of the trace [s], and says it; returns the number of blocks made anew. ValueError
+        outside the trace."""
+        self.scene.say(f"{self._note}\n{seconds:.2f} s".lstrip())
         return self._replay.show_in(self.scene, self._replay.go(seconds), slices=self.slices, curves=True)
 
     def frames(
@@ -79,6 +81,7 @@ class TraceView:
         start: float = 0.0,
         stop: float | None = None,
         stereo: bool = False,
+        progress: Callable[[float], object] | None = None,
     ) -> Iterator[NDArray[np.uint8]]:
         """Pictures for a film.
 
@@ -92,6 +95,8 @@ class TraceView:
             Part of the trace [s]; default: all.
         stereo : bool
             Both eyes side by side.
+        progress : callable, optional
+            Called with the fraction done, from 0 to 1, after each frame.
 
         Raises
         ------
@@ -105,9 +110,12 @@ class TraceView:
             not 0 <= start <= end <= self.player.duration + 1e-9,
             f"start and stop must lie from 0 to {self.player.duration:g}, got {start:g} and {end:g}",
         )
-        for k in range(int(np.floor((end - start) * fps / speed + 1e-9)) + 1):
+        count = int(np.floor((end - start) * fps / speed + 1e-9)) + 1
+        for k in range(count):
             self.go(min(start + k * speed / fps, self.player.duration))
             yield self.scene.stereo_picture() if stereo else self.scene.picture()
+            if progress is not None:
+                progress((k + 1) / count)
 
     def close(self) -> None:
         """Frees window and memory."""

@@ -526,7 +526,10 @@ def _side(page: Page, html: Any) -> None:
             name: {}, "{{ row.value }}": {**number, "colspan": ("row.unit ? 1 : 2",)},
             "{{ row.unit }}": {**unit, "v_if": "row.unit"},
         }),
-        ("burr's surface to structure", "distances", keyed, {name: None, "{{ row.value }}": near, "mm": unit}),
+        ("burr's surface to structure", "distances", keyed, {
+            name: None, "{{ row.value }}": {**near, "colspan": ("row.value === 'far' ? 2 : 1",)},
+            "mm": {**unit, "v_if": "row.value !== 'far'"},
+        }),
         ("removed by tissue", "tissues", keyed, {name: None, "{{ row.removed }}": hurt, "mm³": unit}),
         ("events", "events", {"classes": "burrlab-event", "click": (page.go, "[row.time_s]")}, {
             "{{ row.clock }}": {"style": "width: 5em;", "classes": "burrlab-number pr-3"}, "{{ row.text }}": None,

@@ -426,6 +426,11 @@ class Scene:
             self.panels.remove()
             self.panels = None
 
+    def say(self, note: str) -> None:
+        """Shows a few words above the scale bar, such as the time."""
+        for scale in (self.scale, *(self._eyes.scales if self._eyes else ())):
+            scale.note = note
+
     def set_curves(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
         """Shows force [N] and penetration depth [mm] over time [s] in a chart."""
         if self.chart is not None:

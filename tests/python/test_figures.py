@@ -1,0 +1,181 @@
+"""All plots: they take ax, label and color, share their Axes, and their legends cover no data."""
+
+import re
+from functools import cache, partial
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+import burrlab
+from burrlab.anatomy import compare_with_target
+from burrlab.common.figures import SERIES, paper
+from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.view import plot_depth_map, plot_slices
+from golden.cases import BONE, BURR, objects
+
+PLOTS = [
+    "curve.plot", "fit.plot", "fit.plot_profile", "fit.plot_region", "fit.plot_residuals", "indentation.plot",
+    "depth trace.plot", "mean field.plot", "shapes.plot", "shapes.plot_power", "metrics.plot", "anatomy.plot",
+    "descent.plot", "design.plot", "scatter.plot", "target.plot", "session.plot", "psychometric.plot",
+    "scored.plot_scores", "scored.plot_intervals", "scored.plot_d_prime", "thresholds.plot_thresholds",
+    "slices.plot", "map.plot", "curves.plot",
+]  # fmt: skip
+
+
+@cache
+def four():
+    """Fits, and one curve, of four materials."""
+    made = {}
+    for one in (
+        *map(burrlab.materials.get, ("bone", "pettigrew", "pvc")),
+        burrlab.Material("soft", c_e=1.0, alpha=0.2),
+    ):
+        forces = np.linspace(0.15, 0.7, 8) * 0.1925 * one.c_e * BURR.radius**2
+        made[one.name] = burrlab.synthetic_curve(BURR, one, forces, repeats=2, scatter=0.08, seed=len(made))
+    return {name: one if name == "pvc" else burrlab.fit(one) for name, one in made.items()}
+
+
+@cache
+def results():
+    from test_analysis import FOUR, only, thresholds
+    from test_target import BONE as LABELLED
+    from test_target import REGION
+
+    block = burrlab.VoxelBone.block((4, 4, 2), 0.2)
+    density = block.density.copy()
+    density[6:, 4:14, 6:17] = 0
+    block.restore(density)
+    with burrlab.Session(
+        block, (BURR, BONE), burrlab.HandDevice(), seed=1, duration=0.3, wall_clock=False
+    ) as session:
+        session.wait()
+    drawn = {
+        "slices": partial(plot_slices, block, (2, 2, 1), radii=[3.0], centers=[(2, 2, 3)], note="at 0.5 s"),
+        "map": partial(plot_depth_map, block), "curves": partial(burrlab.plot_curves, four()),
+    }  # fmt: skip
+    return objects() | {name: type("Picture", (), {"plot": staticmethod(draw)}) for name, draw in drawn.items()} | {
+        "design": burrlab.design(objects()["fit"], [0.6, 1.2, 2.0], [2.0, 3.0], 2, static=[0.2]),
+        "scatter": burrlab.predicted_scatter(BURR, BONE, [0.8, 1.6], burrlab.BoneField(), repeats=3, voxel=0.4, seed=1),
+        "target": compare_with_target(LABELLED, REGION), "session": session.report(), "scored": only(FOUR),
+        "psychometric": psychometric_function([1.1, 1.3, 1.6], [11, 15, 19], [20, 20, 20]),
+        "thresholds": thresholds((1.2, (1.1, 1.3)), (1.3, None), (1.25, None), design={"parameter": "c_e"}),
+    }  # fmt: skip
+
+
+def drawn(name, **options):
+    one, _, way = name.partition(".")
+    made = getattr(results()[one], way)(**options)
+    return made if isinstance(made, list) else [made]
+
+
+def legends(axes):
+    return [one.get_legend() for one in axes if one.get_legend()] + axes[0].figure.legends
+
+
+def words(axes):
+    return [text.get_text() for one in legends(axes) for text in one.get_texts()]
+
+
+@pytest.mark.parametrize("name", PLOTS)
+def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
+    with paper():
+        axes = drawn(name)
+        figure = axes[0].get_figure(root=True)
+        figure.savefig(tmp_path / "seen.png", dpi=figure.dpi)
+    for text in figure.findobj(Text):
+        if text.get_text() and text.get_visible() and text.get_window_extent().width:
+            assert text.get_fontsize() >= 8 or "$" in text.get_text()
+    for one in axes:
+        page, box = figure.bbox.padded(4), one.get_tightbbox()
+        assert (page.union([page, box]).size <= page.size + 1e-6).all()
+        if (legend := one.get_legend()) is None:
+            continue
+        box = legend.get_window_extent()
+        assert not any(text.get_window_extent().overlaps(box) for text in one.texts)
+        for part in (*one.lines, *one.collections, *one.patches):
+            offsets = getattr(part, "get_offsets", lambda: [[0, 0]])()
+            paths = part.get_paths() if hasattr(part, "get_paths") else [part.get_path()]
+            if len(offsets) == 1 and part.get_zorder() >= 1:
+                shapes = [part.get_transform().transform_path(path) for path in paths if len(path.vertices)]
+                assert not any(shape.intersects_bbox(box, filled=False) for shape in shapes)
+
+
+@pytest.mark.parametrize("name", PLOTS)
+def test_a_plot_shares_its_axes(name):
+    first = drawn(name)
+    before = words(first)
+    for one in first:
+        one.set(xlim=np.array(one.get_xlim()) * [1, 1.5], ylim=np.array(one.get_ylim()) * [1, 1.5])
+    limits = [(one.get_xlim(), one.get_ylim()) for one in first]
+    style = {"color": "#123456"} | ({} if name == "curves.plot" else {"label": "second"})
+    assert drawn(name, ax=first if len(first) > 1 else first[0], **style) == first
+    for one, old in zip(first, limits, strict=True):
+        for now, then in zip((one.get_xlim(), one.get_ylim()), old, strict=True):
+            assert [min(*now, *then), max(*now, *then)] == sorted(now)
+    assert set(before) <= set(words(first))
+    bars = [bar.get_ylabel() for one in first for bar in one.child_axes]
+    assert "label" not in style or any("second" in said for said in words(first) + bars)
+    parts = [part for one in first for part in (*one.lines, *one.collections, *one.patches)]
+    looks = [
+        getattr(part, f"get_{of}color")()
+        for part in parts
+        for of in ("", "edge", "face")
+        if hasattr(part, f"get_{of}color")
+    ]
+    colours = [np.atleast_2d(to_rgba(look) if isinstance(look, str) else look) for look in looks if len(look)]
+    assert any(np.allclose(row[:3], to_rgba("#123456")[:3]) for rows in colours for row in rows)
+
+
+def test_old_names_of_ax_warn():
+    mine = Figure()
+    with pytest.warns(DeprecationWarning, match=r"^figure= is now ax=, in all plots$"):
+        assert objects()["descent"].plot(figure=mine)[0].figure is mine
+    with pytest.raises(ValueError, match="ax must hold 3 Axes, got 1"):
+        objects()["descent"].plot([Figure().subplots()])
+
+
+def test_several_curves_differ_in_grey_and_show_their_kinks(tmp_path):
+    grey = [np.array(to_rgba(one["color"])[:3]) @ (0.2126, 0.7152, 0.0722) for one in SERIES[:4]]
+    assert np.diff(np.sort(grey)).min() > 0.1
+    assert all(
+        len({str(one[key]) for one in SERIES}) == len(SERIES) for key in ("color", "marker", "linestyle")
+    )
+    with paper("single"):
+        axes = burrlab.plot_curves(four())
+        axes.figure.savefig(tmp_path / "four.pdf")
+    assert {*four(), "95 % band", "kink, $\\phi$ = 0.068: $c_e$ shows above"} == set(words([axes]))
+    kinks = [
+        line.get_xdata()[0]
+        for line in axes.lines
+        if line.get_marker() == (2, 2, 45) and len(line.get_xdata())
+    ]
+    c_e = [one.c_e for one in four().values() if isinstance(one, burrlab.Fit)]
+    assert kinks == pytest.approx([one * BURR.radius**2 * (1 / 6) ** 1.5 for one in c_e])
+    written = (tmp_path / "four.pdf").read_bytes()
+    assert (b"/FontFile2" in written, b"/Type3" in written) == (True, False)
+    assert axes.figure.get_size_inches().tolist() == pytest.approx([3.5, 2.625])
+    assert len(words([burrlab.plot_curves([objects()["curve"], four()["bone"]])])) == 4
+    with pytest.raises(ValueError, match="items must hold a curve or a fit, got none"):
+        burrlab.plot_curves([])
+    with pytest.raises(TypeError, match="items must be VelocityCurve or Fit, got int for '1'"):
+        burrlab.plot_curves([7])
+
+
+def test_residuals_name_the_row_that_stands_out():
+    curve = objects()["curve"]
+    velocity = curve.velocity * np.where(np.arange(len(curve)) == 4, 2.5, 1.0)
+    fit = burrlab.fit(burrlab.VelocityCurve(curve.force, velocity), BURR)
+    axes, rows = fit.plot_residuals(), fit.influence()
+    assert (
+        [text.get_text() for text in axes.texts]
+        == [f"row {row.row}" for row in rows if row.named]
+        == ["row 5"]
+    )
+    limit = float(re.search(r"±([\d.]+)", " ".join(words([axes]))).group(1))
+    assert max(abs(row.studentised) for row in rows if not row.named) < limit < abs(rows[4].studentised)
+    few = burrlab.fit(burrlab.VelocityCurve(curve.force[::5], curve.velocity[::5]), BURR)
+    assert "no limit below 8 rows" in few.plot_residuals().get_ylabel()

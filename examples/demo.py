@@ -45,10 +45,7 @@ def main(folder: Path) -> None:
         print(f"  {force:.2f} N  {velocity:8.4f} mm/s   mean-field {line:8.4f}   ratio {velocity / line:.3f}")
 
     axes = fit.plot(log=True)
-    axes.plot(
-        descents.force, descents.velocity, "o", color="#D55E00", markersize=4, label="voxel descents, 0.1 mm"
-    )
-    axes.legend()
+    descents.plot(axes, log=True, color="#D55E00", marker="o", label="voxel descents, 0.1 mm")
     axes.set_title("synthetic data, fit and voxel descents", fontsize=10)
     axes.figure.savefig(folder / "fit.png", dpi=200)
 

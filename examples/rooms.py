@@ -58,7 +58,7 @@ def draw(path: str) -> None:
         sizes[mine] += sum(isinstance(node, ast.stmt) and not text_alone(node) for node in ast.walk(tree))
         theirs = {room(other) for other in imported(tree)} - {None, mine, "common"}  # all rooms import common
         arrows.update((mine, other) for other in theirs)
-    figure = new_figure(11.0, 3.0)
+    figure = new_figure(11.8, 3.0)
     ax = figure.subplots()
     x = {name: 1.5 * i for i, name in enumerate(ROOMS)}
     for (importer, other), modules in sorted(arrows.items()):
@@ -71,20 +71,12 @@ def draw(path: str) -> None:
         ax.add_patch(
             FancyBboxPatch((x[name] - 0.62, -0.3), 1.24, 0.6, "round,pad=0.04", fc="#dbe9f6", ec=REFERENCE)
         )
-        ax.text(x[name], 0.06, name, ha="center", va="center", fontsize=9 if len(name) < 9 else 7.5)
-        ax.text(
-            x[name],
-            -0.16,
-            f"{sizes[name]} statements",
-            ha="center",
-            va="center",
-            fontsize=6,
-            color=REFERENCE,
-        )
+        ax.text(x[name], 0.06, name, ha="center", va="center", fontsize=9 if len(name) < 9 else 8)
+        ax.text(x[name], -0.15, sizes[name], ha="center", va="center", fontsize=8, color=REFERENCE)
     ax.set(xlim=(-0.8, x["cli"] + 0.8), ylim=(-0.5, 2.7))
     ax.set_title(
         "Rooms of burrlab: an arrow leads from a room to one that it imports, and its width says how many "
-        "modules do; all import common",
+        "modules do; all import common; below a name: its statements",
         fontsize=9,
     )
     ax.set_axis_off()

@@ -127,6 +127,8 @@ def dose_figure(
         times = list(d.time_within), list(d.time_within.values())
         top.plot(*times, label=f"{label}, {name}" if label else name, **look)
     top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
+    if doses:
+        top.legend()
     rows = np.arange(len(doses))
     for i, edge in enumerate(NEAR):
         at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35

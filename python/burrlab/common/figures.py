@@ -56,19 +56,12 @@ def paper(width: str = "single") -> Iterator[None]:
     Parameters
     ----------
     width : {"single", "double"}
-        A column or a page. Every `plot` without `ax` makes a figure of this width.
+        A column or a page. Every `plot` without `ax` makes a figure of this width; save it in the context, too.
 
     Raises
     ------
     ValueError
         If the width is unknown.
-
-    Examples
-    --------
-    >>> from matplotlib import pyplot
-    >>> with paper("single"):
-    ...     pyplot.figure().get_size_inches().tolist()
-    [3.5, 2.625]
     """
     refuse(width not in WIDTHS, f"width must be one of {', '.join(WIDTHS)}: got {width!r}")
     across = WIDTHS[width]

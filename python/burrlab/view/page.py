@@ -499,8 +499,8 @@ def build_layout(page: Page) -> None:
 
 def _head(page: Page, html: Any, v3: Any) -> None:
     with v3.VToolbar(density="compact", color="#171c21"):
-        v3.VToolbarTitle("{{ title }}", style="flex: 0 1 auto;")
-        html.Div("{{ source_state }}", classes="text-body-2 ml-4", style="color: #9fb0bd;")
+        v3.VToolbarTitle("{{ title }}", style="flex: 0 1 auto; min-width: 0;")
+        html.Div("{{ source_state }}", classes="text-body-2 ml-4 text-truncate", style="color: #9fb0bd;")
         v3.VSpacer()
         for preset in page.state.presets:
             v3.VBtn(preset, click=(page.look, f"['{preset}']"), classes="burrlab-preset")

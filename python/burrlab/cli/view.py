@@ -22,6 +22,7 @@ from burrlab.cli.options import (
     deliver,
     flag,
     number,
+    on_terminal,
     option,
     parsed_by,
     port,
@@ -30,7 +31,6 @@ from burrlab.cli.options import (
     save_figure,
     say_notes,
     sentence,
-    show_progress,
 )
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
@@ -95,11 +95,10 @@ def _view(options: Options) -> int:
             scene.look(viewpoint)
         if options.video is not None:
             fps = options.fps or _FPS
-            with show_progress("film") as progress:
-                frames = view.frames(
-                    fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=progress
-                )
-                result["frames"] = write_video(options.video, frames, fps=fps)
+            frames = view.frames(
+                fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
+            )
+            result["frames"] = write_video(options.video, frames, fps=fps)
             result["written"].append(str(options.video))
         if player is not None and (options.video is None or options.png or options.pictures):
             view.go(at)

@@ -226,7 +226,7 @@ def influence(
 def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) -> float | None:
     """The limit of |studentised residual| over some rows; None below 8 rows."""
     J, r = likelihood.own_rows(*point)
-    if len(r) < _FEWEST:
+    if len(r) < FEWEST:
         return None
     return _studentised(J[rows], r[rows], likelihood.known, likelihood.floor)[2]
 

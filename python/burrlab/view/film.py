@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from burrlab.common.check import check_positive, refuse
 from burrlab.common.files import new_part
+from burrlab.common.progress import Progress, reporter
 from burrlab.effects.effects import Effects
 from burrlab.session.player import TracePlayer
 from burrlab.session.trace import Trace
@@ -81,7 +82,7 @@ class TraceView:
         start: float = 0.0,
         stop: float | None = None,
         stereo: bool = False,
-        progress: Callable[[float], object] | None = None,
+        progress: Progress | None = None,
     ) -> Iterator[NDArray[np.uint8]]:
         """Pictures for a film.
 
@@ -95,8 +96,8 @@ class TraceView:
             Part of the trace [s]; default: all.
         stereo : bool
             Both eyes side by side.
-        progress : callable, optional
-            Called with the fraction done, from 0 to 1, after each frame.
+        progress : callable or True, optional
+            Called with the fraction done, from 0 to 1, after each frame; True shows a bar.
 
         Raises
         ------
@@ -111,11 +112,11 @@ class TraceView:
             f"start and stop must lie from 0 to {self.player.duration:g}, got {start:g} and {end:g}",
         )
         count = int(np.floor((end - start) * fps / speed + 1e-9)) + 1
+        told = reporter(progress, "film")
         for k in range(count):
             self.go(min(start + k * speed / fps, self.player.duration))
             yield self.scene.stereo_picture() if stereo else self.scene.picture()
-            if progress is not None:
-                progress((k + 1) / count)
+            told((k + 1) / count)
 
     def close(self) -> None:
         """Frees window and memory."""

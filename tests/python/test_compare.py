@@ -121,9 +121,8 @@ class TestRatios:
         ends, mean = pair.velocity.at_middle.interval, logs[1].mean() - logs[0].mean()
         low, high = np.log(ends.lower), np.log(ends.upper)
         assert high - low == pytest.approx(2 * half, rel=0.03)
-        assert (low + high) / 2 == pytest.approx(
-            mean, abs=0.15 * half
-        )  # the slopes of the fits differ a little
+        # the slopes of the fits differ a little
+        assert (low + high) / 2 == pytest.approx(mean, abs=0.15 * half)
         for name in ("c_e", "alpha"):
             assert pair.ratios[name].verdict == "undetermined"
 

@@ -1,4 +1,4 @@
-"""Whether data sets are of one material: ratios of their constants, a joint test, and equivalent velocities."""
+"""Whether data sets are of one material: ratios of their constants, a joint test, equivalent velocities."""
 
 from __future__ import annotations
 
@@ -136,9 +136,7 @@ class Comparison:
         if any(row[-1] == "undetermined" for row in ratios):
             notes.append("Undetermined is not equal: an open end shows that the data set no limit there.")
         if len(self.pairs) > 1:
-            notes.append(
-                f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm; 5 % is for all."
-            )
+            notes.append(f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm.")
         if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
         blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": [f"- {note}" for note in notes]}
@@ -417,7 +415,9 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     """Whether both sets have one c_e and alpha, each with its own scatter."""
     low, high = max(a.domain.low, b.domain.low), min(a.domain.high, b.domain.high)
     if low >= high:
-        said = "the data contradict one another: windows of one need a larger c_e than overloaded runs of the other"
+        said = (
+            "the data contradict one another: windows of one need more c_e than overloaded runs of the other"
+        )
         return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {said} allow.")
     c_e = np.unique(np.concatenate([a.walk.c_e, b.walk.c_e])[::6])
     c_e = np.unique([low, *c_e[(c_e >= low) & (c_e <= high)], a.fit.c_e, b.fit.c_e, high])

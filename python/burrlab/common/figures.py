@@ -192,7 +192,9 @@ def _used(axes: Axes) -> bool:
 
 def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
     axis: Axis = getattr(axes, f"{name}axis")
-    low, high = axis.get_view_interval()
+    if axis.get_scale() == "log" and min(limits) <= 0:
+        axes.autoscale(axis=name)  # type: ignore[arg-type]  # linear before: zero has no place any more
+    low, high = getattr(axes, f"get_{name}lim")()
     ends = [end for end in (*limits, low, high) if end > 0 or axis.get_scale() != "log"]
     wide = (min(ends), max(ends))
     if wide != (min(low, high), max(low, high)):

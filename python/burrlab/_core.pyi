@@ -1,5 +1,5 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Never, SupportsIndex, TypeAlias, overload
+from typing import Any, ClassVar, Literal, Never, SupportsIndex, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -409,12 +409,14 @@ class Device(metaclass=_Pybind11Type):
     @property
     def name(self) -> str: ...
 
+@final
 class MailboxDevice(Device):
     def __init__(self, *, lost_after: float = 100.0, name: str = "mailbox") -> None: ...
     def put(self, position: _Vector, velocity: _Vector = ..., on: bool = True) -> None: ...
     @property
     def force(self) -> NDArray[np.float64]: ...
 
+@final
 class HandDevice(Device):
     def __init__(
         self,
@@ -451,6 +453,7 @@ class HandDevice(Device):
     @property
     def encoder_step(self) -> float: ...
 
+@final
 class ScriptedDevice(Device):
     def __init__(self, time: ArrayLike, position: ArrayLike, on: ArrayLike | None = None) -> None: ...
     def __len__(self) -> int: ...
@@ -459,6 +462,7 @@ class ScriptedDevice(Device):
     @property
     def force(self) -> NDArray[np.float64]: ...
 
+@final
 class ReplayDevice(Device):
     def __init__(
         self,

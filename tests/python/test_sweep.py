@@ -55,7 +55,7 @@ def test_rows_without_a_window_keep_force_and_status():
 def test_rig_sweep_and_specimen():
     specimen = burrlab.half_space(BURR, 0.4)
     before = specimen.bone.digest()
-    curve = sweep(forces=(0.8,), repeats=1, rig=True, specimen=specimen)
+    curve = sweep(forces=(0.8,), repeats=1, ideal=False, specimen=specimen)
     assert curve.status == ("ok",)
     assert specimen.bone.digest() == before, "descents work on copies"
 

@@ -87,9 +87,11 @@ void bind_executor(py::module_& m) {
   py::class_<Device, std::shared_ptr<Device>>(m, "Device", "A device that moves a burr and feels its force.")
       .def_property_readonly("name", &Device::name)
       .def_static("__init_subclass__", [](const py::kwargs&) {
-        throw py::type_error(
+        PyErr_SetString(
+            PyExc_NotImplementedError,
             "Device cannot be subclassed in Python, which is too slow for a tick: put positions into a "
             "MailboxDevice, or give them to a ScriptedDevice or a ReplayDevice");
+        throw py::error_already_set();
       });
   py::class_<MailboxDevice, Device, std::shared_ptr<MailboxDevice>>(
       m, "MailboxDevice", R"(A device driven from Python, or any other thread, through a mailbox.

@@ -67,7 +67,7 @@ VoxelBone(np.ones((3, 3)), 0.1)
 VoxelBone([[[1]]], 0.1)
     TypeError: density of VoxelBone() must be a NumPy array, got [[[...]]]
 class_of_device()
-    TypeError: Device cannot be subclassed in Python, which is too slow for a tick: put positions into a MailboxDevice, or ...
+    NotImplementedError: Device cannot be subclassed in Python, which is too slow for a tick: put positions into a MailboxDevice, or ...
 burrlab.MailboxDevice(20)
     TypeError: MailboxDevice() takes no value by place, got 1: 20; give lost_after and name by name
 burrlab.Tissues({"bone": 1}, bone)

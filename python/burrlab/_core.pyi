@@ -1,10 +1,5 @@
-<<<<<<< HEAD
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Literal, Never, SupportsIndex, TypeAlias, final, overload
-=======
-from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Literal, Never, SupportsIndex, TypeAlias, overload
->>>>>>> 9dfae60 (A subclass of Device ends in NotImplementedError, which stubtest takes for a rule of the class)
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

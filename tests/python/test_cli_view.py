@@ -145,7 +145,7 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
         ("burrlab view: --pictures: - must end in one of ", trace, "--pictures", "-"),  # not a file
         ("must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'", trace, "--size", "8x8"),
         ("burrlab view: --pictures: a.xyz must end in one of ", trace, "--pictures", "a.xyz"),
-        ("unrecognized arguments: --pict", trace, "--pict", "a.png"),
+        ("unknown option --pict; did you mean '--pictures'?", trace, "--pict", "a.png"),
         ("--at must be from 0 to 0.", trace, "--pictures", "a.png", "--at", 99),
         (no_trace, tmp_path, "--pictures", "a.png"), (no_trace, "ct.nrrd", "--pictures", "a.png"),
         ("", "broken.h5", "--pictures", "b.png"), ("", "--bone", "broken.h5", "--pictures", "b.png"),

@@ -93,9 +93,9 @@ descend(burr, bone, force="1")
 descend(burr, bone, [1, 2])
     TypeError: force must be a number, got [1, 2]
 descend(burr, bone, 2, seed="a")
-    TypeError: seed must be a whole number or None, got 'a'
+    ValueError: seed must be a whole number from 0 and below 2^64, got 'a'
 descend(burr, bone, 2, seed=1.5)
-    TypeError: seed must be a whole number or None, got 1.5
+    ValueError: seed must be a whole number from 0 and below 2^64, got 1.5
 descend(burr, "bone", 2)
     TypeError: material must be a Material, such as materials['bone'], got 'bone'
 descend(bone, burr, 2)

@@ -174,7 +174,7 @@ def test_progress_and_description(phantom):
         ({"voxel": 0.02, "size": (40, 40, 40)}, "size and voxel must give 1 to 4e\\+08 voxels"),
         ({"corner": (0, 0)}, "corner must be three numbers within 1000 mm"),
         ({"side": "both"}, "side must be 'right' or 'left', got 'both'"),
-        ({"seed": -1}, "seed must be in 0..2\\^64 - 1, got -1"),
+        ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
     ],
 )
 def test_bad_arguments_are_refused(changed, message):

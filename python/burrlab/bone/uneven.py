@@ -167,7 +167,7 @@ class BoneField:
         ValueError
             If the seed is not in 0..2^64 - 1.
         """
-        refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
+        refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
         axes = [np.asarray(c, dtype=float) for c in (z, y, x)]
         out = np.full([len(c) for c in axes], np.rint(255 * self.mean), dtype=np.uint8)
         if self.contrast == 0 or out.size == 0:

@@ -295,8 +295,9 @@ DESCENT_COMMANDS = (
         _SHAPE,
         option(
             "--residuals", "sigma: of files that have one; the others stay relative", default="relative",
-            choices=["relative", "absolute", "sigma"],
+            choices=["relative", "absolute", "sigma", "student"],
         ),
+        LAYOUT,
         *OUTPUT,
     )),
 )  # fmt: skip

@@ -65,13 +65,10 @@ def check_positive(name: str, value: float) -> None:
 
 
 def seed_or_new(seed: int | None) -> int:
-    """The seed, or a random one for None; TypeError or ValueError unless it is whole, from 0, below 2^64."""
+    """The seed, or a random one for None; ValueError unless it is whole, from 0 and below 2^64."""
     if seed is None:
         return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-    if isinstance(seed, bool) or not hasattr(seed, "__index__"):
-        raise TypeError(f"seed must be a whole number or None, got {shown(seed)}")
-    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
-    return operator.index(seed)
+    return whole("seed", seed, 2**64, "2^64")
 
 
 def nearest(name: object, names: Iterable[str]) -> str:

@@ -32,8 +32,8 @@ _SCATTER = 0.5  # RMS of log velocity beyond which the model does not describe t
 #: c_e [N/mm^2] and alpha [1/ms] of the shipped materials, widened by a factor of 1.5 to either side.
 PLAUSIBLE: Bounds = {
     name: (
-        min(getattr(m, name) for m in materials.values()) / _WIDER,
-        max(getattr(m, name) for m in materials.values()) * _WIDER,
+        round(min(getattr(m, name) for m in materials.values()) / _WIDER, 6),
+        round(max(getattr(m, name) for m in materials.values()) * _WIDER, 6),
     )
     for name in ("c_e", "alpha")
 }

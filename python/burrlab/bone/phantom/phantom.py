@@ -212,7 +212,7 @@ def temporal_bone(
     report = reporter(progress, "phantom")
     spacing, grid = _checked_grid(voxel, size, corner, side)
     seed = operator.index(seed)
-    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
+    refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
     at = Structures.of(seed)
     cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
     mirrored = side == "left"

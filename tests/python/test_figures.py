@@ -22,7 +22,7 @@ PLOTS = [
     "depth trace.plot", "mean field.plot", "shapes.plot", "shapes.plot_power", "metrics.plot", "anatomy.plot",
     "descent.plot", "design.plot", "scatter.plot", "target.plot", "session.plot", "psychometric.plot",
     "scored.plot_scores", "scored.plot_intervals", "scored.plot_d_prime", "thresholds.plot_thresholds",
-    "slices.plot", "map.plot", "curves.plot",
+    "slices.plot", "map.plot", "curves.plot", "compared.plot",
 ]  # fmt: skip
 
 
@@ -61,6 +61,7 @@ def results():
         "design": burrlab.design(objects()["fit"], [0.6, 1.2, 2.0], [2.0, 3.0], 2, static=[0.2]),
         "scatter": burrlab.predicted_scatter(BURR, BONE, [0.8, 1.6], burrlab.BoneField(), repeats=3, voxel=0.4, seed=1),
         "target": compare_with_target(LABELLED, REGION), "session": session.report(), "scored": only(FOUR),
+        "compared": burrlab.compare(*list(four().values())[:2], margin=0.2),
         "psychometric": psychometric_function([1.1, 1.3, 1.6], [11, 15, 19], [20, 20, 20]),
         "thresholds": thresholds((1.2, (1.1, 1.3)), (1.3, None), (1.25, None), design={"parameter": "c_e"}),
     }  # fmt: skip

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from scipy import special
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value
@@ -155,29 +155,30 @@ class Comparison:
         told = "equivalent" if pair.equivalent else "not shown to be equivalent"
         return f"{seen}: {told} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    @drawing
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Velocity ratios over the shared forces with their 90 % bands, and the margin as dashed lines.
 
-        ValueError if no two sets share a force at one radius.
+        `style` are properties of the lines of ratios, `label` and `color` among them. ValueError if no two
+        sets share a force at one radius.
         """
         shown = [(pair.names, pair.velocity) for pair in self.pairs if pair.velocity is not None]
         refuse(not shown, "no two sets share a force at one radius: there is no velocity ratio to draw")
         ax = axes_or_new(ax)
         for k, (names, v) in enumerate(shown):
-            colour = (FORCE, VELOCITY, POSITION, "black")[k % 4]
             for R in np.unique(v.radius):
                 F, ratio, low, high = np.array([v.force, v.ratio, v.lower, v.upper])[:, v.radius == R]
-                ax.fill_between(F, low, high, color=colour, alpha=0.2, linewidth=0)
-                ax.plot(F, ratio, ".-", color=colour, ms=3, label=f"{names[1]} over {names[0]}, R = {R:g} mm")
+                label = f"{names[1]} over {names[0]}, R = {R:g} mm"
+                look = styled(style, **SERIES[k % len(SERIES)] | {"markersize": 3, "label": label})
+                ax.fill_between(F, low, high, color=look["color"], alpha=0.2, linewidth=0)
+                ax.plot(F, ratio, **look)
         ax.axhline(1, color=REFERENCE, linewidth=0.8)
         if self.margin is not None:
             dashed: Any = {"color": REFERENCE, "linewidth": 0.9, "linestyle": "--"}
             ax.axhline(1 + self.margin, label=f"margin, {100 * self.margin:g} %", **dashed)
             ax.axhline(1 / (1 + self.margin), **dashed)
-        low, high = ax.get_ylim()
-        ax.set(xlabel="force [N]", ylabel="ratio of velocities", ylim=(low, high + 0.25 * (high - low)))
-        ax.legend(frameon=False, fontsize="small", loc="upper right")
-        return tidy(ax)
+        ax.set(xlabel="force [N]", ylabel="ratio of velocities")
+        return ax
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON."""

@@ -506,7 +506,7 @@ def page(_: Path) -> Any:
 
 @case
 def notebooks(_: Path) -> Any:
-    """Outputs of the notebooks' cells, as last executed."""
+    """Lines of the notebooks' outputs, as last executed."""
     found = {}
     for path in sorted(ROOT.glob("notebooks/*.ipynb")):
         cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
@@ -515,7 +515,9 @@ def notebooks(_: Path) -> Any:
             for cell in cells
             for one in cell.get("outputs", ())
         ]
-        found[path.name] = [told(text) for text in texts if text and not text.startswith("<Figure")]
+        found[path.name] = [
+            line for text in texts if text and not text.startswith("<Figure") for line in told(text)
+        ]
     return found
 
 

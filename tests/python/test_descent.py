@@ -305,3 +305,11 @@ def test_the_seed_of_a_rig_is_the_one_that_acted():
     assert burrlab.descend(BURR, BONE, 1.5, rig=virtual(seed=77)).provenance["seed"] == 77
     run = burrlab.descend(BURR, None, 1.5, rig=Laboratory(virtual(seed=77)))
     assert run.provenance["seed"] is None
+
+
+def test_a_plot_ends_above_the_velocity_in_the_window():
+    """Before the window an exact run is faster by orders of magnitude."""
+    run = burrlab.descend(BURR, BONE, 0.5, voxel=0.4, ideal=True, seed=1)
+    low, high = run.window
+    inside = (run.immersion >= low) & (run.immersion <= high)
+    assert run.plot()[-1].get_ylim() == pytest.approx((0, 1.2 * run.velocity[inside].max()))

@@ -216,6 +216,9 @@ class TestResult:
         axes = comparison.plot_power()
         assert "95 %" in axes.get_title()
         assert len(axes.lines) == 1 + 3 + 3
+        powers = np.log10(axes.get_yticks()[axes.get_yticks() > 30])
+        assert len(powers)
+        assert powers == pytest.approx(powers.round())
 
     @pytest.mark.parametrize(
         ("options", "error", "told"),

@@ -69,12 +69,8 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     def drawn(name: str, residuals: Floats) -> Floats:
         value, inflation = scatter[name]
         if item.kind == "parametric":
-            student = item.residual_kind == "student"
-            return value * (
-                random.standard_t(FREEDOM, len(residuals))
-                if student
-                else random.standard_normal(len(residuals))
-            )
+            n, student = len(residuals), item.residual_kind == "student"
+            return value * (random.standard_t(FREEDOM, n) if student else random.standard_normal(n))
         centred = residuals - residuals.mean()
         if name == "segments":  # each run's mean is subtracted twice: here and in _runs
             centred = centred * np.sqrt(len(residuals) / fitted.n_within)

@@ -139,7 +139,8 @@ HEAD = "label,name,colour,c_e_N_per_mm2,alpha_per_ms,critical,bleeds,assumed\n"
     [
         ("", "t.csv: the file is empty"),
         (HEAD, "there is no row below the column names"),
-        ("label,nome\n1,a\n", "t.csv, line 1: unknown column 'nome'; known are label, name, colour"),
+        ("label,nome\n1,a\n", "t.csv: 2 faults: line 1: unknown column 'nome'; known are label, .*; line 1: column name is missing"),
+        ("label,name\nx,a\n1,b\n1,c\n", "t.csv: 2 faults: line 2, column label: .*; line 4, column label: '1' is in line 3"),
         ("label\n1\n", "line 1: column name is missing"),
         ("label,name,name\n1,a,b\n", "line 1: column name is there twice"),
         ("label,name\n1\n", r"line 2: 2 fields are due \(label, name\), found 1"),

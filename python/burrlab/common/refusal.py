@@ -104,7 +104,9 @@ def sentence(record: object, given: Sequence[Any], named: Mapping[str, Any], mes
         if "whole" in one.kind and isinstance(value, int | np.integer) and not 0 <= value < 2**31:
             limit = "a whole number from 0" if value < 0 else "a smaller whole number"
             return f"{one.name} of {what} must be {limit}, got {shown(value)}"
-    return f"{what} cannot take these values of {_listed(list(bound))}: {', '.join(map(shown, bound.values()))}"
+    return (
+        f"{what} cannot take these values of {_listed(list(bound))}: {', '.join(map(shown, bound.values()))}"
+    )
 
 
 def _called(record: object, message: str) -> tuple[str, list[_Parameter], str]:

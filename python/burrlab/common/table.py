@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar, cast
+from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,32 +73,19 @@ def not_negative_or_nan(value: float, unit: str) -> str | None:
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a CSV file.
+    """A column of a CSV file."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the field of a data set that holds the column; the heading in the file adds the unit.
-    unit : str
-    type : callable
-        Converts a field's text to its value; its ValueError has the message for a text without a value.
-    check : callable
-        Returns the message for a value (with its unit) that breaks the column's rule, else None.
-    optional : bool
-        Whether the column may be missing.
-    due : str
-        Content that an empty field lacks; "" if fields may be empty.
-    told : str
-        Another heading than the one of name and unit.
-    """
-
-    name: str
-    unit: str = ""
-    type: Callable[[str], Any] = number
-    check: Callable[[Any, str], str | None] = lambda value, unit: None
+    name: str  #: Of the field of a data set that holds the column.
+    unit: str = ""  #: In the heading, beside the name.
+    type: Callable[[str], Any] = (
+        number  #: Field's text -> value; its ValueError tells a text without a value.
+    )
+    check: Callable[[Any, str], str | None] = lambda value, unit: (
+        None
+    )  #: Message for a value that breaks a rule.
     optional: bool = False
-    due: str = ""
-    told: str = ""
+    due: str = ""  #: Content that an empty field lacks; "" if fields may be empty.
+    told: str = ""  #: Another heading than the one of name and unit.
 
     @property
     def heading(self) -> str:
@@ -108,20 +95,13 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of one kind of CSV file, and rules between columns.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-    pairs : tuple of (str, str)
-        Names of columns that need each other.
-    rule : callable
-        Returns (name of a column, message) for a row that breaks a rule between columns, else None.
-    """
+    """Columns of one kind of CSV file, and rules between columns."""
 
     columns: tuple[Column, ...]
-    pairs: tuple[tuple[str, str], ...] = ()
-    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: None
+    pairs: tuple[tuple[str, str], ...] = ()  #: Names of columns that need each other.
+    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: (
+        None
+    )  #: The rule between columns that a row breaks.
 
     @cached_property
     def named(self) -> dict[str, Column]:
@@ -140,19 +120,13 @@ class Table:
     ) -> tuple[str, dict[str, str], dict[str, Any]]:
         """The file's name, the `# key: value` comments above its table, and its columns by their names.
 
-        `others` gets the columns that are unknown, by their headings; without it they are refused.
-
-        Raises
-        ------
-        ValueError
-            If the file is not such a table; the message has file, line, column, rule and value of each fault.
-        OSError
-            If the file cannot be read.
+        `others` gets the columns that are unknown, by their headings; without it they are refused. ValueError
+        with all faults of the file.
         """
         name, text = text_of(file)
         comments: dict[str, str] = {}
         faults: list[str] = []
-        columns = self.checked(self.rows(name, text, comments, faults, others), faults)
+        columns = self.checked(self.rows(name, text, faults, comments, others), faults)
         refuse_all(name, faults)
         return name, comments, columns
 
@@ -175,13 +149,10 @@ class Table:
         return columns
 
     def rows(
-        self, name: str, text: str, comments: dict[str, str] | None = None,
-        faults: list[str] | None = None, others: dict[str, list[str]] | None = None,
+        self, name: str, text: str, faults: list[str], comments: dict[str, str] | None = None,
+        others: dict[str, list[str]] | None = None,
     ) -> Iterator[tuple[str, dict[str, str]]]:  # fmt: skip
-        """Place ("file, line 3") and texts by column name of each row; fills `comments` and `others`.
-
-        `faults` gets the faults of headings and lines; without it the first one is a ValueError.
-        """
+        """Place ("file, line 3") and texts by column name of each row; fills `faults`, `comments`, `others`."""
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
         refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
@@ -192,11 +163,11 @@ class Table:
             try:
                 texts = _fields(where, content)
             except ValueError as error:
-                tell(faults, str(error))
+                faults.append(str(error))
                 continue
             if len(texts) != len(columns):
                 due = listed(heading for heading, _ in columns)
-                tell(faults, f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
+                faults.append(f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
                 continue
             row = list(zip(columns, texts, strict=True))
             if others:
@@ -205,9 +176,8 @@ class Table:
             yield where, {column.name: told for (_, column), told in row if column is not None}
         refuse(not where and not faults, f"{name}: there is no row below the column names")
 
-    def values(self, where: str, texts: Mapping[str, str], faults: list[str] | None = None) -> dict[str, Any]:
-        """Values of a row by column name. `faults` gets the texts without a value, each with place and
-        column; without it the first one is a ValueError."""
+    def values(self, where: str, texts: Mapping[str, str], faults: list[str]) -> dict[str, Any]:
+        """Values of a row by column name; `faults` gets the texts without a value, with place and column."""
         found = {}
         for name, text in texts.items():
             column = self.named[name]
@@ -215,7 +185,7 @@ class Table:
                 refuse(column.due and not text, f"every row needs {column.due}")
                 found[name] = column.type(text)
             except ValueError as error:
-                tell(faults, f"{where}, column {column.heading}: {error}")
+                faults.append(f"{where}, column {column.heading}: {error}")
         return found
 
     def unpaired(self, headings: Collection[str]) -> Iterator[str]:
@@ -227,7 +197,7 @@ class Table:
                 yield f"column {there} needs column {needed} beside it"
 
     def _columns(
-        self, where: str, header: str, faults: list[str] | None, others: dict[str, list[str]] | None
+        self, where: str, header: str, faults: list[str], others: dict[str, list[str]] | None
     ) -> list[tuple[str, Column | None]]:
         """The headings in the file with their columns, None for those kept apart."""
         for separator, word in ((";", "semicolons"), ("\t", "tabs")):
@@ -241,15 +211,13 @@ class Table:
         rest = [heading for heading in headings if heading not in known]
         if unknown := [heading for heading in rest if others is None or missing or not heading]:
             told = ", ".join(map(shown, unknown))
-            tell(faults, f"{where}: unknown column {told}; known are {', '.join(known)}")
-        for heading in dict.fromkeys(one for one in headings if one and headings.count(one) > 1):
-            tell(faults, f"{where}: column {heading} is there twice")
+            faults.append(f"{where}: unknown column {told}; known are {', '.join(known)}")
+        twice = dict.fromkeys(one for one in headings if one and headings.count(one) > 1)
+        faults += (f"{where}: column {heading} is there twice" for heading in twice)
         if others is not None:
             others |= {heading: [] for heading in rest}
-        for heading in missing:
-            tell(faults, f"{where}: column {heading} is missing")
-        for said in self.unpaired(headings):
-            tell(faults, f"{where}: {said}")
+        faults += (f"{where}: column {heading} is missing" for heading in missing)
+        faults += (f"{where}: {said}" for said in self.unpaired(headings))
         return [(heading, known.get(heading)) for heading in headings]
 
 
@@ -260,13 +228,6 @@ def listed(names: Iterable[str]) -> str:
     """Names from a file for a message, which stays short."""
     text = ", ".join(names)
     return text if len(text) <= 200 else f"{text[:200]}..."
-
-
-def tell(faults: list[str] | None, message: str) -> None:
-    """Adds a fault to the list; without a list it is a ValueError."""
-    if faults is None:
-        raise ValueError(message) from None
-    faults.append(message)
 
 
 def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
@@ -400,22 +361,12 @@ def _fields(where: str, line: str, *, tabs: bool = False) -> list[str]:
 NOTHING = "n/a"
 
 
-@dataclass(frozen=True)
-class TextTable:
-    """The fields of a file as text.
+class TextTable(NamedTuple):
+    """The fields of a file as text."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the file.
-    columns : tuple of str
-    rows : tuple of (int, mapping)
-        Number of each line from 1, and its fields by column.
-    """
-
-    name: str
+    name: str  #: Of the file.
     columns: tuple[str, ...]
-    rows: tuple[tuple[int, Mapping[str, str]], ...]
+    rows: tuple[tuple[int, Mapping[str, str]], ...]  #: Number of each line from 1, and its fields by column.
 
 
 def split_torn(content: bytes) -> tuple[bytes, bytes]:
@@ -425,14 +376,7 @@ def split_torn(content: bytes) -> tuple[bytes, bytes]:
 
 
 def parse(name: str, content: bytes) -> TextTable:
-    """The table in a file's bytes.
-
-    Raises
-    ------
-    ValueError
-        If the content is no text in UTF-8 or has no column names, a column is there twice or has no name, or
-        a row has another number of fields than columns. The message has the file, and the line if known.
-    """
+    """The table in a file's bytes; ValueError, with the file and the line, if it is none."""
     lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
     numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]
     refuse(not numbered, f"{name}: the file is empty")
@@ -456,13 +400,7 @@ def parse(name: str, content: bytes) -> TextTable:
 
 
 def line(fields: Sequence[str]) -> bytes:
-    """A line of a TSV file.
-
-    Raises
-    ------
-    ValueError
-        If a field is empty or holds a tab, a line break or a quotation mark.
-    """
+    """A line of a TSV file; ValueError if a field is empty or holds a tab, a line break or a quotation mark."""
     for text in fields:
         refuse(
             not text or any(mark in text for mark in '\t\r\n"'),
@@ -472,13 +410,7 @@ def line(fields: Sequence[str]) -> bytes:
 
 
 def number_or_none(text: str) -> float | None:
-    """A finite number, or None for n/a.
-
-    Raises
-    ------
-    ValueError
-        If the text is neither.
-    """
+    """A finite number, or None for n/a; ValueError for any other text."""
     if text == NOTHING:
         return None
     try:
@@ -490,13 +422,7 @@ def number_or_none(text: str) -> float | None:
 
 
 def whole(text: str, *, below: int = 2**63) -> int | None:
-    """A whole number from 0, or None for n/a.
-
-    Raises
-    ------
-    ValueError
-        If the text is neither.
-    """
+    """A whole number from 0, or None for n/a; ValueError for any other text."""
     if text == NOTHING:
         return None
     refuse(

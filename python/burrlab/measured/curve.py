@@ -185,9 +185,8 @@ class VelocityCurve(TableData):
         >>> curve.velocity, curve.others
         (array([0.0785, 0.498 ]), {'Datum': ('3. Mai', '3. Mai')})
         """
-        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
-        radius = table.number_in_comments(found.name, found.comments, "radius_mm")
-        return found.kept(cls(**found.columns, radius=radius, **found.origin()))
+        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
+        return found.data(cls, radius=table.number_in_comments(found.name, found.comments, "radius_mm"))
 
     @classmethod
     def from_dataframe(
@@ -231,8 +230,7 @@ class VelocityCurve(TableData):
         array([0.0785, 0.498 ])
         """
         columns = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
-        found = Layout(columns, unit).taken(cls._TABLE, frame)
-        return found.kept(cls(**found.columns, radius=radius, **found.origin() | {"source": source}))
+        return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write the curve to a CSV file that `from_csv` reads back without loss.

@@ -218,7 +218,7 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
-        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
+        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
         name, comments = found.name, found.comments
         start, end = None, None
         if (window := comments.get("window_mm")) is not None:
@@ -230,11 +230,7 @@ class DepthTrace(TableData):
                 ) from None
         force = table.agreed_number(name, comments, "force_N", "force", force)
         radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
-        columns = found.columns | {"force": force, "radius": radius}
-        try:
-            return found.kept(cls(**columns, start_mm=start, end_mm=end, **found.origin()))
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+        return found.data(cls, force=force, radius=radius, start_mm=start, end_mm=end)
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write a CSV file that `from_csv` reads back without loss.

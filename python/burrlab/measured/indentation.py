@@ -129,12 +129,9 @@ class Indentation(TableData):
         >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
         array([0.36])
         """
-        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
+        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
         radius = table.agreed_number(found.name, found.comments, "radius_mm", "radius", radius)
-        try:
-            return found.kept(cls(**found.columns, radius=radius, **found.origin()))
-        except ValueError as error:
-            raise ValueError(f"{found.name}: {error}") from None
+        return found.data(cls, radius=radius)
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write a CSV file that `from_csv` reads back without loss.

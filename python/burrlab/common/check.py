@@ -47,6 +47,14 @@ def real(value: object, name: str) -> NDArray[np.float64]:
     raise ValueError(f"{name} must be of real numbers that a float holds, got {shown(value)}")
 
 
+def scalar(value: object, name: str) -> float:
+    """A number as a float; ValueError for a list and for anything not real."""
+    found = real(value, name)
+    if found.ndim:
+        raise ValueError(f"{name} must be a single number, got {shown(value)}")
+    return float(found)
+
+
 def whole(name: str, value: object, end: int, end_text: str) -> int:
     """A whole number from 0 and below `end`; ValueError for anything else, also True and False."""
     try:
@@ -59,7 +67,7 @@ def whole(name: str, value: object, end: int, end_text: str) -> int:
 
 def check_positive(name: str, value: float) -> None:
     """TypeError unless it is a number, ValueError unless it is positive and finite."""
-    if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__"):
+    if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__") or np.ndim(value):
         raise TypeError(f"{name} must be a number, got {shown(value)}")
     refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
 

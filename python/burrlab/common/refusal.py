@@ -117,9 +117,10 @@ def _called(record: object, message: str) -> tuple[str, list[_Parameter], str]:
     for one in others:
         if [p.name for p in one] == [p.name for p in first]:  # an overload by type
             first = [p._replace(kind=f"{p.kind} | {q.kind}") for p, q in zip(first, one, strict=True)]
+    owners: list[Any] = [_core, *(kind for kind in vars(_core).values() if isinstance(kind, type))]
     owner, name, found = next(
         (kind, name, found)
-        for kind in (_core, *(kind for kind in vars(_core).values() if isinstance(kind, type)))
+        for kind in owners
         for name, found in vars(kind).items()
         if getattr(getattr(found, "fset", getattr(found, "__func__", found)), "__self__", None) is record
     )

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.common.check import real, refuse, shown
+from burrlab.common.check import real, refuse, scalar, shown
 
 if TYPE_CHECKING:
     import pandas
@@ -263,6 +263,8 @@ def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping
         with open(file, "w", encoding="utf-8", newline="") as stream:
             write(stream, comments, columns)
         return
+    if not hasattr(file, "write"):
+        raise TypeError(f"file must be a path or an open text file, got {shown(file)}")
     for key, value in comments.items():
         file.write(f"# {key}: {value}\n")
     writer = csv.writer(file, lineterminator="\n")
@@ -316,7 +318,10 @@ def agreed_number(
 
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping after writing and reading JSON: NumPy numbers and arrays, and tuples, become plain."""
-
+    if not isinstance(provenance, Mapping):
+        raise TypeError(
+            f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}"
+        )
     text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     result: dict[str, Any] = json.loads(text)
     return result
@@ -327,6 +332,9 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig") -> tu
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()
+    elif not hasattr(file, "read"):
+        frame = "; a DataFrame is for from_dataframe" if hasattr(file, "columns") else ""
+        raise TypeError(f"file must be a path or an open file, got {shown(file)}{frame}")
     else:
         name, raw = str(getattr(file, "name", "CSV text")), file.read()
         content, encoding = (raw.encode(), "utf-8-sig") if isinstance(raw, str) else (raw, encoding)
@@ -494,17 +502,20 @@ class TableData(DataSet):
     ) -> None:
         """Sets the fields: columns of numbers as read-only copies, numbers above 0 with their units."""
         for name, values in columns.items():
-            if values is not None and self._TABLE.named[name].type is number:
-                values = real(values, name)
+            column = self._TABLE.named[name]
+            if column.type is number and not (values is None and column.optional):
+                given, values = values, real(values, name)
+                if not values.ndim:
+                    raise ValueError(f"{name} must be a list of numbers, got {shown(given)}")
                 refuse(values.ndim != 1, f"{name} must have one dimension: got shape {values.shape}")
                 values.flags.writeable = False
             object.__setattr__(self, name, values)
         for name, (value, unit) in numbers.items():
-            found = None if value is None else float(real(value, name))
+            found = None if value is None else scalar(value, name)
             object.__setattr__(self, name, found)
             if found is not None and (said := positive(found, unit)):
                 raise ValueError(f"{name} {said}")
-        object.__setattr__(self, "source", " ".join(str(source).split()))
+        object.__setattr__(self, "source", " ".join(str(source or "").split()))
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
         first, *others = self._columns().items()
         for name, values in others:

@@ -113,6 +113,7 @@ class VelocityCurve(TableData):
         provenance: Mapping[str, Any] | None = None,
         radius: float | None = None,
     ) -> None:
+        refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
         columns = {
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
@@ -229,7 +230,8 @@ class VelocityCurve(TableData):
         >>> VelocityCurve.from_dataframe(frame, force="F", velocity="v", unit="um/s").velocity
         array([0.0785, 0.498 ])
         """
-        columns = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
+        columns = {"force": str(force), "velocity": str(velocity)}
+        columns |= {} if sigma is None else {"sigma": str(sigma)}
         return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
     def to_csv(self, file: Path | IO[str]) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 import burrlab.common.table as table
-from burrlab.common.check import refuse
+from burrlab.common.check import refuse, shown
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
@@ -170,6 +170,8 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_descent(run)
         DepthTrace(1022 samples, 1 N, R = 3 mm, 0.5..1 mm, 'descent, bone')
         """
+        if not hasattr(run, "setpoint"):
+            raise TypeError(f"run must be a Descent, such as descend(burr, bone, 2.0), got {shown(run)}")
         start, end = (None, None) if run.window is None else run.window
         name = "unknown material" if run.material is None else run.material.name
         return cls(

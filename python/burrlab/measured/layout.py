@@ -12,6 +12,8 @@ from fractions import Fraction
 from functools import partial
 from typing import IO, Any, TypeVar
 
+import numpy as np
+
 from burrlab.common.check import refuse, shown
 from burrlab.common.table import Column, Path, Table, TableData, listed, origin, refuse_all, text_of
 
@@ -48,6 +50,8 @@ class Layout:
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
         self.own = not any((columns, unit, sep, decimal, encoding))
+        for what, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
+            refuse(not isinstance(text, str | None), f"{what} must be a text: got {shown(text)}")
         self.group = "." if self.decimal == "," else ","
         self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
         refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
@@ -56,6 +60,9 @@ class Layout:
             f"sep must be one character, or tab: got {shown(sep)}",
         )
         columns, unit = columns or {}, unit or {}
+        for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
+            texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in named.values())
+            refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         if isinstance(unit, str):
             takers = [name for name, own in self.units.items() if unit in UNITS[own]]
@@ -112,12 +119,18 @@ class Layout:
     def frame(self, frame: Any) -> Layout:
         """Takes a DataFrame, or a mapping of columns; ValueError with all its faults."""
         kind = type(frame).__name__
+        if not isinstance(frame, Mapping) and not hasattr(frame, "itertuples"):
+            raise TypeError(
+                f"frame must be a DataFrame or a mapping (a file is for from_csv), got {shown(frame)}"
+            )
         headings = [" ".join(str(heading).split()) for heading in frame]
         if missing := [told for key, told in self.due.items() if key not in map(_key, headings)]:
             raise ValueError(f"{kind}: no column is {', '.join(missing)}; there are {listed(headings)}")
         if hasattr(frame, "itertuples"):
             rows = frame.itertuples(index=False, name=None)
         else:
+            sizes = {np.shape(values)[:1] for values in frame.values()}
+            refuse(len(sizes) > 1 or () in sizes, f"{kind}: columns must be lists of one length")
             rows = zip(*frame.values(), strict=True)
         texts = enumerate(([_cell(value) for value in row] for row in rows), start=1)
         self.read(kind, "row", headings, texts, kind)

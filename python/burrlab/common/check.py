@@ -138,13 +138,8 @@ def check_packed(size: float, packed: float, name: str) -> None:
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
     """At most `size` unpacked bytes from the file's position, and the rest of the packed stream.
 
-    A packed stream is zlib or gzip. Its checksum is checked, and the file's position is then at its end.
-
-    Raises
-    ------
-    ValueError
-        If the stream is damaged, holds far more than `size`, cannot hold `size`, or needs more memory than
-        the machine has.
+    A packed stream is zlib or gzip. Its checksum is checked, and the file's position is then at its end. ValueError
+    if it is damaged, holds far more than `size`, cannot hold `size`, or needs more memory than the machine has.
     """
     left = max(os.fstat(file.fileno()).st_size - file.tell(), 0)
     if packed:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar, cast
+from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,14 +61,9 @@ def positive(value: float, unit: str) -> str | None:
     return finite(value, unit, " above 0", value > 0)
 
 
-def positive_or_nan(value: float, unit: str) -> str | None:
-    """Message for a number that is neither NaN nor finite and above 0, else None."""
-    return None if math.isnan(value) else positive(value, unit)
-
-
-def not_negative_or_nan(value: float, unit: str) -> str | None:
-    """Message for a number that is neither NaN nor finite and at least 0, else None."""
-    return None if math.isnan(value) else finite(value, unit, " at least 0", value >= 0)
+def not_negative(value: float, unit: str) -> str | None:
+    """Message for a number that is not finite or below 0, else None."""
+    return finite(value, unit, " at least 0", value >= 0)
 
 
 @dataclass(frozen=True)
@@ -84,7 +79,7 @@ class Column:
         None
     )  #: Message for a value that breaks a rule.
     optional: bool = False
-    due: str = ""  #: Content that an empty field lacks; "" if fields may be empty.
+    due: str = ""  #: Content that an empty field lacks; "" if fields may be empty, and numbers NaN.
     told: str = ""  #: Another heading than the one of name and unit.
 
     @property
@@ -108,12 +103,16 @@ class Table:
         """The columns by their names."""
         return {column.name: column for column in self.columns}
 
+    def broken(self, name: str, value: Any) -> str | None:
+        """Message for a value that breaks its column's rule, else None."""
+        column = self.named[name]
+        empty = not column.due and isinstance(value, float) and math.isnan(value)
+        return None if empty else column.check(value, column.unit)
+
     def problem(self, row: Mapping[str, Any]) -> Problem:
         """(name of a column, message) of the first rule that the values of a row break, else None."""
-        for name, value in row.items():
-            if said := self.named[name].check(value, self.named[name].unit):
-                return name, said
-        return self.rule(row)
+        wrong = ((name, said) for name, value in row.items() if (said := self.broken(name, value)))
+        return next(wrong, self.rule(row))
 
     def read(
         self, file: Path | IO[str] | IO[bytes], others: dict[str, list[str]] | None = None
@@ -138,9 +137,7 @@ class Table:
         for where, texts in rows:
             before = len(faults)
             row = self.values(where, texts, faults)
-            wrong = [
-                (name, self.named[name].check(value, self.named[name].unit)) for name, value in row.items()
-            ]
+            wrong = [(name, self.broken(name, value)) for name, value in row.items()]
             if len(faults) == before and not any(said for _, said in wrong):
                 wrong.append(self.rule(row) or ("", None))
             faults += [f"{where}, column {self.named[name].heading}: {said}" for name, said in wrong if said]
@@ -444,6 +441,20 @@ Floats: TypeAlias = NDArray[np.float64]
 Made = TypeVar("Made")
 
 
+def by_value(kind: type[Made]) -> type[Made]:
+    """Decorator for a dataclass with arrays: objects are equal if all their fields are."""
+
+    def equal(one: Any, other: Any) -> Any:
+        if type(other) is not type(one):
+            return NotImplemented
+        names = (f.name for f in fields(one) if f.compare)
+        return all(_same(getattr(one, name), getattr(other, name)) for name in names)
+
+    kind.__eq__ = equal  # type: ignore[method-assign]
+    kind.__hash__ = None  # type: ignore[assignment]
+    return kind
+
+
 class Tabular(ABC):
     """Base of what converts to a DataFrame."""
 
@@ -467,40 +478,33 @@ class Tabular(ABC):
         return dataframe(self._table())
 
 
-class DataSet(Tabular):
-    """Base of data sets: compares by value."""
-
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return NotImplemented
-        names = (f.name for f in fields(cast(Any, self)) if f.compare)
-        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
-
-    __hash__ = None  # type: ignore[assignment]  # it holds arrays
-
-
-class TableData(DataSet):
+@by_value
+class TableData(Tabular):
     """A data set with the columns of a `Table`, numbers that hold for all rows, source and provenance."""
 
     _TABLE: ClassVar[Table]
     _WHAT: ClassVar[str]  #: Name of the data set in a message.
+    _NUMBERS: ClassVar[Mapping[str, str]] = {
+        "radius": "mm"
+    }  #: Numbers above 0 for all rows, with their units.
     source: str
     provenance: Mapping[str, Any]
     #: Other columns of the file that it came from, texts by headings. They are neither compared nor written.
     others: Mapping[str, Sequence[str]] = MappingProxyType({})
 
-    def _read(self) -> str:
-        """How it was read from a file of another program, for `__repr__`."""
-        return f"; {self.provenance['read']}" if "read" in self.provenance else ""
+    def _origin(self) -> str:
+        """Source, and how it was read from a file of another program, for `__repr__`."""
+        read = f"; {self.provenance['read']}" if "read" in self.provenance else ""
+        return (f", {self.source!r}" if self.source else "") + read
 
     def _keep(
         self,
         columns: Mapping[str, Any],
-        numbers: Mapping[str, tuple[float | None, str]],
         source: str,
         provenance: Mapping[str, Any] | None,
+        **numbers: float | None,
     ) -> None:
-        """Sets the fields: columns of numbers as read-only copies, numbers above 0 with their units."""
+        """Sets the fields: columns of numbers as read-only copies, source, provenance and numbers for all rows."""
         for name, values in columns.items():
             column = self._TABLE.named[name]
             if column.type is number and not (values is None and column.optional):
@@ -510,10 +514,10 @@ class TableData(DataSet):
                 refuse(values.ndim != 1, f"{name} must have one dimension: got shape {values.shape}")
                 values.flags.writeable = False
             object.__setattr__(self, name, values)
-        for name, (value, unit) in numbers.items():
+        for name, value in numbers.items():
             found = None if value is None else scalar(value, name)
             object.__setattr__(self, name, found)
-            if found is not None and (said := positive(found, unit)):
+            if found is not None and (said := positive(found, self._NUMBERS[name])):
                 raise ValueError(f"{name} {said}")
         object.__setattr__(self, "source", " ".join(str(source or "").split()))
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
@@ -544,26 +548,35 @@ class TableData(DataSet):
             self._TABLE.named[name].heading: np.asarray(x).tolist() for name, x in self._columns().items()
         }
 
-    def _write(self, file: Path | IO[str], numbers: Mapping[str, float | None], **others: str) -> None:
-        """Writes a CSV file with source, numbers, provenance and other comments above the table."""
-        told: dict[str, object] = {"source": self.source}
-        told |= {key: value for key, value in numbers.items() if value is not None}
-        if self.provenance:
-            told["provenance"] = json.dumps(self.provenance)
-        write(file, told | others, self._table())
+    def _comments(self) -> dict[str, Any]:
+        """What stands above the table in a file."""
+        numbers = {f"{name}_{unit}": getattr(self, name) for name, unit in self._NUMBERS.items()}
+        told = {"provenance": json.dumps(self.provenance)} if self.provenance else {}
+        return {"source": self.source} | {key: x for key, x in numbers.items() if x is not None} | told
+
+    def to_csv(self, file: Path | IO[str]) -> None:
+        """Write a CSV file that `from_csv` reads back without loss.
+
+        Parameters
+        ----------
+        file : path or open text file
+
+        Examples
+        --------
+        >>> import burrlab, sys
+        >>> burrlab.VelocityCurve([0.5, 4], [0.0785, float("nan")], source="two runs").to_csv(sys.stdout)
+        # source: two runs
+        force_N,velocity_mm_s
+        0.5,0.0785
+        4.0,
+        """
+        write(file, self._comments(), self._table())
 
     def __len__(self) -> int:
         return len(getattr(self, self._TABLE.columns[0].name))
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._table())
-
-
-def by_value(kind: type[Made]) -> type[Made]:
-    """Decorator for a dataclass with arrays: objects are equal if all their fields are."""
-    kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
-    kind.__hash__ = None  # type: ignore[assignment]
-    return kind
 
 
 def dataframe(columns: Mapping[str, Any]) -> pandas.DataFrame:

@@ -80,10 +80,10 @@ class VelocityCurve(TableData):
     _TABLE = Table(
         (
             Column("force", "N", check=table.positive, due="a force"),
-            Column("velocity", "mm/s", check=table.positive_or_nan),
-            Column("sigma", "mm/s", check=table.positive_or_nan, optional=True),
-            Column("window_start", "mm", check=table.not_negative_or_nan, optional=True),
-            Column("window_end", "mm", check=table.positive_or_nan, optional=True),
+            Column("velocity", "mm/s", check=table.positive),
+            Column("sigma", "mm/s", check=table.positive, optional=True),
+            Column("window_start", "mm", check=table.not_negative, optional=True),
+            Column("window_end", "mm", check=table.positive, optional=True),
             Column("status", type=str, optional=True),
         ),
         pairs=(("window_start", "window_end"),),
@@ -118,7 +118,7 @@ class VelocityCurve(TableData):
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
         }  # fmt: skip
-        self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
+        self._keep(columns, source, provenance, radius=radius)
         refuse(
             (self.window_start is None) != (self.window_end is None),
             "window_start and window_end go together: one of them is missing",
@@ -234,24 +234,6 @@ class VelocityCurve(TableData):
         columns |= {} if sigma is None else {"sigma": str(sigma)}
         return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
-    def to_csv(self, file: Path | IO[str]) -> None:
-        """Write the curve to a CSV file that `from_csv` reads back without loss.
-
-        Parameters
-        ----------
-        file : path or open text file
-
-        Examples
-        --------
-        >>> import sys
-        >>> VelocityCurve([0.5, 4], [0.0785, float("nan")], source="two runs").to_csv(sys.stdout)
-        # source: two runs
-        force_N,velocity_mm_s
-        0.5,0.0785
-        4.0,
-        """
-        self._write(file, {"radius_mm": self.radius})
-
     @property
     def ok(self) -> NDArray[np.bool_]:
         """Usable rows: with a velocity, and with a status of "ok", "" or none. Shape (n,)."""
@@ -286,7 +268,5 @@ class VelocityCurve(TableData):
         return ax
 
     def __repr__(self) -> str:
-        source = f", {self.source!r}" if self.source else ""
         forces = f"{self.force.min():g}..{self.force.max():g} N"
-        rows = f"{len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source}"
-        return f"VelocityCurve({rows}{self._read()})"
+        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{self._origin()})"

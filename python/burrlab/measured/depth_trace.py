@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,6 +75,7 @@ class DepthTrace(TableData):
         )
     )
     _WHAT = "a depth trace"
+    _NUMBERS: ClassVar[Mapping[str, str]] = {"force": "N", "radius": "mm"}
 
     time: Floats
     immersion: Floats
@@ -96,8 +97,8 @@ class DepthTrace(TableData):
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        numbers = {"force": (force, "N"), "radius": (radius, "mm")}
-        self._keep({"time": time, "immersion": immersion}, numbers, source, provenance)
+        columns = {"time": time, "immersion": immersion}
+        self._keep(columns, source, provenance, force=force, radius=radius)
         self._check_record()
         if start_mm is None:
             start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))
@@ -234,15 +235,8 @@ class DepthTrace(TableData):
         radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
         return found.data(cls, force=force, radius=radius, start_mm=start, end_mm=end)
 
-    def to_csv(self, file: Path | IO[str]) -> None:
-        """Write a CSV file that `from_csv` reads back without loss.
-
-        Parameters
-        ----------
-        file : path or open text file
-        """
-        window = f"{self.start_mm!r} {self.end_mm!r}"
-        self._write(file, {"force_N": self.force, "radius_mm": self.radius}, window_mm=window)
+    def _comments(self) -> dict[str, Any]:
+        return super()._comments() | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}
 
     def segments(self, n: int = 5) -> TraceSegments:
         """Penetration velocities in n segments of equal depth between start_mm and end_mm.
@@ -328,9 +322,8 @@ class DepthTrace(TableData):
         return ax
 
     def __repr__(self) -> str:
-        source = f", {self.source!r}" if self.source else ""
-        window = f"{self.start_mm:g}..{self.end_mm:g} mm"
-        return f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, {window}{source}{self._read()})"
+        set_up = f"{self.force:g} N, R = {self.radius:g} mm, {self.start_mm:g}..{self.end_mm:g} mm"
+        return f"DepthTrace({len(self)} samples, {set_up}{self._origin()})"
 
     def _repr_html_(self) -> str:
         rows = samples_between(self.immersion, self.start_mm, self.end_mm)

@@ -64,11 +64,12 @@ class Layout:
             texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in named.values())
             refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
+        self.takers: dict[str, str] = {}  #: Columns that a unit for all can be of.
         if isinstance(unit, str):
-            takers = [name for name, own in self.units.items() if unit in UNITS[own]]
+            self.takers = {name: unit for name, own in self.units.items() if unit in UNITS[own]}
             fine = dict.fromkeys(one for own in self.units.values() for one in UNITS[own])
-            refuse(not takers, f"unit must be one of {', '.join(fine)}: got {shown(unit)}")
-            self.units |= dict.fromkeys(takers, unit)
+            refuse(not self.takers, f"unit must be one of {', '.join(fine)}: got {shown(unit)}")
+            self.units |= self.takers
             unit = {}
         for what, given, names in (("columns", columns, table.named), ("unit", unit, self.units)):
             for ours in given:
@@ -170,6 +171,9 @@ class Layout:
         """Fills `columns` and `others` from the records; ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
         places = {ours: keys.index(_key(told)) for ours, told in self.asked.items() if _key(told) in keys}
+        if self.takers and not self.takers.keys() & places.keys():
+            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in places.values())
+            faults.append(f"{head}: unit must be one that a column can have ({there}): got {unit!r}")
         for ours, i in places.items():
             if keys.count(keys[i]) > 1:
                 faults.append(f"{head}: column {headings[i]} is there twice")

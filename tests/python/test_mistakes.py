@@ -114,6 +114,8 @@ descend(burr, bone, 2, controller=2.0)
     TypeError: controller must be a ForceController, such as ForceController(2.0), got 2.0
 descend(burr, bone, 2, voxl=0.1)
     TypeError: descend() got an unexpected keyword argument 'voxl'
+force_sweep(burr, "bone", [2.0])
+    TypeError: material must be a Material, such as materials['bone'], got 'bone'
 force_sweep(burr, bone, 2.0)
     ValueError: forces must be a list of at least one force
 force_sweep(burr, bone, ["1", "2"])

@@ -40,10 +40,6 @@ Burr(3, 8)
     TypeError: Burr() takes 1 value by place (radius), got 2: 3, 8
 Burr(3, radius=3)
     TypeError: radius of Burr() must be given once, got 3 and 3
-Burr(-3)
-    ValueError: radius must be positive and finite, got -3
-Burr(float("nan"))
-    ValueError: radius must be positive and finite, got nan
 Material(2.1, 0.09)
     TypeError: Material() takes 1 value by place (name), got 2: 2.1, 0.09; give c_e, alpha, shape and source by name
 Material("resin", c_e=2.1)
@@ -52,8 +48,6 @@ Material("resin", ce=2.1, alpha=0.1)
     TypeError: Material() has no parameter 'ce': it takes name, c_e, alpha, shape and source; did you mean 'c_e'?
 Material("resin", c_e="2,1", alpha=0.1)
     TypeError: c_e of Material() must be a number [N/mm^2], got the text '2,1'
-Material("resin", c_e=2.1, alpha=0.1, shape="parabola")
-    ValueError: shape must be parabolic, linear, quartic, constant or power(k), got 'parabola'
 Material("resin", c_e=2.1, alpha=0.1, shape=2)
     TypeError: shape of Material() must be text or a Shape, such as Shape('parabolic'), got 2
 burrlab.Shape()
@@ -64,8 +58,6 @@ VoxelBone.block((10, 10, 10))
     TypeError: VoxelBone.block() needs spacing [mm]
 VoxelBone.block((10, 10, 10), "0.1")
     TypeError: spacing of VoxelBone.block() must be a number or three of them (x, y, z) [mm], got the text '0.1'
-VoxelBone(np.ones((3, 3)), 0.1)
-    ValueError: dimensions of density must be 3 (z, y, x), got 2
 VoxelBone([[[1]]], 0.1)
     TypeError: density of VoxelBone() must be a NumPy array, got [[[...]]]
 class_of_device()
@@ -92,12 +84,8 @@ burrlab.elastic_force(block, burr, bone)
     TypeError: elastic_force() takes 2 values by place (m0 and m1), got 3: ...
 descend(burr, bone, force="1")
     TypeError: force must be a number, got '1'
-descend(burr, bone, [1, 2])
-    TypeError: force must be a number, got [1, 2]
 descend(burr, bone, 2, seed="a")
     ValueError: seed must be a whole number from 0 and below 2^64, got 'a'
-descend(burr, bone, 2, seed=1.5)
-    ValueError: seed must be a whole number from 0 and below 2^64, got 1.5
 descend(burr, "bone", 2)
     TypeError: material must be a Material, such as materials['bone'], got 'bone'
 descend(bone, burr, 2)
@@ -120,22 +108,14 @@ force_sweep(burr, bone, 2.0)
     ValueError: forces must be a list of at least one force
 force_sweep(burr, bone, ["1", "2"])
     ValueError: forces must be of real numbers that a float holds, got ['1', '2']
-force_sweep(burr, bone, [1, 2], voxel="0.1")
-    ValueError: voxel must be of real numbers that a float holds, got '0.1'
 force_sweep(burr, bone, [1, 2], rig=hand)
     TypeError: rig of a sweep cannot be shared by its descents: give ideal=False, got <burrlab._core.HandDevice object ...
-burrlab.penetration_velocity(bone, burr, 2)
-    TypeError: burr must be a Burr, such as Burr(3.0), got Material('bone', ...
-burrlab.penetration_velocity(burr, bone, "2")
-    ValueError: force must be of real numbers that a float holds, got '2'
 burrlab.VirtualRig(block, burr)
     TypeError: contact must be a BurrContact, such as BurrContact(bone, burr, material, seed=1), got VoxelBone(...
 burrlab.Session("bone", (burr, bone), hand)
     TypeError: bone must be a VoxelBone, such as VoxelBone.block((10, 10, 5), 0.1), got 'bone'
 burrlab.ExperimentPlan([3.0])
     TypeError: velocities must be a list of (radius, forces, repeats), got [3.0]
-burrlab.BoneField(correlation_length="1")
-    ValueError: correlation_length must be of real numbers that a float holds, got '1'
 VelocityCurve([1, 2], [1, 2], radius="3")
     ValueError: radius must be of real numbers that a float holds, got '3'
 fit("curve.csv", burr)
@@ -152,8 +132,6 @@ burrlab.read_volume(3)
     TypeError: path must be a path or a list of paths, got 3
 fit({"force_N": [1, 2, 3], "velocity_mm_s": [1, 2, 3]}, burr)
     TypeError: data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as VelocityCurve.from_dataframe(...
-VelocityCurve(1, 2)
-    ValueError: force must be a list of numbers, got 1
 VelocityCurve(None, None)
     ValueError: force must be a list of numbers, got None
 VelocityCurve([1, 2], [1, 2], radius=[3])
@@ -226,10 +204,6 @@ command("descend --force 2 --material Bone")
     SystemExit: burrlab descend: argument --material: invalid choice: 'Bone' (choose from 'bone', 'expert', 'pettigrew', 'pvc'); did you mean 'bone'?
 command("decsend --force 2")
     SystemExit: burrlab: argument COMMAND: invalid choice: 'decsend' (choose from 'descend', ...
-command("descend --force 2N")
-    SystemExit: burrlab descend: argument --force: must be a number, got '2N'
-command("fit nowhere.csv --radius 3")
-    SystemExit: burrlab fit: nowhere.csv: No such file or directory
 command("fit / --radius 3")
     SystemExit: burrlab fit: /: Is a directory
 """

@@ -297,22 +297,6 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
     return value
 
 
-def agreed_number(
-    file: str, comments: Mapping[str, str], key: str, name: str, argument: float | None
-) -> float:
-    """A number from the comment `key` or the argument `name`, which must agree; ValueError without either."""
-    noted = number_in_comments(file, comments, key)
-    if noted is None:
-        if argument is None:
-            raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
-        return float(argument)
-    refuse(
-        argument not in (None, noted),
-        f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}",
-    )
-    return noted
-
-
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping after writing and reading JSON: NumPy numbers and arrays, and tuples, become plain."""
     if not isinstance(provenance, Mapping):

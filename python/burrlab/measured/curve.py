@@ -186,8 +186,7 @@ class VelocityCurve(TableData):
         >>> curve.velocity, curve.others
         (array([0.0785, 0.498 ]), {'Datum': ('3. Mai', '3. Mai')})
         """
-        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
-        return found.data(cls, radius=table.number_in_comments(found.name, found.comments, "radius_mm"))
+        return Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file).data(cls)
 
     @classmethod
     def from_dataframe(

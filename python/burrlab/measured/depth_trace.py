@@ -222,18 +222,15 @@ class DepthTrace(TableData):
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
         found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
-        name, comments = found.name, found.comments
         start, end = None, None
-        if (window := comments.get("window_mm")) is not None:
+        if (window := found.comments.get("window_mm")) is not None:
             try:
                 start, end = map(float, window.split())
             except ValueError:
                 raise ValueError(
-                    f"{name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
+                    f"{found.name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
                 ) from None
-        force = table.agreed_number(name, comments, "force_N", "force", force)
-        radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
-        return found.data(cls, force=force, radius=radius, start_mm=start, end_mm=end)
+        return found.data(cls, cls._NUMBERS, force=force, radius=radius, start_mm=start, end_mm=end)
 
     def _comments(self) -> dict[str, Any]:
         return super()._comments() | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}

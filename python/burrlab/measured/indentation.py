@@ -130,8 +130,7 @@ class Indentation(TableData):
         array([0.36])
         """
         found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
-        radius = table.agreed_number(found.name, found.comments, "radius_mm", "radius", radius)
-        return found.data(cls, radius=radius)
+        return found.data(cls, cls._NUMBERS, radius=radius)
 
     @drawing
     def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:

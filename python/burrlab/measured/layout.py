@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
@@ -15,7 +15,17 @@ from typing import IO, Any, TypeVar
 import numpy as np
 
 from burrlab.common.check import refuse, shown
-from burrlab.common.table import Column, Path, Table, TableData, listed, origin, refuse_all, text_of
+from burrlab.common.table import (
+    Column,
+    Path,
+    Table,
+    TableData,
+    listed,
+    number_in_comments,
+    origin,
+    refuse_all,
+    text_of,
+)
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 _SEARCHED = 1000  # lines in which the headings may stand
@@ -137,11 +147,24 @@ class Layout:
         self.read(kind, "row", headings, texts, kind)
         return self.noted("")
 
-    def data(self, kind: type[Made], **given: Any) -> Made:
-        """The data set, with source, provenance (the note as "read") and the other columns as `others`."""
+    def data(self, kind: type[Made], needed: Collection[str] = (), **given: Any) -> Made:
+        """The data set, with source, provenance (the note as "read") and the other columns as `others`.
+
+        Numbers for all rows come from the file's comments or `given`, which must agree; those `needed` from one.
+        """
         kept = origin(self.name, self.comments)
         if self.note:
             kept["provenance"] = kept.get("provenance", {}) | {"read": self.note}
+        for name, unit in kind._NUMBERS.items():
+            key, asked = f"{name}_{unit}", given.get(name)
+            noted = number_in_comments(self.name, self.comments, key)
+            if name in needed and noted is None and asked is None:
+                add = f"add the comment '# {key}: ...' or give {name}="
+                raise ValueError(f"{self.name}: the {name} is unknown: {add}")
+            if None not in (noted, asked) and noted != asked:
+                rule = f"{name} must be the {noted!r} of the comment '# {key}:' in the file"
+                raise ValueError(f"{self.name}: {rule}: got {shown(asked)}")
+            given[name] = asked if noted is None else noted
         try:
             made = kind(**self.columns, **kept | given)
         except ValueError as error:

@@ -166,12 +166,10 @@ def test_read_script(tmp_path):
     ("text", "sentence"),
     [
         ("time_s,x_mm,y_mm\n0,0,0\n", "z_mm"),
-        ("time_s,x_mm,y_mm,z_mm\n0,0,0,oops\n", "line 2, column z_mm: 'oops' is not a number"),
         ("time_s,x_mm,y_mm,z_mm\n0,0,0,\n", "line 2, column z_mm: every row needs a position"),
         ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,2\n", "line 2, column on: must be 0 or 1: got 2.0"),
-        ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,\n", "line 2, column on: must be 0 or 1: got nan"),
+        ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,\n", "line 2, column on: every row needs 0 or 1"),
         ("time_s,x_mm,y_mm,z_mm\n1,0,0,0\n1,0,0,0\n", "way.csv: time must be increasing: after 1 s, got 1"),
-        ("", "the file is empty"),
     ],
 )
 def test_read_script_refusals(tmp_path, text, sentence):

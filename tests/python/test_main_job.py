@@ -46,26 +46,3 @@ def test_examples_run(script, tmp_path, monkeypatch):
     figures = list(tmp_path.rglob("*.png"))
     assert figures or script.startswith("session_")
     assert all(figure.stat().st_size > 10_000 for figure in figures)
-
-
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (
-            lambda: burrlab.descend(3.0, burrlab.materials["bone"], 1.0),
-            r"burr must be a Burr, such as Burr\(3.0\), got 3.0",
-        ),
-        (
-            lambda: burrlab.descend(burrlab.Burr(3.0), "bone", 1.0),
-            "material must be a Material, such as materials",
-        ),
-        (lambda: burrlab.force_sweep(burrlab.Burr(3.0), "bone", [1.0]), "material must be a Material"),
-        (
-            lambda: burrlab.fit("my.csv", burrlab.Burr(3.0)),
-            "data must be a VelocityCurve, Indentation or DepthTrace",
-        ),
-    ],
-)
-def test_wrong_types_are_one_sentence(call, message):
-    with pytest.raises(TypeError, match=message):
-        call()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt, find_objects
 
 from burrlab._core import AnatomyWatch, StructureDistance, StructureSearch, VoxelBone
-from burrlab.common.check import real, refuse
+from burrlab.common.check import real, refuse, scalar
 from burrlab.common.progress import Progress, reporter
 
 SPACING = 0.4  # of the nodes [mm]
@@ -186,7 +186,7 @@ class Watch:
             Limits(_of(approach, name, _APPROACH), _of(touch, name, _TOUCH), _of(injury, name, _INJURY))
             for name in self.structures
         )
-        self.hysteresis = float(real(hysteresis, "hysteresis"))
+        self.hysteresis = scalar(hysteresis, "hysteresis")
         self.colours = tuple(tissues[number].colour for number in numbers)
         self._voxel_volume = float(np.prod(bone.spacing))
         self._distances = structure_distances(bone, numbers, progress)
@@ -242,7 +242,7 @@ class Watch:
         """
         check_structure(structure, self.structures)
         at = real(centers, "centers")
-        return self._distances[self.structures.index(structure)].of_sphere(at, float(real(radius, "radius")))
+        return self._distances[self.structures.index(structure)].of_sphere(at, scalar(radius, "radius"))
 
     def __repr__(self) -> str:
         said = ", ".join(
@@ -268,4 +268,4 @@ def critical_structures(bone: VoxelBone) -> list[str]:
 
 
 def _of(limit: Limit, name: str, default: float) -> float:
-    return float(real(limit.get(name, default) if isinstance(limit, Mapping) else limit, "a limit"))
+    return scalar(limit.get(name, default) if isinstance(limit, Mapping) else limit, "a limit")

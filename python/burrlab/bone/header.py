@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from burrlab.bone.image import Array, checked_spacing
+from burrlab.bone.image import Array
+from burrlab.bone.specimen import checked_spacing
 from burrlab.common.check import refuse, shown
 
 #: Words in every note on an orientation that a file does not say, and in pictures of its bone.

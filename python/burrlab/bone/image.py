@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
-from burrlab.common.check import check_memory, real, refuse, require_type
+from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, surface_along, unit_vector
+from burrlab.common.check import check_memory, real, refuse, require_type, scalar
 from burrlab.common.table import object_html
 
 #: Corners of a box: 0 or 1 for its two ends along (x, y, z).
@@ -29,16 +29,6 @@ SAME = 1e-2
 Array = NDArray[np.float64]
 #: Red, green and blue, from 0 to 255.
 Colour = tuple[int, int, int]
-
-
-def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
-    """Spacing (x, y, z) from one number or three [mm]; ValueError unless positive and finite."""
-    found = real(spacing, what)
-    refuse(
-        found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)),
-        f"{what} must be a positive number or three [mm], got {spacing!r}",
-    )
-    return np.broadcast_to(found, (3,)).copy()
 
 
 def checked_point(point: ArrayLike, what: str) -> Array:
@@ -400,8 +390,8 @@ class OccupancyMap:
     occupancies: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        greys = tuple(float(real(g, "greys")) for g in self.greys)
-        occupancies = tuple(float(real(o, "occupancies")) for o in self.occupancies)
+        greys = tuple(scalar(g, "greys") for g in self.greys)
+        occupancies = tuple(scalar(o, "occupancies") for o in self.occupancies)
         refuse(
             len(greys) != len(occupancies) or len(greys) < 2,
             f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and "
@@ -421,7 +411,7 @@ class OccupancyMap:
     @classmethod
     def two_point(cls, empty: float, solid: float) -> OccupancyMap:
         """Map from 0 at grey value `empty` to 1 at `solid`; ValueError unless `empty` is below `solid`."""
-        empty, solid = float(real(empty, "map")), float(real(solid, "map"))
+        empty, solid = scalar(empty, "map"), scalar(solid, "map")
         refuse(
             not (math.isfinite(empty) and math.isfinite(solid) and empty < solid),
             f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}",

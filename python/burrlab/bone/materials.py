@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 from burrlab._core import Material
 from burrlab.common.check import nearest
@@ -23,6 +24,12 @@ class Materials(Mapping[str, Material]):
                 f"material must be one of {', '.join(self._named)}, got {name!r}{nearest(name, self)}"
             )
         return self._named[name]
+
+    def __getattr__(self, name: str) -> Any:
+        known = name in vars(self).get("_named", ())
+        raise AttributeError(
+            f"materials has no attribute {name!r}{f': materials[{name!r}]' if known else ''}"
+        )
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._named)

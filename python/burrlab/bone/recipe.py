@@ -21,21 +21,13 @@ from scipy.ndimage import map_coordinates
 from burrlab._core import Burr, Tissues, VoxelBone
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
-from burrlab.bone.image import (
-    LabelVolume,
-    OccupancyMap,
-    Volume,
-    checked_point,
-    checked_spacing,
-    occupancy_map,
-    specimen_in,
-)
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, checked_point, occupancy_map, specimen_in
 from burrlab.bone.kept import DrilledVolume, load_drilled
 from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x
 from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
-from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector
+from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, labelled_bone, placed_on
-from burrlab.common.check import real, refuse
+from burrlab.common.check import refuse, scalar
 from burrlab.common.records import UNREADABLE
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
@@ -701,8 +693,8 @@ def block_recipe(
     >>> make_bone(recipe).shape
     (10, 20, 20)
     """
-    sides, corner = ([float(real(x, n)) for x in xs] for n, xs in (("size", size), ("origin", origin)))
-    return BlockRecipe(sides, float(real(voxel, "voxel")), corner, int(level)).plain()
+    sides, corner = ([scalar(x, n) for x in xs] for n, xs in (("size", size), ("origin", origin)))
+    return BlockRecipe(sides, scalar(voxel, "voxel"), corner, int(level)).plain()
 
 
 def volume_recipe(

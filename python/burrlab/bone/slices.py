@@ -24,7 +24,8 @@ from scipy.spatial.distance import cdist
 from burrlab._core import Tissues
 from burrlab.bone.dicom import holds_dicom
 from burrlab.bone.header import LPS_ASSUMED
-from burrlab.bone.image import Colour, LabelVolume, Volume, checked_spacing
+from burrlab.bone.image import Colour, LabelVolume, Volume
+from burrlab.bone.specimen import checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, refuse, shown
 

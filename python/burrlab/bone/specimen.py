@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.common.check import check_bone, real, refuse, require_tool
+from burrlab.common.check import check_bone, real, refuse, require_tool, scalar
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 
@@ -90,17 +90,23 @@ class Block:
         return Specimen(bone, self.surface, self.axis, source)
 
 
+def checked_spacing(spacing: ArrayLike, what: str = "spacing") -> NDArray[np.float64]:
+    """Spacing (x, y, z) from one number or three [mm]; ValueError unless positive and finite."""
+    found = real(spacing, what)
+    refuse(
+        found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)),
+        f"{what} must be a positive number or three [mm], got {spacing!r}",
+    )
+    return np.broadcast_to(found, (3,)).copy()
+
+
 def block_below_plane(
     burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
 ) -> Block:
     """Block of `half_space`, with the same parameters and errors."""
     require_tool(burr)
-    spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
-    refuse(
-        not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)),
-        f"voxel must be positive and finite, got {voxel!r}",
-    )
-    depth = burr.radius / 3 if depth is None else float(real(depth, "depth"))
+    spacing = checked_spacing(voxel, "voxel")
+    depth = burr.radius / 3 if depth is None else scalar(depth, "depth")
     refuse(not (np.isfinite(depth) and depth > 0), f"depth must be positive and finite, got {depth!r}")
     normal = unit_vector(axis)
     s = spacing.max()
@@ -206,7 +212,7 @@ def surface_along(
     occupancy = map_coordinates(
         levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
     )
-    solid = np.flatnonzero(occupancy >= float(real(level, "level")))
+    solid = np.flatnonzero(occupancy >= scalar(level, "level"))
     if solid.size == 0:
         return None
     i = int(solid[0])

@@ -367,9 +367,12 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     if material is None:
         material = _material(name, text)
     waiting: list[str] = []
+    faults: list[str] = []
     rows: list[Tissue] = []
     lines: dict[str, str] = {}
-    for where, texts in TABLE.rows(name, text):
+    for where, texts in TABLE.rows(name, text, faults):
+        if not {"label", "name"} <= texts.keys():
+            break  # the headings are at fault
         given, line = texts["name"], where.removeprefix(f"{name}, ")
         flags = texts.get("critical") or texts.get("bleeds")
         # A template calls a structure without a name "structure 3", or marks its name in the file.
@@ -378,8 +381,12 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
             continue
         for column in ("label", "name"):
             before = lines.setdefault(f"{column} {texts[column]}", line)
-            refuse(before != line, f"{where}, column {column}: {shown(texts[column])} is in {before} already")
-        rows.append(_tissue(where, TABLE.values(where, texts), material))
+            if before != line:
+                faults.append(f"{where}, column {column}: {shown(texts[column])} is in {before} already")
+        row = TABLE.values(where, texts, faults)
+        if not faults:
+            rows.append(_tissue(where, row, material))
+    csv_text.refuse_all(name, faults)
     if waiting:
         told = ", ".join(waiting)
         raise ValueError(f"{name}, {told}, column name: every row needs a name, that of its structure")

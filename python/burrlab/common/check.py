@@ -47,6 +47,14 @@ def real(value: object, name: str) -> NDArray[np.float64]:
     raise ValueError(f"{name} must be of real numbers that a float holds, got {shown(value)}")
 
 
+def scalar(value: object, name: str) -> float:
+    """A number as a float; ValueError for a list and for anything not real."""
+    found = real(value, name)
+    if found.ndim:
+        raise ValueError(f"{name} must be a single number, got {shown(value)}")
+    return float(found)
+
+
 def whole(name: str, value: object, end: int, end_text: str) -> int:
     """A whole number from 0 and below `end`; ValueError for anything else, also True and False."""
     try:
@@ -59,7 +67,7 @@ def whole(name: str, value: object, end: int, end_text: str) -> int:
 
 def check_positive(name: str, value: float) -> None:
     """TypeError unless it is a number, ValueError unless it is positive and finite."""
-    if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__"):
+    if isinstance(value, bool | str | bytes) or not hasattr(value, "__float__") or np.ndim(value):
         raise TypeError(f"{name} must be a number, got {shown(value)}")
     refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
 
@@ -130,13 +138,8 @@ def check_packed(size: float, packed: float, name: str) -> None:
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
     """At most `size` unpacked bytes from the file's position, and the rest of the packed stream.
 
-    A packed stream is zlib or gzip. Its checksum is checked, and the file's position is then at its end.
-
-    Raises
-    ------
-    ValueError
-        If the stream is damaged, holds far more than `size`, cannot hold `size`, or needs more memory than
-        the machine has.
+    A packed stream is zlib or gzip. Its checksum is checked, and the file's position is then at its end. ValueError
+    if it is damaged, holds far more than `size`, cannot hold `size`, or needs more memory than the machine has.
     """
     left = max(os.fstat(file.fileno()).st_size - file.tell(), 0)
     if packed:

@@ -167,6 +167,10 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         given = signature.bind(*args, **kwargs).arguments.get("ax")
         listed = getattr(given, "axes", given)  # of a figure, or of Axes themselves
         there = list(np.ravel(np.asarray(listed, dtype=object))) if listed is not None else []
+        if wrong := [one for one in there if not hasattr(one, "get_xlim")]:
+            raise TypeError(
+                f"ax must be Axes of matplotlib, got {wrong[0]!r}; to save: plot().figure.savefig(file)"
+            )
         before = {one: (one.get_xlim(), one.get_ylim()) for one in there if _used(one)}
         made = draw(*args, **kwargs)
         for one in made if isinstance(made, list) else [made]:

@@ -61,10 +61,7 @@ def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str 
 def lock(file: int, taken: str, *, wait: bool = False) -> None:
     """Takes the lock of an open file or folder, until it is closed or the process ends.
 
-    Raises
-    ------
-    BlockingIOError
-        With the text `taken`, if another process has the lock and `wait` is False.
+    BlockingIOError with the text `taken`, if another process has the lock and `wait` is False.
     """
     import fcntl
 

@@ -51,14 +51,8 @@ def counter(progress: Progress | None, what: str) -> Callable[[int, int], object
 
 def duration(seconds: float) -> str:
     """In s, min or h."""
-    minutes = seconds / 60
-    return (
-        f"{seconds:.0f} s"
-        if minutes < 2
-        else f"{minutes:.0f} min"
-        if minutes < 120
-        else f"{minutes / 60:.0f} h"
-    )
+    size, unit = (3600, "h") if seconds >= 7200 else (60, "min") if seconds >= 120 else (1, "s")
+    return f"{seconds / size:.0f} {unit}"
 
 
 def foretold(what: str) -> Callable[[float], None]:

@@ -16,13 +16,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, fields
 from functools import cached_property
 from types import MappingProxyType
-from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar, cast
+from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.common.check import real, refuse, shown
+from burrlab.common.check import real, refuse, scalar, shown
 
 if TYPE_CHECKING:
     import pandas
@@ -61,44 +61,26 @@ def positive(value: float, unit: str) -> str | None:
     return finite(value, unit, " above 0", value > 0)
 
 
-def positive_or_nan(value: float, unit: str) -> str | None:
-    """Message for a number that is neither NaN nor finite and above 0, else None."""
-    return None if math.isnan(value) else positive(value, unit)
-
-
-def not_negative_or_nan(value: float, unit: str) -> str | None:
-    """Message for a number that is neither NaN nor finite and at least 0, else None."""
-    return None if math.isnan(value) else finite(value, unit, " at least 0", value >= 0)
+def not_negative(value: float, unit: str) -> str | None:
+    """Message for a number that is not finite or below 0, else None."""
+    return finite(value, unit, " at least 0", value >= 0)
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a CSV file.
+    """A column of a CSV file."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the field of a data set that holds the column; the heading in the file adds the unit.
-    unit : str
-    type : callable
-        Converts a field's text to its value; its ValueError has the message for a text without a value.
-    check : callable
-        Returns the message for a value (with its unit) that breaks the column's rule, else None.
-    optional : bool
-        Whether the column may be missing.
-    due : str
-        Content that an empty field lacks; "" if fields may be empty.
-    told : str
-        Another heading than the one of name and unit.
-    """
-
-    name: str
-    unit: str = ""
-    type: Callable[[str], Any] = number
-    check: Callable[[Any, str], str | None] = lambda value, unit: None
+    name: str  #: Of the field of a data set that holds the column.
+    unit: str = ""  #: In the heading, beside the name.
+    type: Callable[[str], Any] = (
+        number  #: Field's text -> value; its ValueError tells a text without a value.
+    )
+    check: Callable[[Any, str], str | None] = lambda value, unit: (
+        None
+    )  #: Message for a value that breaks a rule.
     optional: bool = False
-    due: str = ""
-    told: str = ""
+    due: str = ""  #: Content that an empty field lacks; "" if fields may be empty, and numbers NaN.
+    told: str = ""  #: Another heading than the one of name and unit.
 
     @property
     def heading(self) -> str:
@@ -108,51 +90,42 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of one kind of CSV file, and rules between columns.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-    pairs : tuple of (str, str)
-        Names of columns that need each other.
-    rule : callable
-        Returns (name of a column, message) for a row that breaks a rule between columns, else None.
-    """
+    """Columns of one kind of CSV file, and rules between columns."""
 
     columns: tuple[Column, ...]
-    pairs: tuple[tuple[str, str], ...] = ()
-    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: None
+    pairs: tuple[tuple[str, str], ...] = ()  #: Names of columns that need each other.
+    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: (
+        None
+    )  #: The rule between columns that a row breaks.
 
     @cached_property
     def named(self) -> dict[str, Column]:
         """The columns by their names."""
         return {column.name: column for column in self.columns}
 
+    def broken(self, name: str, value: Any) -> str | None:
+        """Message for a value that breaks its column's rule, else None."""
+        column = self.named[name]
+        empty = not column.due and isinstance(value, float) and math.isnan(value)
+        return None if empty else column.check(value, column.unit)
+
     def problem(self, row: Mapping[str, Any]) -> Problem:
         """(name of a column, message) of the first rule that the values of a row break, else None."""
-        for name, value in row.items():
-            if said := self.named[name].check(value, self.named[name].unit):
-                return name, said
-        return self.rule(row)
+        wrong = ((name, said) for name, value in row.items() if (said := self.broken(name, value)))
+        return next(wrong, self.rule(row))
 
     def read(
         self, file: Path | IO[str] | IO[bytes], others: dict[str, list[str]] | None = None
     ) -> tuple[str, dict[str, str], dict[str, Any]]:
         """The file's name, the `# key: value` comments above its table, and its columns by their names.
 
-        `others` gets the columns that are unknown, by their headings; without it they are refused.
-
-        Raises
-        ------
-        ValueError
-            If the file is not such a table; the message has file, line, column, rule and value of each fault.
-        OSError
-            If the file cannot be read.
+        `others` gets the columns that are unknown, by their headings; without it they are refused. ValueError
+        with all faults of the file.
         """
         name, text = text_of(file)
         comments: dict[str, str] = {}
         faults: list[str] = []
-        columns = self.checked(self.rows(name, text, comments, faults, others), faults)
+        columns = self.checked(self.rows(name, text, faults, comments, others), faults)
         refuse_all(name, faults)
         return name, comments, columns
 
@@ -164,9 +137,7 @@ class Table:
         for where, texts in rows:
             before = len(faults)
             row = self.values(where, texts, faults)
-            wrong = [
-                (name, self.named[name].check(value, self.named[name].unit)) for name, value in row.items()
-            ]
+            wrong = [(name, self.broken(name, value)) for name, value in row.items()]
             if len(faults) == before and not any(said for _, said in wrong):
                 wrong.append(self.rule(row) or ("", None))
             faults += [f"{where}, column {self.named[name].heading}: {said}" for name, said in wrong if said]
@@ -175,13 +146,10 @@ class Table:
         return columns
 
     def rows(
-        self, name: str, text: str, comments: dict[str, str] | None = None,
-        faults: list[str] | None = None, others: dict[str, list[str]] | None = None,
+        self, name: str, text: str, faults: list[str], comments: dict[str, str] | None = None,
+        others: dict[str, list[str]] | None = None,
     ) -> Iterator[tuple[str, dict[str, str]]]:  # fmt: skip
-        """Place ("file, line 3") and texts by column name of each row; fills `comments` and `others`.
-
-        `faults` gets the faults of headings and lines; without it the first one is a ValueError.
-        """
+        """Place ("file, line 3") and texts by column name of each row; fills `faults`, `comments`, `others`."""
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
         refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
@@ -192,11 +160,11 @@ class Table:
             try:
                 texts = _fields(where, content)
             except ValueError as error:
-                tell(faults, str(error))
+                faults.append(str(error))
                 continue
             if len(texts) != len(columns):
                 due = listed(heading for heading, _ in columns)
-                tell(faults, f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
+                faults.append(f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
                 continue
             row = list(zip(columns, texts, strict=True))
             if others:
@@ -205,9 +173,8 @@ class Table:
             yield where, {column.name: told for (_, column), told in row if column is not None}
         refuse(not where and not faults, f"{name}: there is no row below the column names")
 
-    def values(self, where: str, texts: Mapping[str, str], faults: list[str] | None = None) -> dict[str, Any]:
-        """Values of a row by column name. `faults` gets the texts without a value, each with place and
-        column; without it the first one is a ValueError."""
+    def values(self, where: str, texts: Mapping[str, str], faults: list[str]) -> dict[str, Any]:
+        """Values of a row by column name; `faults` gets the texts without a value, with place and column."""
         found = {}
         for name, text in texts.items():
             column = self.named[name]
@@ -215,7 +182,7 @@ class Table:
                 refuse(column.due and not text, f"every row needs {column.due}")
                 found[name] = column.type(text)
             except ValueError as error:
-                tell(faults, f"{where}, column {column.heading}: {error}")
+                faults.append(f"{where}, column {column.heading}: {error}")
         return found
 
     def unpaired(self, headings: Collection[str]) -> Iterator[str]:
@@ -227,7 +194,7 @@ class Table:
                 yield f"column {there} needs column {needed} beside it"
 
     def _columns(
-        self, where: str, header: str, faults: list[str] | None, others: dict[str, list[str]] | None
+        self, where: str, header: str, faults: list[str], others: dict[str, list[str]] | None
     ) -> list[tuple[str, Column | None]]:
         """The headings in the file with their columns, None for those kept apart."""
         for separator, word in ((";", "semicolons"), ("\t", "tabs")):
@@ -241,15 +208,13 @@ class Table:
         rest = [heading for heading in headings if heading not in known]
         if unknown := [heading for heading in rest if others is None or missing or not heading]:
             told = ", ".join(map(shown, unknown))
-            tell(faults, f"{where}: unknown column {told}; known are {', '.join(known)}")
-        for heading in dict.fromkeys(one for one in headings if one and headings.count(one) > 1):
-            tell(faults, f"{where}: column {heading} is there twice")
+            faults.append(f"{where}: unknown column {told}; known are {', '.join(known)}")
+        twice = dict.fromkeys(one for one in headings if one and headings.count(one) > 1)
+        faults += (f"{where}: column {heading} is there twice" for heading in twice)
         if others is not None:
             others |= {heading: [] for heading in rest}
-        for heading in missing:
-            tell(faults, f"{where}: column {heading} is missing")
-        for said in self.unpaired(headings):
-            tell(faults, f"{where}: {said}")
+        faults += (f"{where}: column {heading} is missing" for heading in missing)
+        faults += (f"{where}: {said}" for said in self.unpaired(headings))
         return [(heading, known.get(heading)) for heading in headings]
 
 
@@ -260,13 +225,6 @@ def listed(names: Iterable[str]) -> str:
     """Names from a file for a message, which stays short."""
     text = ", ".join(names)
     return text if len(text) <= 200 else f"{text[:200]}..."
-
-
-def tell(faults: list[str] | None, message: str) -> None:
-    """Adds a fault to the list; without a list it is a ValueError."""
-    if faults is None:
-        raise ValueError(message) from None
-    faults.append(message)
 
 
 def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
@@ -302,6 +260,8 @@ def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping
         with open(file, "w", encoding="utf-8", newline="") as stream:
             write(stream, comments, columns)
         return
+    if not hasattr(file, "write"):
+        raise TypeError(f"file must be a path or an open text file, got {shown(file)}")
     for key, value in comments.items():
         file.write(f"# {key}: {value}\n")
     writer = csv.writer(file, lineterminator="\n")
@@ -337,25 +297,12 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
     return value
 
 
-def agreed_number(
-    file: str, comments: Mapping[str, str], key: str, name: str, argument: float | None
-) -> float:
-    """A number from the comment `key` or the argument `name`, which must agree; ValueError without either."""
-    noted = number_in_comments(file, comments, key)
-    if noted is None:
-        if argument is None:
-            raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
-        return float(argument)
-    refuse(
-        argument not in (None, noted),
-        f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}",
-    )
-    return noted
-
-
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping after writing and reading JSON: NumPy numbers and arrays, and tuples, become plain."""
-
+    if not isinstance(provenance, Mapping):
+        raise TypeError(
+            f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}"
+        )
     text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
     result: dict[str, Any] = json.loads(text)
     return result
@@ -366,6 +313,9 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig") -> tu
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()
+    elif not hasattr(file, "read"):
+        frame = "; a DataFrame is for from_dataframe" if hasattr(file, "columns") else ""
+        raise TypeError(f"file must be a path or an open file, got {shown(file)}{frame}")
     else:
         name, raw = str(getattr(file, "name", "CSV text")), file.read()
         content, encoding = (raw.encode(), "utf-8-sig") if isinstance(raw, str) else (raw, encoding)
@@ -400,22 +350,12 @@ def _fields(where: str, line: str, *, tabs: bool = False) -> list[str]:
 NOTHING = "n/a"
 
 
-@dataclass(frozen=True)
-class TextTable:
-    """The fields of a file as text.
+class TextTable(NamedTuple):
+    """The fields of a file as text."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the file.
-    columns : tuple of str
-    rows : tuple of (int, mapping)
-        Number of each line from 1, and its fields by column.
-    """
-
-    name: str
+    name: str  #: Of the file.
     columns: tuple[str, ...]
-    rows: tuple[tuple[int, Mapping[str, str]], ...]
+    rows: tuple[tuple[int, Mapping[str, str]], ...]  #: Number of each line from 1, and its fields by column.
 
 
 def split_torn(content: bytes) -> tuple[bytes, bytes]:
@@ -425,14 +365,7 @@ def split_torn(content: bytes) -> tuple[bytes, bytes]:
 
 
 def parse(name: str, content: bytes) -> TextTable:
-    """The table in a file's bytes.
-
-    Raises
-    ------
-    ValueError
-        If the content is no text in UTF-8 or has no column names, a column is there twice or has no name, or
-        a row has another number of fields than columns. The message has the file, and the line if known.
-    """
+    """The table in a file's bytes; ValueError, with the file and the line, if it is none."""
     lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
     numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]
     refuse(not numbered, f"{name}: the file is empty")
@@ -456,13 +389,7 @@ def parse(name: str, content: bytes) -> TextTable:
 
 
 def line(fields: Sequence[str]) -> bytes:
-    """A line of a TSV file.
-
-    Raises
-    ------
-    ValueError
-        If a field is empty or holds a tab, a line break or a quotation mark.
-    """
+    """A line of a TSV file; ValueError if a field is empty or holds a tab, a line break or a quotation mark."""
     for text in fields:
         refuse(
             not text or any(mark in text for mark in '\t\r\n"'),
@@ -472,13 +399,7 @@ def line(fields: Sequence[str]) -> bytes:
 
 
 def number_or_none(text: str) -> float | None:
-    """A finite number, or None for n/a.
-
-    Raises
-    ------
-    ValueError
-        If the text is neither.
-    """
+    """A finite number, or None for n/a; ValueError for any other text."""
     if text == NOTHING:
         return None
     try:
@@ -490,13 +411,7 @@ def number_or_none(text: str) -> float | None:
 
 
 def whole(text: str, *, below: int = 2**63) -> int | None:
-    """A whole number from 0, or None for n/a.
-
-    Raises
-    ------
-    ValueError
-        If the text is neither.
-    """
+    """A whole number from 0, or None for n/a; ValueError for any other text."""
     if text == NOTHING:
         return None
     refuse(
@@ -508,6 +423,20 @@ def whole(text: str, *, below: int = 2**63) -> int | None:
 
 Floats: TypeAlias = NDArray[np.float64]
 Made = TypeVar("Made")
+
+
+def by_value(kind: type[Made]) -> type[Made]:
+    """Decorator for a dataclass with arrays: objects are equal if all their fields are."""
+
+    def equal(one: Any, other: Any) -> Any:
+        if type(other) is not type(one):
+            return NotImplemented
+        names = (f.name for f in fields(one) if f.compare)
+        return all(_same(getattr(one, name), getattr(other, name)) for name in names)
+
+    kind.__eq__ = equal  # type: ignore[method-assign]
+    kind.__hash__ = None  # type: ignore[assignment]
+    return kind
 
 
 class Tabular(ABC):
@@ -533,52 +462,48 @@ class Tabular(ABC):
         return dataframe(self._table())
 
 
-class DataSet(Tabular):
-    """Base of data sets: compares by value."""
-
-    def __eq__(self, other: object) -> bool:
-        if type(other) is not type(self):
-            return NotImplemented
-        names = (f.name for f in fields(cast(Any, self)) if f.compare)
-        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
-
-    __hash__ = None  # type: ignore[assignment]  # it holds arrays
-
-
-class TableData(DataSet):
+@by_value
+class TableData(Tabular):
     """A data set with the columns of a `Table`, numbers that hold for all rows, source and provenance."""
 
     _TABLE: ClassVar[Table]
     _WHAT: ClassVar[str]  #: Name of the data set in a message.
+    _NUMBERS: ClassVar[Mapping[str, str]] = {
+        "radius": "mm"
+    }  #: Numbers above 0 for all rows, with their units.
     source: str
     provenance: Mapping[str, Any]
     #: Other columns of the file that it came from, texts by headings. They are neither compared nor written.
     others: Mapping[str, Sequence[str]] = MappingProxyType({})
 
-    def _read(self) -> str:
-        """How it was read from a file of another program, for `__repr__`."""
-        return f"; {self.provenance['read']}" if "read" in self.provenance else ""
+    def _origin(self) -> str:
+        """Source, and how it was read from a file of another program, for `__repr__`."""
+        read = f"; {self.provenance['read']}" if "read" in self.provenance else ""
+        return (f", {self.source!r}" if self.source else "") + read
 
     def _keep(
         self,
         columns: Mapping[str, Any],
-        numbers: Mapping[str, tuple[float | None, str]],
         source: str,
         provenance: Mapping[str, Any] | None,
+        **numbers: float | None,
     ) -> None:
-        """Sets the fields: columns of numbers as read-only copies, numbers above 0 with their units."""
+        """Sets the fields: columns of numbers as read-only copies, source, provenance and numbers for all rows."""
         for name, values in columns.items():
-            if values is not None and self._TABLE.named[name].type is number:
-                values = real(values, name)
+            column = self._TABLE.named[name]
+            if column.type is number and not (values is None and column.optional):
+                given, values = values, real(values, name)
+                if not values.ndim:
+                    raise ValueError(f"{name} must be a list of numbers, got {shown(given)}")
                 refuse(values.ndim != 1, f"{name} must have one dimension: got shape {values.shape}")
                 values.flags.writeable = False
             object.__setattr__(self, name, values)
-        for name, (value, unit) in numbers.items():
-            found = None if value is None else float(real(value, name))
+        for name, value in numbers.items():
+            found = None if value is None else scalar(value, name)
             object.__setattr__(self, name, found)
-            if found is not None and (said := positive(found, unit)):
+            if found is not None and (said := positive(found, self._NUMBERS[name])):
                 raise ValueError(f"{name} {said}")
-        object.__setattr__(self, "source", " ".join(str(source).split()))
+        object.__setattr__(self, "source", " ".join(str(source or "").split()))
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
         first, *others = self._columns().items()
         for name, values in others:
@@ -607,26 +532,35 @@ class TableData(DataSet):
             self._TABLE.named[name].heading: np.asarray(x).tolist() for name, x in self._columns().items()
         }
 
-    def _write(self, file: Path | IO[str], numbers: Mapping[str, float | None], **others: str) -> None:
-        """Writes a CSV file with source, numbers, provenance and other comments above the table."""
-        told: dict[str, object] = {"source": self.source}
-        told |= {key: value for key, value in numbers.items() if value is not None}
-        if self.provenance:
-            told["provenance"] = json.dumps(self.provenance)
-        write(file, told | others, self._table())
+    def _comments(self) -> dict[str, Any]:
+        """What stands above the table in a file."""
+        numbers = {f"{name}_{unit}": getattr(self, name) for name, unit in self._NUMBERS.items()}
+        told = {"provenance": json.dumps(self.provenance)} if self.provenance else {}
+        return {"source": self.source} | {key: x for key, x in numbers.items() if x is not None} | told
+
+    def to_csv(self, file: Path | IO[str]) -> None:
+        """Write a CSV file that `from_csv` reads back without loss.
+
+        Parameters
+        ----------
+        file : path or open text file
+
+        Examples
+        --------
+        >>> import burrlab, sys
+        >>> burrlab.VelocityCurve([0.5, 4], [0.0785, float("nan")], source="two runs").to_csv(sys.stdout)
+        # source: two runs
+        force_N,velocity_mm_s
+        0.5,0.0785
+        4.0,
+        """
+        write(file, self._comments(), self._table())
 
     def __len__(self) -> int:
         return len(getattr(self, self._TABLE.columns[0].name))
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._table())
-
-
-def by_value(kind: type[Made]) -> type[Made]:
-    """Decorator for a dataclass with arrays: objects are equal if all their fields are."""
-    kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
-    kind.__hash__ = None  # type: ignore[assignment]
-    return kind
 
 
 def dataframe(columns: Mapping[str, Any]) -> pandas.DataFrame:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
-from burrlab.bone.specimen import Specimen, Vector, half_space
-from burrlab.common.check import check_positive, real, refuse, require_tool, require_type, seed_or_new
+from burrlab.bone.specimen import Specimen, Vector, checked_spacing, half_space
+from burrlab.common.check import check_positive, refuse, require_tool, require_type, scalar, seed_or_new
 from burrlab.common.progress import LOG, LONG, Progress, duration, foretold, reporter
 from burrlab.common.provenance import provenance
 from burrlab.descent.result import Descent, Series, evaluate
@@ -109,7 +109,7 @@ def descend(
         require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
     if rig is not None:
         require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
-    stop = burr.radius / 3 if stop is None else float(real(stop, "stop"))
+    stop = burr.radius / 3 if stop is None else scalar(stop, "stop")
     for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
         check_positive(name, value)
     period = dt if rig is None or ideal else rig.period
@@ -136,7 +136,7 @@ def descend(
     if rig is None:
         assert material is not None
         if specimen is None:
-            spacing = np.broadcast_to(real(voxel, "voxel"), (3,))
+            spacing = checked_spacing(voxel, "voxel")
             place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
             _foretell_block(burr, spacing, stop)
             specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)

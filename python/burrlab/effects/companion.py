@@ -19,7 +19,7 @@ from burrlab._core import (
     Replica,
     Sucker,
 )
-from burrlab.common.check import real, seed_or_new
+from burrlab.common.check import real, scalar, seed_or_new
 from burrlab.effects.effects import FrameRecord
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.session import Session
@@ -90,7 +90,7 @@ class Companion:
     ) -> None:
         self.parameters = EffectParameters() if parameters is None else parameters
         self.seed = seed_or_new(seed)
-        self.rate = float(real(rate, "rate"))
+        self.rate = scalar(rate, "rate")
         self.budget = budget
         self._process = os.getpid()
         setup: dict[str, Any] = {

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab._core as _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone, read_bricks
-from burrlab.common.check import real, refuse, require_type, seed_or_new
+from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.player import TracePlayer
 
@@ -148,8 +148,8 @@ class Effects:
             density = np.ascontiguousarray(update["density"], np.uint8)
         places = [np.ravel(real(center, "center of a burr")) for center, _ in burrs]
         centers = np.array(places) if places else np.empty((0, 3))
-        radii = np.array([float(real(radius, "radius")) for _, radius in burrs])
-        done = self._core.step(float(real(dt_s, "dt_s")), bricks, density, centers, radii, decision)
+        radii = np.array([scalar(radius, "radius") for _, radius in burrs])
+        done = self._core.step(scalar(dt_s, "dt_s"), bricks, density, centers, radii, decision)
         self._hidden = float("nan")
         if self.camera is not None and len(radii):
             apart = np.linalg.norm(np.asarray(self.camera.position, float) - centers[0])
@@ -220,7 +220,7 @@ class Effects:
             If the camera lies in the burr, or the burr is not finite.
         """
         center, radius = burr
-        return self._core.hidden(camera, real(center, "center of a burr"), float(real(radius, "radius")))
+        return self._core.hidden(camera, real(center, "center of a burr"), scalar(radius, "radius"))
 
     def report(self) -> EffectsReport:
         """Frames, their time, and what was given up."""

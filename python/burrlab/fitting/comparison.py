@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy import special
 
-from burrlab.common.check import refuse
+from burrlab.common.check import refuse, scalar
 from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
@@ -248,10 +248,10 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     refuse(not alike, "all fits must be mean-field ones with the same shape")
     bounded = any(one.given_bounds for one in fits)
     refuse(bounded, "compare needs fits without bounds, for these cut intervals")
-    if margin is not None and not 0 < margin < np.inf:
+    if margin is not None and not 0 < scalar(margin, "margin") < np.inf:
         raise ValueError(f"margin must be positive and finite: got {margin!r}")
     named = [chr(65 + k) for k in range(len(fits))] if names is None else list(names)
-    if len(set(named)) != len(fits) or len(named) != len(fits):
+    if isinstance(names, str) or len(set(named)) != len(fits) or len(named) != len(fits):
         raise ValueError(f"names must be {len(fits)} different texts: got {names!r}")
     sides = [_Side(one) for one in fits]
     places = list(combinations(range(len(fits)), 2))

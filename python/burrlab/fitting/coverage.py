@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from burrlab._core import Material, Shape
-from burrlab.common.check import refuse, require_type, seed_or_new, shown, whole
+from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, shown, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
@@ -83,14 +83,18 @@ class ExperimentPlan:
 
 
 def _series(name: str, what: str, radius: float, values: Sequence[float], repeats: int) -> Series:
-    numbers = tuple(float(value) for value in values)
-    refuse(not (0 < radius < np.inf), f"radius in {name} must be positive and finite: got {radius!r}")
+    numbers = real(values, f"{what} in {name}")
     refuse(
-        not numbers or not all(0 < number < np.inf for number in numbers),
+        not 0 < scalar(radius, f"radius in {name}") < np.inf,
+        f"radius in {name} must be positive and finite: got {radius!r}",
+    )
+    refuse(
+        numbers.ndim != 1 or not numbers.size or not all(0 < number < np.inf for number in numbers),
         f"{what} in {name} must be positive and finite, at least one: got {values!r}",
     )
+    repeats = whole(f"repeats in {name}", repeats, 2**31, "2^31")
     refuse(repeats < 1, f"repeats in {name} must be at least 1: got {repeats!r}")
-    return float(radius), numbers, int(repeats)
+    return float(radius), tuple(numbers.tolist()), repeats
 
 
 def _range(values: tuple[float, ...], noun: str, unit: str) -> str:

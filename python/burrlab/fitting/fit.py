@@ -12,7 +12,7 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.check import refuse, require_type, seed_or_new
+from burrlab.common.check import refuse, require_type, seed_or_new, shown
 from burrlab.common.provenance import provenance
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.hypotheses import Point
@@ -219,9 +219,10 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
     sets = tuple(data) if isinstance(data, (list, tuple)) else (data,)
     for one in sets:
         if not isinstance(one, (VelocityCurve, Indentation, DepthTrace)):
+            way = f"from_csv({one if isinstance(one, str) else 'data.csv'!r})"
             raise TypeError(
                 "data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as "
-                f"VelocityCurve.from_csv('data.csv'), got {one!r}"
+                f"VelocityCurve.{'from_dataframe(frame)' if hasattr(one, 'keys') else way}, got {shown(one)}"
             )
     refuse(not sets, "data must hold at least one data set: got none")
     return sets

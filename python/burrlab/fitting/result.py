@@ -356,6 +356,8 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     TypeError
         If an item is neither.
     """
+    if isinstance(items, VelocityCurve | Fit):
+        items = [items]
     if not isinstance(items, Mapping):
         sources = [getattr(one.data[0] if isinstance(one, Fit) else one, "source", "") for one in items]
         names = [f"{k}: {source}".rstrip(": ") for k, source in enumerate(sources, 1)]

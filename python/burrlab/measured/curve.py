@@ -80,10 +80,10 @@ class VelocityCurve(TableData):
     _TABLE = Table(
         (
             Column("force", "N", check=table.positive, due="a force"),
-            Column("velocity", "mm/s", check=table.positive_or_nan),
-            Column("sigma", "mm/s", check=table.positive_or_nan, optional=True),
-            Column("window_start", "mm", check=table.not_negative_or_nan, optional=True),
-            Column("window_end", "mm", check=table.positive_or_nan, optional=True),
+            Column("velocity", "mm/s", check=table.positive),
+            Column("sigma", "mm/s", check=table.positive, optional=True),
+            Column("window_start", "mm", check=table.not_negative, optional=True),
+            Column("window_end", "mm", check=table.positive, optional=True),
             Column("status", type=str, optional=True),
         ),
         pairs=(("window_start", "window_end"),),
@@ -113,11 +113,12 @@ class VelocityCurve(TableData):
         provenance: Mapping[str, Any] | None = None,
         radius: float | None = None,
     ) -> None:
+        refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
         columns = {
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
         }  # fmt: skip
-        self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
+        self._keep(columns, source, provenance, radius=radius)
         refuse(
             (self.window_start is None) != (self.window_end is None),
             "window_start and window_end go together: one of them is missing",
@@ -185,9 +186,7 @@ class VelocityCurve(TableData):
         >>> curve.velocity, curve.others
         (array([0.0785, 0.498 ]), {'Datum': ('3. Mai', '3. Mai')})
         """
-        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
-        radius = table.number_in_comments(found.name, found.comments, "radius_mm")
-        return found.kept(cls(**found.columns, radius=radius, **found.origin()))
+        return Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file).data(cls)
 
     @classmethod
     def from_dataframe(
@@ -230,27 +229,9 @@ class VelocityCurve(TableData):
         >>> VelocityCurve.from_dataframe(frame, force="F", velocity="v", unit="um/s").velocity
         array([0.0785, 0.498 ])
         """
-        columns = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
-        found = Layout(columns, unit).taken(cls._TABLE, frame)
-        return found.kept(cls(**found.columns, radius=radius, **found.origin() | {"source": source}))
-
-    def to_csv(self, file: Path | IO[str]) -> None:
-        """Write the curve to a CSV file that `from_csv` reads back without loss.
-
-        Parameters
-        ----------
-        file : path or open text file
-
-        Examples
-        --------
-        >>> import sys
-        >>> VelocityCurve([0.5, 4], [0.0785, float("nan")], source="two runs").to_csv(sys.stdout)
-        # source: two runs
-        force_N,velocity_mm_s
-        0.5,0.0785
-        4.0,
-        """
-        self._write(file, {"radius_mm": self.radius})
+        columns = {"force": str(force), "velocity": str(velocity)}
+        columns |= {} if sigma is None else {"sigma": str(sigma)}
+        return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -286,7 +267,5 @@ class VelocityCurve(TableData):
         return ax
 
     def __repr__(self) -> str:
-        source = f", {self.source!r}" if self.source else ""
         forces = f"{self.force.min():g}..{self.force.max():g} N"
-        rows = f"{len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source}"
-        return f"VelocityCurve({rows}{self._read()})"
+        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{self._origin()})"

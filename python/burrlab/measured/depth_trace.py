@@ -6,14 +6,14 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 import burrlab.common.table as table
-from burrlab.common.check import refuse
+from burrlab.common.check import refuse, shown
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
@@ -75,6 +75,7 @@ class DepthTrace(TableData):
         )
     )
     _WHAT = "a depth trace"
+    _NUMBERS: ClassVar[Mapping[str, str]] = {"force": "N", "radius": "mm"}
 
     time: Floats
     immersion: Floats
@@ -96,8 +97,8 @@ class DepthTrace(TableData):
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        numbers = {"force": (force, "N"), "radius": (radius, "mm")}
-        self._keep({"time": time, "immersion": immersion}, numbers, source, provenance)
+        columns = {"time": time, "immersion": immersion}
+        self._keep(columns, source, provenance, force=force, radius=radius)
         self._check_record()
         if start_mm is None:
             start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))
@@ -170,6 +171,8 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_descent(run)
         DepthTrace(1022 samples, 1 N, R = 3 mm, 0.5..1 mm, 'descent, bone')
         """
+        if not hasattr(run, "setpoint"):
+            raise TypeError(f"run must be a Descent, such as descend(burr, bone, 2.0), got {shown(run)}")
         start, end = (None, None) if run.window is None else run.window
         name = "unknown material" if run.material is None else run.material.name
         return cls(
@@ -218,33 +221,19 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
-        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
-        name, comments = found.name, found.comments
+        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
         start, end = None, None
-        if (window := comments.get("window_mm")) is not None:
+        if (window := found.comments.get("window_mm")) is not None:
             try:
                 start, end = map(float, window.split())
             except ValueError:
                 raise ValueError(
-                    f"{name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
+                    f"{found.name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
                 ) from None
-        force = table.agreed_number(name, comments, "force_N", "force", force)
-        radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
-        columns = found.columns | {"force": force, "radius": radius}
-        try:
-            return found.kept(cls(**columns, start_mm=start, end_mm=end, **found.origin()))
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from None
+        return found.data(cls, cls._NUMBERS, force=force, radius=radius, start_mm=start, end_mm=end)
 
-    def to_csv(self, file: Path | IO[str]) -> None:
-        """Write a CSV file that `from_csv` reads back without loss.
-
-        Parameters
-        ----------
-        file : path or open text file
-        """
-        window = f"{self.start_mm!r} {self.end_mm!r}"
-        self._write(file, {"force_N": self.force, "radius_mm": self.radius}, window_mm=window)
+    def _comments(self) -> dict[str, Any]:
+        return super()._comments() | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}
 
     def segments(self, n: int = 5) -> TraceSegments:
         """Penetration velocities in n segments of equal depth between start_mm and end_mm.
@@ -330,9 +319,8 @@ class DepthTrace(TableData):
         return ax
 
     def __repr__(self) -> str:
-        source = f", {self.source!r}" if self.source else ""
-        window = f"{self.start_mm:g}..{self.end_mm:g} mm"
-        return f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, {window}{source}{self._read()})"
+        set_up = f"{self.force:g} N, R = {self.radius:g} mm, {self.start_mm:g}..{self.end_mm:g} mm"
+        return f"DepthTrace({len(self)} samples, {set_up}{self._origin()})"
 
     def _repr_html_(self) -> str:
         rows = samples_between(self.immersion, self.start_mm, self.end_mm)

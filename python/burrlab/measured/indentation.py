@@ -61,7 +61,7 @@ class Indentation(TableData):
         (
             Column("force", "N", check=table.positive, due="a force"),
             Column("depth", "mm", check=table.positive, due="a depth"),
-            Column("sigma", "N", check=table.positive_or_nan, optional=True),
+            Column("sigma", "N", check=table.positive, optional=True),
         )
     )
     _WHAT = "an indentation"
@@ -83,7 +83,7 @@ class Indentation(TableData):
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
         columns = {"force": force, "depth": depth, "sigma": sigma}
-        self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
+        self._keep(columns, source, provenance, radius=radius)
         self._check_rows()
         for i, h in enumerate(self.depth.tolist()):
             refuse(
@@ -129,30 +129,8 @@ class Indentation(TableData):
         >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
         array([0.36])
         """
-        found = Layout(columns, unit, sep, decimal, encoding).read(cls._TABLE, file)
-        radius = table.agreed_number(found.name, found.comments, "radius_mm", "radius", radius)
-        try:
-            return found.kept(cls(**found.columns, radius=radius, **found.origin()))
-        except ValueError as error:
-            raise ValueError(f"{found.name}: {error}") from None
-
-    def to_csv(self, file: Path | IO[str]) -> None:
-        """Write a CSV file that `from_csv` reads back without loss.
-
-        Parameters
-        ----------
-        file : path or open text file
-
-        Examples
-        --------
-        >>> import sys
-        >>> Indentation([0.36], [0.05], 5, source="one reading").to_csv(sys.stdout)
-        # source: one reading
-        # radius_mm: 5.0
-        force_N,depth_mm
-        0.36,0.05
-        """
-        self._write(file, {"radius_mm": self.radius})
+        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
+        return found.data(cls, cls._NUMBERS, radius=radius)
 
     @drawing
     def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
@@ -179,7 +157,6 @@ class Indentation(TableData):
         return ax
 
     def __repr__(self) -> str:
-        source = f", {self.source!r}" if self.source else ""
         spans = [f"{a.min():.3g}..{a.max():.3g}" for a in (self.force, self.depth)]
-        values = f"{spans[0]} N at {spans[1]} mm{source}{self._read()}"
+        values = f"{spans[0]} N at {spans[1]} mm{self._origin()}"
         return f"Indentation({len(self)} rows, R = {self.radius:g} mm, {values})"

@@ -6,14 +6,26 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
-from typing import IO, Any, NamedTuple, TypeVar
+from typing import IO, Any, TypeVar
+
+import numpy as np
 
 from burrlab.common.check import refuse, shown
-from burrlab.common.table import Column, Path, Table, TableData, listed, origin, refuse_all, tell, text_of
+from burrlab.common.table import (
+    Column,
+    Path,
+    Table,
+    TableData,
+    listed,
+    number_in_comments,
+    origin,
+    refuse_all,
+    text_of,
+)
 
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 _SEARCHED = 1000  # lines in which the headings may stand
@@ -39,105 +51,35 @@ _TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit
 Made = TypeVar("Made", bound=TableData)
 
 
-class Found(NamedTuple):
-    """What a table holds: its file's name, comments, columns by our names, other columns by headings, a note."""
-
-    name: str
-    comments: dict[str, str]
-    columns: dict[str, Any]
-    others: dict[str, list[str]]
-    note: str
-
-    def origin(self) -> dict[str, Any]:
-        """Source, and provenance with the note as "read"."""
-        kept = origin(self.name, self.comments)
-        return {**kept, "provenance": kept.get("provenance", {}) | {"read": self.note}} if self.note else kept
-
-    def kept(self, data: Made) -> Made:
-        """The data set with the other columns as `others`."""
-        object.__setattr__(data, "others", {name: tuple(texts) for name, texts in self.others.items()})
-        return data
-
-
-@dataclass(frozen=True)
 class Layout:
-    """How a table of another program is laid out; `VelocityCurve.from_csv` tells what the fields are."""
+    """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
-    columns: Mapping[str, str] | None = None
-    unit: str | Mapping[str, str] | None = None
-    sep: str | None = None
-    decimal: str | None = None
-    encoding: str | None = None
-
-    def read(self, table: Table, file: Path | IO[str] | IO[bytes]) -> Found:
-        """The table in a file; one of our own if nothing is said about the layout.
-
-        Raises
-        ------
-        ValueError
-            With every fault of the file, each with its line and column.
-        OSError
-            If the file cannot be read.
-        """
-        others: dict[str, list[str]] = {}
-        if not any((self.columns, self.unit, self.sep, self.decimal, self.encoding)):
-            try:
-                name, comments, columns = table.read(file, others)
-            except ValueError as error:
-                foreign = re.search("text file in UTF-8|unknown column|separator must be", str(error))
-                raise ValueError(f"{error}{_FOREIGN if foreign else ''}") from None
-            return Found(name, comments, columns, others, _apart(others) if others else "")
-        reading, as_text = _Reading(self, table), isinstance(file, io.TextIOBase)
-        refuse(self.encoding and as_text, "encoding must be left out for a file that is open as text")
-        name, text = text_of(file, self.encoding or "utf-8-sig")
-        lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
-        head, start, sep, headings = reading.headings_of(name, lines)
-        comments = {}
-        for line in lines[:head]:
-            key, colon, value = line[1:].partition(":")
-            if line.startswith("#") and colon:
-                comments[key.strip()] = value.strip()
-        above = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
-        reading.passed["lines above the headings"] = above
-        rows = _records(lines, start, sep)
-        found = reading.columns(name, "line", headings, rows, f"{name}, line {head + 1}")
-        told = f"; separated by {_SEPARATORS[sep]}" if self.sep is None else ""
-        return Found(name, comments, found, reading.others, reading.note(told))
-
-    def taken(self, table: Table, frame: Any) -> Found:
-        """The table in a DataFrame, or in a mapping of columns. Errors are those of `read`."""
-        reading, name = _Reading(self, table), type(frame).__name__
-        headings = [" ".join(str(heading).split()) for heading in frame]
-        if missing := [told for key, told in reading.due.items() if key not in map(_key, headings)]:
-            raise ValueError(f"{name}: no column is {', '.join(missing)}; there are {listed(headings)}")
-        if hasattr(frame, "itertuples"):
-            rows = frame.itertuples(index=False, name=None)
-        else:
-            rows = zip(*frame.values(), strict=True)
-        texts = enumerate(([_cell(value) for value in row] for row in rows), start=1)
-        found = reading.columns(name, "row", headings, texts, name)
-        return Found("", {}, found, reading.others, reading.note(""))
-
-
-class _Reading:
-    """One reading: the columns that are asked for, their units, and what it passes over."""
-
-    def __init__(self, layout: Layout, table: Table) -> None:
-        self.table, self.decimal = table, layout.decimal or "."
+    def __init__(
+        self, table: Table, columns: Mapping[str, str] | None, unit: str | Mapping[str, str] | None,
+        sep: str | None = None, decimal: str | None = None, encoding: str | None = None,
+    ) -> None:  # fmt: skip
+        self.table, self.decimal, self.encoding = table, decimal or ".", encoding
+        self.own = not any((columns, unit, sep, decimal, encoding))
+        for what, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
+            refuse(not isinstance(text, str | None), f"{what} must be a text: got {shown(text)}")
         self.group = "." if self.decimal == "," else ","
-        self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(layout.sep, layout.sep or "")
-        refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(layout.decimal)}")
+        self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
+        refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
         refuse(
             len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
-            f"sep must be one character, or tab: got {shown(layout.sep)}",
+            f"sep must be one character, or tab: got {shown(sep)}",
         )
-        columns, unit = layout.columns or {}, layout.unit or {}
+        columns, unit = columns or {}, unit or {}
+        for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
+            texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in named.values())
+            refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
+        self.takers: dict[str, str] = {}  #: Columns that a unit for all can be of.
         if isinstance(unit, str):
-            takers = [name for name, own in self.units.items() if unit in UNITS[own]]
+            self.takers = {name: unit for name, own in self.units.items() if unit in UNITS[own]}
             fine = dict.fromkeys(one for own in self.units.values() for one in UNITS[own])
-            refuse(not takers, f"unit must be one of {', '.join(fine)}: got {shown(unit)}")
-            self.units |= dict.fromkeys(takers, unit)
+            refuse(not self.takers, f"unit must be one of {', '.join(fine)}: got {shown(unit)}")
+            self.units |= self.takers
             unit = {}
         for what, given, names in (("columns", columns, table.named), ("unit", unit, self.units)):
             for ours in given:
@@ -152,12 +94,85 @@ class _Reading:
         self.due = {_key(self.asked[ours]): self.asked[ours] for ours in due}
         self.hint = _give("columns", dict.fromkeys(due, "its heading"))
         refuse(len(self.due) < len(due), f"columns must differ: got {', '.join(self.asked[o] for o in due)}")
-        self.others: dict[str, list[str]] = {}
+        self.name, self.note = "", ""  #: Of the file; what was read from where, converted and passed over.
+        self.comments: dict[str, str] = {}
+        self.columns: dict[str, Any] = {}  #: By our names.
+        self.others: dict[str, list[str]] = {}  #: By their headings.
         self.passed: Counter[str] = Counter()
         self.wrong: dict[str, str] = {}  #: Units to be given.
-        self.read: list[Column] = []
 
-    def headings_of(self, name: str, lines: list[str]) -> tuple[int, int, str, list[str]]:
+    def file(self, file: Path | IO[str] | IO[bytes]) -> Layout:
+        """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""
+        if self.own:
+            try:
+                self.name, self.comments, self.columns = self.table.read(file, self.others)
+            except ValueError as error:
+                foreign = re.search("text file in UTF-8|unknown column|separator must be", str(error))
+                raise ValueError(f"{error}{_FOREIGN if foreign else ''}") from None
+            self.note = _apart(self.others) if self.others else ""
+            return self
+        refuse(
+            self.encoding and isinstance(file, io.TextIOBase),
+            "encoding must be left out for a file that is open as text",
+        )
+        self.name, text = text_of(file, self.encoding or "utf-8-sig")
+        lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
+        head, start, sep, headings = self.headings_of(lines)
+        for line in lines[:head]:
+            key, colon, value = line[1:].partition(":")
+            if line.startswith("#") and colon:
+                self.comments[key.strip()] = value.strip()
+        above = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
+        self.passed["lines above the headings"] = above
+        self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
+        return self.noted(f"; separated by {_SEPARATORS[sep]}" if not self.sep else "")
+
+    def frame(self, frame: Any) -> Layout:
+        """Takes a DataFrame, or a mapping of columns; ValueError with all its faults."""
+        kind = type(frame).__name__
+        if not isinstance(frame, Mapping) and not hasattr(frame, "itertuples"):
+            raise TypeError(
+                f"frame must be a DataFrame or a mapping (a file is for from_csv), got {shown(frame)}"
+            )
+        headings = [" ".join(str(heading).split()) for heading in frame]
+        if missing := [told for key, told in self.due.items() if key not in map(_key, headings)]:
+            raise ValueError(f"{kind}: no column is {', '.join(missing)}; there are {listed(headings)}")
+        if hasattr(frame, "itertuples"):
+            rows = frame.itertuples(index=False, name=None)
+        else:
+            sizes = {np.shape(values)[:1] for values in frame.values()}
+            refuse(len(sizes) > 1 or () in sizes, f"{kind}: columns must be lists of one length")
+            rows = zip(*frame.values(), strict=True)
+        texts = enumerate(([_cell(value) for value in row] for row in rows), start=1)
+        self.read(kind, "row", headings, texts, kind)
+        return self.noted("")
+
+    def data(self, kind: type[Made], needed: Collection[str] = (), **given: Any) -> Made:
+        """The data set, with source, provenance (the note as "read") and the other columns as `others`.
+
+        Numbers for all rows come from the file's comments or `given`, which must agree; those `needed` from one.
+        """
+        kept = origin(self.name, self.comments)
+        if self.note:
+            kept["provenance"] = kept.get("provenance", {}) | {"read": self.note}
+        for name, unit in kind._NUMBERS.items():
+            key, asked = f"{name}_{unit}", given.get(name)
+            noted = number_in_comments(self.name, self.comments, key)
+            if name in needed and noted is None and asked is None:
+                add = f"add the comment '# {key}: ...' or give {name}="
+                raise ValueError(f"{self.name}: the {name} is unknown: {add}")
+            if None not in (noted, asked) and noted != asked:
+                rule = f"{name} must be the {noted!r} of the comment '# {key}:' in the file"
+                raise ValueError(f"{self.name}: {rule}: got {shown(asked)}")
+            given[name] = asked if noted is None else noted
+        try:
+            made = kind(**self.columns, **kept | given)
+        except ValueError as error:
+            raise ValueError(f"{self.name}: {error}" if self.name else str(error)) from None
+        object.__setattr__(made, "others", {name: tuple(texts) for name, texts in self.others.items()})
+        return made
+
+    def headings_of(self, lines: list[str]) -> tuple[int, int, str, list[str]]:
         """Index of the line of headings, index of the line below them, the separator, and the headings."""
         best: tuple[int, int, int, list[str]] = (0, 0, 0, [])
         for place, line in enumerate(lines[:_SEARCHED]):
@@ -171,26 +186,28 @@ class _Reading:
                 best = max(best, (len(self.due.keys() & keys), words, -place, fields))
         there = f"; line {1 - best[2]} has {listed(filter(None, best[3]))}" if best[:2] > (0, 1) else ""
         due = ", ".join(self.due.values())
-        raise ValueError(f"{name}: no line of headings has {due}{there}: {self.hint}")
+        raise ValueError(f"{self.name}: no line of headings has {due}{there}: {self.hint}")
 
-    def columns(
+    def read(
         self, name: str, kind: str, headings: list[str], records: Iterable[tuple[int, list[str]]], head: str
-    ) -> dict[str, Any]:
-        """Columns by our names; `others` gets the other ones. ValueError with all faults."""
+    ) -> None:
+        """Fills `columns` and `others` from the records; ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
         places = {ours: keys.index(_key(told)) for ours, told in self.asked.items() if _key(told) in keys}
+        if self.takers and not self.takers.keys() & places.keys():
+            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in places.values())
+            faults.append(f"{head}: unit must be one that a column can have ({there}): got {unit!r}")
         for ours, i in places.items():
             if keys.count(keys[i]) > 1:
-                tell(faults, f"{head}: column {headings[i]} is there twice")
+                faults.append(f"{head}: column {headings[i]} is there twice")
             if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
-                tell(faults, f"{head}: column {headings[i]} {said}")
+                faults.append(f"{head}: column {headings[i]} {said}")
         columns = (
             replace(one, type=partial(self.value, one), told=headings[places[name]] if name in places else "")
             for name, one in self.table.named.items()
         )
         self.table = replace(self.table, columns=tuple(columns))
-        for said in self.table.unpaired([headings[i] for i in places.values()]):
-            tell(faults, f"{head}: {said}")
+        faults += (f"{head}: {said}" for said in self.table.unpaired([headings[i] for i in places.values()]))
         rest = {i: one for i, one in enumerate(headings) if i not in places.values()}
         for i, one in rest.items():
             if not one or keys.count(keys[i]) > 1:
@@ -209,7 +226,7 @@ class _Reading:
                     self.passed["repeated headings"] += 1
                     first = True
                 elif len(fields) <= max(places.values()) or any(fields[len(headings) :]):
-                    tell(faults, f"{where}: {len(headings)} fields are due, found {len(fields)}")
+                    faults.append(f"{where}: {len(headings)} fields are due, found {len(fields)}")
                 else:
                     texts = {ours: fields[i] for ours, i in places.items()}
                     if first and self.units_in(where, texts, faults):
@@ -219,20 +236,26 @@ class _Reading:
                         self.others[label].append(fields[i] if i < len(fields) else "")
                     yield where, texts
 
-        found = self.table.checked(rows(), faults)
-        refuse(not found and not faults, f"{name}: there is no row below the headings")
-        self.read = [self.table.named[ours] for ours in places]
-        changed = {
-            one.name: self.units[one.name]
-            for one in self.read
-            if self.units.get(one.name, one.unit) != one.unit
-        }
+        self.columns = self.table.checked(rows(), faults)
+        refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
+        changed = {ours: unit for ours, unit in self.units.items() if ours in places}
+        changed = {ours: unit for ours, unit in changed.items() if unit != self.table.named[ours].unit}
         hint = f": {_give('unit', changed | self.wrong)}" if self.wrong else ""
         if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
             hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
         refuse_all(name, faults, hint)
         self.others = {label: texts for label, texts in self.others.items() if label[0] != "(" or any(texts)}
-        return found
+
+    def noted(self, told: str) -> Layout:
+        """With the note of what was read, told, passed over and kept apart."""
+        parts = []
+        for ours in self.columns:
+            unit = f" in {self.units[ours]}" if ours in self.units else ""
+            parts.append(f"{ours} from {self.table.named[ours].heading}{unit}")
+        passed = ", ".join(f"{what} ({n})" for what, n in self.passed.items() if n)
+        told += f"; passed over: {passed}" if passed else ""
+        self.note = ", ".join(parts) + told + (f"; {_apart(self.others)}" if self.others else "")
+        return self
 
     def wrong_unit(self, ours: str, heading: str) -> str:
         """What is wrong with the unit that a heading tells, "" for nothing."""
@@ -257,7 +280,7 @@ class _Reading:
             return False
         for ours, text in told.items():
             if said := self.wrong_unit(ours, text if re.match(r"\W", text) else f"[{text}]"):
-                tell(faults, f"{where}, column {self.table.named[ours].heading}: {said}")
+                faults.append(f"{where}, column {self.table.named[ours].heading}: {said}")
         self.passed["lines of units"] += 1
         return True
 
@@ -287,14 +310,6 @@ class _Reading:
                 self.passed["marks between thousands"] += 1
                 whole = joined
         return f"{whole}.{part}" if point else whole
-
-    def note(self, told: str) -> str:
-        """What was read from where, converted and passed over, in one line."""
-        units = {name: f" in {unit}" for name, unit in self.units.items()}
-        parts = [f"{one.name} from {one.heading}{units.get(one.name, '')}" for one in self.read]
-        passed = ", ".join(f"{what} ({n})" for what, n in self.passed.items() if n)
-        told += f"; passed over: {passed}" if passed else ""
-        return ", ".join(parts) + told + (f"; {_apart(self.others)}" if self.others else "")
 
 
 def _apart(others: Mapping[str, object]) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material
-from burrlab.common.check import real, refuse, require_tool, seed_or_new, whole
+from burrlab.common.check import real, refuse, require_tool, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.common.table import Floats
 from burrlab.measured.curve import VelocityCurve
@@ -59,12 +60,12 @@ def synthetic_curve(
     >>> burrlab.synthetic_curve(burrlab.Burr(3.0), burrlab.materials["bone"], [0.5, 1.0], seed=1)
     VelocityCurve(6 rows, 6 with a velocity, 0.5..1 N, 'synthetic, seed 1: bone, mean-field, scatter 8 %')
     """
+    require_tool(burr, material)
     force = np.atleast_1d(real(forces, "forces"))
     refuse(
         force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()),
         f"forces must be finite and above 0 N: got {forces!r}",
     )
-    require_tool(burr, material)
     seed = seed_or_new(seed)
 
     mean = np.asarray(penetration_velocity(burr, material, force))
@@ -122,12 +123,12 @@ def synthetic_indentation(
     >>> burrlab.synthetic_indentation(burrlab.Burr(5.0), burrlab.materials["bone"], [0.05, 0.1], seed=1)
     Indentation(2 rows, R = 5 mm, 0.0555..0.16 N at 0.05..0.1 mm, 'synthetic, seed 1: bone, Eq. 3, scatter 10 %')
     """
+    require_tool(burr, material)
     depth = np.atleast_1d(real(depths, "depths"))
     refuse(
         depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all(),
         f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}",
     )
-    require_tool(burr, material)
     seed = seed_or_new(seed)
 
     force = material.c_e * burr.radius**2 * (depth / burr.radius) ** 1.5  # Eq. 3
@@ -191,12 +192,9 @@ def synthetic_trace(
     """
     for name, value in (("run_scatter", run_scatter), ("noise", noise), ("step", step)):
         _check_not_negative(name, value)
-    refuse(
-        not (np.isfinite(sample_ms) and sample_ms > 0),
-        f"sample_ms must be finite and above 0: got {sample_ms!r}",
-    )
+    between = scalar(sample_ms, "sample_ms")
+    refuse(not 0 < between < np.inf, f"sample_ms must be finite and above 0: got {sample_ms!r}")
     descent = mean_field_descent(burr, material, force)
-    require_tool(burr, material)
     seed = seed_or_new(seed)
 
     random = np.random.default_rng(seed)
@@ -216,13 +214,15 @@ def synthetic_trace(
 
 
 def _check_not_negative(name: str, value: float) -> None:
-    refuse(not (np.isfinite(value) and value >= 0), f"{name} must be finite and not negative: got {value!r}")
+    refuse(not 0 <= scalar(value, name) < np.inf, f"{name} must be finite and not negative: got {value!r}")
 
 
 def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:
     """Each value `repeats` times with log-normal scatter; z of row k of value i depends on (seed, i, k)."""
     refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1: got {repeats!r}")
     _check_not_negative("scatter", scatter)
+    if scatter > 1:
+        warnings.warn(f"scatter = {scatter:g} is {100 * scatter:g} %; 8 % is 0.08", stacklevel=3)
     rows = [(i, k) for i in range(len(values)) for k in range(repeats)]
     z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])
     return np.repeat(values, repeats) * np.exp(scatter * z)

@@ -19,7 +19,7 @@ from burrlab._core import __version__
 from burrlab.common.check import refuse
 from burrlab.common.files import lock_run, locked, new_part, sync_folder, synced_write, write_synced
 from burrlab.common.records import in_one_line
-from burrlab.common.table import DataSet, html_table
+from burrlab.common.table import Tabular, by_value, html_table
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
     REQUIRED,
@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     import pandas
 
 
+@by_value
 @dataclass(frozen=True, eq=False, repr=False)
-class Answers(DataSet):
+class Answers(Tabular):
     """The answers of one subject in one task.
 
     Attributes

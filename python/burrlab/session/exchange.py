@@ -38,6 +38,7 @@ SCRIPT = csv_text.Table(
             "on",
             check=lambda value, unit: None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}",
             optional=True,
+            due="0 or 1",
         ),
     )
 )

@@ -11,7 +11,7 @@ from typing import Any
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.recipe import block_recipe, make_bone, volume_recipe, whole_number
-from burrlab.common.check import real, refuse, whole
+from burrlab.common.check import refuse, scalar, whole
 from burrlab.common.records import UNREADABLE as _UNREADABLE
 from burrlab.common.records import check_texts, in_one_line
 from burrlab.session.trace import json_text
@@ -91,7 +91,7 @@ def follow(
     FileNotFoundError
         If the volume is not here.
     """
-    port, timeout = whole("port", port, 2**16, "2^16"), float(real(timeout, "timeout"))
+    port, timeout = whole("port", port, 2**16, "2^16"), scalar(timeout, "timeout")
     refuse(not timeout > 0, f"timeout must be positive, got {timeout!r}")
     replica = Replica(host, port)
     until = time.monotonic() + timeout

@@ -25,7 +25,7 @@ from burrlab._core import (
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import told_notes
-from burrlab.common.check import real, refuse, require_type, seed_or_new, whole
+from burrlab.common.check import refuse, require_type, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
 from burrlab.session.network import open_publisher
@@ -155,10 +155,10 @@ class Session:
         self.seed = seed_or_new(seed)
         tick = whole("tick", tick, _EXACT, "2^53")
         # The numbers may be NumPy's; JSON knows only Python's.
-        rate, force_limit = float(real(rate, "rate")), float(real(force_limit, "force_limit"))
-        slew_limit = float(real(slew_limit, "slew_limit"))
-        coupling = None if coupling is None else float(real(coupling, "coupling"))
-        duration = None if duration is None else float(real(duration, "duration"))
+        rate, force_limit = scalar(rate, "rate"), scalar(force_limit, "force_limit")
+        slew_limit = scalar(slew_limit, "slew_limit")
+        coupling = None if coupling is None else scalar(coupling, "coupling")
+        duration = None if duration is None else scalar(duration, "duration")
         refuse(not rate > 0, f"rate must be positive, got {rate!r}")
         refuse(
             wall_clock and rate < _LEAST_RATE,
@@ -258,7 +258,7 @@ class Session:
 
         Can be interrupted.
         """
-        left = float("inf") if seconds is None else float(real(seconds, "seconds"))
+        left = float("inf") if seconds is None else scalar(seconds, "seconds")
         while not self._done.is_set() and left > 0:
             self._done.wait(min(left, 0.1))
             left -= 0.1

@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
-from burrlab.common.check import real, refuse, require_tool
+from burrlab.common.check import real, refuse, require_tool, scalar
 from burrlab.common.figures import POSITION, axes_or_new, drawing, styled
 
 if TYPE_CHECKING:
@@ -151,8 +151,8 @@ def mean_field_descent(
     (0.499, (0.5, 1.0))
     """
     require_tool(burr, material)
-    R, stop_mm = burr.radius, WINDOW_STOP * burr.radius if stop is None else float(real(stop, "stop"))
-    force = float(positive("force", force))
+    R, stop_mm = burr.radius, WINDOW_STOP * burr.radius if stop is None else scalar(stop, "stop")
+    force = scalar(positive("force", force), "force")
     positive("alpha of the material", material.alpha)
     refuse(not 0 < stop_mm <= R, f"stop must be above 0 and at most R = {R:g} mm, got {stop_mm:g}")
     unit = material.c_e * R**2

@@ -1,6 +1,7 @@
 """All plots: they take ax, label and color, share their Axes, and their legends cover no data."""
 
 import re
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -22,7 +23,7 @@ PLOTS = [
     "depth trace.plot", "mean field.plot", "shapes.plot", "shapes.plot_power", "metrics.plot", "anatomy.plot",
     "descent.plot", "design.plot", "scatter.plot", "target.plot", "session.plot", "psychometric.plot",
     "scored.plot_scores", "scored.plot_intervals", "scored.plot_d_prime", "thresholds.plot_thresholds",
-    "slices.plot", "map.plot", "curves.plot", "compared.plot",
+    "slices.plot", "map.plot", "curves.plot", "compared.plot", "near many.plot",
 ]  # fmt: skip
 
 
@@ -57,11 +58,20 @@ def results():
         "slices": partial(plot_slices, block, (2, 2, 1), radii=[3.0], centers=[(2, 2, 3)], note="at 0.5 s"),
         "map": partial(plot_depth_map, block), "curves": partial(burrlab.plot_curves, four()),
     }  # fmt: skip
+    one = objects()["anatomy"]
+    doses = np.repeat(one.watched.doses, 15, axis=1)
+    doses["closest_mm"] += np.arange(15)[::-1]
+    rows = [{"name": f"nerve {i}", "injury_mm3": 0.0} for i in range(15)]
+    names, watched = (
+        tuple(row["name"] for row in rows),
+        replace(one.watched, doses=doses, removed=np.zeros(15, int)),
+    )
+    many = replace(one, structures=names, tissues=names, settings={"structures": rows}, watched=watched)
     return objects() | {name: type("Picture", (), {"plot": staticmethod(draw)}) for name, draw in drawn.items()} | {
         "design": burrlab.design(objects()["fit"], [0.6, 1.2, 2.0], [2.0, 3.0], 2, static=[0.2]),
         "scatter": burrlab.predicted_scatter(BURR, BONE, [0.8, 1.6], burrlab.BoneField(), repeats=3, voxel=0.4, seed=1),
         "target": compare_with_target(LABELLED, REGION), "session": session.report(), "scored": only(FOUR),
-        "compared": burrlab.compare(*list(four().values())[:2], margin=0.2),
+        "near many": many, "compared": burrlab.compare(*list(four().values())[:2], margin=0.2),
         "psychometric": psychometric_function([1.1, 1.3, 1.6], [11, 15, 19], [20, 20, 20]),
         "thresholds": thresholds((1.2, (1.1, 1.3)), (1.3, None), (1.25, None), design={"parameter": "c_e"}),
     }  # fmt: skip
@@ -100,7 +110,8 @@ def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
         for part in (*one.lines, *one.collections, *one.patches):
             offsets = getattr(part, "get_offsets", lambda: [[0, 0]])()
             paths = part.get_paths() if hasattr(part, "get_paths") else [part.get_path()]
-            if len(offsets) == 1 and part.get_zorder() >= 1:
+            seen = box.overlaps(one.bbox) or not part.get_clip_on()
+            if seen and len(offsets) == 1 and part.get_zorder() >= 1:
                 shapes = [part.get_transform().transform_path(path) for path in paths if len(path.vertices)]
                 meet = box.count_contains if part in one.lines and part.get_linestyle() == "None" else None
                 assert not any(
@@ -132,6 +143,19 @@ def test_a_plot_shares_its_axes(name):
     ]
     colours = [np.atleast_2d(to_rgba(look) if isinstance(look, str) else look) for look in looks if len(look)]
     assert any(np.allclose(row[:3], to_rgba("#123456")[:3]) for rows in colours for row in rows)
+
+
+def test_of_many_structures_the_nearest_are_shown():
+    top, bottom = drawn("near many.plot")
+    assert (
+        words([top])
+        == [f"nerve {i}" for i in range(10, 15)]
+        == [text.get_text() for text in bottom.get_yticklabels()]
+    )
+    assert top.get_legend().get_window_extent().y1 < top.bbox.y0
+    said, report = "10 structures farther away are left out", results()["near many"]
+    assert (top.get_title(), said in str(report), "0    nerve 9 " in str(report)) == (said, True, False)
+    assert "0    nerve 0 " in report.table()
 
 
 def test_old_names_of_ax_warn():

@@ -323,7 +323,7 @@ class DepthTrace(TableData):
             if i % 2 == 0:
                 ax.axvspan(t[0], t[-1], color="0.93", zorder=0)
             line = level[rows].mean() + segments.velocity[i] * (t - t.mean())
-            ax.plot(t, line, color=VELOCITY, linewidth=1.4)
+            ax.plot(t, line, color=VELOCITY, linewidth=1.4, label=None if i else f"slopes of {n} segments")
         ax.set(xlabel="time [s]", ylabel="immersion [mm]")
         if not ax.yaxis_inverted():
             ax.invert_yaxis()

@@ -171,7 +171,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         some = any(interval is not None for *_, interval in found) or group is not None
         said = f", {100 * self.level:g} % interval" if some else ""
         what = self.design.get("parameter", "the parameter")
-        ax.set_xlabel(f"threshold, ratio of {what} to the reference{said}")
+        ax.set_xlabel(f"threshold, {what} over the reference's [1]{said}")
         return of_subjects(ax, names, rows, self.title)
 
     def __repr__(self) -> str:

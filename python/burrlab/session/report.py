@@ -191,13 +191,12 @@ class SessionReport:
             if counts.any():
                 counts, edges = _coarser(counts, edges)
                 axes.stairs(counts, edges, **{"color": FORCE, "fill": True, **style})
-                axes.set(xscale="log", yscale="log", ylim=(0.5, 40 * counts.max()))  # room for the labels
-                for i, q in enumerate(_QUANTILES):
+                axes.set(xscale="log", yscale="log", ylim=(0.5, 4 * counts.max()))
+                for q, line in zip(_QUANTILES, ("-", "--", ":"), strict=True):
                     value = self.times[name][_key(q)]
-                    axes.axvline(value, color=REFERENCE, linewidth=0.8, linestyle="--")
-                    axes.annotate(f"{_key(q)}: {value:.3g}", (value, 0.98 - 0.09 * i), xycoords=("data", "axes fraction"),
-                                  xytext=(-3, 0), textcoords="offset points", ha="right", va="top", fontsize=8,
-                                  color=REFERENCE, bbox={"color": "white", "pad": 0.5})  # fmt: skip
+                    axes.axvline(value, color=REFERENCE, linestyle=line, label=f"{_key(q)}: {value:.3g} µs")
+            else:
+                axes.text(0.5, 0.5, "not measured", ha="center", transform=axes.transAxes)
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
         return all_axes
 

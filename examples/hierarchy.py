@@ -88,7 +88,7 @@ def main(path: str) -> None:
     q = bone.density
     y = round(center[1] / VOXEL)
     figure, (wide, close) = plt.subplots(
-        2, 1, figsize=(8, 8.2), layout="constrained", height_ratios=[1, 1.25]
+        2, 1, figsize=(7, 7.4), layout="constrained", height_ratios=[1, 1.25]
     )
     extent = (-VOXEL / 2, (q.shape[2] - 0.5) * VOXEL, -VOXEL / 2, (q.shape[0] - 0.5) * VOXEL)
     bone_tint = ListedColormap(np.array([[0.25, 0.25, 0.25, 0.45 * i / 255] for i in range(256)]))
@@ -107,7 +107,7 @@ def main(path: str) -> None:
             Patch(
                 fc=OCCUPIED,
                 ec="0.45",
-                label="block that holds bone: one word, a bit for each of its 4³ bricks",
+                label="block that holds bone: a bit for each of its 4³ bricks",
             ),
             Patch(fc="none", ec="k", lw=1.6, label="block of 4³ blocks: a word above, a bit for each"),
             Line2D([], [], color="crimson", label="burr, R = 5 mm, moving right at 20 mm/s"),

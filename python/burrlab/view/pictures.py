@@ -174,10 +174,13 @@ def plot_slices(
     handles: list[Artist] = [*_tissue_handles(bone, images)]
     if any(axes.patches for axes in made):
         handles.append(Line2D([], [], **look | {"marker": "o", "fillstyle": "none", "linestyle": ""}))
-    if handles:
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False, fontsize=8
+    for columns in range(min(len(handles), 7), 0, -1):  # as many as fit
+        legend = figure.legend(
+            handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=8
         )
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
     return made
 
 

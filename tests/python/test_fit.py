@@ -357,7 +357,7 @@ def test_plot_of_the_region():
 def test_plot_of_a_profile(name, direction, names):
     result = fitted(*names)
     ax = result.plot_profile(name)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == (LABELS[name], "rise of $-2 \\log L$ [1]")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (LABELS[name], "rise of $-2 \\log L$")
     texts = {text.get_text() for text in ax.texts}
     assert {"68 %", "95 %", "99.7 %"} <= texts
     assert ("open above" in texts) == (names == ("ridge",))

@@ -114,36 +114,6 @@ def dose_table(doses: Sequence[Dose]) -> str:
     return "\n".join(lines)
 
 
-def dose_figure(
-    doses: Sequence[Dose], colours: Mapping[str, tuple[int, int, int]], ax: Panels = None,
-    label: str | None = None, **style: Any,
-) -> list[Axes]:  # fmt: skip
-    """Charts of time within a distance, a line a structure (dashed: second burr), and of forces near it."""
-    top, bottom = panels(ax, (2, 1), (6.4, 5.6))
-    names = [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses]
-    for name, d in zip(names, doses, strict=True):
-        colour = tuple(0.85 * part / 255.0 for part in colours.get(d.structure, (0, 0, 0)))
-        look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
-        times = list(d.time_within), list(d.time_within.values())
-        top.plot(*times, label=f"{label}, {name}" if label else name, **look)
-    top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
-    if doses:
-        top.legend()
-    rows = np.arange(len(doses))
-    for i, edge in enumerate(NEAR):
-        at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
-        shade = str(0.35 + 0.3 * i)
-        bottom.barh(
-            at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
-        )
-        bottom.plot([d.mean_force[edge] for d in doses], at, "|", color=VELOCITY, markersize=8,
-                    label="mean" if i == 0 else None)  # fmt: skip
-    bottom.set_yticks(rows, names)
-    bottom.invert_yaxis()
-    bottom.set(xlabel="force [N]", xlim=(0, None))
-    return [top, bottom]
-
-
 #: Least time that the report calls a touch [s], and least volume for an injury [mm^3]; ours. A hand does not
 #: answer to a shorter contact. A segmentation knows its surface to half a voxel: at 0.2 mm a dent of that
 #: depth h, by a burr of R = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
@@ -339,12 +309,34 @@ class AnatomyReport:
     def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> list[Axes]:
         """Charts of the time within a distance of structures, and of the force there.
 
-        Drawn are the five structures that burrs came nearest to; the title says how many are left out. `ax` is a figure or two Axes; `label` is said before each structure, `style` is that of the lines.
+        Drawn are the five structures that burrs came nearest to; the title says how many are left out. A second
+        burr's lines are dashed. `ax` is a figure or two Axes, `label` is said before each structure.
         """
         doses, others = self._shown
-        drawn = dose_figure(doses, self.colours, ax, label, **style)
-        drawn[0].set_title(others)
-        return drawn
+        top, bottom = panels(ax, (2, 1), (6.4, 5.6))
+        names = [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses]
+        for name, d in zip(names, doses, strict=True):
+            colour = tuple(0.85 * part / 255.0 for part in self.colours.get(d.structure, (0, 0, 0)))
+            look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
+            times = list(d.time_within), list(d.time_within.values())
+            top.plot(*times, label=f"{label}, {name}" if label else name, **look)
+        top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
+        if doses:
+            top.legend()
+        rows = np.arange(len(doses))
+        for i, edge in enumerate(NEAR):
+            at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
+            shade = str(0.35 + 0.3 * i)
+            bottom.barh(
+                at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
+            )
+            bottom.plot([d.mean_force[edge] for d in doses], at, "|", color=VELOCITY, markersize=8,
+                        label="mean" if i == 0 else None)  # fmt: skip
+        bottom.set_yticks(rows, names)
+        bottom.invert_yaxis()
+        bottom.set(xlabel="force [N]", xlim=(0, None))
+        top.set_title(others)
+        return [top, bottom]
 
 
 def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:

@@ -168,7 +168,11 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         given = signature.bind(*args, **kwargs).arguments.get("ax")
         listed = getattr(given, "axes", given)  # of a figure, or of Axes themselves
         there = list(np.ravel(np.asarray(listed, dtype=object))) if listed is not None else []
-        before = {one: (one.get_xlim(), one.get_ylim()) for one in there if _used(one)}
+        before = {
+            one: (one.get_xlim(), one.get_ylim())
+            for one in there
+            if one.has_data() or not (one.get_autoscalex_on() and one.get_autoscaley_on())
+        }
         made = draw(*args, **kwargs)
         for one in made if isinstance(made, list) else [made]:
             for name, limits in zip("xy", before.get(one, ()), strict=False):
@@ -185,10 +189,6 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         return made
 
     return drawn
-
-
-def _used(axes: Axes) -> bool:
-    return axes.has_data() or not (axes.get_autoscalex_on() and axes.get_autoscaley_on())
 
 
 def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:

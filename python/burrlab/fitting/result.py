@@ -447,7 +447,7 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None, style: dict[str, Any]) ->
             ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":")
     if interval.upper is None:
         ax.annotate("open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE)
-    ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$ [1]", ylim=(0, top))
+    ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
     ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])
     return ax
 

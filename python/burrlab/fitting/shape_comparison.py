@@ -555,9 +555,7 @@ def plot_power(comparison: ShapeComparison, ax: Axes | None, style: dict[str, An
         )
     top = max(10 * largest, 2.0 * float(power.rise.max()))
     ax.set(
-        xlabel="$k$ of $f = (1 - x^2)^k$",
-        ylabel="rise of $-2 \\log L$ [1]",
-        xlim=(NODES[0] - 0.08, NODES[-1]),
+        xlabel="$k$ of $f = (1 - x^2)^k$", ylabel="rise of $-2 \\log L$", xlim=(NODES[0] - 0.08, NODES[-1])
     )
     ax.set_ylim(0, top)
     step = 2 if largest < 12 else 5

@@ -299,18 +299,12 @@ class DepthTrace(TableData):
     def plot(self, ax: Axes | None = None, *, n: int = 5, **style: Any) -> Axes:
         """Draw immersion, downwards, over time, with the slopes of n segments; every second one is shaded.
 
+        `style`: `label`, `color` and other properties of the line.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Default: axes of a new figure.
         n : int
             Number of segments.
-        **style
-            `label`, `color` and other properties of the line.
-
-        Returns
-        -------
-        matplotlib Axes
         """
         ax = axes_or_new(ax)
         segments = self.segments(n)

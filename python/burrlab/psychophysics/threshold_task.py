@@ -112,13 +112,12 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
         """A subject's proportion correct over the ratio, with the fitted psychometric function.
 
+        `style`: `label`, `color` and other properties of the curve.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
         subject : str, optional
             By default the only one.
-        **style
-            `label`, `color` and other properties of the curve.
 
         Raises
         ------
@@ -140,11 +139,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def plot_thresholds(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's threshold with any interval, and the group's.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-        **style
-            `label`, `color` and other properties of the subjects' marks.
+        `style`: `label`, `color` and other properties of the subjects' marks.
 
         Raises
         ------

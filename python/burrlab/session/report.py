@@ -24,11 +24,9 @@ Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 _QUANTILES = (0.5, 0.99, 0.999)
 _NAMES = {
-    "tick_time": "tick, CPU time",
-    "wall_time": "tick, wall time",
-    "jitter": "period jitter",
-    "lateness": "after its deadline",
-}
+    "tick_time": "tick, CPU time", "wall_time": "tick, wall time",
+    "jitter": "period jitter", "lateness": "after its deadline",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -98,10 +96,7 @@ class SessionReport:
         }  # fmt: skip
         return cls(
             state="running" if loop.running else loop.reason or "not started",
-            ticks=counts.ticks,
-            late=counts.late,
-            missed=counts.missed,
-            dropped=counts.dropped,
+            **{name: getattr(counts, name) for name in ("ticks", "late", "missed", "dropped")},
             times={name: _times(h) for name, h in found.items()},
             histograms={name: h.counts for name, h in found.items()},
             edges=found["jitter"].edges,

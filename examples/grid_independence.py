@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 from tqdm import tqdm
 
 import burrlab
@@ -72,14 +71,12 @@ def draw(axes: Axes, found: dict[Key, np.ndarray], scheme: str) -> None:
         note = f"not at R/3 within {LONGEST:g} s:\n" + "\n".join(lines)
         axes.annotate(note, (0.03, 0.03), xycoords="axes fraction", fontsize=8, color=REFERENCE)
     axes.set_xscale("log")
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xticks([0.075, 0.1, 0.15, 0.2, 0.3, 0.4], ["0.075", "0.1", "0.15", "0.2", "0.3", "0.4"])
+    axes.minorticks_off()
+    axes.set_xticks(VOXELS, [f"{voxel:g}" for voxel in VOXELS])
     axes.set_xlabel("voxel size [mm]")
     top = axes.secondary_xaxis("top", functions=(lambda s: s, lambda s: s))
-    top.set_xticks([0.075, 0.1, 0.15, 0.2, 0.3, 0.4])
-    top.xaxis.set_minor_locator(NullLocator())
-    top.xaxis.set_major_formatter(FuncFormatter(lambda s, _: f"{BURR.radius / s:.3g}"))
+    top.minorticks_off()
+    top.set_xticks(VOXELS, [f"{BURR.radius / voxel:.3g}" for voxel in VOXELS])
     top.set_xlabel("burr radius / voxel size")
     tidy(axes)
 
@@ -103,8 +100,7 @@ def main() -> None:
     left, right = figure.subplots(1, 2, sharey=True)
     draw(left, found, "layer")
     draw(right, found, "cell")
-    left.set_ylabel("penetration velocity / mean field [1]")
-    left.set_ylim(0, 1.15)
+    left.set(ylabel="penetration velocity / mean field [1]", ylim=(0, 1.15))
     left.set_title("layer resolved inside the voxel (default)", fontsize=10)
     right.set_title("uniform voxels (the paper's)", fontsize=10)
     left.legend(

@@ -88,7 +88,7 @@ def main(path: str) -> None:
     q = bone.density
     y = round(center[1] / VOXEL)
     figure, (wide, close) = plt.subplots(
-        2, 1, figsize=(8, 8.2), layout="constrained", height_ratios=[1, 1.25]
+        2, 1, figsize=(7, 7.4), layout="constrained", height_ratios=[1, 1.25]
     )
     extent = (-VOXEL / 2, (q.shape[2] - 0.5) * VOXEL, -VOXEL / 2, (q.shape[0] - 0.5) * VOXEL)
     bone_tint = ListedColormap(np.array([[0.25, 0.25, 0.25, 0.45 * i / 255] for i in range(256)]))
@@ -97,25 +97,17 @@ def main(path: str) -> None:
         ax.add_patch(Circle((center[0], center[2]), RADIUS, fill=False, ec="crimson", lw=1.8, zorder=6))
         ax.set(xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
     occupancy(wide, q)
-    wide.set(
-        xlim=extent[:2],
-        ylim=extent[2:],
-        title="Occupancy: one bit a block of 32³ voxels, one a block of 128³",
-    )
+    look = {"fontsize": 8, "framealpha": 1.0}
+    title = "Occupancy: one bit a block of 32³ voxels, one a block of 128³"
+    wide.set(xlim=extent[:2], ylim=extent[2:], title=title)
     wide.legend(
         handles=[
-            Patch(
-                fc=OCCUPIED,
-                ec="0.45",
-                label="block that holds bone: one word, a bit for each of its 4³ bricks",
-            ),
+            Patch(fc=OCCUPIED, ec="0.45", label="block that holds bone: a bit for each of its 4³ bricks"),
             Patch(fc="none", ec="k", lw=1.6, label="block of 4³ blocks: a word above, a bit for each"),
             Line2D([], [], color="crimson", label="burr, R = 5 mm, moving right at 20 mm/s"),
         ],
-        loc="upper left",
-        fontsize=8,
-        framealpha=1.0,
-    ).set_zorder(10)
+        loc="upper left", **look,
+    ).set_zorder(10)  # fmt: skip
     bricks(close, q, center)
     close.set(
         xlim=(center[0] - 6.4, center[0] + 6.4),
@@ -129,10 +121,8 @@ def main(path: str) -> None:
             Patch(fc="0.66", label="bone, darker where more is left"),
             Patch(fc="none", ec="0.6", label="brick not seen: empty, or outside"),
         ],
-        loc="upper center",
-        fontsize=8,
-        framealpha=1.0,
-    ).set_zorder(10)
+        loc="upper center", **look,
+    ).set_zorder(10)  # fmt: skip
     figure.savefig(path, dpi=150)
 
 

@@ -13,16 +13,13 @@ import time
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.figure import Figure, SubFigure
 
 import burrlab
 from burrlab.anatomy.mastoidectomy import mastoidectomy_path
 from burrlab.anatomy.target import compare_with_target
 from burrlab.bone.phantom.phantom import Phantom, temporal_bone
-
-PLAN = "#D55E00"
+from burrlab.view.pictures import PLANES, plot_slices
 
 
 def main(folder: Path) -> None:
@@ -30,6 +27,10 @@ def main(folder: Path) -> None:
     begin = time.perf_counter()
     phantom = temporal_bone(0.4, seed=1)
     print(phantom.cells)
+    figure = Figure(figsize=(9.6, 8.4), layout="constrained")
+    figure.get_layout_engine().set(h_pad=0.1)
+    above, below = figure.subfigures(2, 1)
+    draw(above, phantom, phantom.bone, "before")
 
     burr = burrlab.Burr(3.0)
     path = mastoidectomy_path(phantom, burr, layer=1.0, step=2.0, speed=40.0)
@@ -45,42 +46,19 @@ def main(folder: Path) -> None:
     comparison = compare_with_target(bone, phantom.target)
     print(comparison)
     comparison.plot().figure.savefig(folder / "target.png", dpi=150)
-    slices(phantom, bone).savefig(folder / "phantom.png", dpi=150)
+    draw(below, phantom, bone, f"after {path.duration:.0f} s")
+    figure.savefig(folder / "phantom.png", dpi=150)
     print(f"\nwritten to {folder}/: phantom.png target.png ({time.perf_counter() - begin:.0f} s)")
 
 
-def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
-    """Three planes through the antrum, before and after, with the planned cavity outlined."""
-    figure = Figure(figsize=(9.6, 7.2), layout="constrained")
-    rows = figure.subplots(2, 3)
-    at = np.rint((phantom.landmarks["antrum"] - bone.origin) / bone.spacing).astype(int)
-    colours = np.array([tissue.colour for tissue in bone.tissues]) / 255
-    ends = [
-        (o - s / 2, o + s * (n - 0.5))
-        for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
-    ]
-    seen: set[int] = set()
-    for axes, levels, when in zip(rows, (bone.pristine, bone.density), ("before", "after"), strict=True):
-        for ax, axis, name in zip(axes, (2, 1, 0), ("axial", "coronal", "sagittal"), strict=True):
-            plane = [slice(None)] * 3
-            plane[2 - axis] = at[axis]
-            shown = levels[tuple(plane)]
-            seen.update(phantom.labels[tuple(plane)][shown > 0].tolist())
-            across, up = (i for i in range(3) if i != axis)
-            extent = (*ends[across], *ends[up])
-            ax.imshow(
-                # half full is drawn as full, so that soft tissue keeps its colour
-                colours[phantom.labels[tuple(plane)]] * np.minimum(shown / 127.5, 1.0)[..., None],
-                extent=extent,
-                origin="lower",
-            )
-            ax.contour(phantom.target[tuple(plane)], levels=[0.5], colors=PLAN, linewidths=1, extent=extent)
-            ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=f"{name}, {when}")
-    present = sorted(seen)
-    patches = [Patch(facecolor=colours[number], label=bone.tissues[number].name) for number in present]
-    plan = Line2D([], [], color=PLAN, label="planned cavity")
-    figure.legend(handles=[plan, *patches], loc="outside lower center", ncols=5, fontsize="small")
-    return figure
+def draw(place: SubFigure, phantom: Phantom, bone: burrlab.VoxelBone, when: str) -> None:
+    """Slices through the antrum, with the planned cavity outlined."""
+    at = phantom.landmarks["antrum"]
+    index = np.rint((at - bone.origin) / bone.spacing).astype(int)
+    slices = plot_slices(bone, at, note=f"{when}; orange: planned cavity", ax=place)
+    for ax, (across, _, _) in zip(slices, PLANES.values(), strict=True):
+        plan = phantom.target.take(index[across], axis=2 - across)
+        ax.contour(plan, levels=[0.5], colors="#D55E00", linewidths=1, extent=ax.images[0].get_extent())
 
 
 if __name__ == "__main__":

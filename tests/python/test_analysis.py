@@ -353,7 +353,7 @@ def test_thresholds():
     made = thresholds((1.1, (1.05, 1.2)), (1.3, None), (None, None), design={"parameter": "c_e"})
     axes = made.plot_thresholds()
     assert names(axes) == ["01", "02", "all"]
-    assert axes.get_xlabel() == "threshold, ratio of c_e to the reference, 95 % interval"
+    assert axes.get_xlabel() == "threshold, c_e over the reference's [1], 95 % interval"
     assert "(simulated subjects)" in axes.get_title()
     assert made.group_threshold[0] == pytest.approx(math.exp(math.sqrt(math.log(1.1) * math.log(1.3))))
     with pytest.raises(ValueError, match="task level must hold a threshold to be drawn, got none"):

@@ -13,7 +13,7 @@ from answer_scenes import SMALL, answer, begun, give, protocol, trials_of
 from burrlab.psychophysics.answers import AnswerFile, read_answers
 from burrlab.psychophysics.interval import ENDINGS
 from burrlab.psychophysics.run import Sitting
-from burrlab.psychophysics.side_car import Answer
+from burrlab.psychophysics.side_car import Answer, digest
 
 
 @pytest.mark.parametrize(("task", "count"), [("probing", 0), ("match", 1), ("up", 4), ("match", 4)])
@@ -189,6 +189,7 @@ _ABROAD = 'seed = 7\ndevice = "igtl:x:1"\npublish = 18945'
         ("radius_mm = 3", "radius_mm = 2.5", "burr.radius_mm was 3.0, is now 2.5"),
         ("[12, 12, 6]", "[12, 12, 8]", r"bone.size_mm was \[12.0, 12.0, 6.0\], is now \[12.0, 12.0, 8.0\]"),
         ("seed = 7", "seed = 7\nfeedback = true", "experiment.feedback was False, is now True"),
+        ("seed = 7", 'seed = 7\nkeys = "fj"', "experiment.keys was '12', is now 'fj'"),
         ("seed = 7", 'seed = 7\ndevice = "igtl:x:1"', "device was 'hand', is now 'igtl'"),
         ("seed = 7", "seed = 7\npublish = 18945", "force is published was False, is now True"),
         # changes that do not concern the run
@@ -205,6 +206,15 @@ def test_a_protocol_that_was_changed_is_refused_with_what_matters(tmp_path, old,
     with pytest.raises(ValueError, match=told) if sentence else contextlib.nullcontext():
         changed.resume("01", "probing")[0].close()
     assert path.read_bytes() == before
+
+
+def test_a_run_of_a_version_without_keys_goes_on(tmp_path):
+    one, path = begun(tmp_path, count=3)
+    car = json.loads(path.with_suffix(".json").read_text())
+    del car["Protocol"]["experiment"]["keys"]
+    car["ProtocolDigest"] = digest(car["Protocol"])
+    path.with_suffix(".json").write_text(json.dumps(car))
+    one.resume("01", "probing")[0].close()
 
 
 def test_a_run_goes_on_at_another_port_and_address(tmp_path):

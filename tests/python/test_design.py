@@ -258,7 +258,7 @@ class TestResult:
     def test_plot(self, result, across):
         ax = result.plot()
         assert ax.get_xlabel() == "force [N]"
-        assert ax.get_ylabel() == "area of the 95 % region, new / old"
+        assert ax.get_ylabel() == "area of the 95 % region, new / old [1]"
         labels = [text.get_text() for text in ax.get_legend().get_texts()]
         assert labels[:3] == [f"velocity, $R$ = {R} mm" for R in ("1.5", "3", "5")]
         assert labels[3:] == ["more likely overloaded", "static pairs"]

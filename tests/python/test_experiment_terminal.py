@@ -284,14 +284,16 @@ def desk(left):
         yield left
 
 
-def test_answer_and_its_time(desk):
+@pytest.mark.parametrize("answers", ["12", "Fj"])
+def test_answer_and_its_time(desk, answers):
     bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
     design = SameDifferent(bone, pvc)
     desk.seat.progress("Trial 1 of 12")
-    desk.press("1")  # before the question
-    # F5, Home, other letters and Enter are no answers
-    keys = ("\x1b[15~", "\x1b[1~", "x", "\r", "3", "2")
-    desk.pressed_once_shown("2   different", *keys, after=0.3)
+    desk.seat.keys = answers
+    desk.press(answers[0])  # before the question
+    # F5, Home, End, other letters and Enter are no answers
+    keys = ("\x1b[15~", "\x1b[1~", "\x1b[F", "x", "\r", "3", answers[1])
+    desk.pressed_once_shown(f"{answers[1]}   different", *keys, after=0.3)
     begun = time.monotonic()
     answer, taken = desk.seat.ask(design, design.order(seed=1, subject="01").next(), [])
     assert answer == "different"

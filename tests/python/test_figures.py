@@ -1,6 +1,7 @@
 """All plots: they take ax, label and color, share their Axes, and their legends cover no data."""
 
 import re
+from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
@@ -22,7 +23,7 @@ PLOTS = [
     "depth trace.plot", "mean field.plot", "shapes.plot", "shapes.plot_power", "metrics.plot", "anatomy.plot",
     "descent.plot", "design.plot", "scatter.plot", "target.plot", "session.plot", "psychometric.plot",
     "scored.plot_scores", "scored.plot_intervals", "scored.plot_d_prime", "thresholds.plot_thresholds",
-    "slices.plot", "map.plot", "curves.plot", "compared.plot",
+    "slices.plot", "map.plot", "curves.plot", "compared.plot", "near many.plot",
 ]  # fmt: skip
 
 
@@ -31,7 +32,7 @@ def four():
     """Fits, and one curve, of four materials."""
     made = {}
     for one in (
-        *map(burrlab.materials.get, ("bone", "pettigrew", "pvc")),
+        *(burrlab.materials[name] for name in ("bone", "pettigrew", "pvc")),
         burrlab.Material("soft", c_e=1.0, alpha=0.2),
     ):
         forces = np.linspace(0.15, 0.7, 8) * 0.1925 * one.c_e * BURR.radius**2
@@ -49,6 +50,10 @@ def results():
     density = block.density.copy()
     density[6:, 4:14, 6:17] = 0
     block.restore(density)
+    rows = [burrlab.Tissue(f"tissue {i} of 15", label=i, c_e=2.0, alpha=0.1) for i in range(15)]
+    block.set_tissues(
+        burrlab.Tissues(rows, BONE), np.arange(density.size, dtype=np.uint8).reshape(density.shape) % 15
+    )
     with burrlab.Session(
         block, (BURR, BONE), burrlab.HandDevice(), seed=1, duration=0.3, wall_clock=False
     ) as session:
@@ -57,11 +62,18 @@ def results():
         "slices": partial(plot_slices, block, (2, 2, 1), radii=[3.0], centers=[(2, 2, 3)], note="at 0.5 s"),
         "map": partial(plot_depth_map, block), "curves": partial(burrlab.plot_curves, four()),
     }  # fmt: skip
+    one = objects()["anatomy"]
+    doses = np.repeat(one.watched.doses, 15, axis=1)
+    doses["closest_mm"] += np.arange(15)[::-1]
+    rows = [{"name": f"nerve {i}", "injury_mm3": 0.0} for i in range(15)]
+    names = tuple(row["name"] for row in rows)
+    watched = replace(one.watched, doses=doses, removed=np.zeros(15, int))
+    many = replace(one, structures=names, tissues=names, settings={"structures": rows}, watched=watched)
     return objects() | {name: type("Picture", (), {"plot": staticmethod(draw)}) for name, draw in drawn.items()} | {
         "design": burrlab.design(objects()["fit"], [0.6, 1.2, 2.0], [2.0, 3.0], 2, static=[0.2]),
         "scatter": burrlab.predicted_scatter(BURR, BONE, [0.8, 1.6], burrlab.BoneField(), repeats=3, voxel=0.4, seed=1),
         "target": compare_with_target(LABELLED, REGION), "session": session.report(), "scored": only(FOUR),
-        "compared": burrlab.compare(*list(four().values())[:2], margin=0.2),
+        "near many": many, "compared": burrlab.compare(*list(four().values())[:2], margin=0.2),
         "psychometric": psychometric_function([1.1, 1.3, 1.6], [11, 15, 19], [20, 20, 20]),
         "thresholds": thresholds((1.2, (1.1, 1.3)), (1.3, None), (1.25, None), design={"parameter": "c_e"}),
     }  # fmt: skip
@@ -90,6 +102,7 @@ def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
     for text in figure.findobj(Text):
         if text.get_text() and text.get_visible() and text.get_window_extent().width:
             assert text.get_fontsize() >= 8 or "$" in text.get_text()
+    assert all(one.get_window_extent().width <= figure.bbox.width for one in figure.legends)
     for one in axes:
         page, box = figure.bbox.padded(4), one.get_tightbbox()
         assert (page.union([page, box]).size <= page.size + 1e-6).all()
@@ -100,7 +113,8 @@ def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
         for part in (*one.lines, *one.collections, *one.patches):
             offsets = getattr(part, "get_offsets", lambda: [[0, 0]])()
             paths = part.get_paths() if hasattr(part, "get_paths") else [part.get_path()]
-            if len(offsets) == 1 and part.get_zorder() >= 1:
+            seen = box.overlaps(one.bbox) or not part.get_clip_on()
+            if seen and len(offsets) == 1 and part.get_zorder() >= 1:
                 shapes = [part.get_transform().transform_path(path) for path in paths if len(path.vertices)]
                 meet = box.count_contains if part in one.lines and part.get_linestyle() == "None" else None
                 assert not any(
@@ -109,7 +123,7 @@ def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
 
 
 @pytest.mark.parametrize("name", PLOTS)
-def test_a_plot_shares_its_axes(name):
+def test_a_plot_shares_its_axes(name, tmp_path):
     first = drawn(name)
     before = words(first)
     for one in first:
@@ -123,15 +137,21 @@ def test_a_plot_shares_its_axes(name):
     assert set(before) <= set(words(first))
     bars = [bar.get_ylabel() for one in first for bar in one.child_axes]
     assert "label" not in style or any("second" in said for said in words(first) + bars)
-    parts = [part for one in first for part in (*one.lines, *one.collections, *one.patches)]
-    looks = [
-        getattr(part, f"get_{of}color")()
-        for part in parts
-        for of in ("", "edge", "face")
-        if hasattr(part, f"get_{of}color")
-    ]
-    colours = [np.atleast_2d(to_rgba(look) if isinstance(look, str) else look) for look in looks if len(look)]
-    assert any(np.allclose(row[:3], to_rgba("#123456")[:3]) for rows in colours for row in rows)
+    first[0].get_figure(root=True).savefig(tmp_path / "seen.svg")
+    assert "#123456" in (tmp_path / "seen.svg").read_text()
+
+
+def test_of_many_structures_the_nearest_are_shown():
+    top, bottom = drawn("near many.plot")
+    assert (
+        words([top])
+        == [f"nerve {i}" for i in range(10, 15)]
+        == [text.get_text() for text in bottom.get_yticklabels()]
+    )
+    assert top.get_legend().get_window_extent().y1 < top.bbox.y0
+    said, report = "10 structures farther away are left out", results()["near many"]
+    assert (top.get_title(), said in str(report), "0    nerve 9 " in str(report)) == (said, True, False)
+    assert "0    nerve 0 " in report.table()
 
 
 def test_old_names_of_ax_warn():

@@ -133,6 +133,10 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ("seed = 7", "seed = 7\nseeds = 7", r", [experiment]: unknown key 'seeds'; known are name, seed, subjects"),
         ("seed = 7", "seed = 7\nseed = 8", r": this is not TOML: Cannot overwrite a value (at line 5"),
         ("seed = 7", "seed = 7\ntrace = 1", r", [experiment]: trace must be true or false, got 1"),
+        *(
+            ("seed = 7", f"seed = 7\nkeys = {keys}", f", [experiment]: keys must be two signs that differ, none a space, such as \"fj\", got {said}")
+            for keys, said in (("12", "12"), ('"f"', "'f'"), ('"ff"', "'ff'"), ('"f "', "'f '"), ('"fgh"', "'fgh'"), ('"f\\n"', "'f\\n'"))
+        ),
         ("seed = 7", "seed = 7\npause_s = -1", r", [experiment]: pause_s must be at least 0, got -1.0"),
         ("seed = 7", "seed = 7\nbreak_s = inf", r", [experiment]: break_s must be a finite number, got inf"),
         ("seed = 7", 'seed = 7\ndevice = "mouse"', r", [experiment]: device must be hand, scripted:FILE or igtl:HOST:PORT"),

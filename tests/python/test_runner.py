@@ -146,6 +146,14 @@ def test_the_welcome_says_how_long_intervals_are(scene, design, told):
     assert told in seen(seat)[1]
 
 
+def test_the_protocol_sets_the_keys(scene):
+    scene.protocol, seat = replace(scene.protocol, keys="fj"), paper(["same"] * 4)
+    scene.run(FOUR, seat)
+    assert (seat.keys, "keys: f for same or j for different." in " ".join(seen(seat))) == ("fj", True)
+    levels = scene.protocol.side_car("01", "one").to_dict()["response"]["Levels"]
+    assert levels == {"same": "key f", "different": "key j"}
+
+
 def test_each_interval_its_own_seed_bone_and_device(scene):
     made, felt = [], []
 

@@ -13,9 +13,8 @@ from anatomy_scenes import NAMES, nerve_bone, straight, tool
 import burrlab
 import burrlab._core as _core
 from burrlab.anatomy.events import KINDS
-from burrlab.anatomy.report import AnatomyReport, dose_figure
+from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
-from burrlab.common.figures import drawing
 from burrlab.session.anatomy import anatomy_report
 from burrlab.session.replay import inputs
 from burrlab.session.trace import to_rows
@@ -150,13 +149,13 @@ def test_the_report_tells_what_is_more_than_a_graze(recorded) -> None:
 
 
 def test_the_words_of_a_figure_lie_beside_its_bars(recorded) -> None:
-    dose = replace(
-        recorded[0].anatomy().doses[0], mean_force={1.0: 1.9, 2.0: 0.9}, peak_force={1.0: 2.5, 2.0: 2.5}
-    )
-    axes = drawing(dose_figure)([dose], {})[-1]
+    report = recorded[0].anatomy()
+    doses = report.watched.doses.copy()
+    doses["near_peak_N"], doses["near_force_N"] = 2.5, doses["near_periods"] * [1.9, 0.9]
+    axes = replace(report, watched=replace(report.watched, doses=doses)).plot()[-1]
     axes.get_figure(root=True).draw_without_rendering()
     words = axes.get_legend().get_window_extent()
-    assert len(axes.patches) == 2
+    assert len(axes.patches) == 2 * len(report.structures)
     assert not any(bar.get_window_extent().overlaps(words) for bar in axes.patches)
 
 

@@ -114,40 +114,12 @@ def dose_table(doses: Sequence[Dose]) -> str:
     return "\n".join(lines)
 
 
-def dose_figure(
-    doses: Sequence[Dose], colours: Mapping[str, tuple[int, int, int]], ax: Panels = None,
-    label: str | None = None, **style: Any,
-) -> list[Axes]:  # fmt: skip
-    """Charts of time within a distance, a line a structure (dashed: second burr), and of forces near it."""
-    top, bottom = panels(ax, (2, 1), (6.4, 5.6))
-    for d in doses:
-        colour = tuple(0.85 * part / 255.0 for part in colours.get(d.structure, (0, 0, 0)))
-        name = d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}"
-        look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
-        times = list(d.time_within), list(d.time_within.values())
-        top.plot(*times, label=f"{label}, {name}" if label else name, **look)
-    top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
-    if doses:
-        top.legend()
-    rows = np.arange(len(doses))
-    for i, edge in enumerate(NEAR):
-        at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
-        shade = str(0.35 + 0.3 * i)
-        bottom.barh(
-            at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
-        )
-        bottom.plot([d.mean_force[edge] for d in doses], at, "|", color=VELOCITY, markersize=8,
-                    label="mean" if i == 0 else None)  # fmt: skip
-    bottom.set_yticks(rows, [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses])
-    bottom.invert_yaxis()
-    bottom.set(xlabel="force [N]", xlim=(0, None))
-    return [top, bottom]
-
-
 #: Least time that the report calls a touch [s], and least volume for an injury [mm^3]; ours. A hand does not
 #: answer to a shorter contact. A segmentation knows its surface to half a voxel: at 0.2 mm a dent of that
 #: depth h, by a burr of R = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
 TOUCH_TIME, INJURY_VOLUME = 0.1, 0.1
+#: The report and its plot show as many structures.
+SHOWN = 5
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -279,6 +251,15 @@ class AnatomyReport:
         """The dose of each burr beside each structure."""
         return [self.dose(name, burr) for burr in range(self.burrs) for name in self.structures]
 
+    @property
+    def _shown(self) -> tuple[list[Dose], str]:
+        """Doses beside the structures that burrs came nearest to, and a sentence on the others."""
+        nearest = sorted(self.structures, key=lambda name: self.closest[name])
+        doses = [dose for dose in self.doses if dose.structure in nearest[:SHOWN]]
+        return doses, f"{len(nearest[SHOWN:])} structures farther away are left out" if nearest[
+            SHOWN:
+        ] else ""
+
     def equals(self, other: AnatomyReport) -> bool:
         """Whether settings, events, doses and removed levels are the same to the bit."""
         mine, theirs = self.watched, other.watched
@@ -287,7 +268,7 @@ class AnatomyReport:
         return self.settings == other.settings and all(a.tobytes() == b.tobytes() for a, b in pairs)
 
     def table(self) -> str:
-        """Doses as text."""
+        """Doses beside all structures, as text."""
         return dose_table(self.doses)
 
     def to_dict(self) -> dict[str, Any]:
@@ -301,7 +282,8 @@ class AnatomyReport:
             lines.append(f"touched [s], from {TOUCH_TIME:g} on: {_told(self.touched())}")
             least = " or ".join(f"{volume:g}" for volume in dict.fromkeys(self._injury_volumes.values()))
             lines.append(f"injured [mm^3], from {least} on: {_told(self.injured())}")
-            lines.append(self.table())
+            doses, others = self._shown
+            lines += [dose_table(doses), *[others] * bool(others)]
             kinds = [event.kind for event in self.events]
             said = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
             lines.append(f"events: {said or 'none'}" + ", each to the tick, however small" * bool(said))
@@ -325,11 +307,36 @@ class AnatomyReport:
 
     @drawing
     def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> list[Axes]:
-        """Charts of the time within a distance of each structure, and of the force there.
+        """Charts of the time within a distance of structures, and of the force there.
 
-        `ax` is a figure or two Axes; `label` is said before each structure, `style` is that of the lines.
+        Drawn are the five structures that burrs came nearest to; the title says how many are left out. A second
+        burr's lines are dashed. `ax` is a figure or two Axes, `label` is said before each structure.
         """
-        return dose_figure(self.doses, self.colours, ax, label, **style)
+        doses, others = self._shown
+        top, bottom = panels(ax, (2, 1), (6.4, 5.6))
+        names = [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses]
+        for name, d in zip(names, doses, strict=True):
+            colour = tuple(0.85 * part / 255.0 for part in self.colours.get(d.structure, (0, 0, 0)))
+            look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
+            times = list(d.time_within), list(d.time_within.values())
+            top.plot(*times, label=f"{label}, {name}" if label else name, **look)
+        top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
+        if doses:
+            top.legend()
+        rows = np.arange(len(doses))
+        for i, edge in enumerate(NEAR):
+            at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
+            shade = str(0.35 + 0.3 * i)
+            bottom.barh(
+                at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
+            )
+            bottom.plot([d.mean_force[edge] for d in doses], at, "|", color=VELOCITY, markersize=8,
+                        label="mean" if i == 0 else None)  # fmt: skip
+        bottom.set_yticks(rows, names)
+        bottom.invert_yaxis()
+        bottom.set(xlabel="force [N]", xlim=(0, None))
+        top.set_title(others)
+        return [top, bottom]
 
 
 def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:

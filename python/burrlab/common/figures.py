@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import re
 import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -86,7 +87,7 @@ def _size(width: float, height: float) -> tuple[float, float]:
     asked = rcParams["figure.figsize"]
     if list(asked) == list(rcParamsDefault["figure.figsize"]):
         return width, height
-    return asked[0], height * min(max(asked[0] / width, 0.55), 1.0)
+    return asked[0], height * min(max(asked[0] / width, 0.7), 1.0)
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -171,7 +172,11 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             raise TypeError(
                 f"ax must be Axes of matplotlib, got {wrong[0]!r}; to save: plot().figure.savefig(file)"
             )
-        before = {one: (one.get_xlim(), one.get_ylim()) for one in there if _used(one)}
+        before = {
+            one: (one.get_xlim(), one.get_ylim())
+            for one in there
+            if one.has_data() or not (one.get_autoscalex_on() and one.get_autoscaley_on())
+        }
         made = draw(*args, **kwargs)
         for one in made if isinstance(made, list) else [made]:
             for name, limits in zip("xy", before.get(one, ()), strict=False):
@@ -190,10 +195,6 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     return drawn
 
 
-def _used(axes: Axes) -> bool:
-    return axes.has_data() or not (axes.get_autoscalex_on() and axes.get_autoscaley_on())
-
-
 def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
     axis: Axis = getattr(axes, f"{name}axis")
     if axis.get_scale() == "log" and min(limits) <= 0:
@@ -207,13 +208,18 @@ def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
 
 def _fit_title(axes: Axes) -> None:
     """The title in the style's size, in lines no wider than the axes."""
-    size, title = rcParams["font.size"], axes.get_title()
+    size = rcParams["font.size"]
+    title = re.sub(r"(?<=\d) (?=\S)", "\u00a0", axes.get_title())  # a number stays with its unit
     fit = int(144 * axes.bbox.width / axes.figure.dpi / size)
-    axes.title.set(text="\n".join(textwrap.fill(line, fit) for line in title.split("\n")), fontsize=size)
+    lines = "\n".join(textwrap.fill(line, fit) for line in title.split("\n"))
+    axes.title.set(text=lines.replace("\u00a0", " "), fontsize=size)
 
 
 def _legend(axes: Axes) -> None:
-    """One legend of all that has a label: inside the axes where it covers nothing, else below them."""
+    """One legend of all that has a label: inside the axes where it covers nothing, else below them.
+
+    More than four labels always stand below.
+    """
     old, figure = axes.get_legend(), cast("Figure", axes.get_figure(root=True))
     handles, labels = axes.get_legend_handles_labels()
     first: dict[str, Any] = dict(zip(labels[::-1], handles[::-1], strict=True))
@@ -235,7 +241,7 @@ def _legend(axes: Axes) -> None:
         made = axes.legend(shown.values(), shown, ncols=columns, **{"loc": place, "framealpha": 1.0, **look})
         box = made.get_window_extent().padded(3)
         rows, across = slice(int(box.y0), int(box.y1) + 1), slice(int(box.x0), int(box.x1) + 1)
-        if np.all(box.size < axes.bbox.size) and not inked[rows, across].any():
+        if len(shown) < 5 and np.all(box.size < axes.bbox.size) and not inked[rows, across].any():
             return
     made.remove()
     if figure.get_layout_engine() is None:

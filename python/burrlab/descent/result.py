@@ -155,13 +155,55 @@ class Descent(Tabular):
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
         """The three Axes of force, position and velocity over time, as in the paper's Fig. 4.
 
-        Parameters
-        ----------
-        ax : Figure or array of three Axes, optional
-        **style
-            `label`, `color` and other properties of the three lines.
+        `style`: `label`, `color` and other properties of the three lines.
         """
-        return plot_descent(self, ax, style)
+        top, middle, bottom = panels(ax, (3, 1), (6.4, 6.4), sharex=True)
+        name = "unknown material" if self.material is None else self.material.name
+        top.plot(self.time, self.force, **styled(style, color=FORCE, linewidth=0.8))
+        top.axhline(self.setpoint, color=REFERENCE, linewidth=0.8, linestyle="--")
+        top.annotate(f"set-point {self.setpoint:g} N", (0.99, self.setpoint), xycoords=("axes fraction", "data"),
+                     xytext=(0, 3), textcoords="offset points", ha="right", color=REFERENCE, fontsize=8)  # fmt: skip
+        highest = 1.35 * max(self.setpoint, self.force.max(initial=0.0) / 1.2)
+        top.set(ylabel="force [N]", ylim=(min(0.0, float(self.force.min(initial=0.0))), highest))
+        middle.plot(self.time, self.immersion, **styled(style, color=POSITION, linewidth=1.2))
+        middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
+        middle.set_ylabel("immersion [mm]")
+        middle.yaxis.set_inverted(True)
+        light: dict[str, float] = (
+            {"linewidth": 1.2} if self.series.exact else {"linewidth": 0.7, "alpha": 0.6}
+        )
+        look = styled(style, color=VELOCITY, label="slope over 51 samples", **light)
+        bottom.plot(self.time, self.velocity, **look)
+        bottom.set(xlabel="time [s]", ylabel="velocity [mm/s]")
+        if len(self.time):
+            shown = samples_between(self.immersion, *self.window) if self.window is not None else slice(None)
+            highest = float(self.velocity[shown].max(initial=0.0))
+            bottom.set_ylim(0, 1.2 * max(highest, 1e-6) if self.series.exact else None)
+        if self.window is not None and self.penetration_velocity is not None:
+            rows = samples_between(self.immersion, *self.window)
+            t = self.time[rows]
+            if not self.series.exact and len(t) > 2 * 51:
+                # The rig reads positions in steps; a slope over more samples smooths their ripple.
+                span = max(51, len(t) // 8) | 1
+                slope = savgol_filter(self.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
+                bottom.plot(t, slope, color=look["color"], linewidth=1.6, label=f"over {span} samples")
+            for axes in (top, middle, bottom):
+                axes.axvspan(t[0], t[-1], color="0.93", zorder=0)
+            line = self.immersion[rows].mean() + self.penetration_velocity * (t - t.mean())
+            middle.plot(t, line, color=REFERENCE, linewidth=1.0, linestyle="--")
+            middle.annotate(f"{self.penetration_velocity:.3g} mm/s", (t.mean(), line.mean()), xytext=(8, 8),
+                            textcoords="offset points", color=REFERENCE, fontsize=8)  # fmt: skip
+        for phase, (begin, end) in self.phases.items():
+            if end - begin > 0.04 * max(self.duration, 1e-9):
+                said = "window" if phase == "steady" else phase  # the velocity falls there, too
+                place = top.get_xaxis_transform()
+                top.text(0.5 * (begin + end), 0.97, said, transform=place, ha="center", va="top", fontsize=8)
+            top.axvline(begin, color="0.75", linewidth=0.6)
+        said = "".join(f"; {text.split(':')[0]}" for text in self.warnings)
+        said += f"; {note}" if (note := assumed(told_notes(self.provenance.get("volume")))) else ""
+        kind = "force held exactly" if self.series.exact else "controller and rig"
+        top.set_title(f"{name}, R = {self.burr.radius:g} mm, {kind}{said}")
+        return [top, middle, bottom]
 
     def _repr_html_(self) -> str:
         rows = [(key, value) for key, value in self.to_dict().items() if key != "provenance"]
@@ -323,61 +365,3 @@ def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str,
         "steady": (steady, end),
     }
     return {name: edge for name, edge in edges.items() if edge[1] > edge[0]}
-
-
-def plot_descent(run: Descent, ax: Panels, style: dict[str, Any]) -> list[Axes]:
-    """Force, immersion and velocity over time with the window shaded (the paper's Fig. 4)."""
-    top, middle, bottom = panels(ax, (3, 1), (6.4, 6.4), sharex=True)
-    name = "unknown material" if run.material is None else run.material.name
-    top.plot(run.time, run.force, **styled(style, color=FORCE, linewidth=0.8))
-    top.axhline(run.setpoint, color=REFERENCE, linewidth=0.8, linestyle="--")
-    top.annotate(f"set-point {run.setpoint:g} N", (0.99, run.setpoint), xycoords=("axes fraction", "data"),
-                 xytext=(0, 3), textcoords="offset points", ha="right", color=REFERENCE, fontsize=8)  # fmt: skip
-    top.set_ylabel("force [N]")
-    top.set_ylim(
-        bottom=min(0.0, float(run.force.min(initial=0.0))),
-        top=1.35 * max(run.setpoint, run.force.max(initial=0.0) / 1.2),
-    )
-    middle.plot(run.time, run.immersion, **styled(style, color=POSITION, linewidth=1.2))
-    middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
-    middle.set_ylabel("immersion [mm]")
-    middle.yaxis.set_inverted(True)
-    light: dict[str, float] = {"linewidth": 1.2} if run.series.exact else {"linewidth": 0.7, "alpha": 0.6}
-    look = styled(style, color=VELOCITY, label="slope over 51 samples", **light)
-    bottom.plot(run.time, run.velocity, **look)
-    bottom.set_ylabel("velocity [mm/s]")
-    bottom.set_xlabel("time [s]")
-    if len(run.time):
-        shown = samples_between(run.immersion, *run.window) if run.window is not None else slice(None)
-        highest = float(run.velocity[shown].max(initial=0.0))
-        bottom.set_ylim(0, 1.2 * max(highest, 1e-6) if run.series.exact else None)
-    if run.window is not None and run.penetration_velocity is not None:
-        rows = samples_between(run.immersion, *run.window)
-        t = run.time[rows]
-        if not run.series.exact and len(t) > 2 * 51:
-            # The rig reads positions in steps; a slope over more samples smooths their ripple.
-            span = max(51, len(t) // 8) | 1
-            slope = savgol_filter(run.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
-            bottom.plot(t, slope, color=look["color"], linewidth=1.6, label=f"over {span} samples")
-        for axes in (top, middle, bottom):
-            axes.axvspan(t[0], t[-1], color="0.93", zorder=0)
-        line = run.immersion[rows].mean() + run.penetration_velocity * (t - t.mean())
-        middle.plot(t, line, color=REFERENCE, linewidth=1.0, linestyle="--")
-        middle.annotate(f"{run.penetration_velocity:.3g} mm/s", (t.mean(), line.mean()), xytext=(8, 8),
-                        textcoords="offset points", color=REFERENCE, fontsize=8)  # fmt: skip
-    for phase, (begin, end) in run.phases.items():
-        if end - begin > 0.04 * max(run.duration, 1e-9):
-            top.annotate(
-                "window" if phase == "steady" else phase,  # the velocity falls there, too
-                ((begin + end) / 2, 0.97),
-                xycoords=("data", "axes fraction"),
-                ha="center",
-                va="top",
-                fontsize=8,
-            )
-        top.axvline(begin, color="0.75", linewidth=0.6)
-    said = "".join(f"; {text.split(':')[0]}" for text in run.warnings)
-    said += f"; {note}" if (note := assumed(told_notes(run.provenance.get("volume")))) else ""
-    kind = "force held exactly" if run.series.exact else "controller and rig"
-    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}")
-    return [top, middle, bottom]

@@ -194,17 +194,11 @@ class Scatter:
         if self.pooled_n_dof:
             low, high = self.pooled_interval
             ax.axhspan(100 * low, 100 * high, color="0.93", zorder=0)
-            ax.axhline(100 * self.pooled, color=REFERENCE, linewidth=1.0, label="all forces, 95 %")
-            ax.axhline(
-                100 * self.without_field,
-                color=REFERENCE,
-                linewidth=1.0,
-                linestyle=":",
-                label="homogeneous bone",
-            )
-        ax.set_ylim(bottom=0)
-        ax.set_xlabel("force [N]")
-        ax.set_ylabel("standard deviation of ln v [%]")
+            for value, line, said in (
+                (self.pooled, "-", "all forces, 95 %"), (self.without_field, ":", "homogeneous bone")
+            ):  # fmt: skip
+                ax.axhline(100 * value, color=REFERENCE, linewidth=1.0, linestyle=line, label=said)
+        ax.set(xlabel="force [N]", ylabel="standard deviation of ln v [%]", ylim=(0, None))
         ax.set_title(f"{self.material.name}, R = {self.burr.radius:g} mm\n{_bone_text(self.bone)}")
         return ax
 

@@ -177,7 +177,7 @@ class Comparison:
             dashed: Any = {"color": REFERENCE, "linewidth": 0.9, "linestyle": "--"}
             ax.axhline(1 + self.margin, label=f"margin, {100 * self.margin:g} %", **dashed)
             ax.axhline(1 / (1 + self.margin), **dashed)
-        ax.set(xlabel="force [N]", ylabel="ratio of velocities")
+        ax.set(xlabel="force [N]", ylabel="ratio of velocities [1]")
         return ax
 
     def to_dict(self) -> dict[str, Any]:

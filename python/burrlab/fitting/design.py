@@ -166,7 +166,9 @@ class Design(dataset.Tabular):
         ax.axhline(1.0, color=REFERENCE, linewidth=0.8, linestyle=":")
         top = max(one.area_ratio for one in self.rows)
         ax.set(
-            xlabel="force [N]", ylabel="area of the 95 % region, new / old", ylim=(0, 1.08 * max(top, 1.0))
+            xlabel="force [N]",
+            ylabel="area of the 95 % region, new / old [1]",
+            ylim=(0, 1.08 * max(top, 1.0)),
         )
         if not velocities:
             ax.set_xticks([])

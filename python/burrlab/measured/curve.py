@@ -243,18 +243,12 @@ class VelocityCurve(TableData):
     def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
         """Draw the velocities as squares over the force, with error bars if sigma is known.
 
+        `style`: `label`, `color` and other properties of the points.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Default: axes of a new figure.
         log : bool
             Make both axes logarithmic; the thin-layer law is then a line of slope 8/3 (parabolic f).
-        **style
-            `label`, `color` and other properties of the points.
-
-        Returns
-        -------
-        matplotlib Axes
         """
         ax = axes_or_new(ax)
         ok = self.ok

@@ -288,18 +288,12 @@ class DepthTrace(TableData):
     def plot(self, ax: Axes | None = None, *, n: int = 5, **style: Any) -> Axes:
         """Draw immersion, downwards, over time, with the slopes of n segments; every second one is shaded.
 
+        `style`: `label`, `color` and other properties of the line.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Default: axes of a new figure.
         n : int
             Number of segments.
-        **style
-            `label`, `color` and other properties of the line.
-
-        Returns
-        -------
-        matplotlib Axes
         """
         ax = axes_or_new(ax)
         segments = self.segments(n)
@@ -312,7 +306,7 @@ class DepthTrace(TableData):
             if i % 2 == 0:
                 ax.axvspan(t[0], t[-1], color="0.93", zorder=0)
             line = level[rows].mean() + segments.velocity[i] * (t - t.mean())
-            ax.plot(t, line, color=VELOCITY, linewidth=1.4)
+            ax.plot(t, line, color=VELOCITY, linewidth=1.4, label=None if i else f"slopes of {n} segments")
         ax.set(xlabel="time [s]", ylabel="immersion [mm]")
         if not ax.yaxis_inverted():
             ax.invert_yaxis()

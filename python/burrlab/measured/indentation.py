@@ -136,18 +136,12 @@ class Indentation(TableData):
     def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
         """Draw the forces as squares over the depth, with error bars if sigma is known.
 
+        `style`: `label`, `color` and other properties of the points.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Default: axes of a new figure.
         log : bool
             Make both axes logarithmic; Eq. 3 is then a line of slope 3/2.
-        **style
-            `label`, `color` and other properties of the points.
-
-        Returns
-        -------
-        matplotlib Axes
         """
         ax = axes_or_new(ax)
         plot_points(ax, self.depth, self.force, self.sigma, style, table.data_label(self.source))

@@ -26,7 +26,7 @@ from burrlab.common.table import json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import counterbalanced
 from burrlab.psychophysics.interval import Block, VolumeBlock
-from burrlab.psychophysics.rules import RULES, RuleName
+from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.staircase import DESIGNS
 from burrlab.psychophysics.trial import Design, Order, Stimulus, key_of
@@ -55,6 +55,15 @@ _NUMBER: Rule = (
 )
 _AT_MOST_A_DAY: Rule = (f"at most {_LONGEST:g} [s]", lambda value: value <= _LONGEST)
 _WAIT: tuple[Rule, ...] = (("at least 0", lambda value: value >= 0), _AT_MOST_A_DAY)
+_KEYS: Rule = (
+    'two signs that differ, none a space, such as "fj"',
+    lambda value: (
+        isinstance(value, str)
+        and len(set(value)) == len(value) == 2
+        and value.isprintable()
+        and " " not in value
+    ),
+)
 _PORT: Rule = ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536)
 #: Text that fits in a field between tabs.
 _ONE_FIELD: Rule = (
@@ -398,6 +407,8 @@ class Protocol:
     selected_from : int or None
         Number of subjects they were selected from; None without selection, or if unknown.
     analysis : AnalysisSettings
+    keys : str
+        Keys of the two answers, in their order.
     """
 
     path: Path
@@ -418,6 +429,7 @@ class Protocol:
     selected_by: str | None
     selected_from: int | None
     analysis: AnalysisSettings
+    keys: str = KEYS
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Protocol:
@@ -457,6 +469,7 @@ class Protocol:
         lost_after = get("lost_after_ms", _NUMBER, ("positive", lambda value: value > 0), default=100.0)
         publish = get("publish", _PORT, default=None)
         trace, feedback = (get(key, _FLAG, default=False) for key in ("trace", "feedback"))
+        keys = get("keys", _KEYS, default=KEYS)
         pause, rest = (
             get(key, _NUMBER, *_WAIT, default=due) for key, due in (("pause_s", 1.0), ("break_s", 60.0))
         )
@@ -470,7 +483,7 @@ class Protocol:
         file.done()
         return cls(
             path, name, seed, subjects, tasks, burr, bone, device, lost_after, publish, folder, trace, feedback, pause,
-            rest, selected_by, selected_from, analysis,
+            rest, selected_by, selected_from, analysis, keys,
         )  # fmt: skip
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
@@ -597,6 +610,7 @@ class Protocol:
                     "publish": self.publish,
                     "trace": self.trace,
                     "feedback": self.feedback,
+                    "keys": self.keys,
                     "pause_s": self.pause,
                     "break_s": self.rest,
                     "selected_by": self.selected_by,
@@ -641,6 +655,7 @@ device = "hand"             # hand (simulated), igtl:HOST:PORT, or scripted:FILE
 #publish = 18945            # port at which igtl's peer takes the force; without it there is none
 trace = false               # true keeps a complete trace of every interval
 feedback = false            # true tells the subject in practice whether the answer was right
+keys = "12"                 # of the two answers, in their order
 pause_s = 1.0               # after an interval
 break_s = 60.0              # at least, between blocks
 #selected_by = "score in an earlier experiment"   # if the subjects were: the report warns of it

@@ -29,7 +29,9 @@ Chosen = TypeVar("Chosen", bound=str)
 
 TASKS: tuple[TaskName, ...] = ("same-different", "abx", "2ifc")
 RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
-#: Answers in the order of their keys 1, 2.
+#: Keys of the answers, unless a protocol has others.
+KEYS = "12"
+#: Answers in the order of their keys.
 ANSWERS: Mapping[TaskName, tuple[str, str]] = {
     "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),
 }  # fmt: skip

@@ -122,6 +122,7 @@ class Runner:
     ) -> None:
         self._protocol, self._design, self._order, self._keep = protocol, protocol.tasks[task], order, keep
         self._seat, self._experimenter, self._device = seat, experimenter, device
+        seat.keys = protocol.keys
         self._time, self._elapsed = start, elapsed
         self._live, self._trace, self._publish, self._renderer = live, trace, publish, render
         self._heard: set[str] = set()  # messages of sessions that were already passed on
@@ -165,7 +166,8 @@ class Runner:
         return self._feel(trial, repeats + 1)
 
     def _welcome(self, first: Trial) -> None:
-        keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
+        answers = zip(self._protocol.keys, self._design.answers, strict=True)
+        keys = " or ".join(f"{key} for {answer}" for key, answer in answers)
         again = "You go on where you stopped. " if self._order.answered else ""
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]

@@ -497,13 +497,12 @@ class ScoredTask(TaskResult[SubjectResult]):
     ) -> Axes:
         """Histogram of scores with the one expected at chance, and mean ± s.e.m. (the paper's Figs. 7 and 8).
 
+        `style`: `label`, `color` and other properties of the bars.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
         published : PublishedScore, optional
             Another mean ± s.e.m. to mark.
-        **style
-            `label`, `color` and other properties of the bars.
 
         Raises
         ------
@@ -550,13 +549,12 @@ class ScoredTask(TaskResult[SubjectResult]):
     def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None, **style: Any) -> Axes:
         """Each subject's proportion correct with its interval, and the chance line.
 
+        `style`: `label`, `color` and other properties of the subjects' marks.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
         rule : {"independent-observations", "differencing"}, optional
             Draws d' under this rule instead; an interval that is open above is an arrow.
-        **style
-            `label`, `color` and other properties of the subjects' marks.
 
         Raises
         ------
@@ -583,11 +581,7 @@ class ScoredTask(TaskResult[SubjectResult]):
     def plot_d_prime(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's d' under all rules, side by side, and the group's.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-        **style
-            `label`, `color` and other properties of the marks.
+        `style`: `label`, `color` and other properties of the marks.
 
         Raises
         ------

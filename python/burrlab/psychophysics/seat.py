@@ -20,6 +20,7 @@ from typing import TextIO
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Rendered
+from burrlab.psychophysics.rules import KEYS
 from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
@@ -32,10 +33,13 @@ class Seat(ABC):
         Whether intervals run in real time; otherwise they run as fast as possible.
     simulated : bool
         Whether the subject is simulated.
+    keys : str
+        Keys of the answers, in their order; a run sets those of its protocol.
     """
 
     wall_clock: bool = True
     simulated: bool = False
+    keys: str = KEYS
 
     def stand_in(self, interval: Interval) -> Interval:
         """The interval to render; a simulated subject's seat replaces a real specimen."""
@@ -81,7 +85,7 @@ SPACE = " "
 _LOOK = 0.25  # the longest wait before signals are checked [s]
 _CLOSED = "the subject's terminal was closed"
 _MOMENT = 1.5  # how long a sentence stays [s]
-# Keys such as Home, Delete or F5 send digits after an escape. These digits are not answers.
+# Keys such as Home, Delete or F5 send digits and letters after an escape. These are not answers.
 _ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
 # An unfinished sequence: a slow line sends it in parts. A person who presses Escape and then a digit takes
 # longer.
@@ -237,12 +241,12 @@ class TerminalSeat(Seat):
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
-        keys = {str(number): answer for number, answer in enumerate(design.answers, start=1)}
+        keys = dict(zip(self.keys, design.answers, strict=True))
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
         self._keyboard.flush()
         self._page(f"{design.question}\n\n{choices}")
         shown = time.monotonic()
-        key = self._keyboard.pressed("".join(keys))
+        key = self._keyboard.pressed(self.keys)
         assert key is not None  # the wait has no time limit
         return keys[key], time.monotonic() - shown
 

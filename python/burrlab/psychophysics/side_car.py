@@ -21,7 +21,7 @@ from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.common.table import json_mapping
 from burrlab.psychophysics.interval import ENDINGS
-from burrlab.psychophysics.rules import ANSWERS, TASKS, TaskName
+from burrlab.psychophysics.rules import ANSWERS, KEYS, TASKS, TaskName
 from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.psychophysics.trial import Phase, Trial
 
@@ -431,7 +431,8 @@ class SideCar:
         experiment = self.protocol.get("experiment", {})
         return {
             "task": self.name,
-            "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
+            "experiment": {key: experiment.get(key) for key in _EXPERIMENT}
+            | {"seed": self.seed, "keys": experiment.get("keys", KEYS)},
             "device": self.device.partition(":")[0],
             # Decides whether a hand on the network feels a force; the port number does not matter.
             "force is published": experiment.get("publish") is not None,
@@ -454,7 +455,7 @@ class SideCar:
             "Simulated": self.simulated is not None,
             "SimulatedSubject": self.simulated,
             "ProtocolDigest": self.digest,
-            **descriptions(self.task),
+            **descriptions(self.task, self.protocol.get("experiment", {}).get("keys", KEYS)),
         }
 
     @classmethod
@@ -535,11 +536,11 @@ def digest(protocol: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def descriptions(task: TaskName) -> dict[str, Any]:
+def descriptions(task: TaskName, keys: str = KEYS) -> dict[str, Any]:
     """BIDS descriptions of a task's columns, with units or levels."""
     levels = {
         "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
-        "response": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},
+        "response": {answer: f"key {key}" for key, answer in zip(keys, ANSWERS[task], strict=True)},
         "correct": {"1": "correct", "0": "wrong"},
         "phase": {"practice": "not analysed", "main": "analysed"},
         "ended": _ENDED,

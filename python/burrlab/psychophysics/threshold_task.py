@@ -112,13 +112,12 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
         """A subject's proportion correct over the ratio, with the fitted psychometric function.
 
+        `style`: `label`, `color` and other properties of the curve.
+
         Parameters
         ----------
-        ax : matplotlib Axes, optional
         subject : str, optional
             By default the only one.
-        **style
-            `label`, `color` and other properties of the curve.
 
         Raises
         ------
@@ -140,11 +139,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def plot_thresholds(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's threshold with any interval, and the group's.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-        **style
-            `label`, `color` and other properties of the subjects' marks.
+        `style`: `label`, `color` and other properties of the subjects' marks.
 
         Raises
         ------
@@ -171,7 +166,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         some = any(interval is not None for *_, interval in found) or group is not None
         said = f", {100 * self.level:g} % interval" if some else ""
         what = self.design.get("parameter", "the parameter")
-        ax.set_xlabel(f"threshold, ratio of {what} to the reference{said}")
+        ax.set_xlabel(f"threshold, {what} over the reference's [1]{said}")
         return of_subjects(ax, names, rows, self.title)
 
     def __repr__(self) -> str:

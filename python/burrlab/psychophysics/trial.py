@@ -107,7 +107,7 @@ class Design(ABC):
     question : str
         Asked after the last interval.
     answers : tuple of str
-        The possible responses, in the order of their keys 1, 2.
+        The possible responses, in the order of their keys.
     practice : int
         Trials before those that count.
     """

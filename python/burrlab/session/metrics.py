@@ -130,7 +130,7 @@ class SessionMetrics:
 
     @drawing
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
-        """Charts of force, speed and removed volume over time, and below them the anatomy report.
+        """Charts of force, speed and removed volume over time, and below them the anatomy report's plot.
 
         `ax` is a figure, or an array of the Axes: three, with watched structures five. `style`: label, color
         and other properties of the lines.

@@ -24,11 +24,9 @@ Floats = np.ndarray[Any, np.dtype[np.float64]]
 
 _QUANTILES = (0.5, 0.99, 0.999)
 _NAMES = {
-    "tick_time": "tick, CPU time",
-    "wall_time": "tick, wall time",
-    "jitter": "period jitter",
-    "lateness": "after its deadline",
-}
+    "tick_time": "tick, CPU time", "wall_time": "tick, wall time",
+    "jitter": "period jitter", "lateness": "after its deadline",
+}  # fmt: skip
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -98,10 +96,7 @@ class SessionReport:
         }  # fmt: skip
         return cls(
             state="running" if loop.running else loop.reason or "not started",
-            ticks=counts.ticks,
-            late=counts.late,
-            missed=counts.missed,
-            dropped=counts.dropped,
+            **{name: getattr(counts, name) for name in ("ticks", "late", "missed", "dropped")},
             times={name: _times(h) for name, h in found.items()},
             histograms={name: h.counts for name, h in found.items()},
             edges=found["jitter"].edges,
@@ -191,13 +186,12 @@ class SessionReport:
             if counts.any():
                 counts, edges = _coarser(counts, edges)
                 axes.stairs(counts, edges, **{"color": FORCE, "fill": True, **style})
-                axes.set(xscale="log", yscale="log", ylim=(0.5, 40 * counts.max()))  # room for the labels
-                for i, q in enumerate(_QUANTILES):
+                axes.set(xscale="log", yscale="log", ylim=(0.5, 4 * counts.max()))
+                for q, line in zip(_QUANTILES, ("-", "--", ":"), strict=True):
                     value = self.times[name][_key(q)]
-                    axes.axvline(value, color=REFERENCE, linewidth=0.8, linestyle="--")
-                    axes.annotate(f"{_key(q)}: {value:.3g}", (value, 0.98 - 0.09 * i), xycoords=("data", "axes fraction"),
-                                  xytext=(-3, 0), textcoords="offset points", ha="right", va="top", fontsize=8,
-                                  color=REFERENCE, bbox={"color": "white", "pad": 0.5})  # fmt: skip
+                    axes.axvline(value, color=REFERENCE, linestyle=line, label=f"{_key(q)}: {value:.3g} µs")
+            else:
+                axes.text(0.5, 0.5, "not measured", ha="center", transform=axes.transAxes)
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
         return all_axes
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.font_manager import findfont
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
@@ -409,6 +410,8 @@ class SceneChart:
                 axis.GetTitleProperties().SetColor(*_TEXT)
                 axis.GetLabelProperties().SetColor(*_TEXT)
                 axis.GetTitleProperties().SetBold(False)
+                axis.GetTitleProperties().SetFontFamily(4)  # VTK_FONT_FILE
+                axis.GetTitleProperties().SetFontFile(findfont("DejaVu Sans"))  # VTK's own draws [ as (
             self.lines.append(chart.line([0.0, 1.0], [0.0, 0.0], color=colour, width=1.6))
             chart.visible = False
             plotter.add_chart(chart)

@@ -174,10 +174,13 @@ def plot_slices(
     handles: list[Artist] = [*_tissue_handles(bone, images)]
     if any(axes.patches for axes in made):
         handles.append(Line2D([], [], **look | {"marker": "o", "fillstyle": "none", "linestyle": ""}))
-    if handles:
-        figure.legend(
-            handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False, fontsize=8
+    for columns in range(min(len(handles), 7), 0, -1):  # as many as fit
+        legend = figure.legend(
+            handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=8
         )
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
     return made
 
 
@@ -207,22 +210,16 @@ def _draw_slice(
 
 def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch]:
     """Colour and name of everything that one of the slices shows."""
-    shown = {
-        int(number)
-        for image in images
-        if image.tissues is not None
-        for number in np.unique(image.tissues[image.levels > 0])
-    }
+    seen = [image.tissues[image.levels > 0] for image in images if image.tissues is not None]
     table = list(bone.tissues or ())
+    rows = [table[number] for number in np.unique(np.concatenate([*seen, np.zeros(0, np.uint8)]))]
     edge: dict[str, Any] = {"edgecolor": "0.3", "linewidth": 0.5}
-    rows: list[tuple[str, Any, dict[str, Any]]] = [
-        (table[i].name, table[i].colour, edge) for i in sorted(shown)
-    ]
-    if bone.removed > 0:
-        rows.append(("removed", REMOVED, {}))
-    return [
-        Patch(facecolor=(r / 255, g / 255, b / 255), label=name, **look) for name, (r, g, b), look in rows
-    ]
+    handles = [Patch(facecolor=_hex(*row.colour), label=row.name, **edge) for row in rows]
+    return handles + [Patch(facecolor=_hex(*REMOVED), label="removed")] * bool(bone.removed)
+
+
+def _hex(red: int, green: int, blue: int) -> str:
+    return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
@@ -351,10 +348,6 @@ def plot_depth_map(
         Of the contours.
     **style
         Properties of the image.
-
-    Returns
-    -------
-    Axes
 
     Raises
     ------

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -24,6 +24,7 @@ from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import default_tissues, read_tissues
 from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
+from burrlab.common.table import Column, Problem, Table, not_negative_or_nan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,13 +83,13 @@ def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
 
 
 def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
-    """The type of an option; it refuses with the message of the ValueError of `parse`."""
+    """The type of an option; it refuses with the message of the ValueError or OSError of `parse`."""
 
     def parsed(text: str) -> Made:
         try:
             return parse(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+        except (ValueError, OSError) as error:
+            raise argparse.ArgumentTypeError(sentence(error)) from None
 
     return parsed
 
@@ -128,13 +129,42 @@ seed = whole_number("a whole number below 2^64", most=2**64 - 1)
 port = whole_number("a port, 0 to 65535", most=65535)
 
 
+@parsed_by
+def shape(text: str) -> Shape:
+    """An erosion shape f by its name, or of a CSV file with columns x and f."""
+    if not text.lower().endswith(".csv"):
+        return Shape(text)
+    rows: list[Mapping[str, float]] = []
+
+    def rule(row: Mapping[str, float]) -> Problem:
+        rows.append(row)
+        x, first = [one["x"] for one in rows], rows[0]["f"]
+        if len(x) > 1 and x[-1] <= x[-2]:
+            return "x", f"must be above the {x[-2]:g} of the row before: got {x[-1]:g}"
+        return ("f", f"must be at most f(0) = {first:g}: got {row['f']:g}") if row["f"] > first else None
+
+    names = ("x", "f")
+    columns = Table(
+        tuple(Column(name, check=not_negative_or_nan, due="a number") for name in names), rule=rule
+    )
+    name, _, found = columns.read(text)
+    try:
+        return Shape.from_table(found["x"], found["f"])
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
 JSON = option("--json", "write the result as JSON; - for standard output", metavar="FILE")
 OUTPUT = (JSON, option("--plot", "write a figure (PNG, PDF, SVG by its ending)", metavar="FILE"))
 MATERIAL = (
     option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
     option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
     option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
-    option("--shape", f"erosion shape f: {', '.join(shape_names)}, power(k)", type=parsed_by(Shape)),
+    option(
+        "--shape",
+        f"erosion shape f: {', '.join(shape_names)}, power(k), or a FILE.csv of x and f",
+        type=shape,
+    ),
     option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
 )
 

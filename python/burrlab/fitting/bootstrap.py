@@ -12,6 +12,7 @@ import numpy as np
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse, seed_or_new
+from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
@@ -188,6 +189,7 @@ def bootstrap(
     seed: int | None = None,
     executor: Executor | None = None,
     store: StorePath | None = None,
+    progress: Progress | None = None,
 ) -> Bootstrap:
     """Fits to n data sets made from a fit.
 
@@ -205,6 +207,8 @@ def bootstrap(
         Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
     store : Store or path, optional
         Keeps every replicate, so that an interrupted study resumes.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar on standard error.
 
     Returns
     -------
@@ -255,7 +259,9 @@ def bootstrap(
         )
         for k in range(n)
     ]
-    ends = np.array(run_items(replicate, items, executor=executor, store=store, chunk=_CHUNK))
+    told = counter(progress, "fits")
+    made = run_items(replicate, items, executor=executor, store=store, progress=told, chunk=_CHUNK)
+    ends = np.array(made)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations

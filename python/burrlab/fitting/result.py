@@ -28,6 +28,7 @@ from burrlab.common.figures import (
     plot_points,
     styled,
 )
+from burrlab.common.progress import Progress
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.comparison import compare
@@ -110,9 +111,10 @@ class Fit(FitRecord):
         seed: int | None = None,
         executor: Executor | None = None,
         store: StorePath | None = None,
+        progress: Progress | None = None,
     ) -> Bootstrap:
         """Fits to n data sets made from this one; see `burrlab.fitting.bootstrap.bootstrap`."""
-        return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store)
+        return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store, progress=progress)
 
     def material(self, name: str) -> Material:
         """The fitted material; its source says where the numbers come from."""
@@ -156,9 +158,15 @@ class Fit(FitRecord):
         phi = np.asarray(force, dtype=np.float64) / (self.c_e * R**2)
         return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
-    def report(self) -> str:
-        """The fit as aligned text blocks."""
-        return report.text(self)
+    def report(self, verbose: bool = False) -> str:
+        """The fit as aligned text blocks.
+
+        Parameters
+        ----------
+        verbose : bool
+            Add the table of searches, with nlopt's return codes.
+        """
+        return report.text(self, verbose)
 
     @drawing
     def plot(

@@ -3,10 +3,13 @@
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from command_line import refusal, said
+from command_line import result as result_of
 from fit_scenes import BONE, BURR, curve_of, with_sigma
 
 import burrlab.fitting.region as region_grid
@@ -14,6 +17,7 @@ from burrlab._core import Burr, Material
 from burrlab.fitting.design import design
 from burrlab.fitting.fit import fit
 from burrlab.fitting.region import RegionGrid
+from burrlab.fitting.shapes import compare_shapes
 from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation
 from burrlab.theory.continuum import MasterCurve
 
@@ -219,6 +223,34 @@ def test_seeds(ridge):
     # truths are drawn systematically, so a hundred are enough
     many = design(ridge, 2.0, 3.0, 3, truths=2000)
     assert one.best.area_ratio == pytest.approx(many.best.area_ratio, rel=0.05)
+
+
+def test_progress_rises_to_the_end(ridge):
+    for work in (
+        partial(design, ridge, [0.4, 2.0], 3.0, 3, static=[0.2]), partial(ridge.bootstrap, 30),
+        partial(compare_shapes, ON_RIDGE, shapes=["parabolic"]),
+    ):  # fmt: skip
+        told = []
+        work(progress=told.append)
+        assert told == sorted(told)
+        assert (len(told) > 2, told[-1]) == (True, 1)
+
+
+def test_command(capsys, tmp_path, monkeypatch, ridge):
+    monkeypatch.chdir(tmp_path)
+    ON_RIDGE.to_csv("ridge.csv")
+    replace(ON_RIDGE, radius=1.5).to_csv("small.csv")
+    words = ("design", "ridge.csv", "--static", 0.2, "--static-radius", 2, "--seed", 1)
+    found = result_of(
+        capsys, *words, "--forces", "0.4,2", "--radii", "1.5,3", "--repeats", 2, "--plot", "d.png"
+    )
+    options = {"static": 0.2, "static_radius": 2.0, "seed": 1}
+    assert found["rows"] == design(ridge, [0.4, 2.0], [1.5, 3.0], 2, **options).to_dict()["rows"]
+    assert (tmp_path / "d.png").stat().st_size > 10_000
+    assert said(capsys, *words).splitlines()[0].startswith("Design: 1 candidate of 3 repeats")
+    assert "must hold a candidate: got none" in refusal(capsys, "design", "ridge.csv")
+    two = refusal(capsys, "design", "ridge.csv", "small.csv", "--forces", 1)
+    assert "--radii must be given: the data are of several radii" in two
 
 
 class TestResult:

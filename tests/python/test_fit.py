@@ -315,7 +315,7 @@ class TestWhatItSays:
         text = json.dumps(result.to_dict(), allow_nan=False)
         for again in (Fit.from_dict(json.loads(text)), pickle.loads(pickle.dumps(result))):
             assert json.dumps(again.to_dict(), allow_nan=False) == text
-            assert again.report() == result.report()
+            assert again.report(verbose=True) == result.report(verbose=True)
             assert again.test(2.1, 0.09) == result.test(2.1, 0.09)
             assert again.intervals == result.intervals
 

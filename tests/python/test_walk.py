@@ -165,6 +165,7 @@ def test_equal_minima_apart_disagree():
     ends = np.array([start.end for start in result.starts])
     assert (ends.max(axis=0) / ends.min(axis=0)).max() > 1.05
     assert "3 of 3 searches ended equally well" in result.report()
+    assert ["BOBYQA 2" in result.report(verbose=told) for told in (False, True)] == [False, True]
 
 
 def test_a_minimum_that_the_walk_misses_is_reported(monkeypatch):

@@ -134,20 +134,17 @@ def shape(text: str) -> Shape:
     """An erosion shape f by its name, or of a CSV file with columns x and f."""
     if not text.lower().endswith(".csv"):
         return Shape(text)
-    rows: list[Mapping[str, float]] = []
+    above: list[tuple[float, float]] = []
 
     def rule(row: Mapping[str, float]) -> Problem:
-        rows.append(row)
-        x, first = [one["x"] for one in rows], rows[0]["f"]
-        if len(x) > 1 and x[-1] <= x[-2]:
-            return "x", f"must be above the {x[-2]:g} of the row before: got {x[-1]:g}"
-        return ("f", f"must be at most f(0) = {first:g}: got {row['f']:g}") if row["f"] > first else None
+        x, f = (row.get(name, math.nan) for name in "xf")  # a column may be missing
+        above.append((x, f))
+        if len(above) > 1 and x <= above[-2][0]:
+            return "x", f"must be above the {above[-2][0]:g} of the row before: got {x:g}"
+        return ("f", f"must be at most f(0) = {above[0][1]:g}: got {f:g}") if f > above[0][1] else None
 
-    names = ("x", "f")
-    columns = Table(
-        tuple(Column(name, check=not_negative_or_nan, due="a number") for name in names), rule=rule
-    )
-    name, _, found = columns.read(text)
+    columns = tuple(Column(name, check=not_negative_or_nan, due="a number") for name in "xf")
+    name, _, found = Table(columns, rule=rule).read(text)
     try:
         return Shape.from_table(found["x"], found["f"])
     except ValueError as error:

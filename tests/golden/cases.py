@@ -234,7 +234,7 @@ experiment run experiment.toml --simulated --all --fast
 experiment analyse experiment.toml --json analysis.json --tsv analysis.tsv
 experiment analyse new.toml
 burr
-design curve.csv --radius 3 --forces 0.5,2 --static 0.2 --seed 1
+design fit.json --forces 0.5,2 --static 0.2 --seed 1
 """.strip().splitlines()
 #: Texts that differ between runs or machines.
 VARIES = [

@@ -240,17 +240,18 @@ def test_command(capsys, tmp_path, monkeypatch, ridge):
     monkeypatch.chdir(tmp_path)
     ON_RIDGE.to_csv("ridge.csv")
     replace(ON_RIDGE, radius=1.5).to_csv("small.csv")
-    words = ("design", "ridge.csv", "--static", 0.2, "--static-radius", 2, "--seed", 1)
-    found = result_of(
-        capsys, *words, "--forces", "0.4,2", "--radii", "1.5,3", "--repeats", 2, "--plot", "d.png"
-    )
+    said(capsys, "fit", "ridge.csv", "--test", "2,0.1", "--json", "fit.json")
+    said(capsys, "fit", "ridge.csv", "small.csv", "--json", "two.json")
+    words = ("design", "fit.json", "--static", 0.2, "--static-radius", 2, "--seed", 1)
+    of = ("--forces", "0.4,2", "--radii", "1.5,3", "--repeats", 2, "--plot", "d.png")
     options = {"static": 0.2, "static_radius": 2.0, "seed": 1}
-    assert found["rows"] == design(ridge, [0.4, 2.0], [1.5, 3.0], 2, **options).to_dict()["rows"]
+    expected = design(ridge, [0.4, 2.0], [1.5, 3.0], 2, **options)
+    assert result_of(capsys, *words, *of)["rows"] == expected.to_dict()["rows"]
     assert (tmp_path / "d.png").stat().st_size > 10_000
     assert said(capsys, *words).splitlines()[0].startswith("Design: 1 candidate of 3 repeats")
-    assert "must hold a candidate: got none" in refusal(capsys, "design", "ridge.csv")
-    two = refusal(capsys, "design", "ridge.csv", "small.csv", "--forces", 1)
-    assert "--radii must be given: the data are of several radii" in two
+    assert "must hold a candidate: got none" in refusal(capsys, "design", "fit.json")
+    assert "--radii must be given: the data are of" in refusal(capsys, "design", "two.json", "--forces", 1)
+    assert "ridge.csv: this is not the JSON of a fit" in refusal(capsys, "design", "ridge.csv")
 
 
 class TestResult:

@@ -195,11 +195,9 @@ def _compare(options: Options) -> int:
 
 
 def _design(options: Options) -> int:
-    known = burrlab.fit(_data(options), shape=options.shape, residuals=options.residuals)
-    radii = options.radii
-    if options.forces and radii is None:
-        refuse(known.radius is None, "--radii must be given: the data are of several radii")
-        radii = known.radius
+    known = burrlab.Fit.from_json(options.fit)
+    radii = options.radii or known.radius
+    refuse(options.forces and radii is None, "--radii must be given: the data are of several radii")
     result = burrlab.design(
         known, options.forces, radii or [], options.repeats, static=options.static,
         static_radius=options.static_radius, scatter=options.scatter, static_scatter=options.static_scatter,
@@ -262,15 +260,6 @@ _RADIUS = option("--radius", "burr radius R of files that do not say it [mm]", t
 _SHAPE = option(
     "--shape", "erosion shape f, or a FILE.csv of x and f; default parabolic", type=shape, default="parabolic"
 )
-_SETS = (
-    option("file", "velocity-force curves", metavar="FILE.csv", nargs="*"),
-    _RADIUS,
-    option(
-        "--indentation", "static indentation, repeatable", metavar="FILE.csv", action="append", default=[]
-    ),
-    option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
-    _SHAPE,
-)
 _RESIDUALS: dict[str, Any] = {
     "choices": ["relative", "absolute", "sigma", "student"], "default": "relative",
 }  # fmt: skip
@@ -294,7 +283,13 @@ DESCENT_COMMANDS = (
     )),
     Command("materials", _materials, "The paper's materials and their source.", (JSON,)),
     Command("fit", _fit, "Fit c_e and alpha, and say what the data determine.", (
-        *_SETS,
+        option("file", "velocity-force curves", metavar="FILE.csv", nargs="*"),
+        _RADIUS,
+        option(
+            "--indentation", "static indentation, repeatable", metavar="FILE.csv", action="append", default=[]
+        ),
+        option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
+        _SHAPE,
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
         option("--residuals", **_RESIDUALS),
         option("--voxel", "voxel engine: spacing [mm]", type=positive, default=0.1),
@@ -322,8 +317,7 @@ DESCENT_COMMANDS = (
         *OUTPUT,
     )),
     Command("design", _design, "Which measurement next? Rank candidates by how they shrink the joint region.", (
-        *_SETS,
-        option("--residuals", "of the data so far", **_RESIDUALS),
+        option("fit", "of the data so far, as `burrlab fit --json` writes it", metavar="FIT.json"),
         option(
             "--forces", "of new velocities [N]; or F,F,...", type=_numbers, default=[],
             metavar="FIRST:LAST:COUNT",
@@ -336,7 +330,6 @@ DESCENT_COMMANDS = (
         option("--static-scatter", "of new static forces; default that of the data, or 0.1", type=positive),
         option("--truths", "values of c_e and alpha that the mean is taken over, default 100", type=count, default=100),
         option("--seed", "default: drawn and recorded", type=seed),
-        LAYOUT,
         *OUTPUT,
     )),
 )  # fmt: skip

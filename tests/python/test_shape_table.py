@@ -135,9 +135,7 @@ def test_command_line_and_store(tmp_path, capsys):
         said(capsys, *sweep, "--shape", f.name)
         assert store.read_text().count('"result"') == descents
     own = tmp_path / "own.csv"
-    own.write_text(
-        "x,f\n" + "\n".join(f"{x!r},{f!r}" for x, f in zip(X.tolist(), COSINE(X).tolist(), strict=True))
-    )
+    np.savetxt(own, np.transpose([X, COSINE(X)]), "%.17g", ",", header="x,f", comments="")
     assert "nlopt" in said(capsys, "fit", curve, "--shape", own, "--json", file, "--verbose")
     assert Fit.from_json(file).shape == COSINE
 
@@ -146,24 +144,21 @@ def test_command_line_and_store(tmp_path, capsys):
     ("rows", "told"),
     [
         (
-            "x,g\n0,1",
+            "x,g 0,1",
             "own.csv: 2 faults: line 1: unknown column 'g'; known are x, f; line 1: column f is missing",
         ),
         (
-            "x,f\n0,1\n0.5,a\n0.7,-1\n,0",
-            "own.csv: 3 faults: line 3, column f: 'a' is not a number; line 4, col",
+            "x,f 0,1 0.5,a 0.7,-1 ,0",
+            "own.csv: 3 faults: line 3, column f: 'a' is not a number; line 4, column f",
         ),
-        (
-            "x,f\n0,1\n0.5,0.5\n0.4,0.4\n1,0",
-            "own.csv, line 4, column x: must be above the 0.5 of the row before",
-        ),
-        ("x,f\n0,1\n0.5,1.2\n1,0", r"own.csv, line 3, column f: must be at most f(0) = 1: got 1.2"),
-        ("x,f\n0,1\n0.5,0.2\n0.9,0", "own.csv: the last x of a table must be 1, got 0.9"),
+        ("x,f 0,1 0.5,0.5 0.4,0.4 1,0", "own.csv, line 4, column x: must be above the 0.5 of the row before"),
+        ("x,f 0,1 0.5,1.2 1,0", "own.csv, line 3, column f: must be at most f(0) = 1: got 1.2"),
+        ("x,f 0,1 0.5,0.2 0.9,0", "own.csv: the last x of a table must be 1, got 0.9"),
     ],
 )
 def test_files_that_are_no_shape(rows, told, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.csv").write_text(rows)
+    (tmp_path / "own.csv").write_text(rows.replace(" ", "\n"))
     assert f"--shape: {told}" in refusal(capsys, "fit", "curve.csv", "--shape", "own.csv")
     assert "none.csv: No such file" in refusal(capsys, "fit", "curve.csv", "--shape", "none.csv")
 

@@ -184,10 +184,13 @@ def _compare(options: Options) -> int:
     for curve in _data(options):
         assert isinstance(curve, burrlab.VelocityCurve)
         sigma = curve.sigma is not None and bool(np.isfinite(curve.sigma[curve.ok]).all())
-        kind = options.residuals
-        if kind == "sigma" and not sigma:
-            kind = "relative"
-        fits.append(burrlab.fit(curve, shape=options.shape, residuals=kind))
+        fits.append(
+            burrlab.fit(
+                curve,
+                shape=options.shape,
+                residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
+            )
+        )
     result = burrlab.compare(*fits, margin=options.margin, names=options.file)
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), result.report())

@@ -117,7 +117,7 @@ class Design(dataset.Tabular):
 
     def _table(self) -> dict[str, list[Any]]:
         rows = [asdict(one) for one in self.rows]
-        return {column: [row[name] for row in rows] for name, column in _COLUMNS.items()}
+        return {_COLUMNS.get(name, name): [row[name] for row in rows] for name in rows[0]}
 
     @drawing
     def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
@@ -175,17 +175,7 @@ class Design(dataset.Tabular):
         return ax
 
 
-_COLUMNS = {
-    "kind": "kind",
-    "force": "force_N",
-    "depth": "depth_mm",
-    "radius": "radius_mm",
-    "n": "n",
-    "area_ratio": "area_ratio",
-    "probability": "probability",
-    "c_e_ratio": "c_e_ratio",
-    "overloaded": "overloaded",
-}
+_COLUMNS = {"force": "force_N", "depth": "depth_mm", "radius": "radius_mm"}  # where a unit is added
 _HEADS = (
     "kind",
     "force [N]",

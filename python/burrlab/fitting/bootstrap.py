@@ -141,10 +141,14 @@ class Bootstrap:
     @property
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha``, ``combination`` -> level -> percentile interval; None is open."""
-        return {
-            name: {level: _percentiles(getattr(self, name), p) for level, p in LEVELS.items()}
-            for name in ("c_e", "alpha", "combination")
-        }
+        found: dict[str, dict[str, Interval]] = {}
+        for name in ("c_e", "alpha", "combination"):
+            values, found[name] = np.sort(getattr(self, name)), {}
+            for level, p in LEVELS.items():
+                places = np.round(np.array([0.5 - p / 2, 0.5 + p / 2]) * (len(values) - 1)).astype(int)
+                ends = (float(end) if np.isfinite(end) else None for end in values[places])
+                found[name][level] = Interval(*ends)
+        return found
 
     @property
     def on_ridge(self) -> float:
@@ -172,13 +176,6 @@ class Bootstrap:
             "on_ridge": self.on_ridge,
             "intervals": plain_ends(self.intervals),
         }
-
-
-def _percentiles(values: Floats, level: float) -> Interval:
-    tails = np.array([0.5 - level / 2, 0.5 + level / 2])
-    ends = np.sort(values)[np.round(tails * (len(values) - 1)).astype(int)]
-    lower, upper = (float(end) if np.isfinite(end) else None for end in ends)
-    return Interval(lower, upper)
 
 
 def bootstrap(

@@ -428,14 +428,6 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     }
 
 
-def _identified(fit: FitRecord) -> dict[str, Any] | None:
-    found = fit.identified
-    if found is None:
-        return None
-    ends = [found.interval.lower, found.interval.upper]
-    return {"exponent": found.exponent, "value": found.value, "interval": ends}
-
-
 _CODEC = Codec(
     keys={
         FitRecord: {
@@ -444,7 +436,14 @@ _CODEC = Codec(
         }
         | {
             "intervals": lambda fit: plain_ends(fit.intervals),
-            "identified": _identified,
+            "identified": lambda fit: (
+                (one := fit.identified)
+                and {
+                    "exponent": one.exponent,
+                    "value": one.value,
+                    "interval": [one.interval.lower, one.interval.upper],
+                }
+            ),
             "separately_identified": lambda fit: fit.separately_identified,
             "verdict": lambda fit: fit.verdict,
             "version": lambda fit: fit.provenance.get("burrlab"),

@@ -199,7 +199,22 @@ class ShapeComparison:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Sentences on rejected shapes, shapes that cannot be told apart, and alpha."""
-        return tuple(sentences(self))
+        lines = [_rejection(self)]
+        if self.power is not None:
+            lines.append(_free(self.power))
+        lines += [_pair(self, pair) for pair in self.indistinguishable]
+        reference = next((row for row in self.rows if row.shape == Shape("parabolic")), None)
+        if reference is not None and reference.shape.name in self.kept:
+            lines += [_alpha(reference, row) for row in self.rows if row.shape.name in self.kept]
+        for row in self.rows:
+            said = [_words(self, part) for part in row.pattern if part.clear]
+            if len(said) > 1 or (said and row.rejected):
+                lines.append(f"Under {row.shape.label}, velocities are {_listed(said)}.")
+        lack = self.best.fit.lack_of_fit
+        if lack is not None and lack.p_value < 0.05:
+            lines.append(f"The best shape, {self.best.shape.label}, does not fit either: {lack.sentence}")
+        lines.append("An alpha holds for the f that it was fitted with: quote both, and simulate with both.")
+        return tuple(lines)
 
     def report(self) -> str:
         """Table and sentences as text."""
@@ -422,27 +437,6 @@ def _is_open(row: ShapeRow) -> bool:
     return row.fit.intervals["c_e"]["95"].upper is None
 
 
-def sentences(comparison: ShapeComparison) -> list[str]:
-    """See `ShapeComparison.sentences`."""
-    lines = [_rejection(comparison)]
-    if comparison.power is not None:
-        lines.append(_free(comparison.power))
-    lines += [_pair(comparison, pair) for pair in comparison.indistinguishable]
-    reference = next((row for row in comparison.rows if row.shape == Shape("parabolic")), None)
-    if reference is not None and reference.shape.name in comparison.kept:
-        lines += [_alpha(reference, row) for row in comparison.rows if row.shape.name in comparison.kept]
-    lines += [
-        f"Under {row.shape.label}, velocities are {words}."
-        for row in comparison.rows
-        if (words := _misfit(comparison, row))
-    ]
-    lack = comparison.best.fit.lack_of_fit
-    if lack is not None and lack.p_value < 0.05:
-        lines.append(f"The best shape, {comparison.best.shape.label}, does not fit either: {lack.sentence}")
-    lines.append("An alpha holds for the f that it was fitted with: quote both, and simulate with both.")
-    return lines
-
-
 def _rejection(comparison: ShapeComparison) -> str:
     percent = f"{100 * comparison.level:g} %"
     if comparison.power is None or comparison.threshold is None:
@@ -510,11 +504,6 @@ def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
         f"is {row.combination_ratio / slope:.3g} times parabolic's, so that at equal c_e alpha would be "
         f"{row.combination_ratio:.3g} times; {slope:.3g} by the thin-layer law."
     )
-
-
-def _misfit(comparison: ShapeComparison, row: ShapeRow) -> str:
-    said = [_words(comparison, part) for part in row.pattern if part.clear]
-    return _listed(said) if len(said) > 1 or row.rejected else ""
 
 
 def _words(comparison: ShapeComparison, part: Part) -> str:

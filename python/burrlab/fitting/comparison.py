@@ -22,7 +22,7 @@ from burrlab.fitting.intervals import Interval
 from burrlab.fitting.observations import Floats, Threshold, bounds_of
 from burrlab.fitting.profile import C_E, ENDLESS, Domain, close_walk
 from burrlab.fitting.record import FitRecord
-from burrlab.fitting.report import columns
+from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.verdict import span
 from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
@@ -139,8 +139,8 @@ class Comparison:
             notes.append(f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm.")
         if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
-        blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": [f"- {note}" for note in notes]}
-        return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items())
+        last = [f"- {note}" for note in notes]
+        return in_blocks({"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last})
 
     def _velocity(self, pair: ComparedPair) -> str:
         v = pair.velocity

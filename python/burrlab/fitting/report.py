@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -33,6 +33,11 @@ def text(fit: FitRecord, verbose: bool) -> str:
         "Starts": starts(fit) if verbose else [],
         "Notes": [f"- {note}" for note in notes(fit)],
     }
+    return in_blocks(blocks)
+
+
+def in_blocks(blocks: Mapping[str, Sequence[str]]) -> str:
+    """Lines under their titles, without empty blocks."""
     return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items() if lines)
 
 

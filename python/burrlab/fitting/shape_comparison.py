@@ -27,7 +27,7 @@ from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
 from burrlab.fitting.intervals import Interval, plain_ends
 from burrlab.fitting.observations import Floats, Threshold
-from burrlab.fitting.report import columns
+from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.result import Fit
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
@@ -218,8 +218,8 @@ class ShapeComparison:
 
     def report(self) -> str:
         """Table and sentences as text."""
-        lines = ["[[Erosion shapes]]", *(f"    {line}" for line in columns(cells(self))), "[[Notes]]"]
-        return "\n".join([*lines, *(f"    - {sentence}" for sentence in self.sentences)])
+        notes = [f"- {sentence}" for sentence in self.sentences]
+        return in_blocks({"Erosion shapes": columns(cells(self)), "Notes": notes})
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:

@@ -234,6 +234,7 @@ experiment run experiment.toml --simulated --all --fast
 experiment analyse experiment.toml --json analysis.json --tsv analysis.tsv
 experiment analyse new.toml
 burr
+design fit.json --forces 0.5,2 --static 0.2 --seed 1
 """.strip().splitlines()
 #: Texts that differ between runs or machines.
 VARIES = [
@@ -337,7 +338,7 @@ def fits(_: Path) -> Any:
         "fall",
     )
     return {
-        name: {"repr": repr(one), "report": told(one.report()), **{key: plain(one.to_dict()[key]) for key in kept}}
+        name: {"repr": repr(one), "report": told(one.report(verbose=True)), **{key: plain(one.to_dict()[key]) for key in kept}}
         for name, one in made.items()
     }  # fmt: skip
 
@@ -446,7 +447,7 @@ def read(_: Path) -> Any:
         "trace": [_digest(trace.ticks), trace.digests, trace.seed, trace.scheme, plain(trace.watch), repr(burrlab.replay(trace))],
         "bone": [bone.digest(), tick, plain(np.array([bone.spacing, bone.origin]))],
         "answers": [plain(vars(row)) for one in read_folder(FILES / "experiment") for row in one.rows],
-        "store": told(repr(burrlab.Store(FILES / "store.jsonl"))), "fit": told(burrlab.Fit.from_json(FILES / "fit.json").report()),
+        "store": told(repr(burrlab.Store(FILES / "store.jsonl"))), "fit": told(burrlab.Fit.from_json(FILES / "fit.json").report(verbose=True)),
         "descent": repr(burrlab.Descent.load(FILES / "descent.npz")), "curve": repr(burrlab.VelocityCurve.from_csv(FILES / "curve.csv")),
     }  # fmt: skip
     for path in sorted(FILES.glob("grey*")):

@@ -16,6 +16,7 @@ from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
 from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.profile import ALPHA, C_E
+from burrlab.fitting.shapes import compare_shapes
 from burrlab.fitting.voxel import VoxelEngine
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_trace
@@ -131,14 +132,6 @@ class TestHonesty:
         assert plain(fit(NOISY, BURR, seed=result.seed)) == plain(result)
         assert fit(NOISY, BURR, seed=result.seed + 1).starts == result.starts
 
-    def test_velocities_in_another_unit_are_fitted_and_doubted(self):
-        right, wrong = fit(NOISY), fit(replace(NOISY, velocity=1e3 * NOISY.velocity))
-        assert (right.status, wrong.status) == ("ok", "implausible")
-        assert wrong.alpha == pytest.approx(1e3 * right.alpha, rel=1e-4)
-        assert wrong.alpha in wrong.intervals["alpha"]["95"]
-        assert "as if velocities were um/s" in wrong.verdict
-        assert "as if" not in right.verdict
-
     def test_data_that_the_model_does_not_describe(self):
         result = fit(VelocityCurve([0.5, 1.0, 1.5, 2.0], [4.0, 2.0, 1.0, 0.5]), BURR)
         assert result.status == "implausible"
@@ -177,6 +170,11 @@ class TestHonesty:
         (lambda: fit([]), ValueError, "data must hold at least one data set: got none"),
         (lambda: fitted("wide", "trace", residuals="absolute"), ValueError,
          "residuals must be 'relative' with depth traces"),
+        *((call, ValueError, "'student'") for call in (
+            lambda: fitted("wide", residuals="student", engine="voxel"),
+            lambda: fitted("wide", "pressed", residuals="student"),
+            lambda: compare_shapes(CURVE, residuals="student"),
+        )),
         (lambda: VoxelEngine(replicates=2.5), TypeError, "replicates must be a whole number, got 2.5"),
         (lambda: VoxelEngine(replicates=1), ValueError, "replicates must be at least 2"),
         (lambda: VoxelEngine(specimen=3), TypeError, "specimen must be a Specimen or a BoneField, got 3"),
@@ -315,7 +313,7 @@ class TestWhatItSays:
         text = json.dumps(result.to_dict(), allow_nan=False)
         for again in (Fit.from_dict(json.loads(text)), pickle.loads(pickle.dumps(result))):
             assert json.dumps(again.to_dict(), allow_nan=False) == text
-            assert again.report() == result.report()
+            assert again.report(verbose=True) == result.report(verbose=True)
             assert again.test(2.1, 0.09) == result.test(2.1, 0.09)
             assert again.intervals == result.intervals
 

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from command_line import said
+from command_line import refusal, said
 from fit_scenes import BURR, curve_of
 from session_scenes import ended
 from tick_scenes import TABLES
@@ -134,8 +134,33 @@ def test_command_line_and_store(tmp_path, capsys):
     for f, descents in ((COSINE, 3), (COSINE, 3), (table_of("linear"), 6)):  # the second finds them all
         said(capsys, *sweep, "--shape", f.name)
         assert store.read_text().count('"result"') == descents
-    said(capsys, "fit", curve, "--shape", COSINE.name, "--json", file)
+    own = tmp_path / "own.csv"
+    np.savetxt(own, np.transpose([X, COSINE(X)]), "%.17g", ",", header="x,f", comments="")
+    assert "nlopt" in said(capsys, "fit", curve, "--shape", own, "--json", file, "--verbose")
     assert Fit.from_json(file).shape == COSINE
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (
+            "x,g 0,1",
+            "own.csv: 2 faults: line 1: unknown column 'g'; known are x, f; line 1: column f is missing",
+        ),
+        (
+            "x,f 0,1 0.5,a 0.7,-1 ,0",
+            "own.csv: 3 faults: line 3, column f: 'a' is not a number; line 4, column f",
+        ),
+        ("x,f 0,1 0.5,0.5 0.4,0.4 1,0", "own.csv, line 4, column x: must be above the 0.5 of the row before"),
+        ("x,f 0,1 0.5,1.2 1,0", "own.csv, line 3, column f: must be at most f(0) = 1: got 1.2"),
+        ("x,f 0,1 0.5,0.2 0.9,0", "own.csv: the last x of a table must be 1, got 0.9"),
+    ],
+)
+def test_files_that_are_no_shape(rows, told, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.csv").write_text(rows.replace(" ", "\n"))
+    assert f"--shape: {told}" in refusal(capsys, "fit", "curve.csv", "--shape", "own.csv")
+    assert "none.csv: No such file" in refusal(capsys, "fit", "curve.csv", "--shape", "none.csv")
 
 
 @pytest.mark.parametrize(

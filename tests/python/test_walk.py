@@ -165,6 +165,7 @@ def test_equal_minima_apart_disagree():
     ends = np.array([start.end for start in result.starts])
     assert (ends.max(axis=0) / ends.min(axis=0)).max() > 1.05
     assert "3 of 3 searches ended equally well" in result.report()
+    assert ["BOBYQA 2" in result.report(verbose=told) for told in (False, True)] == [False, True]
 
 
 def test_a_minimum_that_the_walk_misses_is_reported(monkeypatch):
@@ -243,7 +244,7 @@ def test_each_distinct_force_is_predicted_once_and_put_in_place():
     o = Observations.of([curve], BURR)
     windows = [() if np.isnan(start) else (start, end) for _, start, end in rows]
     expected = [penetration_velocity(BURR, BONE, F, *w) for F, w in zip(force, windows, strict=True)]
-    found = MeanFieldModel(o, BONE.shape).predict(BONE.c_e, BONE.alpha)
+    found = BONE.alpha * MeanFieldModel(o, BONE.shape).unit(BONE.c_e)
     np.testing.assert_allclose(found, expected, rtol=1e-9)
     # a row with its own window has its own bound
     least = [F / (9 * (0.8 / 3 if w else 1 / 3) ** 1.5) for F, w in zip(force, windows, strict=True)]

@@ -1,4 +1,4 @@
-"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit | compare."""
+"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit | compare | design."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Shape
+from burrlab._core import Burr
 from burrlab.bone.header import assumed, told_notes
 from burrlab.cli.options import (
     JSON,
@@ -34,12 +34,13 @@ from burrlab.cli.options import (
     refuse_options,
     save_figure,
     seed,
+    shape,
 )
 from burrlab.common.check import refuse
 
 
 @parsed_by
-def _forces(text: str) -> list[float]:
+def _numbers(text: str) -> list[float]:
     if ":" not in text:
         return [positive(part) for part in text.split(",")]
     parts = text.split(":")
@@ -164,7 +165,7 @@ def _fit(options: Options) -> int:
     plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
     plot(options.region, lambda: result.plot_region(points=given))
     plot(options.profile, result.plot_profile)
-    plain, text = result.to_dict(), result.report()
+    plain, text = result.to_dict(), result.report(options.verbose)
     if options.test is not None:
         test = result.test(*options.test)
         plain["test"] = {"c_e": options.test[0], "alpha": options.test[1], "p_value": test.p_value}
@@ -183,13 +184,30 @@ def _compare(options: Options) -> int:
     for curve in _data(options):
         assert isinstance(curve, burrlab.VelocityCurve)
         sigma = curve.sigma is not None and bool(np.isfinite(curve.sigma[curve.ok]).all())
-        kind = options.residuals
-        if kind == "sigma" and not sigma:
-            kind = "relative"
-        fits.append(burrlab.fit(curve, shape=options.shape, residuals=kind))
+        fits.append(
+            burrlab.fit(
+                curve,
+                shape=options.shape,
+                residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
+            )
+        )
     result = burrlab.compare(*fits, margin=options.margin, names=options.file)
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), result.report())
+    return 0
+
+
+def _design(options: Options) -> int:
+    known = burrlab.Fit.from_json(options.fit)
+    radii = options.radii or known.radius
+    refuse(options.forces and radii is None, "--radii must be given: the data are of several radii")
+    result = burrlab.design(
+        known, options.forces, radii or [], options.repeats, static=options.static,
+        static_radius=options.static_radius, scatter=options.scatter, static_scatter=options.static_scatter,
+        truths=options.truths, seed=options.seed, progress=on_terminal(),
+    )  # fmt: skip
+    plot(options.plot, result.plot)
+    deliver(options, result.to_dict(), f"{result!r}\nseed {result.seed}")
     return 0
 
 
@@ -243,8 +261,11 @@ _EXPERIMENT = (
 )
 _RADIUS = option("--radius", "burr radius R of files that do not say it [mm]", type=positive)
 _SHAPE = option(
-    "--shape", "erosion shape f, default parabolic", type=parsed_by(Shape), default=Shape("parabolic")
+    "--shape", "erosion shape f, or a FILE.csv of x and f; default parabolic", type=shape, default="parabolic"
 )
+_RESIDUALS: dict[str, Any] = {
+    "choices": ["relative", "absolute", "sigma", "student"], "default": "relative",
+}  # fmt: skip
 DESCENT_COMMANDS = (
     Command("descend", _descend, "Sink a burr at constant force and measure its penetration velocity.", (
         option("--force", "set-point [N]", type=positive, required=True),
@@ -252,7 +273,7 @@ DESCENT_COMMANDS = (
         *_EXPERIMENT,
     )),
     Command("sweep", _sweep, "Penetration velocity against force, written as CSV.", (
-        option("--forces", "[N]; or F,F,...", type=_forces, required=True, metavar="FIRST:LAST:COUNT"),
+        option("--forces", "[N]; or F,F,...", type=_numbers, required=True, metavar="FIRST:LAST:COUNT"),
         option("--repeats", "descents at each force, default 1", type=count, default=1),
         option("--out", required=True, metavar="FILE.csv"),
         flag("--rig", "through controller and virtual rig; else the force is exact"),
@@ -273,11 +294,12 @@ DESCENT_COMMANDS = (
         option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
         _SHAPE,
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
-        option("--residuals", choices=["relative", "absolute", "sigma", "student"], default="relative"),
+        option("--residuals", **_RESIDUALS),
         option("--voxel", "voxel engine: spacing [mm]", type=positive, default=0.1),
         option("--seed", "default: drawn and recorded", type=seed),
         option("--alpha-lines", "also draw alpha +- D [1/ms], as the paper does", type=positive, metavar="D"),
         flag("--log", "logarithmic axes in the figure"),
+        flag("--verbose", "also print the table of searches, with nlopt's return codes"),
         option("--region", "write a figure of the joint region of c_e and alpha", metavar="FILE"),
         option("--profile", "write a figure of c_e's profile likelihood", metavar="FILE"),
         option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
@@ -293,11 +315,24 @@ DESCENT_COMMANDS = (
         ),
         _RADIUS,
         _SHAPE,
-        option(
-            "--residuals", "sigma: of files that have one; the others stay relative", default="relative",
-            choices=["relative", "absolute", "sigma", "student"],
-        ),
+        option("--residuals", "sigma: of files that have one; the others stay relative", **_RESIDUALS),
         LAYOUT,
+        *OUTPUT,
+    )),
+    Command("design", _design, "Which measurement next? Rank candidates by how they shrink the joint region.", (
+        option("fit", "of the data so far, as `burrlab fit --json` writes it", metavar="FIT.json"),
+        option(
+            "--forces", "of new velocities [N]; or F,F,...", type=_numbers, default=[],
+            metavar="FIRST:LAST:COUNT",
+        ),
+        option("--radii", "of new velocities [mm], default that of the data", type=_numbers, metavar="R,R,..."),
+        option("--static", "depths of new static pairs [mm]", type=_numbers, metavar="H,H,..."),
+        option("--static-radius", "burr radius of static pairs [mm], default that of the data", type=positive),
+        option("--repeats", "of each candidate, default 3", type=count, default=3),
+        option("--scatter", "of new velocities: 0.08 is 8 %%; default that of the data", type=positive),
+        option("--static-scatter", "of new static forces; default that of the data, or 0.1", type=positive),
+        option("--truths", "values of c_e and alpha that the mean is taken over, default 100", type=count, default=100),
+        option("--seed", "default: drawn and recorded", type=seed),
         *OUTPUT,
     )),
 )  # fmt: skip

@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
@@ -24,6 +24,7 @@ from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import default_tissues, read_tissues
 from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
+from burrlab.common.table import Column, Problem, Table, not_negative_or_nan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,13 +83,13 @@ def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
 
 
 def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
-    """The type of an option; it refuses with the message of the ValueError of `parse`."""
+    """The type of an option; it refuses with the message of the ValueError or OSError of `parse`."""
 
     def parsed(text: str) -> Made:
         try:
             return parse(text)
-        except ValueError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+        except (ValueError, OSError) as error:
+            raise argparse.ArgumentTypeError(sentence(error)) from None
 
     return parsed
 
@@ -128,13 +129,39 @@ seed = whole_number("a whole number below 2^64", most=2**64 - 1)
 port = whole_number("a port, 0 to 65535", most=65535)
 
 
+@parsed_by
+def shape(text: str) -> Shape:
+    """An erosion shape f by its name, or of a CSV file with columns x and f."""
+    if not text.lower().endswith(".csv"):
+        return Shape(text)
+    above: list[tuple[float, float]] = []
+
+    def rule(row: Mapping[str, float]) -> Problem:
+        x, f = (row.get(name, math.nan) for name in "xf")  # a column may be missing
+        above.append((x, f))
+        if len(above) > 1 and x <= above[-2][0]:
+            return "x", f"must be above the {above[-2][0]:g} of the row before: got {x:g}"
+        return ("f", f"must be at most f(0) = {above[0][1]:g}: got {f:g}") if f > above[0][1] else None
+
+    columns = tuple(Column(name, check=not_negative_or_nan, due="a number") for name in "xf")
+    name, _, found = Table(columns, rule=rule).read(text)
+    try:
+        return Shape.from_table(found["x"], found["f"])
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
 JSON = option("--json", "write the result as JSON; - for standard output", metavar="FILE")
 OUTPUT = (JSON, option("--plot", "write a figure (PNG, PDF, SVG by its ending)", metavar="FILE"))
 MATERIAL = (
     option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
     option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
     option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
-    option("--shape", f"erosion shape f: {', '.join(shape_names)}, power(k)", type=parsed_by(Shape)),
+    option(
+        "--shape",
+        f"erosion shape f: {', '.join(shape_names)}, power(k), or a FILE.csv of x and f",
+        type=shape,
+    ),
     option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
 )
 

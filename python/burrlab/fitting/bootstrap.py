@@ -12,6 +12,7 @@ import numpy as np
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse, seed_or_new
+from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
@@ -140,10 +141,14 @@ class Bootstrap:
     @property
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha``, ``combination`` -> level -> percentile interval; None is open."""
-        return {
-            name: {level: _percentiles(getattr(self, name), p) for level, p in LEVELS.items()}
-            for name in ("c_e", "alpha", "combination")
-        }
+        found: dict[str, dict[str, Interval]] = {}
+        for name in ("c_e", "alpha", "combination"):
+            values, found[name] = np.sort(getattr(self, name)), {}
+            for level, p in LEVELS.items():
+                places = np.round(np.array([0.5 - p / 2, 0.5 + p / 2]) * (len(values) - 1)).astype(int)
+                ends = (float(end) if np.isfinite(end) else None for end in values[places])
+                found[name][level] = Interval(*ends)
+        return found
 
     @property
     def on_ridge(self) -> float:
@@ -173,13 +178,6 @@ class Bootstrap:
         }
 
 
-def _percentiles(values: Floats, level: float) -> Interval:
-    tails = np.array([0.5 - level / 2, 0.5 + level / 2])
-    ends = np.sort(values)[np.round(tails * (len(values) - 1)).astype(int)]
-    lower, upper = (float(end) if np.isfinite(end) else None for end in ends)
-    return Interval(lower, upper)
-
-
 def bootstrap(
     fit: FitRecord,
     n: int = 1000,
@@ -188,6 +186,7 @@ def bootstrap(
     seed: int | None = None,
     executor: Executor | None = None,
     store: StorePath | None = None,
+    progress: Progress | None = None,
 ) -> Bootstrap:
     """Fits to n data sets made from a fit.
 
@@ -205,6 +204,8 @@ def bootstrap(
         Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
     store : Store or path, optional
         Keeps every replicate, so that an interrupted study resumes.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar on standard error.
 
     Returns
     -------
@@ -255,7 +256,9 @@ def bootstrap(
         )
         for k in range(n)
     ]
-    ends = np.array(run_items(replicate, items, executor=executor, store=store, chunk=_CHUNK))
+    told = counter(progress, "fits")
+    made = run_items(replicate, items, executor=executor, store=store, progress=told, chunk=_CHUNK)
+    ends = np.array(made)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations

@@ -20,16 +20,16 @@ from burrlab.common.table import by_value
 from burrlab.fitting.hypotheses import HypothesisTest, judged, p_text
 from burrlab.fitting.intervals import Interval
 from burrlab.fitting.observations import Floats, Threshold, bounds_of
-from burrlab.fitting.profile import _ENDLESS, C_E, Domain, Walk, _walk
+from burrlab.fitting.profile import C_E, ENDLESS, Domain, close_walk
 from burrlab.fitting.record import FitRecord
-from burrlab.fitting.report import columns
+from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.verdict import span
 from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
 LEVEL = 0.95  # of the intervals of ratios, all pairs together
 ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
 _FORCES = 15  # at which velocities are compared
-_OPEN = 1e3  # logarithm that stands for an open end; beyond `_ENDLESS` all are
+_OPEN = 1e3  # logarithm that stands for an open end; beyond `ENDLESS` all are
 #: Distances from a best value in standard errors, at which its ends are known
 _T = np.concatenate([np.arange(0, 1.6, 0.2), np.arange(1.6, 4, 0.1), np.geomspace(4, 40, 16)])
 _ANGLE = np.linspace(0, np.pi / 2, 33)
@@ -139,8 +139,8 @@ class Comparison:
             notes.append(f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm.")
         if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
-        blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": [f"- {note}" for note in notes]}
-        return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items())
+        last = [f"- {note}" for note in notes]
+        return in_blocks({"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last})
 
     def _velocity(self, pair: ComparedPair) -> str:
         v = pair.velocity
@@ -308,7 +308,7 @@ class _Side:
         o = self.likelihood.observations
         self.domain = Domain.of(self.likelihood, bounds_of(o, None), {})
         reach = [float(self._rise(self.calibration.threshold(C_E), t)) for t in (1.0, 2.0, 4.0)]
-        self.walk: Walk = _walk(self.likelihood, self.domain, fit.c_e, reach)
+        self.walk = close_walk(self.likelihood, self.domain, fit.c_e, reach)
         self.x = np.log(self.walk.c_e)
         self.best = int(np.argmin(self.walk.minus2))
         self.base = float(self.walk.minus2[self.best])
@@ -325,30 +325,24 @@ class _Side:
         return self.wider * threshold.inflation * judged
 
     def _bands_at(self, threshold: Threshold) -> tuple[Floats, Floats]:
-        """Lowest and highest log alpha at each distance and c_e; infinite outside."""
-        low, high = np.full((2, len(_T), len(self.x)), np.inf)
-        high = -high
-        for k, rise in enumerate(self._rise(threshold, _T)):
-            ends = self.walk.slices.alpha_below(self.base + rise)
-            inside = np.isfinite(ends[0]) & (self.walk.minus2 <= self.base + rise)
-            inside[self.best] = True
-            if k == 0:
-                low[0, self.best] = high[0, self.best] = np.log(self.walk.alpha[self.best])
-                continue
-            with np.errstate(divide="ignore"):
-                low[k, inside], high[k, inside] = np.log(ends[0][inside]), np.log(ends[1][inside])
+        """Lowest and highest log alpha at each distance and c_e; NaN outside."""
+        bands = np.array([self.walk.band(self.base + rise) for rise in self._rise(threshold, _T)])
+        bands[0] = np.nan
+        bands[0, :, self.best] = self.walk.alpha[self.best]
+        with np.errstate(divide="ignore"):
+            low, high = np.log(bands).swapaxes(0, 1)
         return low, high
 
     def ends(self, h: Floats, direction: Floats) -> _Ends:
         """Of log alpha + h(c_e); `direction` is its gradient over (log c_e, log alpha)."""
         threshold = self.calibration.threshold(direction)
         low, high = self._bands(threshold)
-        lower, upper = np.min(low + h, axis=1), np.max(high + h, axis=1)
+        lower, upper = np.nanmin(low + h, axis=1), np.nanmax(high + h, axis=1)
         far = np.isfinite(low[:, -1]) & (not self.domain.high_hard)
         g = np.log(self.walk.alpha[-2:]) + h[-2:]
         slope = float((g[1] - g[0]) / (self.x[-1] - self.x[-2]))  # on the ridge, where c_e has no end
-        lower[(far & (slope < -1e-3)) | (lower < -_ENDLESS)] = -_OPEN
-        upper[(far & (slope > 1e-3)) | (upper > _ENDLESS)] = _OPEN
+        lower[(far & (slope < -1e-3)) | (lower < -ENDLESS)] = -_OPEN
+        upper[(far & (slope > 1e-3)) | (upper > ENDLESS)] = _OPEN
         return _Ends(lower, upper, threshold.nu)
 
     @cached_property
@@ -392,8 +386,8 @@ class _Difference:
         t = float(-special.stdtrit(self.nu, (1 - level) / 2))
         low, high = float(np.interp(t, _T, self.low)), float(np.interp(t, _T, self.high))
         above = min(int(np.searchsorted(_T, t)), len(_T) - 1)  # an end is open from the distance before
-        low = low if self.low[above] > -_ENDLESS else -np.inf
-        return low, high if self.high[above] < _ENDLESS else np.inf
+        low = low if self.low[above] > -ENDLESS else -np.inf
+        return low, high if self.high[above] < ENDLESS else np.inf
 
     def ratio(self, level: float) -> Ratio:
         low, high = self.ends(level)

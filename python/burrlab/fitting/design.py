@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 import burrlab.common.table as dataset
 from burrlab.common.check import refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled
+from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
@@ -116,7 +117,7 @@ class Design(dataset.Tabular):
 
     def _table(self) -> dict[str, list[Any]]:
         rows = [asdict(one) for one in self.rows]
-        return {column: [row[name] for row in rows] for name, column in _COLUMNS.items()}
+        return {_COLUMNS.get(name, name): [row[name] for row in rows] for name in rows[0]}
 
     @drawing
     def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
@@ -176,17 +177,7 @@ class Design(dataset.Tabular):
         return ax
 
 
-_COLUMNS = {
-    "kind": "kind",
-    "force": "force_N",
-    "depth": "depth_mm",
-    "radius": "radius_mm",
-    "n": "n",
-    "area_ratio": "area_ratio",
-    "probability": "probability",
-    "c_e_ratio": "c_e_ratio",
-    "overloaded": "overloaded",
-}
+_COLUMNS = {"force": "force_N", "depth": "depth_mm", "radius": "radius_mm"}  # where a unit is added
 _HEADS = (
     "kind",
     "force [N]",
@@ -230,6 +221,7 @@ def design(
     static_scatter: float | None = None,
     truths: int = 100,
     seed: int | None = None,
+    progress: Progress | None = None,
 ) -> Design:
     """Rank candidates for the next measurement by how far they shrink the joint region of c_e and alpha.
 
@@ -259,6 +251,8 @@ def design(
         Number of (c_e, alpha) that the mean is taken over.
     seed : int, optional
         Seed of their draw; None draws a seed, which the result records.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar on standard error.
 
     Returns
     -------
@@ -329,6 +323,7 @@ def design(
     scatter = _scatter(fit, scatter)
     static_scatter = _static_scatter(fit, static_scatter)
     seed = seed_or_new(seed)
+    told, total = counter(progress, "candidates"), len(radius) * len(force) + len(depth)
 
     grid = RegionGrid.of(fit)
     truth = grid.truths(truths, np.random.default_rng(seed))
@@ -343,10 +338,12 @@ def design(
             ceiling = F / (R**2 * WINDOW_STOP**1.5)
             after, overloaded = _expected(grid, truth, log_velocity, new, ceiling)
             found.append(_candidate(grid, after, overloaded, n, R, force=F))
+            told(len(found), total)
     if len(depth):
         pairs = NewData(n, static_scatter, own=first)
         after, _ = _expected(grid, truth, grid.log_c_e[:, None], pairs, 0.0)
         found += [_candidate(grid, after, 0.0, n, static_radius, depth=h) for h in depth.tolist()]
+        told(total, total)
     return Design(
         rows=tuple(sorted(found, key=lambda one: one.area_ratio)),
         scatter=scatter,

@@ -11,10 +11,10 @@ from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
-from burrlab.fitting.hypotheses import HypothesisTest, Point, p_text
+from burrlab.fitting.hypotheses import HypothesisTest, Point, judged
 from burrlab.fitting.intervals import Interval
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
-from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, bounds_of
+from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, bounds_of
 from burrlab.fitting.profile import Domain, Walk, lowest, profile
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
@@ -85,12 +85,15 @@ class Goodness:
 def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) -> Goodness:
     """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats."""
     test = curvature(likelihood, point) if lack is None else lack
-    c_e, alpha = point
-    o = likelihood.observations
-    off = np.log(o.velocity / (alpha * likelihood.model.unit(c_e)))
-    poor = test is not None and test.p_value < POOR and float(np.sqrt(np.mean(off**2))) > _NO_MATTER
+    poor = test is not None and test.p_value < POOR and _off(likelihood, point) > _NO_MATTER
     inflation = test.statistic / test.freedom[0] if poor and test is not None and likelihood.known else 1.0
     return Goodness(test, poor, inflation)
+
+
+def _off(likelihood: Likelihood, point: Point) -> float:
+    """RMS of the logarithm of velocity over prediction."""
+    predicted = point[1] * likelihood.model.unit(point[0])
+    return float(np.sqrt(np.mean(np.log(likelihood.observations.velocity / predicted) ** 2)))
 
 
 def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
@@ -111,10 +114,9 @@ def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
         return None
     above = float(rest @ r) ** 2 / float(rest @ rest)
     F = above / max((float(r @ r) - above) / below, 1e-300)
-    p = float(stats.f.sf(F, 1, below))
+    p, told = judged(F, 1, below)
     bends = "do not bend" if p >= 0.05 else "bend"
-    sentence = f"The residuals {bends} over the force: F(1, {below}) = {F:.3g}, {p_text(p)}."
-    return HypothesisTest("curvature", F, (1, below), p, sentence)
+    return HypothesisTest("curvature", F, (1, below), p, f"The residuals {bends} over the force: {told}.")
 
 
 def _orthonormal(J: Floats) -> Floats:
@@ -323,12 +325,14 @@ def plausibility(
         rise = float(Walk(likelihood, domain, np.geomspace(low, high, _POINTS)).minus2.min()) - base
         return calibration.probability(max(rise, 0.0)) if np.isfinite(rise) else 0.0
 
-    inside, slope = p_of(), _slope(o)
-    off = float(np.sqrt(np.mean(np.log(o.velocity / (point[1] * likelihood.model.unit(point[0]))) ** 2)))
+    inside, off = p_of(), _off(likelihood, point)
+    line = stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
+    # upper end of the slope's 95 % interval
+    slope = float(line.slope + stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
     said = []
-    if slope[1] < 0:
+    if slope < 0:
         said.append("the velocity falls with the force")
-    elif slope[1] < 1:
+    elif slope < 1:
         said.append("the velocity rises less than the force does, as if the two columns were swapped")
     if off > _SCATTER:
         said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
@@ -343,12 +347,5 @@ def plausibility(
             if p_of(force, velocity) > _LOOKS
         ]
         said.append(f"they lie outside {known}" + ("; " + ", or ".join(looks) if looks else ""))
-    implausible = slope[1] < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
+    implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
     return Plausibility(inside, bool(said), implausible, "; ".join(said))
-
-
-def _slope(o: Observations) -> tuple[float, float]:
-    """95 % interval of the slope of log velocity over log(F/R^2)."""
-    found = stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
-    reach = float(stats.t.isf(0.025, max(len(o.force) - 2, 1))) * float(found.stderr)
-    return float(found.slope) - reach, float(found.slope) + reach

@@ -159,7 +159,11 @@ def fit(
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
     box = bounds_of(observations, bounds)
     if "alpha" not in (bounds or {}):
-        box = _with_best_alphas(box, likelihood)
+        # wide enough for the best alphas over the first decade of c_e
+        decade = np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)
+        alphas = likelihood.at(decade).best_alpha
+        low, high = min(box.lower[1], float(alphas.min()) / 3), max(box.upper[1], 3 * float(alphas.max()))
+        box = Box((box.lower[0], low), (box.upper[0], high))
     domain = Domain.of(likelihood, box, bounds or {})
     starts, missed = _searched(likelihood, domain, box)
     table, failure = None, ""
@@ -226,13 +230,6 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
             )
     refuse(not sets, "data must hold at least one data set: got none")
     return sets
-
-
-def _with_best_alphas(box: Box, likelihood: Likelihood) -> Box:
-    """The box with alpha widened, where needed, to the best alphas over the first decade of c_e."""
-    best = likelihood.at(np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)).best_alpha
-    low, high = float(best.min()) / 3, 3 * float(best.max())
-    return Box((box.lower[0], min(box.lower[1], low)), (box.upper[0], max(box.upper[1], high)))
 
 
 def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | None:

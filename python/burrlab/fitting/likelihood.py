@@ -51,10 +51,6 @@ class MeanFieldModel:
             ratio[..., rows] = distinct[..., inverse]
         return PER_SECOND * self._radius * ratio
 
-    def predict(self, c_e: float, alpha: float) -> Floats:
-        """Velocity [mm/s] of every velocity row at c_e [N/mm^2], alpha [1/ms]."""
-        return alpha * self.unit(c_e)
-
 
 #: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
 MODEL_ERROR = 2e-3
@@ -228,16 +224,6 @@ class Likelihood:
                 value = float(np.sqrt(self._variance(name, r, n, known) * n / (n - p)))
             scatters.append(Scatter(name, n, known, p, value))
         return total, tuple(scatters), shares
-
-    def squares(self, c_e: float, alpha: float) -> dict[str, tuple[float, int, bool]]:
-        """Sum of squared residuals, rows, and whether sigma is known, by the name of the scatter.
-
-        Sums of unknown scatter include the model's error.
-        """
-        return {
-            name: (float(np.sum(r**2)) if known else n * self._variance(name, r, n, known), n, known)
-            for name, known, _, r, n in self._derivatives(c_e, alpha)
-        }
 
     def variances(self, c_e: float, alpha: float) -> dict[str, float]:
         """Best estimates of the squared scatters, by name, with the model's error."""

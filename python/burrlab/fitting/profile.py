@@ -27,7 +27,7 @@ _CLOSER = 4
 _ACROSS = 60  # points over the range inside each limit, which may be narrower than the first cells
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # further points, times the same c_e: there v is a power law of c_e
-_ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is larger
+ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is larger
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
 _PARABOLIC = 5e-3  # in log c_e: over a 24th of this a smooth profile is a parabola
 _EDGE = 1e-7  # in log c_e: accuracy of a minimum where windows or the range of alpha end
@@ -130,7 +130,7 @@ def profile(
     limits = {name: calibration.limit(level, C_E) for name, level in LEVELS.items()}
     joint = {name: calibration.limit(level) for name, level in LEVELS.items()}
     of_alpha = [calibration.limit(level, ALPHA) for level in LEVELS.values()]
-    walk = _walk(likelihood, domain, best[0], [*limits.values(), *joint.values(), *of_alpha])
+    walk = close_walk(likelihood, domain, best[0], [*limits.values(), *joint.values(), *of_alpha])
     base = float(walk.minus2.min())
     rise = walk.minus2 - base
 
@@ -294,7 +294,8 @@ def _valleys(y: Floats) -> list[int]:
     return found if low < high else [*found, low]
 
 
-def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
+def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
+    """A walk that is closer at its lowest point and wherever its rise crosses a limit."""
     c_e = domain.grid
     part = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1)
     for _ in range(3):
@@ -331,7 +332,7 @@ def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
     # alpha rises with c_e along the likelihood: it is open where c_e is
     lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
     with np.errstate(divide="ignore"):
-        endless = -np.inf < np.log(lowest) < -_ENDLESS, np.log(highest) > _ENDLESS
+        endless = -np.inf < np.log(lowest) < -ENDLESS, np.log(highest) > ENDLESS
     lower = None if c_e.lower is None or endless[0] or 0 < domain.alpha[0] >= lowest else lowest
     upper = None if c_e.upper is None or endless[1] or highest >= domain.alpha[1] else highest
     return Interval(lower, upper)
@@ -363,8 +364,8 @@ def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded:
         rising = (low - exponent * x)[-1] > (low - exponent * x)[0]
         return Interval(float(np.exp(lower)), None) if rising else Interval(None, float(np.exp(upper)))
     return Interval(
-        None if -np.inf < lower < -_ENDLESS else float(np.exp(lower)),
-        None if upper > _ENDLESS else float(np.exp(upper)),
+        None if -np.inf < lower < -ENDLESS else float(np.exp(lower)),
+        None if upper > ENDLESS else float(np.exp(upper)),
     )
 
 

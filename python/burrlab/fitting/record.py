@@ -232,7 +232,8 @@ class FitRecord:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The fit that `to_dict` described."""
-        return _CODEC.made(cls, values)
+        # `burrlab fit --test` adds its test
+        return _CODEC.made(cls, {name: value for name, value in values.items() if name != "test"})
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit with its data as JSON that `from_json` reads back without loss."""
@@ -427,14 +428,6 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     }
 
 
-def _identified(fit: FitRecord) -> dict[str, Any] | None:
-    found = fit.identified
-    if found is None:
-        return None
-    ends = [found.interval.lower, found.interval.upper]
-    return {"exponent": found.exponent, "value": found.value, "interval": ends}
-
-
 _CODEC = Codec(
     keys={
         FitRecord: {
@@ -443,7 +436,14 @@ _CODEC = Codec(
         }
         | {
             "intervals": lambda fit: plain_ends(fit.intervals),
-            "identified": _identified,
+            "identified": lambda fit: (
+                (one := fit.identified)
+                and {
+                    "exponent": one.exponent,
+                    "value": one.value,
+                    "interval": [one.interval.lower, one.interval.upper],
+                }
+            ),
             "separately_identified": lambda fit: fit.separately_identified,
             "verdict": lambda fit: fit.verdict,
             "version": lambda fit: fit.provenance.get("burrlab"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
@@ -24,15 +24,20 @@ _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 _HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"]
 
 
-def text(fit: FitRecord) -> str:
-    """The fit as aligned text blocks."""
+def text(fit: FitRecord, verbose: bool) -> str:
+    """The fit as aligned text blocks; `verbose` adds the table of searches."""
     blocks = {
         "Fit Statistics": _aligned(statistics(fit)),
         "Variables": columns([_HEADS, *variable_rows(fit)]),
         "Identification": _aligned(identification(fit)),
-        "Starts": starts(fit),
+        "Starts": starts(fit) if verbose else [],
         "Notes": [f"- {note}" for note in notes(fit)],
     }
+    return in_blocks(blocks)
+
+
+def in_blocks(blocks: Mapping[str, Sequence[str]]) -> str:
+    """Lines under their titles, without empty blocks."""
     return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items() if lines)
 
 

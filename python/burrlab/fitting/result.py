@@ -28,6 +28,7 @@ from burrlab.common.figures import (
     plot_points,
     styled,
 )
+from burrlab.common.progress import Progress
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.comparison import compare
@@ -110,9 +111,10 @@ class Fit(FitRecord):
         seed: int | None = None,
         executor: Executor | None = None,
         store: StorePath | None = None,
+        progress: Progress | None = None,
     ) -> Bootstrap:
         """Fits to n data sets made from this one; see `burrlab.fitting.bootstrap.bootstrap`."""
-        return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store)
+        return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store, progress=progress)
 
     def material(self, name: str) -> Material:
         """The fitted material; its source says where the numbers come from."""
@@ -156,9 +158,15 @@ class Fit(FitRecord):
         phi = np.asarray(force, dtype=np.float64) / (self.c_e * R**2)
         return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
-    def report(self) -> str:
-        """The fit as aligned text blocks."""
-        return report.text(self)
+    def report(self, verbose: bool = False) -> str:
+        """The fit as aligned text blocks.
+
+        Parameters
+        ----------
+        verbose : bool
+            Add the table of searches, with nlopt's return codes.
+        """
+        return report.text(self, verbose)
 
     @drawing
     def plot(
@@ -196,7 +204,54 @@ class Fit(FitRecord):
             alpha_lines is not None and not 0 < alpha_lines < self.alpha,
             f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}",
         )
-        return plot_fit(self, ax, alpha_lines, log, style)
+        ax = axes_or_new(ax)
+        o = self.observations
+        named = style.pop("label", None)
+        line = {key: value for key, value in style.items() if not key.startswith("mark")}
+        for one in self.data:
+            if isinstance(one, VelocityCurve):
+                one.plot(ax, log=log, label=named and f"_{named}", **style | {"linestyle": ""})
+        single = o.run < 0
+        if not single.all():
+            ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
+                    label="segments of traces")  # fmt: skip
+        found = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
+        label: str | None = None if named else found
+        default = np.isnan(o.window_start)
+        for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
+            used = o.force[default & (o.radius == R)]
+            low = 0.85 * used.min() if log else 0.3 * used.min()
+            high = min(1.04 * used.max(), 0.999 * self.c_e * R**2 / 27**0.5)
+            force = np.geomspace(low, high, 300)
+            lower, upper = band(self, force, R)
+            shade = {
+                "color": style.get("color", _SHADES["99.7"]),
+                "alpha": 0.25 if "color" in style else None,
+            }
+            said = "95 % band" if i == 0 else None
+            ax.fill_between(force, lower, upper, label=said, zorder=1, linewidth=0, **shade)
+            several = self.radius is None
+            colour = LINES[i % len(LINES)] if several else "black"
+            shown_as = f"fit, R = {R:g} mm" if several and not named else label
+            look = styled(line, color=colour, linewidth=1.2, label=shown_as)
+            ax.plot(force, self.velocity(force, radius=R), **look)
+            label = None
+            if alpha_lines is not None:
+                for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
+                    beside = self.velocity(force, radius=R) * (1 + sign * alpha_lines / self.alpha)
+                    ax.plot(force, beside, "--", color="0.4", linewidth=0.9, label=name)
+        if self.engine == "voxel" or not default.all():
+            name = "voxel descents" if self.engine == "voxel" else "fit, over each row's window"
+            rows = np.concatenate([np.full(len(rows), kind == "velocity") for kind, rows in o.rows])
+            ax.plot(o.force, self.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
+        if named:
+            plot_points(ax, [], [], None, {"linestyle": "-", "linewidth": 1.2, **style}, named)
+        ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
+        if log:
+            ax.autoscale()  # a logarithmic axis cannot begin at zero
+        else:
+            ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
+        return ax
 
     @drawing
     def plot_profile(self, name: str = "c_e", ax: Axes | None = None, **style: Any) -> Axes:
@@ -215,7 +270,33 @@ class Fit(FitRecord):
             If the name is unknown, or the fit failed.
         """
         refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
-        return plot_profile(self, name, ax, style)
+        evidence, ax = self._evidence(), axes_or_new(ax)
+        profile = evidence.profile
+        x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
+        direction = {"c_e": C_E, "alpha": ALPHA}[name]
+        limits = {level: evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
+        top = 1.6 * limits["99.7"]
+        near = np.flatnonzero((rise < top) & (x < 12 * getattr(self, name)))
+        shown = slice(max(near[0] - 1, 0), near[-1] + 2)
+        look = styled(style, color=FORCE, linewidth=1.4)
+        ax.plot(x[shown], rise[shown], **look)
+        for level, limit in limits.items():
+            ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
+            ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
+                        textcoords="offset points", ha="right", fontsize=8, color=REFERENCE,
+                        bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none"})  # fmt: skip
+        ax.axvline(getattr(self, name), color="black", linewidth=0.8)
+        interval = profile.intervals[name]["95"]
+        for end in (interval.lower, interval.upper):
+            if end is not None and end < 12 * getattr(self, name):
+                ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":")
+        if interval.upper is None:
+            ax.annotate(
+                "open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE
+            )
+        ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
+        ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])
+        return ax
 
     @drawing
     def plot_region(
@@ -244,7 +325,40 @@ class Fit(FitRecord):
         ValueError
             If the fit failed.
         """
-        return plot_region(self, ax, points, combination, style)
+        profile, ax = self._evidence().profile, axes_or_new(ax)
+        widest, color = 12 * self.c_e, style.pop("color", None)
+        label = f"{style.pop('label')}, " if style.get("label") else ""
+        p = profile.identified.exponent if combination else 0.0
+        for level in reversed(list(LEVELS)):
+            region = profile.regions[level]
+            near = region.c_e <= widest
+            suffix = ", open above" if region.open_above else ""
+            c_e = region.c_e[near]
+            shade = (
+                _SHADES[level]
+                if color is None
+                else to_rgba(color, {"99.7": 0.2, "95": 0.35, "68": 0.6}[level])
+            )
+            look = {"color": shade, "edgecolor": color or FORCE, "linewidth": 0.6, **style}
+            ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p,
+                            label=f"{label}{level} %{suffix}", **look)  # fmt: skip
+        ax.plot(self.c_e, self.alpha / self.c_e**p, "+", color="black", ms=8, mew=1.4, label="fit")
+        for marker, (name, (c_e_there, alpha)) in zip("osD^v*", (points or {}).items(), strict=False):
+            ax.plot(
+                c_e_there,
+                alpha / c_e_there**p,
+                marker,
+                color=VELOCITY,
+                mfc="white",
+                mew=1.2,
+                ms=5.5,
+                label=name,
+            )
+        power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
+        ax.set(
+            xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"]
+        )
+        return ax
 
     @drawing
     def plot_residuals(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -263,7 +377,32 @@ class Fit(FitRecord):
         ValueError
             If the fit failed, or has no curve.
         """
-        return plot_residuals(self, ax, style)
+        rows = self.influence()
+        refuse(not rows, "residuals of rows need a curve: the fit has none")
+        ax = axes_or_new(ax)
+        force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
+        named = np.array([row.named for row in rows])
+        look = styled(style, color=FORCE, marker="o", linestyle="", markersize=4, zorder=3, label="rows")
+        ax.plot(force[~named], size[~named], **look)
+        limit = rows_limit(self.likelihood, (self.c_e, self.alpha), ~named)
+        if limit is not None:
+            ax.axhspan(-limit, limit, color="0.95", zorder=0)
+            for sign, said in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
+                ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=said)
+        if named.any():
+            ax.plot(
+                force[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"})
+            )
+        for row in rows:
+            if row.named:
+                number = f"{row.data_set + 1}: {row.row}" if len(self.data) > 1 else f"{row.row}"
+                ax.annotate(f"row {number}", (row.force, row.studentised), xytext=(6, 0), va="center",
+                            textcoords="offset points", fontsize=8)  # fmt: skip
+        ax.axhline(0, color=REFERENCE, linewidth=0.6)
+        ax.margins(x=0.1)
+        why = "" if limit else "\n(no limit below 8 rows)"
+        ax.set(xlabel="force [N]", ylabel=f"studentised residual [sigma]{why}")
+        return ax
 
     def __repr__(self) -> str:
         return (
@@ -280,55 +419,6 @@ LINES = (FORCE, VELOCITY, POSITION, "black")  # one per radius
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
 Items: TypeAlias = "Sequence[VelocityCurve | Fit] | Mapping[str, VelocityCurve | Fit]"
-
-
-def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool, style: dict[str, Any]) -> Axes:
-    """See `Fit.plot`."""
-    ax = axes_or_new(ax)
-    o = fit.observations
-    named = style.pop("label", None)
-    line = {key: value for key, value in style.items() if not key.startswith("mark")}
-    for one in fit.data:
-        if isinstance(one, VelocityCurve):
-            one.plot(ax, log=log, label=named and f"_{named}", **style | {"linestyle": ""})
-    single = o.run < 0
-    if not single.all():
-        ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
-                label="segments of traces")  # fmt: skip
-    found = f"fit: $c_e$ = {fit.c_e:#.3g} N/mm², $\\alpha$ = {fit.alpha:#.3g} /ms"
-    label: str | None = None if named else found
-    default = np.isnan(o.window_start)
-    for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
-        used = o.force[default & (o.radius == R)]
-        low = 0.85 * used.min() if log else 0.3 * used.min()
-        high = min(1.04 * used.max(), 0.999 * fit.c_e * R**2 / 27**0.5)
-        force = np.geomspace(low, high, 300)
-        lower, upper = band(fit, force, R)
-        shade = {"color": style.get("color", _SHADES["99.7"]), "alpha": 0.25 if "color" in style else None}
-        said = "95 % band" if i == 0 else None
-        ax.fill_between(force, lower, upper, label=said, zorder=1, linewidth=0, **shade)
-        several = fit.radius is None
-        colour = LINES[i % len(LINES)] if several else "black"
-        shown_as = f"fit, R = {R:g} mm" if several and not named else label
-        look = styled(line, color=colour, linewidth=1.2, label=shown_as)
-        ax.plot(force, fit.velocity(force, radius=R), **look)
-        label = None
-        if alpha_lines is not None:
-            for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
-                beside = fit.velocity(force, radius=R) * (1 + sign * alpha_lines / fit.alpha)
-                ax.plot(force, beside, "--", color="0.4", linewidth=0.9, label=name)
-    if fit.engine == "voxel" or not default.all():
-        name = "voxel descents" if fit.engine == "voxel" else "fit, over each row's window"
-        rows = np.concatenate([np.full(len(rows), kind == "velocity") for kind, rows in o.rows])
-        ax.plot(o.force, fit.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
-    if named:
-        plot_points(ax, [], [], None, {"linestyle": "-", "linewidth": 1.2, **style}, named)
-    ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
-    if log:
-        ax.autoscale()  # a logarithmic axis cannot begin at zero
-    else:
-        ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
-    return ax
 
 
 @drawing
@@ -395,90 +485,3 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
         low = np.nanmin(np.where(np.isnan(unit), np.inf, unit * region.lower[picked, None]), axis=0)
         high = np.nanmax(np.where(np.isnan(unit), -np.inf, unit * region.upper[picked, None]), axis=0)
     return low, high
-
-
-def plot_residuals(fit: Fit, ax: Axes | None, style: dict[str, Any]) -> Axes:
-    """See `Fit.plot_residuals`."""
-    rows = fit.influence()
-    refuse(not rows, "residuals of rows need a curve: the fit has none")
-    ax = axes_or_new(ax)
-    force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
-    named = np.array([row.named for row in rows])
-    look = styled(style, color=FORCE, marker="o", linestyle="", markersize=4, zorder=3, label="rows")
-    ax.plot(force[~named], size[~named], **look)
-    limit = rows_limit(fit.likelihood, (fit.c_e, fit.alpha), ~named)
-    if limit is not None:
-        ax.axhspan(-limit, limit, color="0.95", zorder=0)
-        for sign, said in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
-            ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=said)
-    if named.any():
-        ax.plot(force[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"}))
-    for row in rows:
-        if row.named:
-            number = f"{row.data_set + 1}: {row.row}" if len(fit.data) > 1 else f"{row.row}"
-            ax.annotate(f"row {number}", (row.force, row.studentised), xytext=(6, 0), va="center",
-                        textcoords="offset points", fontsize=8)  # fmt: skip
-    ax.axhline(0, color=REFERENCE, linewidth=0.6)
-    ax.margins(x=0.1)
-    why = "" if limit else "\n(no limit below 8 rows)"
-    ax.set(xlabel="force [N]", ylabel=f"studentised residual [sigma]{why}")
-    return ax
-
-
-def plot_profile(fit: Fit, name: str, ax: Axes | None, style: dict[str, Any]) -> Axes:
-    """See `Fit.plot_profile`."""
-    evidence, ax = fit._evidence(), axes_or_new(ax)
-    profile = evidence.profile
-    x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
-    direction = {"c_e": C_E, "alpha": ALPHA}[name]
-    limits = {level: evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
-    top = 1.6 * limits["99.7"]
-    near = np.flatnonzero((rise < top) & (x < 12 * getattr(fit, name)))
-    shown = slice(max(near[0] - 1, 0), near[-1] + 2)
-    look = styled(style, color=FORCE, linewidth=1.4)
-    ax.plot(x[shown], rise[shown], **look)
-    for level, limit in limits.items():
-        ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
-        ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
-                    textcoords="offset points", ha="right", fontsize=8, color=REFERENCE,
-                    bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none"})  # fmt: skip
-    ax.axvline(getattr(fit, name), color="black", linewidth=0.8)
-    interval = profile.intervals[name]["95"]
-    for end in (interval.lower, interval.upper):
-        if end is not None and end < 12 * getattr(fit, name):
-            ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":")
-    if interval.upper is None:
-        ax.annotate("open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE)
-    ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
-    ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])
-    return ax
-
-
-def plot_region(
-    fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool,
-    style: dict[str, Any],
-) -> Axes:  # fmt: skip
-    """See `Fit.plot_region`."""
-    profile, ax = fit._evidence().profile, axes_or_new(ax)
-    widest, color = 12 * fit.c_e, style.pop("color", None)
-    label = f"{style.pop('label')}, " if style.get("label") else ""
-    p = profile.identified.exponent if combination else 0.0
-    for level in reversed(list(LEVELS)):
-        region = profile.regions[level]
-        near = region.c_e <= widest
-        suffix = ", open above" if region.open_above else ""
-        c_e = region.c_e[near]
-        shade = (
-            _SHADES[level] if color is None else to_rgba(color, {"99.7": 0.2, "95": 0.35, "68": 0.6}[level])
-        )
-        look = {"color": shade, "edgecolor": color or FORCE, "linewidth": 0.6, **style}
-        ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p,
-                        label=f"{label}{level} %{suffix}", **look)  # fmt: skip
-    ax.plot(fit.c_e, fit.alpha / fit.c_e**p, "+", color="black", ms=8, mew=1.4, label="fit")
-    for marker, (name, (c_e_there, alpha)) in zip("osD^v*", (points or {}).items(), strict=False):
-        ax.plot(
-            c_e_there, alpha / c_e_there**p, marker, color=VELOCITY, mfc="white", mew=1.2, ms=5.5, label=name
-        )
-    power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
-    ax.set(xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"])
-    return ax

@@ -27,7 +27,7 @@ from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
 from burrlab.fitting.intervals import Interval, plain_ends
 from burrlab.fitting.observations import Floats, Threshold
-from burrlab.fitting.report import columns
+from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.result import Fit
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
@@ -199,12 +199,27 @@ class ShapeComparison:
     @property
     def sentences(self) -> tuple[str, ...]:
         """Sentences on rejected shapes, shapes that cannot be told apart, and alpha."""
-        return tuple(sentences(self))
+        lines = [_rejection(self)]
+        if self.power is not None:
+            lines.append(_free(self.power))
+        lines += [_pair(self, pair) for pair in self.indistinguishable]
+        reference = next((row for row in self.rows if row.shape == Shape("parabolic")), None)
+        if reference is not None and reference.shape.name in self.kept:
+            lines += [_alpha(reference, row) for row in self.rows if row.shape.name in self.kept]
+        for row in self.rows:
+            said = [_words(self, part) for part in row.pattern if part.clear]
+            if len(said) > 1 or (said and row.rejected):
+                lines.append(f"Under {row.shape.label}, velocities are {_listed(said)}.")
+        lack = self.best.fit.lack_of_fit
+        if lack is not None and lack.p_value < 0.05:
+            lines.append(f"The best shape, {self.best.shape.label}, does not fit either: {lack.sentence}")
+        lines.append("An alpha holds for the f that it was fitted with: quote both, and simulate with both.")
+        return tuple(lines)
 
     def report(self) -> str:
         """Table and sentences as text."""
-        lines = ["[[Erosion shapes]]", *(f"    {line}" for line in columns(cells(self))), "[[Notes]]"]
-        return "\n".join([*lines, *(f"    - {sentence}" for sentence in self.sentences)])
+        notes = [f"- {sentence}" for sentence in self.sentences]
+        return in_blocks({"Erosion shapes": columns(cells(self)), "Notes": notes})
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -224,7 +239,41 @@ class ShapeComparison:
         -------
         matplotlib Axes
         """
-        return plot_residuals(self, ax, style)
+        ax = axes_or_new(ax)
+        best = self.best
+        o = best.fit.observations
+        measured = 100 * np.log(o.velocity / _predicted(best.fit))
+        half = max(1.25 * float(np.abs(measured).max()), _LEAST)
+        farthest = half
+        for i, row in enumerate(self.rows):
+            force, ratio = _line(row.fit, best.fit)
+            label = f"{row.shape.label}, rejected" if row.rejected else row.shape.label
+            ax.plot(force, 100 * np.log(ratio), _STYLES[i % len(_STYLES)], color=_LINES[i % len(_LINES)],
+                    linewidth=1.4, label=label, zorder=3)  # fmt: skip
+            farthest = max(farthest, 100 * float(np.abs(np.log(ratio)).max()))
+        plot_points(
+            ax,
+            o.force,
+            measured,
+            None,
+            {"ms": 3.5, "zorder": 4} | style,
+            f"data ({best.shape.label} fits best)",
+        )
+        ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.label}}}$)")
+        step = float(next((s for s in _TICKS if half / s < 3), _TICKS[-1]))
+        inner = np.arange(0, half, step)
+        outer = np.array(
+            [s for s in (*_TICKS, 1000, 3000) if 1.5 * half < s <= farthest and str(s)[0] in "13"]
+        )
+        if farthest > half:
+            ax.set_yscale("symlog", linthresh=half, linscale=2.0)
+            ax.axhspan(-half, half, color="0.96", zorder=0)
+        ticks = np.concatenate([inner, outer])
+        ax.yaxis.set_major_locator(FixedLocator([*-ticks[1:], *ticks]))
+        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+        ax.yaxis.set_minor_locator(NullLocator())
+        ax.set(ylim=(-1.1 * farthest, 1.1 * farthest), xlim=(0.93 * o.force.min(), 1.07 * o.force.max()))
+        return ax
 
     @drawing
     def plot_power(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -251,7 +300,46 @@ class ShapeComparison:
             self.power is None,
             "the profile over k needs the family, free=True, and more than three rows: got none",
         )
-        return plot_power(self, ax, style)
+        ax = axes_or_new(ax)
+        power = self.power
+        assert power is not None
+        largest = max(power.limits.values())
+        ax.set_yscale("symlog", linthresh=largest, linscale=2.0)
+        ax.plot(power.grid, power.rise, **styled(style, color=FORCE, linewidth=1.4))
+        for level, limit in power.limits.items():
+            ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
+            ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
+                        textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
+        for k, name in ((0, "constant"), (1, "parabolic"), (2, "quartic")):
+            rise = float(np.interp(k, power.grid, power.rise))
+            ax.plot(k, rise, "o", color=VELOCITY, markersize=5, zorder=4, clip_on=False)
+            ax.annotate(
+                name,
+                (k, rise),
+                xytext=(8, -11 if rise > largest and k > power.k else 4),
+                textcoords="offset points",
+                fontsize=8,
+                color=VELOCITY,
+            )
+        top = max(10 * largest, 2.0 * float(power.rise.max()))
+        ax.set(
+            xlabel="$k$ of $f = (1 - x^2)^k$",
+            ylabel="rise of $-2 \\log L$",
+            xlim=(NODES[0] - 0.08, NODES[-1]),
+        )
+        ax.set_ylim(0, top)
+        step = 2 if largest < 12 else 5
+        powers = 10.0 ** np.arange(1, np.floor(np.log10(top)) + 1)
+        ax.yaxis.set_major_locator(
+            FixedLocator([*np.arange(0, largest, step), *powers[powers > 1.3 * largest]])
+        )
+        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
+        ax.yaxis.set_minor_locator(NullLocator())
+        interval = power.intervals["95"]
+        ends = [f"{NODES[0]:g}" if interval.lower is None else f"{interval.lower:.3f}"]
+        ends.append("open" if interval.upper is None else f"{interval.upper:.3f}")
+        ax.set_title(f"$k$ = {power.k:.3f}, 95 %: {ends[0]} .. {ends[1]}")
+        return ax
 
     def to_dict(self) -> dict[str, Any]:
         """All but the data as plain Python objects, ready for JSON; infinities and NaN are None."""
@@ -349,27 +437,6 @@ def _is_open(row: ShapeRow) -> bool:
     return row.fit.intervals["c_e"]["95"].upper is None
 
 
-def sentences(comparison: ShapeComparison) -> list[str]:
-    """See `ShapeComparison.sentences`."""
-    lines = [_rejection(comparison)]
-    if comparison.power is not None:
-        lines.append(_free(comparison.power))
-    lines += [_pair(comparison, pair) for pair in comparison.indistinguishable]
-    reference = next((row for row in comparison.rows if row.shape == Shape("parabolic")), None)
-    if reference is not None and reference.shape.name in comparison.kept:
-        lines += [_alpha(reference, row) for row in comparison.rows if row.shape.name in comparison.kept]
-    lines += [
-        f"Under {row.shape.label}, velocities are {words}."
-        for row in comparison.rows
-        if (words := _misfit(comparison, row))
-    ]
-    lack = comparison.best.fit.lack_of_fit
-    if lack is not None and lack.p_value < 0.05:
-        lines.append(f"The best shape, {comparison.best.shape.label}, does not fit either: {lack.sentence}")
-    lines.append("An alpha holds for the f that it was fitted with: quote both, and simulate with both.")
-    return lines
-
-
 def _rejection(comparison: ShapeComparison) -> str:
     percent = f"{100 * comparison.level:g} %"
     if comparison.power is None or comparison.threshold is None:
@@ -439,11 +506,6 @@ def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
     )
 
 
-def _misfit(comparison: ShapeComparison, row: ShapeRow) -> str:
-    said = [_words(comparison, part) for part in row.pattern if part.clear]
-    return _listed(said) if len(said) > 1 or row.rejected else ""
-
-
 def _words(comparison: ShapeComparison, part: Part) -> str:
     low, high = part.forces
     where = f"at {low:.3g} N" if low == high else f"at {low:.3g}..{high:.3g} N"
@@ -483,38 +545,6 @@ _LEAST = 5.0  # half of the linear part of the axis is at least this, in 100 ln
 _TICKS = (1, 2, 5, 10, 20, 30, 50, 100, 300)
 
 
-def plot_residuals(comparison: ShapeComparison, ax: Axes | None, style: dict[str, Any]) -> Axes:
-    """See `ShapeComparison.plot`."""
-    ax = axes_or_new(ax)
-    best = comparison.best
-    o = best.fit.observations
-    measured = 100 * np.log(o.velocity / _predicted(best.fit))
-    half = max(1.25 * float(np.abs(measured).max()), _LEAST)
-    farthest = half
-    for i, row in enumerate(comparison.rows):
-        force, ratio = _line(row.fit, best.fit)
-        label = f"{row.shape.label}, rejected" if row.rejected else row.shape.label
-        ax.plot(force, 100 * np.log(ratio), _STYLES[i % len(_STYLES)], color=_LINES[i % len(_LINES)],
-                linewidth=1.4, label=label, zorder=3)  # fmt: skip
-        farthest = max(farthest, 100 * float(np.abs(np.log(ratio)).max()))
-    plot_points(
-        ax, o.force, measured, None, {"ms": 3.5, "zorder": 4} | style, f"data ({best.shape.label} fits best)"
-    )
-    ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.label}}}$)")
-    step = float(next((s for s in _TICKS if half / s < 3), _TICKS[-1]))
-    inner = np.arange(0, half, step)
-    outer = np.array([s for s in (*_TICKS, 1000, 3000) if 1.5 * half < s <= farthest and str(s)[0] in "13"])
-    if farthest > half:
-        ax.set_yscale("symlog", linthresh=half, linscale=2.0)
-        ax.axhspan(-half, half, color="0.96", zorder=0)
-    ticks = np.concatenate([inner, outer])
-    ax.yaxis.set_major_locator(FixedLocator([*-ticks[1:], *ticks]))
-    ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    ax.yaxis.set_minor_locator(NullLocator())
-    ax.set(ylim=(-1.1 * farthest, 1.1 * farthest), xlim=(0.93 * o.force.min(), 1.07 * o.force.max()))
-    return ax
-
-
 def _predicted(one: Fit) -> Floats:
     return np.asarray(one.alpha * one.likelihood.model.unit(one.c_e))
 
@@ -528,43 +558,3 @@ def _line(one: Fit, best: Fit) -> tuple[Floats, Floats]:
     force, inverse = np.unique(o.force, return_inverse=True)
     log = np.log(_predicted(one) / _predicted(best))
     return force, np.exp(np.bincount(inverse, log) / np.bincount(inverse))
-
-
-def plot_power(comparison: ShapeComparison, ax: Axes | None, style: dict[str, Any]) -> Axes:
-    """See `ShapeComparison.plot_power`."""
-    ax = axes_or_new(ax)
-    power = comparison.power
-    assert power is not None
-    largest = max(power.limits.values())
-    ax.set_yscale("symlog", linthresh=largest, linscale=2.0)
-    ax.plot(power.grid, power.rise, **styled(style, color=FORCE, linewidth=1.4))
-    for level, limit in power.limits.items():
-        ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
-        ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
-                    textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
-    for k, name in ((0, "constant"), (1, "parabolic"), (2, "quartic")):
-        rise = float(np.interp(k, power.grid, power.rise))
-        ax.plot(k, rise, "o", color=VELOCITY, markersize=5, zorder=4, clip_on=False)
-        ax.annotate(
-            name,
-            (k, rise),
-            xytext=(8, -11 if rise > largest and k > power.k else 4),
-            textcoords="offset points",
-            fontsize=8,
-            color=VELOCITY,
-        )
-    top = max(10 * largest, 2.0 * float(power.rise.max()))
-    ax.set(
-        xlabel="$k$ of $f = (1 - x^2)^k$", ylabel="rise of $-2 \\log L$", xlim=(NODES[0] - 0.08, NODES[-1])
-    )
-    ax.set_ylim(0, top)
-    step = 2 if largest < 12 else 5
-    powers = 10.0 ** np.arange(1, np.floor(np.log10(top)) + 1)
-    ax.yaxis.set_major_locator(FixedLocator([*np.arange(0, largest, step), *powers[powers > 1.3 * largest]]))
-    ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-    ax.yaxis.set_minor_locator(NullLocator())
-    interval = power.intervals["95"]
-    ends = [f"{NODES[0]:g}" if interval.lower is None else f"{interval.lower:.3f}"]
-    ends.append("open" if interval.upper is None else f"{interval.upper:.3f}")
-    ax.set_title(f"$k$ = {power.k:.3f}, 95 %: {ends[0]} .. {ends[1]}")
-    return ax

@@ -15,6 +15,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import refuse
+from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.fitting.fit import fit
 from burrlab.fitting.intervals import LEVELS, Interval
@@ -276,6 +277,7 @@ def compare_shapes(
     bounds: Bounds | None = None,
     starts: int | None = None,
     seed: int | None = None,
+    progress: Progress | None = None,
 ) -> ShapeComparison:
     """Fit data under several erosion shapes f, and say which are rejected and which cannot be told apart.
 
@@ -306,6 +308,8 @@ def compare_shapes(
         Deprecated: does nothing but give a DeprecationWarning.
     seed : int, optional
         As for `fit`; nothing is drawn.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar on standard error.
 
     Returns
     -------
@@ -364,11 +368,18 @@ def compare_shapes(
     )
     refuse(not 0 < level < 1, f"level must be between 0 and 1: got {level!r}")
     refuse(residuals == "student", "residuals must be relative, absolute or sigma: got 'student'")
-    fits = {
-        name: fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed) for name in names
-    }
+    told, fits = counter(progress, "shapes"), {}
+    steps = len(names) + (len(NODES) if free else 0)
+    for name in names:
+        fits[name] = fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed)
+        told(len(fits), steps)
     first = fits[names[0]]
     observations = first.observations
+    for done, k in enumerate(NODES if free else (), start=len(names) + 1):
+        MeanFieldModel(observations, member(k)).unit(
+            first.c_e
+        )  # makes the master curve that the family needs
+        told(done, steps)
     weighed = weigh_shapes(observations, residuals, names, bounds=bounds, free=free)
     power = None
     if weighed.k is not None and weighed.threshold is not None:

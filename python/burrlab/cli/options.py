@@ -24,7 +24,7 @@ from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import default_tissues, read_tissues
 from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
-from burrlab.common.table import Column, Problem, Table, not_negative_or_nan
+from burrlab.common.table import Column, Problem, Table, not_negative
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,7 +143,7 @@ def shape(text: str) -> Shape:
             return "x", f"must be above the {above[-2][0]:g} of the row before: got {x:g}"
         return ("f", f"must be at most f(0) = {above[0][1]:g}: got {f:g}") if f > above[0][1] else None
 
-    columns = tuple(Column(name, check=not_negative_or_nan, due="a number") for name in "xf")
+    columns = tuple(Column(name, check=not_negative, due="a number") for name in "xf")
     name, _, found = Table(columns, rule=rule).read(text)
     try:
         return Shape.from_table(found["x"], found["f"])

@@ -72,12 +72,10 @@ class Column:
 
     name: str  #: Of the field of a data set that holds the column.
     unit: str = ""  #: In the heading, beside the name.
-    type: Callable[[str], Any] = (
-        number  #: Field's text -> value; its ValueError tells a text without a value.
-    )
-    check: Callable[[Any, str], str | None] = lambda value, unit: (
-        None
-    )  #: Message for a value that breaks a rule.
+    #: Field's text -> value; its ValueError tells a text without a value.
+    type: Callable[[str], Any] = number
+    #: Message for a value that breaks a rule.
+    check: Callable[[Any, str], str | None] = lambda value, unit: None
     optional: bool = False
     due: str = ""  #: Content that an empty field lacks; "" if fields may be empty, and numbers NaN.
     told: str = ""  #: Another heading than the one of name and unit.
@@ -94,9 +92,8 @@ class Table:
 
     columns: tuple[Column, ...]
     pairs: tuple[tuple[str, str], ...] = ()  #: Names of columns that need each other.
-    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: (
-        None
-    )  #: The rule between columns that a row breaks.
+    #: The rule between columns that a row breaks.
+    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: None
 
     @cached_property
     def named(self) -> dict[str, Column]:

@@ -76,7 +76,7 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
                 ["lines above the headings (9)", "kept apart: X_Value, Comment"]),
     "TSV, upper micro and s^-1": (
         "F / N\tv in \u03bcm s^-1\n0.5\t78.5\n1\t498\n1.5\t1498.2\n2\t2750\n2.5\t3125\n",
-        "utf-8", ["--columns", "force=F / N,velocity=v in \u00b5m s^-1", "--unit", "um/s", "--sep", "tab"], [],
+        "utf-8", ["--columns", "force=F / N,velocity=v in \u00b5m s^-1", "--unit", "velocity=\u00b5m s-1", "--sep", "tab"], [],
     ),
     "comments everywhere, headings in one": (
         "# source: bench 3\n# radius_mm: 3.0\n# Kraft [N], v (um/s)\n0.5, 78.5\n# drift checked\n1, 498\n1.5, 1498.2\n"
@@ -155,7 +155,9 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
          "2 faults: line 1: column v (um/s) tells um/s, which is no unit of force (N, mN, cN, daN, kN, gf, kgf, kp, lbf); "
          "line 1: column Kraft [N] tells N, which is no unit of velocity (mm/s, "),
         ("F [kg];v [Skt]\n1;2\n", ["--columns", "force=F [kg],velocity=v [Skt]"],
-         "give unit={'force': 'N', 'velocity': 'mm/s'} (--unit force=N,velocity=mm/s)\n"),
+         "give unit={'force': 'kgf', 'velocity': 'its unit'} (--unit force=kgf,velocity=its unit)\n"),
+        ("F [MN];v [\u00b5m/sec]\n1;2\n", ["--columns", "force=F [MN],velocity=v [\u00b5m/sec]"],
+         "tells um/s, but would be read in mm/s: give unit={'force': 'its unit', 'velocity': 'um/s'}"),
         ("force_N;v\n;\u00b5m/s\n1;2\n", ["--columns", "velocity=v"],
          "line 2, column v: tells um/s, but would be read in mm/s: give unit={'velocity': 'um/s'}"),
         ("force_N;velocity_mm_s\n1;2\n", ["--unit", "velocity=um/s"],

@@ -47,6 +47,7 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
 }  # fmt: skip
 _KNOWN = sorted((unit for of in UNITS.values() for unit in of), key=len, reverse=True)
 _TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
+_MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 
 Made = TypeVar("Made", bound=TableData)
 
@@ -69,7 +70,7 @@ class Layout:
             len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
             f"sep must be one character, or tab: got {shown(sep)}",
         )
-        columns, unit = columns or {}, unit or {}
+        columns, unit = columns or {}, _letters(unit) if isinstance(unit, str) else unit or {}
         for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
             texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in named.values())
             refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
@@ -84,6 +85,7 @@ class Layout:
         for what, given, names in (("columns", columns, table.named), ("unit", unit, self.units)):
             for ours in given:
                 refuse(ours not in names, f"{what} must be of {', '.join(names)}: got {shown(ours)}")
+        unit = {ours: _letters(one) for ours, one in unit.items()}
         for ours, one in unit.items():
             known = UNITS[table.named[ours].unit]
             refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
@@ -270,7 +272,7 @@ class Layout:
             self.wrong[ours] = told
             return f"tells {told}, but would be read in {due}"
         if told not in _KNOWN:
-            self.wrong[ours] = due
+            self.wrong[ours] = _MEANT.get(told, "its unit")
         return f"tells {listed([told])}, which is no unit of {ours} ({', '.join(known)})"
 
     def units_in(self, where: str, texts: Mapping[str, str], faults: list[str]) -> bool:
@@ -355,9 +357,12 @@ def _told(heading: str) -> tuple[str, bool]:
 
 
 def _letters(text: str) -> str:
-    """A unit in our letters: u for either micro sign, /s for s^-1."""
-    text = re.sub("[\u00b5\u03bc]", "u", text.strip())
-    return re.sub(r"\s*[\u00b7\u22c5*]?\s*s(\u207b\u00b9|\^?\{?-1\}?)$", "/s", text)
+    """A unit in our letters: u for either micro sign, /s for s^-1, small ones for capitals (MN, MS are mega)."""
+    text = text.strip()
+    for theirs, ours in {"[\u00b5\u03bc]": "u", r"(?i)\bmicrons?\b": "um", r"(?i)\bsec\b": "s"}.items():
+        text = re.sub(theirs, ours, text)
+    text = re.sub(r"\s*[\u00b7\u22c5*.]?\s*(s|min)(\u207b\u00b9|\^?\{?-1\}?)$", r"/\1", text)
+    return text if text in ("MN", "MS") else {unit.upper(): unit for unit in _KNOWN}.get(text, text)
 
 
 def _give(option: str, value: Mapping[str, str] | str) -> str:

@@ -98,6 +98,11 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
         "0.203943243 2.75 4\n0.254929053 3.125 5\n",
         "ascii", ["--columns", "force=kgf,velocity=mm/s", "--unit", "force=kgf", "--sep", " "], ["kept apart: n"],
     ),
+    "repeats side by side, headings in quotation marks": (
+        "Kraft [N],\"v, 1 [um/s]\",by,v2 [um/s]\n0.5,78.5,A,\n1,498,B,\n1.5,,C,1498.2\n2,2750,D,\n2.5,,,3125\n",
+        "utf-8", ["--columns", "force='Kraft [N]',velocity=\"v, 1 [um/s]\",velocity=v2 [um/s]", "--unit", "um/s"],
+        ["velocity from v, 1 [um/s], v2 [um/s] in um/s", "passed over: empty fields (5)"],
+    ),
     "our own headings with other columns": (
         "# source: bench 3\nforce_N,day,velocity_mm_s\n0.5,Mo,0.0785\n1,Tu,0.498\n1.5,We,1.4982\n2,,2.75\n2.5,Fr,3.125\n",
         "utf-8", [], ["other columns, kept apart: day\n"],
@@ -241,8 +246,17 @@ def test_from_dataframe() -> None:
         curve.force, curve.velocity, curve.sigma, radius=3.0,
         provenance={"read": "force from force_N in N, velocity from velocity_mm_s in mm/s, sigma from sigma_mm_s in mm/s"},
     )  # fmt: skip
+    beside = {"velocity": ["v", "w"], "sigma": ["s", "s2"], "unit": "um/s"}
+    wide = VelocityCurve.from_dataframe(
+        frame[["F [N]", "v", "s"]].assign(w=[60, 70, 400], s2=3), **options | beside
+    )
+    assert (wide.force.tolist(), wide.velocity.tolist()) == (
+        [1, 1, 2, 3, 3],
+        [0.0785, 0.06, 0.07, 0.498, 0.4],
+    )
     for changed, told in (
         ({"velocity": "w"}, "DataFrame: no column is w; there are F .N., v, s, by$"),
+        ({"velocity": ["v", "s"], "sigma": "by"}, "columns of sigma must be 2 or none: got by"),
         (
             {"sigma": "by"},
             "DataFrame: 2 faults: row 1, column by: 'a' is not a number; row 3, column by: 'b' is not",

@@ -56,7 +56,7 @@ class Layout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
     def __init__(
-        self, table: Table, columns: Mapping[str, str] | None, unit: str | Mapping[str, str] | None,
+        self, table: Table, columns: Mapping[str, Any] | None, unit: str | Mapping[str, str] | None,
         sep: str | None = None, decimal: str | None = None, encoding: str | None = None,
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
@@ -70,9 +70,11 @@ class Layout:
             len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
             f"sep must be one character, or tab: got {shown(sep)}",
         )
+        if isinstance(columns, Mapping):
+            columns = {ours: one if one and isinstance(one, list) else [one] for ours, one in columns.items()}
         columns, unit = columns or {}, _letters(unit) if isinstance(unit, str) else unit or {}
         for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
-            texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in named.values())
+            texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in _flat(named))
             refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         self.takers: dict[str, str] = {}  #: Columns that a unit for all can be of.
@@ -91,11 +93,12 @@ class Layout:
             refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
         self.units |= unit
         self.said = set(unit)  #: Columns whose unit was given by name.
-        self.asked = {ours: columns.get(ours, column.heading) for ours, column in table.named.items()}
+        self.asked = {ours: columns.get(ours, [column.heading]) for ours, column in table.named.items()}
         due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
-        self.due = {_key(self.asked[ours]): self.asked[ours] for ours in due}
+        asked = [told for ours in due for told in self.asked[ours]]
+        self.due = {_key(told): told for told in asked}
         self.hint = _give("columns", dict.fromkeys(due, "its heading"))
-        refuse(len(self.due) < len(due), f"columns must differ: got {', '.join(self.asked[o] for o in due)}")
+        refuse(len(self.due) < len(asked), f"columns must differ: got {', '.join(asked)}")
         self.name, self.note = "", ""  #: Of the file; what was read from where, converted and passed over.
         self.comments: dict[str, str] = {}
         self.columns: dict[str, Any] = {}  #: By our names.
@@ -195,22 +198,31 @@ class Layout:
     ) -> None:
         """Fills `columns` and `others` from the records; ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
-        places = {ours: keys.index(_key(told)) for ours, told in self.asked.items() if _key(told) in keys}
+        places = {
+            ours: [keys.index(_key(one)) for one in told]
+            for ours, told in self.asked.items() if _key(told[0]) in keys
+        }  # fmt: skip
+        taken, optional = set(_flat(places)), {one.name for one in self.table.columns if one.optional}
+        sides = max(len(its) for ours, its in places.items() if ours not in optional)
         if self.takers and not self.takers.keys() & places.keys():
-            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in places.values())
+            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in _flat(places))
             faults.append(f"{head}: unit must be one that a column can have ({there}): got {unit!r}")
-        for ours, i in places.items():
-            if keys.count(keys[i]) > 1:
-                faults.append(f"{head}: column {headings[i]} is there twice")
-            if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
-                faults.append(f"{head}: column {headings[i]} {said}")
+        told = {ours: ", ".join(headings[i] for i in its) for ours, its in places.items()}
+        for ours, its in places.items():
+            if len(its) != sides and (len(its) > 1 or ours in optional):
+                faults.append(f"{head}: columns of {ours} must be {sides} or none: got {told[ours]}")
+            for i in its:
+                if keys.count(keys[i]) > 1:
+                    faults.append(f"{head}: column {headings[i]} is there twice")
+                if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
+                    faults.append(f"{head}: column {headings[i]} {said}")
         columns = (
-            replace(one, type=partial(self.value, one), told=headings[places[name]] if name in places else "")
+            replace(one, type=partial(self.value, one), told=told.get(name, ""))
             for name, one in self.table.named.items()
         )
         self.table = replace(self.table, columns=tuple(columns))
-        faults += (f"{head}: {said}" for said in self.table.unpaired([headings[i] for i in places.values()]))
-        rest = {i: one for i, one in enumerate(headings) if i not in places.values()}
+        faults += (f"{head}: {said}" for said in self.table.unpaired(told.values()))
+        rest = {i: one for i, one in enumerate(headings) if i not in taken}
         for i, one in rest.items():
             if not one or keys.count(keys[i]) > 1:
                 rest[i] = f"{one} (column {i + 1})".strip()
@@ -227,16 +239,21 @@ class Layout:
                 elif list(map(_key, fields)) == keys[: len(fields)]:
                     self.passed["repeated headings"] += 1
                     first = True
-                elif len(fields) <= max(places.values()) or any(fields[len(headings) :]):
+                elif len(fields) <= max(taken) or any(fields[len(headings) :]):
                     faults.append(f"{where}: {len(headings)} fields are due, found {len(fields)}")
                 else:
-                    texts = {ours: fields[i] for ours, i in places.items()}
-                    if first and self.units_in(where, texts, faults):
+                    cells = [(ours, fields[i]) for ours, its in places.items() for i in its]
+                    if first and self.units_in(where, cells, faults):
                         continue
                     first = False
-                    for i, label in rest.items():
-                        self.others[label].append(fields[i] if i < len(fields) else "")
-                    yield where, texts
+                    for side in range(sides):
+                        texts = {ours: fields[its[side % len(its)]] for ours, its in places.items()}
+                        if not all(texts[ours] for ours in texts.keys() - optional if len(places[ours]) > 1):
+                            self.passed["empty fields"] += 1
+                            continue
+                        for i, label in rest.items():
+                            self.others[label].append(fields[i] if i < len(fields) else "")
+                        yield where, texts
 
         self.columns = self.table.checked(rows(), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
@@ -275,12 +292,12 @@ class Layout:
             self.wrong[ours] = _MEANT.get(told, "its unit")
         return f"tells {listed([told])}, which is no unit of {ours} ({', '.join(known)})"
 
-    def units_in(self, where: str, texts: Mapping[str, str], faults: list[str]) -> bool:
+    def units_in(self, where: str, cells: Iterable[tuple[str, str]], faults: list[str]) -> bool:
         """Whether a row holds units and no numbers; `faults` gets those that contradict the ones given."""
-        told = {ours: text for ours, text in texts.items() if ours in self.units and text}
-        if not told or any(re.match(r"[\s+.,-]*\d", text) for text in told.values()):
+        told = [(ours, text) for ours, text in cells if ours in self.units and text]
+        if not told or any(re.match(r"[\s+.,-]*\d", text) for _, text in told):
             return False
-        for ours, text in told.items():
+        for ours, text in told:
             if said := self.wrong_unit(ours, text if re.match(r"\W", text) else f"[{text}]"):
                 faults.append(f"{where}, column {self.table.named[ours].heading}: {said}")
         self.passed["lines of units"] += 1
@@ -316,6 +333,11 @@ class Layout:
 
 def _apart(others: Mapping[str, object]) -> str:
     return f"other columns, kept apart: {listed(others)}"
+
+
+def _flat(named: Mapping[str, Any]) -> list[Any]:
+    """The values, and those in lists."""
+    return [one for value in named.values() for one in (value if isinstance(value, list) else [value])]
 
 
 def _record(lines: list[str], sep: str) -> tuple[int, list[str]]:

@@ -114,7 +114,7 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
 def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: Any) -> None:
     text, encoding, options, told = GO_IN[name]
     (tmp_path / "a.csv").write_bytes(text.encode(encoding))
-    if encoding not in ("utf-8", "utf-8-sig", "ascii"):
+    if encoding not in ("utf-8", "utf-8-sig", "ascii", "utf-16"):
         options = [*options, "--encoding", encoding]
     words = ["fit", str(tmp_path / "a.csv"), "--radius", "3", *options]
     code, out, err = call(capsys, *words, "--json", "-")
@@ -146,13 +146,23 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
          "has a point, decimals a comma; if decimals have a point, give decimal='.' (--decimal .)\n"),
         ("Kraft [N];v (um/s)\n1;1.498\n", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
          "'1.498' has a point: it may be 1498 or 1.498"),
-        ("Kraft [N];v (um/s);\n;78;\n1;-5\n2;fast\n3\n4;1;;note\nx;0\n5;\"1\n6;7\n", ["--columns", NAMES, "--unit", "um/s"],
+        ("Kraft [N];v (um/s);\n;78;\n1;-5\n2;fast\n3\n4;1;;note\n-;0\n5;\"1\n6;7\n", ["--columns", NAMES, "--unit", "um/s"],
          "a.csv: 8 faults: line 2, column Kraft [N]: every row needs a force; line 3, column v (um/s): must be a finite "
          "number above 0, in mm/s: got -0.005; line 4, column v (um/s): 'fast' is not a number; line 5: 3 fields are due, "
-         "found 1; line 6: 3 fields are due, found 4; line 7, column Kraft [N]: 'x' is not a number; line 7, column v (um/s): "),
-        ("a;b\n1;2\n", ["--columns", NAMES],
-         "a.csv: no line of headings has Kraft [N], v (um/s); line 1 has a, b: give columns={'force': 'its heading', "
+         "found 1; line 6: 3 fields are due, found 4; line 7, column Kraft [N]: '-' is not a number: leave the field empty "
+         "where there is none; line 7, column v (um/s): "),
+        ("a  b\n1;2\n", ["--columns", NAMES],
+         "a.csv: no line of headings has Kraft [N], v (um/s); line 1 has a, b between blanks, for which give sep=' ' "
+         "(--sep ' '): give columns={'force': 'its heading', "
          "'velocity': 'its heading'} (--columns force=its heading,velocity=its heading)\n"),
+        ("1;2\n", ["--columns", NAMES], "has Kraft [N], v (um/s); add a line of headings to a file without one: give"),
+        ("1;2\n3;4\n", ["--columns", "force=1,velocity=2"],
+         "a.csv: columns must be headings, not numbers (1, 2): add a line of headings to a file without one\n"),
+        ("force_N,velocity_mm_s\n-1,2\n-2,n/a\n", [],
+         "a.csv: 4 faults: column force_N: all are below 0: turn their sign; line 2, column force_N: must be a finite number "),
+        ("PK\3\4", [], "a.csv: this is a workbook, such as .xlsx or .ods: save it as CSV\n"),
+        ("Kraft [N];v (um/s)\n05. Jan;1\n", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
+         "column Kraft [N]: '05. Jan' is not a number\n"),
         ("Kraft [N];v (um/s)\n", ["--columns", NAMES, "--unit", "um/s"], "a.csv: there is no row below the headings"),
         ("Kraft [N];Kraft [N];v (um/s)\n1;2;3\n", ["--columns", NAMES, "--unit", "um/s"],
          "line 1: column Kraft [N] is there twice"),
@@ -179,6 +189,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
         ("force_N,velocity_mm_s,day,day\n1,1,2,2\n", [], "line 1: column day is there twice"),
         ("force_N,velocity_mm_s\n" + "x,1\n" * 12, [], "line 11, column force_N: 'x' is not a number; and 2 more\n"),
         ("Kr\xe4fte;v\n", [], "a.csv: this is not a text file in UTF-8; for a file of another program, give columns"),
+        ("Kr\xe4fte;v\n", ["--sep", ";"], "UTF-8; if Windows wrote it, give encoding='cp1252' (--encoding cp1252)\n"),
         ("Kr\xe4fte;v\n", ["--encoding", "ascii"], "a.csv: this is not a text file in ascii"),
         ("x", ["--encoding", "latin-0"], "encoding must be one such as cp1252 or utf-16, got 'latin-0'"),
         ("", ["--columns", NAMES, "--unit", "furlong"], "unit must be one of N, mN, "),
@@ -247,13 +258,9 @@ def test_from_dataframe() -> None:
         provenance={"read": "force from force_N in N, velocity from velocity_mm_s in mm/s, sigma from sigma_mm_s in mm/s"},
     )  # fmt: skip
     beside = {"velocity": ["v", "w"], "sigma": ["s", "s2"], "unit": "um/s"}
-    wide = VelocityCurve.from_dataframe(
-        frame[["F [N]", "v", "s"]].assign(w=[60, 70, 400], s2=3), **options | beside
-    )
-    assert (wide.force.tolist(), wide.velocity.tolist()) == (
-        [1, 1, 2, 3, 3],
-        [0.0785, 0.06, 0.07, 0.498, 0.4],
-    )
+    wide = VelocityCurve.from_dataframe(columns | {"w": [60, 70, 400], "s2": [3, 3, 3]}, **options | beside)
+    assert wide.force.tolist() == [1, 1, 2, 3, 3]
+    assert wide.velocity.tolist() == [0.0785, 0.06, 0.07, 0.498, 0.4]
     for changed, told in (
         ({"velocity": "w"}, "DataFrame: no column is w; there are F .N., v, s, by$"),
         ({"velocity": ["v", "s"], "sigma": "by"}, "columns of sigma must be 2 or none: got by"),

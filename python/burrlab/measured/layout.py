@@ -70,11 +70,10 @@ class Layout:
             len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
             f"sep must be one character, or tab: got {shown(sep)}",
         )
-        if isinstance(columns, Mapping):
-            columns = {ours: one if one and isinstance(one, list) else [one] for ours, one in columns.items()}
         columns, unit = columns or {}, _letters(unit) if isinstance(unit, str) else unit or {}
         for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
-            texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in _flat(named))
+            kinds = (str, list) if what == "columns" else str
+            texts = isinstance(named, Mapping) and all(isinstance(one, kinds) for one in named.values())
             refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         self.takers: dict[str, str] = {}  #: Columns that a unit for all can be of.
@@ -93,12 +92,15 @@ class Layout:
             refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
         self.units |= unit
         self.said = set(unit)  #: Columns whose unit was given by name.
-        self.asked = {ours: columns.get(ours, [column.heading]) for ours, column in table.named.items()}
+        asked = {ours: columns.get(ours, column.heading) for ours, column in table.named.items()}
+        self.asked = {
+            ours: list(map(str, told)) if isinstance(told, list) else [told] for ours, told in asked.items()
+        }
         due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
-        asked = [told for ours in due for told in self.asked[ours]]
-        self.due = {_key(told): told for told in asked}
+        headings = [told for ours in due for told in self.asked[ours] or [""]]
+        self.due = {_key(told): told for told in headings}
         self.hint = _give("columns", dict.fromkeys(due, "its heading"))
-        refuse(len(self.due) < len(asked), f"columns must differ: got {', '.join(asked)}")
+        refuse(len(self.due) < len(headings), f"columns must differ: got {', '.join(headings)}")
         self.name, self.note = "", ""  #: Of the file; what was read from where, converted and passed over.
         self.comments: dict[str, str] = {}
         self.columns: dict[str, Any] = {}  #: By our names.
@@ -120,7 +122,8 @@ class Layout:
             self.encoding and isinstance(file, io.TextIOBase),
             "encoding must be left out for a file that is open as text",
         )
-        self.name, text = text_of(file, self.encoding or "utf-8-sig")
+        windows = f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
+        self.name, text = text_of(file, self.encoding or "utf-8-sig", windows)
         lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
         head, start, sep, headings = self.headings_of(lines)
         for line in lines[:head]:
@@ -179,17 +182,25 @@ class Layout:
 
     def headings_of(self, lines: list[str]) -> tuple[int, int, str, list[str]]:
         """Index of the line of headings, index of the line below them, the separator, and the headings."""
-        best: tuple[int, int, int, list[str]] = (0, 0, 0, [])
+        add = "add a line of headings to a file without one"
+        numbers = ", ".join(told for told in self.due.values() if re.fullmatch(r"[\d.,eE+-]*\d", told))
+        refuse(numbers, f"{self.name}: columns must be headings, not numbers ({numbers}): {add}")
+        best: tuple[int, bool, int, int, list[str]] = (0, False, 0, 0, [])
         for place, line in enumerate(lines[:_SEARCHED]):
             bare = line.lstrip("#% ") if line[0] in "#%" else line
-            for sep in self.sep or _SEPARATORS:
+            for sep in self.sep or (*_SEPARATORS, " "):
+                told = sep in (self.sep or _SEPARATORS)
                 height, fields = _record([bare, *lines[place + 1 : place + _TALLEST]], sep)
                 keys = set(map(_key, fields))
-                if self.due.keys() <= keys:
+                if self.due.keys() <= keys and told:
                     return place, place + height, sep, fields
                 words = sum(bool(re.search(r"[^\W\d]", text)) for text in fields) * (bare is line)
-                best = max(best, (len(self.due.keys() & keys), words, -place, fields))
-        there = f"; line {1 - best[2]} has {listed(filter(None, best[3]))}" if best[:2] > (0, 1) else ""
+                best = max(best, (len(self.due.keys() & keys), told and words > 1, words, -place, fields))
+        matches, told, words, place, fields = best
+        there = (
+            f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else f"; {add}"
+        )
+        there += " between blanks, for which give sep=' ' (--sep ' ')" if words > 1 and not told else ""
         due = ", ".join(self.due.values())
         raise ValueError(f"{self.name}: no line of headings has {due}{there}: {self.hint}")
 
@@ -202,10 +213,13 @@ class Layout:
             ours: [keys.index(_key(one)) for one in told]
             for ours, told in self.asked.items() if _key(told[0]) in keys
         }  # fmt: skip
-        taken, optional = set(_flat(places)), {one.name for one in self.table.columns if one.optional}
+        taken, optional = (
+            [i for its in places.values() for i in its],
+            {one.name for one in self.table.columns if one.optional},
+        )
         sides = max(len(its) for ours, its in places.items() if ours not in optional)
         if self.takers and not self.takers.keys() & places.keys():
-            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in _flat(places))
+            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in taken)
             faults.append(f"{head}: unit must be one that a column can have ({there}): got {unit!r}")
         told = {ours: ", ".join(headings[i] for i in its) for ours, its in places.items()}
         for ours, its in places.items():
@@ -318,6 +332,8 @@ class Layout:
     def number(self, text: str) -> str:
         """A number's text with a point and without marks between thousands; ValueError if it may be two."""
         whole, point, part = text.partition(self.decimal)
+        if re.search(r"[^\W\deE_]", text):  # such as a date, where a point says nothing of decimals
+            return text
         for mark in {*_BLANKS, self.group}.intersection(whole):
             has = f"{shown(text)} has a {_MARKS.get(mark)}"
             grouped = re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{mark}\d{{3}})+", whole)
@@ -333,11 +349,6 @@ class Layout:
 
 def _apart(others: Mapping[str, object]) -> str:
     return f"other columns, kept apart: {listed(others)}"
-
-
-def _flat(named: Mapping[str, Any]) -> list[Any]:
-    """The values, and those in lists."""
-    return [one for value in named.values() for one in (value if isinstance(value, list) else [value])]
 
 
 def _record(lines: list[str], sep: str) -> tuple[int, list[str]]:

@@ -39,9 +39,8 @@ def number(text: str) -> float:
     try:
         value = _float(text)
     except ValueError:
-        none = re.fullmatch(r"(?i)n\.?/?a\.?|[-\u2013\u2014]+|[#<>].*", text)
-        empty = ": leave the field empty where there is none" if none else ""
-        raise ValueError(f"{shown(text)} is not a number{empty}") from None
+        none = ": leave the field empty where there is none" * bool(re.fullmatch("(?i)n/?a|-+|[#<>].*", text))
+        raise ValueError(f"{shown(text)} is not a number{none}") from None
     if math.isnan(value):  # only an empty field means "no number"
         raise ValueError(f"must be a finite number, or empty where there is none: got {shown(text)}")
     return value
@@ -242,7 +241,7 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
 
 
 def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = "") -> str:
-    """Text of a file's content; ValueError, with a hint, if it is no text in UTF-8, or in another encoding."""
+    """Text of a file's content; ValueError, with a hint, if it is no text in UTF-8 or another encoding."""
     try:
         text = content.decode(encoding)
     except LookupError:
@@ -312,8 +311,7 @@ def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint: str = "") -> tuple[str, str]:
-    """Name of a file and its text; ValueError if it is no text in UTF-8, in UTF-16 with its mark, or in another
-    encoding."""
+    """Name of a file and its text in UTF-8, UTF-16 with its mark, or another encoding; else ValueError."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()

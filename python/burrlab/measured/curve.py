@@ -207,7 +207,8 @@ class VelocityCurve(TableData):
         ----------
         frame : pandas.DataFrame, or mapping of columns
         force, velocity, sigma : str, or list of str
-            Names of the columns, lists where repeats stand side by side; window and status have those of `from_csv`, other ones become `others`.
+            Names of the columns, lists for repeats side by side; window and status have those of `from_csv`,
+            other ones become `others`.
         unit : str or mapping of str to str, optional
             As in `from_csv`.
         radius : float, optional
@@ -231,10 +232,7 @@ class VelocityCurve(TableData):
         array([0.0785, 0.498 ])
         """
         named = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
-        columns = {
-            ours: [str(told) for told in one] if isinstance(one, list) else str(one)
-            for ours, one in named.items()
-        }
+        columns = {ours: told if isinstance(told, list) else str(told) for ours, told in named.items()}
         return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
     @property

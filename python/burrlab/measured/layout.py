@@ -66,10 +66,8 @@ class Layout:
         self.group = "." if self.decimal == "," else ","
         self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
         refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
-        refuse(
-            len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
-            f"sep must be one character, or tab: got {shown(sep)}",
-        )
+        long = len(self.sep) > 1 or self.sep in ('"', "\r", "\n")
+        refuse(long, f"sep must be one character, or tab: got {shown(sep)}")
         columns, unit = columns or {}, _letters(unit) if isinstance(unit, str) else unit or {}
         for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
             kinds = (str, list) if what == "columns" else str
@@ -94,10 +92,11 @@ class Layout:
         self.said = set(unit)  #: Columns whose unit was given by name.
         asked = {ours: columns.get(ours, column.heading) for ours, column in table.named.items()}
         self.asked = {
-            ours: list(map(str, told)) if isinstance(told, list) else [told] for ours, told in asked.items()
+            ours: list(map(str, told or [""])) if isinstance(told, list) else [told]
+            for ours, told in asked.items()
         }
         due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
-        headings = [told for ours in due for told in self.asked[ours] or [""]]
+        headings = [told for ours in due for told in self.asked[ours]]
         self.due = {_key(told): told for told in headings}
         self.hint = _give("columns", dict.fromkeys(due, "its heading"))
         refuse(len(self.due) < len(headings), f"columns must differ: got {', '.join(headings)}")
@@ -118,10 +117,8 @@ class Layout:
                 raise ValueError(f"{error}{_FOREIGN if foreign else ''}") from None
             self.note = _apart(self.others) if self.others else ""
             return self
-        refuse(
-            self.encoding and isinstance(file, io.TextIOBase),
-            "encoding must be left out for a file that is open as text",
-        )
+        decoded = isinstance(file, io.TextIOBase)
+        refuse(decoded and self.encoding, "encoding must be left out for a file that is open as text")
         windows = f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
         self.name, text = text_of(file, self.encoding or "utf-8-sig", windows)
         lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
@@ -182,25 +179,24 @@ class Layout:
 
     def headings_of(self, lines: list[str]) -> tuple[int, int, str, list[str]]:
         """Index of the line of headings, index of the line below them, the separator, and the headings."""
-        add = "add a line of headings to a file without one"
+        add = "; add a line of headings to a file without one"
         numbers = ", ".join(told for told in self.due.values() if re.fullmatch(r"[\d.,eE+-]*\d", told))
-        refuse(numbers, f"{self.name}: columns must be headings, not numbers ({numbers}): {add}")
+        refuse(numbers, f"{self.name}: columns must be headings, not numbers ({numbers}){add}")
         best: tuple[int, bool, int, int, list[str]] = (0, False, 0, 0, [])
         for place, line in enumerate(lines[:_SEARCHED]):
             bare = line.lstrip("#% ") if line[0] in "#%" else line
             for sep in self.sep or (*_SEPARATORS, " "):
-                told = sep in (self.sep or _SEPARATORS)
                 height, fields = _record([bare, *lines[place + 1 : place + _TALLEST]], sep)
                 keys = set(map(_key, fields))
-                if self.due.keys() <= keys and told:
+                if self.due.keys() <= keys and sep in (self.sep or _SEPARATORS):
                     return place, place + height, sep, fields
                 words = sum(bool(re.search(r"[^\W\d]", text)) for text in fields) * (bare is line)
-                best = max(best, (len(self.due.keys() & keys), told and words > 1, words, -place, fields))
-        matches, told, words, place, fields = best
-        there = (
-            f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else f"; {add}"
-        )
-        there += " between blanks, for which give sep=' ' (--sep ' ')" if words > 1 and not told else ""
+                best = max(
+                    best, (len(self.due.keys() & keys), sep != " " and words > 1, words, -place, fields)
+                )
+        matches, marked, words, place, fields = best
+        there = f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else add
+        there += " between blanks, for which give sep=' ' (--sep ' ')" if not marked and words > 1 else ""
         due = ", ".join(self.due.values())
         raise ValueError(f"{self.name}: no line of headings has {due}{there}: {self.hint}")
 
@@ -209,18 +205,14 @@ class Layout:
     ) -> None:
         """Fills `columns` and `others` from the records; ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
-        places = {
-            ours: [keys.index(_key(one)) for one in told]
-            for ours, told in self.asked.items() if _key(told[0]) in keys
-        }  # fmt: skip
-        taken, optional = (
-            [i for its in places.values() for i in its],
-            {one.name for one in self.table.columns if one.optional},
-        )
+        there = {ours: told for ours, told in self.asked.items() if _key(told[0]) in keys}
+        places = {ours: [keys.index(_key(one)) for one in told] for ours, told in there.items()}
+        taken = [i for its in places.values() for i in its]
+        optional = {one.name for one in self.table.columns if one.optional}
         sides = max(len(its) for ours, its in places.items() if ours not in optional)
         if self.takers and not self.takers.keys() & places.keys():
-            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in taken)
-            faults.append(f"{head}: unit must be one that a column can have ({there}): got {unit!r}")
+            unit, read = next(iter(self.takers.values())), ", ".join(headings[i] for i in taken)
+            faults.append(f"{head}: unit must be one that a column can have ({read}): got {unit!r}")
         told = {ours: ", ".join(headings[i] for i in its) for ours, its in places.items()}
         for ours, its in places.items():
             if len(its) != sides and (len(its) > 1 or ours in optional):
@@ -271,8 +263,8 @@ class Layout:
 
         self.columns = self.table.checked(rows(), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
-        changed = {ours: unit for ours, unit in self.units.items() if ours in places}
-        changed = {ours: unit for ours, unit in changed.items() if unit != self.table.named[ours].unit}
+        own = {ours: column.unit for ours, column in self.table.named.items()}
+        changed = {ours: unit for ours, unit in self.units.items() if ours in places and unit != own[ours]}
         hint = f": {_give('unit', changed | self.wrong)}" if self.wrong else ""
         if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
             hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
@@ -390,7 +382,7 @@ def _told(heading: str) -> tuple[str, bool]:
 
 
 def _letters(text: str) -> str:
-    """A unit in our letters: u for either micro sign, /s for s^-1, small ones for capitals (MN, MS are mega)."""
+    """A unit in our letters: u for a micro sign, /s for s^-1, small ones for capitals (MN, MS are mega)."""
     text = text.strip()
     for theirs, ours in {"[\u00b5\u03bc]": "u", r"(?i)\bmicrons?\b": "um", r"(?i)\bsec\b": "s"}.items():
         text = re.sub(theirs, ours, text)

@@ -250,8 +250,7 @@ def test_from_dataframe() -> None:
     )  # fmt: skip
     beside = {"velocity": ["v", "w"], "sigma": ["s", "s2"], "unit": "um/s"}
     wide = VelocityCurve.from_dataframe(columns | {"w": [60, 70, 400], "s2": [3, 3, 3]}, **options | beside)
-    assert wide.force.tolist() == [1, 1, 2, 3, 3]
-    assert wide.velocity.tolist() == [0.0785, 0.06, 0.07, 0.498, 0.4]
+    assert [*wide.force, *wide.velocity] == [1, 1, 2, 3, 3, 0.0785, 0.06, 0.07, 0.498, 0.4]
     for changed, told in (
         ({"velocity": "w"}, "DataFrame: no column is w; there are F .N., v, s, by$"),
         ({"velocity": ["v", "s"], "sigma": "by"}, "columns of sigma must be 2 or none: got by"),

@@ -128,10 +128,9 @@ def _named(text: str) -> list[tuple[str, str]]:
 def read_data(options: Options, kind: str, **given: Any) -> list[Any]:
     """The data sets in files of one kind, laid out as the options say; prints how they were read."""
     tables = {name: made._TABLE.named for name, made in _KINDS.items() if getattr(options, name, [])}
+    told = options.columns
     layout = {
-        "columns": {
-            name: [text for key, text in options.columns if key == name] for name, _ in options.columns
-        },
+        "columns": {name: [text for key, text in told if key == name] for name, _ in told},
         "unit": options.unit,
     }
     for what, named in layout.items():

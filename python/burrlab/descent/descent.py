@@ -184,8 +184,7 @@ def descend(
 
 #: Speed of the approach [mm/s] (ours).
 APPROACH_SPEED = 1.0
-#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours). In ticks
-#: above 2/60 s the position moves too far, by over twice the error of the force.
+#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours); unstable above 2/60 s.
 LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
 #: Longest way without contact of a rig without a known surface, and longest retreat [mm] (ours).
 LONGEST_APPROACH, RETREAT = 20.0, 5.0

@@ -151,8 +151,7 @@ class VelocityCurve(TableData):
         file : path or open file
         columns : mapping of str to str, or to list of str, optional
             Name of a parameter of `VelocityCurve` -> its heading in the file; the others have the headings
-            above. A list is of repeats in several columns: each row becomes one for each column, in this
-            order, and empty fields are passed over.
+            above. A list is of repeats side by side: each row becomes one for each of them that has a number.
         unit : str or mapping of str to str, optional
             Name -> unit of its numbers in the file; or the unit of all columns that can have it. Default:
             N, mm/s and mm. Known are mN, cN, daN, kN, gf, kgf, kp, lbf; um/s, cm/s, m/s, mm/min, um/min,

@@ -90,10 +90,9 @@ class Layout:
             refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
         self.units |= unit
         self.said = set(unit)  #: Columns whose unit was given by name.
-        asked = {ours: columns.get(ours, column.heading) for ours, column in table.named.items()}
         self.asked = {
-            ours: list(map(str, told or [""])) if isinstance(told, list) else [told]
-            for ours, told in asked.items()
+            ours: np.ravel(columns.get(ours) or column.heading).astype(str).tolist()
+            for ours, column in table.named.items()
         }
         due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
         headings = [told for ours in due for told in self.asked[ours]]
@@ -383,9 +382,8 @@ def _told(heading: str) -> tuple[str, bool]:
 
 def _letters(text: str) -> str:
     """A unit in our letters: u for a micro sign, /s for s^-1, small ones for capitals (MN, MS are mega)."""
-    text = text.strip()
-    for theirs, ours in {"[\u00b5\u03bc]": "u", r"(?i)\bmicrons?\b": "um", r"(?i)\bsec\b": "s"}.items():
-        text = re.sub(theirs, ours, text)
+    text = re.sub(r"(?i)\bmicrons?\b", "um", re.sub("[\u00b5\u03bc]", "u", text.strip()))
+    text = re.sub(r"(?i)\bsec\b", "s", text)
     text = re.sub(r"\s*[\u00b7\u22c5*.]?\s*(s|min)(\u207b\u00b9|\^?\{?-1\}?)$", r"/\1", text)
     return text if text in ("MN", "MS") else {unit.upper(): unit for unit in _KNOWN}.get(text, text)
 

@@ -51,13 +51,13 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
         "utf-8", ["--columns", "force=Force appliquée,velocity=Vitesse", "--unit", "um/s", "--decimal", ","],
         ["lines of units (1)", "marks between thousands (3)", "kept apart: Essai, Opérateur"],
     ),
-    "Excel, Italian, quoted headings with commas": (
-        '"Forza, media [N]";"Velocità, media [mm/min]";"σ [mm/min]"\n0,5;4,71;0,6\n1,0;29,88;0,6\n1,5;89,892;0,6\n'
-        "2,0;165;0,6\n2,5;187,5;0,6\n",
+    "Excel, Italian, quoted headings with commas, repeats side by side": (
+        '"Forza, media [N]";"Velocità, 1 [mm/min]";"σ [mm/min]";"Velocità, 2 [mm/min]";σ2\n0,5;4,71;0,6;;\n1,0;29,88;0,6;;\n'
+        "1,5;;;89,892;0,6\n2,0;165;0,6;;0,6\n2,5;;;187,5;0,6\n",
         "utf-8-sig",
-        ["--columns", "force=Forza, media [N],velocity=Velocità, media [mm/min]", "--columns", "sigma=σ [mm/min]",
-         "--unit", "velocity=mm/min,sigma=mm/min", "--decimal", ","],
-        ["sigma from σ [mm/min] in mm/min"],
+        ["--columns", "force=Forza, media [N],velocity='Velocità, 1 [mm/min]',velocity=Velocità, 2 [mm/min]",
+         "--columns", 'sigma="σ [mm/min]"', "--columns", "sigma=σ2", "--unit", "velocity=mm/min,sigma=mm/min", "--decimal", ","],
+        ["sigma from σ [mm/min], σ2 in mm/min", "passed over: empty fields (5)"],
     ),
     "Excel, Spanish, line breaks in headings and cells": (
         '"Fuerza\n[mN]";"Velocidad\n[m/s]";Observación\n500;"0,0000785";"mal\nalineado"\n1.000,0;0,000498;\n1500;1,4982E-03;\n'
@@ -76,7 +76,7 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
                 ["lines above the headings (9)", "kept apart: X_Value, Comment"]),
     "TSV, upper micro and s^-1": (
         "F / N\tv in \u03bcm s^-1\n0.5\t78.5\n1\t498\n1.5\t1498.2\n2\t2750\n2.5\t3125\n",
-        "utf-8", ["--columns", "force=F / N,velocity=v in \u00b5m s^-1", "--unit", "um/s", "--sep", "tab"], [],
+        "utf-8", ["--columns", "force=F / N,velocity=v in \u00b5m s^-1", "--unit", "velocity=\u00b5m s-1", "--sep", "tab"], [],
     ),
     "comments everywhere, headings in one": (
         "# source: bench 3\n# radius_mm: 3.0\n# Kraft [N], v (um/s)\n0.5, 78.5\n# drift checked\n1, 498\n1.5, 1498.2\n"
@@ -109,7 +109,7 @@ GO_IN: dict[str, tuple[str, str, list[str], list[str]]] = {
 def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: Any) -> None:
     text, encoding, options, told = GO_IN[name]
     (tmp_path / "a.csv").write_bytes(text.encode(encoding))
-    if encoding not in ("utf-8", "utf-8-sig", "ascii"):
+    if encoding not in ("utf-8", "utf-8-sig", "ascii", "utf-16"):
         options = [*options, "--encoding", encoding]
     words = ["fit", str(tmp_path / "a.csv"), "--radius", "3", *options]
     code, out, err = call(capsys, *words, "--json", "-")
@@ -141,13 +141,23 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
          "has a point, decimals a comma; if decimals have a point, give decimal='.' (--decimal .)\n"),
         ("Kraft [N];v (um/s)\n1;1.498\n", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
          "'1.498' has a point: it may be 1498 or 1.498"),
-        ("Kraft [N];v (um/s);\n;78;\n1;-5\n2;fast\n3\n4;1;;note\nx;0\n5;\"1\n6;7\n", ["--columns", NAMES, "--unit", "um/s"],
+        ("Kraft [N];v (um/s);\n;78;\n1;-5\n2;fast\n3\n4;1;;note\n-;0\n5;\"1\n6;7\n", ["--columns", NAMES, "--unit", "um/s"],
          "a.csv: 8 faults: line 2, column Kraft [N]: every row needs a force; line 3, column v (um/s): must be a finite "
          "number above 0, in mm/s: got -0.005; line 4, column v (um/s): 'fast' is not a number; line 5: 3 fields are due, "
-         "found 1; line 6: 3 fields are due, found 4; line 7, column Kraft [N]: 'x' is not a number; line 7, column v (um/s): "),
-        ("a;b\n1;2\n", ["--columns", NAMES],
-         "a.csv: no line of headings has Kraft [N], v (um/s); line 1 has a, b: give columns={'force': 'its heading', "
+         "found 1; line 6: 3 fields are due, found 4; line 7, column Kraft [N]: '-' is not a number: leave the field empty "
+         "where there is none; line 7, column v (um/s): "),
+        ("a  b\n1;2\n", ["--columns", NAMES],
+         "a.csv: no line of headings has Kraft [N], v (um/s); line 1 has a, b between blanks, for which give sep=' ' "
+         "(--sep ' '): give columns={'force': 'its heading', "
          "'velocity': 'its heading'} (--columns force=its heading,velocity=its heading)\n"),
+        ("1;2\n", ["--columns", NAMES], "has Kraft [N], v (um/s); add a line of headings to a file without one: give"),
+        ("1;2\n3;4\n", ["--columns", "force=1,velocity=2"],
+         "a.csv: columns must be headings, not numbers (1, 2); add a line of headings to a file without one\n"),
+        ("force_N,velocity_mm_s\n-1,2\n-2,n/a\n", [],
+         "a.csv: 4 faults: column force_N: all are below 0: turn their sign; line 2, column force_N: must be a finite number "),
+        ("PK\3\4", [], "a.csv: this is a workbook, such as .xlsx or .ods: save it as CSV\n"),
+        ("Kraft [N];v (um/s)\n05. Jan;1\n", ["--columns", NAMES, "--unit", "um/s", "--decimal", ","],
+         "column Kraft [N]: '05. Jan' is not a number\n"),
         ("Kraft [N];v (um/s)\n", ["--columns", NAMES, "--unit", "um/s"], "a.csv: there is no row below the headings"),
         ("Kraft [N];Kraft [N];v (um/s)\n1;2;3\n", ["--columns", NAMES, "--unit", "um/s"],
          "line 1: column Kraft [N] is there twice"),
@@ -155,7 +165,9 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
          "2 faults: line 1: column v (um/s) tells um/s, which is no unit of force (N, mN, cN, daN, kN, gf, kgf, kp, lbf); "
          "line 1: column Kraft [N] tells N, which is no unit of velocity (mm/s, "),
         ("F [kg];v [Skt]\n1;2\n", ["--columns", "force=F [kg],velocity=v [Skt]"],
-         "give unit={'force': 'N', 'velocity': 'mm/s'} (--unit force=N,velocity=mm/s)\n"),
+         "give unit={'force': 'kgf', 'velocity': 'its unit'} (--unit force=kgf,velocity=its unit)\n"),
+        ("F [MN];v [\u00b5m/sec]\n1;2\n", ["--columns", "force=F [MN],velocity=v [\u00b5m/sec]"],
+         "tells um/s, but would be read in mm/s: give unit={'force': 'its unit', 'velocity': 'um/s'}"),
         ("force_N;v\n;\u00b5m/s\n1;2\n", ["--columns", "velocity=v"],
          "line 2, column v: tells um/s, but would be read in mm/s: give unit={'velocity': 'um/s'}"),
         ("force_N;velocity_mm_s\n1;2\n", ["--unit", "velocity=um/s"],
@@ -172,6 +184,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
         ("force_N,velocity_mm_s,day,day\n1,1,2,2\n", [], "line 1: column day is there twice"),
         ("force_N,velocity_mm_s\n" + "x,1\n" * 12, [], "line 11, column force_N: 'x' is not a number; and 2 more\n"),
         ("Kr\xe4fte;v\n", [], "a.csv: this is not a text file in UTF-8; for a file of another program, give columns"),
+        ("Kr\xe4fte;v\n", ["--sep", ";"], "UTF-8; if Windows wrote it, give encoding='cp1252' (--encoding cp1252)\n"),
         ("Kr\xe4fte;v\n", ["--encoding", "ascii"], "a.csv: this is not a text file in ascii"),
         ("x", ["--encoding", "latin-0"], "encoding must be one such as cp1252 or utf-16, got 'latin-0'"),
         ("", ["--columns", NAMES, "--unit", "furlong"], "unit must be one of N, mN, "),
@@ -229,22 +242,19 @@ def test_from_dataframe() -> None:
     columns = frame.to_dict("list")
     assert curve == VelocityCurve.from_dataframe(columns, **options)
     assert (curve.force.tolist(), curve.ok.tolist(), curve.radius) == ([1, 2, 3], [True, False, True], 3.0)
-    assert (curve.velocity[0], curve.sigma.tolist()[:2], curve.others) == (
-        0.0785,
-        [0.001, 0.002],
-        {"by": ("a", "", "b")},
-    )
+    assert (curve.velocity[0], *curve.sigma[:2], curve.others["by"]) == (0.0785, 0.001, 0.002, ("a", "", "b"))
     assert "sigma from s in um/s; other columns, kept apart: by" in repr(curve)
     assert VelocityCurve.from_dataframe(curve.to_dataframe(), radius=3.0) == VelocityCurve(
         curve.force, curve.velocity, curve.sigma, radius=3.0,
         provenance={"read": "force from force_N in N, velocity from velocity_mm_s in mm/s, sigma from sigma_mm_s in mm/s"},
     )  # fmt: skip
+    beside = {"velocity": ["v", "w"], "sigma": ["s", "s2"], "unit": "um/s"}
+    wide = VelocityCurve.from_dataframe(columns | {"w": [60, 70, 400], "s2": [3, 3, 3]}, **options | beside)
+    assert [*wide.force, *wide.velocity] == [1, 1, 2, 3, 3, 0.0785, 0.06, 0.07, 0.498, 0.4]
     for changed, told in (
         ({"velocity": "w"}, "DataFrame: no column is w; there are F .N., v, s, by$"),
-        (
-            {"sigma": "by"},
-            "DataFrame: 2 faults: row 1, column by: 'a' is not a number; row 3, column by: 'b' is not",
-        ),
+        ({"velocity": ["v", "s"], "sigma": "by"}, "columns of sigma must be 2 or none: got by"),
+        ({"sigma": "by"}, "Frame: 2 faults: row 1, column by: 'a' is not a number; row 3, column by: 'b' is"),
         ({"unit": "mN"}, "column F .N. tells N, but would be read in mN"),
     ):
         with pytest.raises(ValueError, match=told):

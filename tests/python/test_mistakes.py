@@ -94,6 +94,8 @@ descend(burr, bone, 2, voxel="0.1")
     ValueError: voxel must be of real numbers that a float holds, got '0.1'
 descend(burr, bone, 2, rig=True)
     TypeError: rig must be a Rig, such as VirtualRig(contact, specimen); without a rig, ideal=False makes it, got True
+descend(burr, bone, 2, voxel=0.2, dt=1000)
+    ValueError: dt must be at most 33.3 ms, or the force swings: got 1000 ms
 descend(burr, bone, 2, ideal="yes")
     TypeError: ideal must be True or False, got 'yes'
 descend(burr, bone, 2, progress=3)
@@ -204,6 +206,10 @@ command("descend --force 2 --material Bone")
     SystemExit: burrlab descend: argument --material: invalid choice: 'Bone' (choose from 'bone', 'expert', 'pettigrew', 'pvc'); did you mean 'bone'?
 command("decsend --force 2")
     SystemExit: burrlab: argument COMMAND: invalid choice: 'decsend' (choose from 'descend', ...
+command("")
+    SystemExit: burrlab: the following arguments are required: COMMAND, one of descend, sweep, ...
+burrlab.figures.paper("3.5")
+    ValueError: width must be one of single, double: got '3.5'
 command("fit / --radius 3")
     SystemExit: burrlab fit: /: Is a directory
 """

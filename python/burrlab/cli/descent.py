@@ -116,19 +116,21 @@ _KINDS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def _named(text: str) -> dict[str, str]:
-    """NAME=TEXT,NAME=TEXT, in which a text may hold commas."""
+def _named(text: str) -> list[tuple[str, str]]:
+    """NAME=TEXT,NAME=TEXT, in which a text may hold commas, or stand in quotation marks."""
     names = dict.fromkeys(name for kind in _KINDS.values() for name in kind._TABLE.named)
     parts = re.split(rf"(?:^|,)({'|'.join(names)})=", text)
     refuse(parts[0] or len(parts) < 2, f"must begin with NAME=, a NAME of {', '.join(names)}, got '{text}'")
-    return dict(zip(parts[1::2], parts[2::2], strict=True))
+    texts = (re.sub(r"""^(["'])(.*)\1$""", r"\2", part) for part in parts[2::2])
+    return list(zip(parts[1::2], texts, strict=True))
 
 
 def read_data(options: Options, kind: str, **given: Any) -> list[Any]:
     """The data sets in files of one kind, laid out as the options say; prints how they were read."""
     tables = {name: made._TABLE.named for name, made in _KINDS.items() if getattr(options, name, [])}
+    told = options.columns
     layout = {
-        "columns": {name: text for one in options.columns for name, text in one.items()},
+        "columns": {name: [text for key, text in told if key == name] for name, _ in told},
         "unit": options.unit,
     }
     for what, named in layout.items():
@@ -236,12 +238,12 @@ def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:
 #: Options for files of other programs.
 LAYOUT = Group("files of another program, all of the same layout", (
     option(
-        "--columns", "headings of force, velocity and so on; repeatable",
-        type=parsed_by(_named), action="append", default=[], metavar="NAME=HEADING,...",
+        "--columns", "headings of force, velocity and so on; repeatable, also for one NAME with repeats in several columns",
+        type=parsed_by(_named), action="extend", default=[], metavar="NAME=HEADING,...",
     ),
     option(
         "--unit", "of all columns that can have it, such as um/s, or of single ones",
-        type=parsed_by(lambda text: _named(text) if "=" in text else text), metavar="UNIT|NAME=UNIT,...",
+        type=parsed_by(lambda text: dict(_named(text)) if "=" in text else text), metavar="UNIT|NAME=UNIT,...",
     ),
     option("--sep", "separator, or tab; default: the one between the headings"),
     option("--decimal", "mark of decimals, default a point", choices=[".", ","], metavar="MARK"),

@@ -49,6 +49,8 @@ class _Parser(argparse.ArgumentParser):
         """Prints one line that names the option, and exits with status 2."""
         if found := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             message += nearest(found[1], re.findall(r"[\w-]+", found[2]))
+        if message.endswith("required: COMMAND"):
+            message += f", one of {', '.join(self._actions[-1].choices or ())}"
         self.exit(2, f"{self.prog}: {message}\n")
 
 

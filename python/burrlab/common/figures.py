@@ -7,8 +7,8 @@ import itertools
 import re
 import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
 
@@ -50,8 +50,7 @@ _PLACES = ("upper left", "upper right", "lower right", "lower left", "center lef
            "upper center", "lower center")  # fmt: skip
 
 
-@contextmanager
-def paper(width: str = "single") -> Iterator[None]:
+def paper(width: str = "single") -> AbstractContextManager[None]:
     """The style of a paper's figures, as a context: 3.5 or 7 inch wide, 8 pt, fonts embedded in PDF and PS.
 
     Parameters
@@ -71,8 +70,7 @@ def paper(width: str = "single") -> Iterator[None]:
         "font.size": 8, "axes.titlesize": 8, "axes.labelsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8,
         "legend.fontsize": 8, "figure.titlesize": 8, "axes.linewidth": 0.6, "lines.markersize": 4, "pdf.fonttype": 42, "ps.fonttype": 42,
     }  # fmt: skip
-    with rc_context(style):
-        yield
+    return rc_context(style)
 
 
 def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:

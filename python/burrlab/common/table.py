@@ -39,7 +39,8 @@ def number(text: str) -> float:
     try:
         value = _float(text)
     except ValueError:
-        raise ValueError(f"{shown(text)} is not a number") from None
+        none = ": leave the field empty where there is none" * bool(re.fullmatch("(?i)n/?a|-+|[#<>].*", text))
+        raise ValueError(f"{shown(text)} is not a number{none}") from None
     if math.isnan(value):  # only an empty field means "no number"
         raise ValueError(f"must be a finite number, or empty where there is none: got {shown(text)}")
     return value
@@ -140,6 +141,10 @@ class Table:
             faults += [f"{where}, column {self.named[name].heading}: {said}" for name, said in wrong if said]
             for name, value in row.items():
                 columns.setdefault(name, []).append(value)
+        for name, values in columns.items():
+            numbers = [value for value in values if isinstance(value, float) and not math.isnan(value)]
+            if len(numbers) > 1 and max(numbers) < 0 and self.broken(name, max(numbers)):
+                faults.insert(0, f"column {self.named[name].heading}: all are below 0: turn their sign")
         return columns
 
     def rows(
@@ -235,15 +240,15 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
     raise ValueError((faults[0] if len(faults) == 1 else several) + hint)
 
 
-def decoded(name: str, content: bytes, encoding: str = "utf-8-sig") -> str:
-    """Text of a file's content; ValueError if it is no text in UTF-8, or in another encoding."""
+def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = "") -> str:
+    """Text of a file's content; ValueError, with a hint, if it is no text in UTF-8 or another encoding."""
     try:
         text = content.decode(encoding)
     except LookupError:
         raise ValueError(f"encoding must be one such as cp1252 or utf-16, got {shown(encoding)}") from None
     except UnicodeError:
         kind = "UTF-8" if encoding == "utf-8-sig" else encoding
-        raise ValueError(f"{name}: this is not a text file in {kind}") from None
+        raise ValueError(f"{name}: this is not a text file in {kind}{hint}") from None
     refuse("\0" in text, f"{name}: this is not a text file, it holds zero bytes")
     # Messages quote the text: it must hold no control characters.
     if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
@@ -305,8 +310,8 @@ def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig") -> tuple[str, str]:
-    """Name of a file and its text; ValueError if it is no text in UTF-8, or in another encoding."""
+def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint: str = "") -> tuple[str, str]:
+    """Name of a file and its text in UTF-8, UTF-16 with its mark, or another encoding; else ValueError."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()
@@ -316,7 +321,11 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig") -> tu
     else:
         name, raw = str(getattr(file, "name", "CSV text")), file.read()
         content, encoding = (raw.encode(), "utf-8-sig") if isinstance(raw, str) else (raw, encoding)
-    return name, decoded(name, content, encoding)
+    if encoding == "utf-8-sig" and content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encoding = "utf-16"
+    workbook = content.startswith((b"PK\3\4", b"\xd0\xcf\x11\xe0"))
+    refuse(workbook, f"{name}: this is a workbook, such as .xlsx or .ods: save it as CSV")
+    return name, decoded(name, content, encoding, hint)
 
 
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:

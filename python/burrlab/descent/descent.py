@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
-from burrlab.bone.specimen import Specimen, Vector, checked_spacing, half_space
+from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, half_space
 from burrlab.common.check import check_positive, refuse, require_tool, require_type, scalar, seed_or_new
 from burrlab.common.progress import LOG, LONG, Progress, duration, foretold, reporter
 from burrlab.common.provenance import provenance
@@ -147,6 +147,8 @@ def descend(
                 _foretell_ticks(specimen, burr, material, force, stop, dt, scheme)
             series, ending = hold(contact, specimen, force, stop, dt, max_duration, interrupted)
         else:
+            longest = 2e3 / LOOP_BANDWIDTH if controller is None else np.inf
+            refuse(dt > longest, f"dt must be at most {longest:.3g} ms, or the force swings: got {dt:g} ms")
             rig = VirtualRig(contact, specimen, period=dt, clearance=free_clearance(contact, specimen, burr))
     if rig is not None:
         refuse(
@@ -182,7 +184,7 @@ def descend(
 
 #: Speed of the approach [mm/s] (ours).
 APPROACH_SPEED = 1.0
-#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours).
+#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours); unstable above 2/60 s.
 LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
 #: Longest way without contact of a rig without a known surface, and longest retreat [mm] (ours).
 LONGEST_APPROACH, RETREAT = 20.0, 5.0
@@ -201,7 +203,7 @@ def _foretell_block(burr: Burr, spacing: Vector, depth: float) -> None:
     begun = time.perf_counter()
     voxels = np.prod(half_space(burr, coarse, depth=depth).bone.shape)
     times = float(np.prod(coarse / np.asarray(spacing)))
-    if (seconds := (time.perf_counter() - begun) * times) > LONG:
+    if (seconds := (time.perf_counter() - begun) * times) > LONG and voxels * times < MOST_VOXELS:
         LOG.warning("the block of %.2g voxels takes about %s to make", voxels * times, duration(seconds))
 
 

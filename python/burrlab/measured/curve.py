@@ -131,7 +131,7 @@ class VelocityCurve(TableData):
 
     @classmethod
     def from_csv(
-        cls, file: Path | IO[str] | IO[bytes], *, columns: Mapping[str, str] | None = None,
+        cls, file: Path | IO[str] | IO[bytes], *, columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
     ) -> VelocityCurve:  # fmt: skip
@@ -149,9 +149,9 @@ class VelocityCurve(TableData):
         Parameters
         ----------
         file : path or open file
-        columns : mapping of str to str, optional
+        columns : mapping of str to str, or to list of str, optional
             Name of a parameter of `VelocityCurve` -> its heading in the file; the others have the headings
-            above.
+            above. A list is of repeats side by side: each row becomes one for each of them that has a number.
         unit : str or mapping of str to str, optional
             Name -> unit of its numbers in the file; or the unit of all columns that can have it. Default:
             N, mm/s and mm. Known are mN, cN, daN, kN, gf, kgf, kp, lbf; um/s, cm/s, m/s, mm/min, um/min,
@@ -194,8 +194,8 @@ class VelocityCurve(TableData):
         frame: Any,
         *,
         force: str = "force_N",
-        velocity: str = "velocity_mm_s",
-        sigma: str | None = None,
+        velocity: str | list[str] = "velocity_mm_s",
+        sigma: str | list[str] | None = None,
         unit: str | Mapping[str, str] | None = None,
         radius: float | None = None,
         source: str = "",
@@ -205,8 +205,9 @@ class VelocityCurve(TableData):
         Parameters
         ----------
         frame : pandas.DataFrame, or mapping of columns
-        force, velocity, sigma : str
-            Names of the columns; window and status have those of `from_csv`, other ones become `others`.
+        force, velocity, sigma : str, or list of str
+            Names of the columns, lists for repeats side by side; window and status have those of `from_csv`,
+            other ones become `others`.
         unit : str or mapping of str to str, optional
             As in `from_csv`.
         radius : float, optional
@@ -229,8 +230,8 @@ class VelocityCurve(TableData):
         >>> VelocityCurve.from_dataframe(frame, force="F", velocity="v", unit="um/s").velocity
         array([0.0785, 0.498 ])
         """
-        columns = {"force": str(force), "velocity": str(velocity)}
-        columns |= {} if sigma is None else {"sigma": str(sigma)}
+        named = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
+        columns = {ours: told if isinstance(told, list) else str(told) for ours, told in named.items()}
         return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
     @property

@@ -183,7 +183,7 @@ class DepthTrace(TableData):
     @classmethod
     def from_csv(
         cls, file: Path | IO[str] | IO[bytes], *, force: float | None = None, radius: float | None = None,
-        columns: Mapping[str, str] | None = None,
+        columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
     ) -> DepthTrace:  # fmt: skip

@@ -94,7 +94,7 @@ class Indentation(TableData):
     @classmethod
     def from_csv(
         cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None,
-        columns: Mapping[str, str] | None = None,
+        columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
     ) -> Indentation:  # fmt: skip

@@ -47,6 +47,7 @@ UNITS: Mapping[str, Mapping[str, Fraction]] = {
 }  # fmt: skip
 _KNOWN = sorted((unit for of in UNITS.values() for unit in of), key=len, reverse=True)
 _TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
+_MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 
 Made = TypeVar("Made", bound=TableData)
 
@@ -55,7 +56,7 @@ class Layout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
     def __init__(
-        self, table: Table, columns: Mapping[str, str] | None, unit: str | Mapping[str, str] | None,
+        self, table: Table, columns: Mapping[str, Any] | None, unit: str | Mapping[str, str] | None,
         sep: str | None = None, decimal: str | None = None, encoding: str | None = None,
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
@@ -65,13 +66,12 @@ class Layout:
         self.group = "." if self.decimal == "," else ","
         self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
         refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
-        refuse(
-            len(self.sep) > 1 or self.sep in ('"', "\r", "\n"),
-            f"sep must be one character, or tab: got {shown(sep)}",
-        )
-        columns, unit = columns or {}, unit or {}
+        long = len(self.sep) > 1 or self.sep in ('"', "\r", "\n")
+        refuse(long, f"sep must be one character, or tab: got {shown(sep)}")
+        columns, unit = columns or {}, _letters(unit) if isinstance(unit, str) else unit or {}
         for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
-            texts = isinstance(named, Mapping) and all(isinstance(one, str) for one in named.values())
+            kinds = (str, list) if what == "columns" else str
+            texts = isinstance(named, Mapping) and all(isinstance(one, kinds) for one in named.values())
             refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
         self.takers: dict[str, str] = {}  #: Columns that a unit for all can be of.
@@ -84,16 +84,21 @@ class Layout:
         for what, given, names in (("columns", columns, table.named), ("unit", unit, self.units)):
             for ours in given:
                 refuse(ours not in names, f"{what} must be of {', '.join(names)}: got {shown(ours)}")
+        unit = {ours: _letters(one) for ours, one in unit.items()}
         for ours, one in unit.items():
             known = UNITS[table.named[ours].unit]
             refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
         self.units |= unit
         self.said = set(unit)  #: Columns whose unit was given by name.
-        self.asked = {ours: columns.get(ours, column.heading) for ours, column in table.named.items()}
+        self.asked = {
+            ours: np.ravel(columns.get(ours) or column.heading).astype(str).tolist()
+            for ours, column in table.named.items()
+        }
         due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
-        self.due = {_key(self.asked[ours]): self.asked[ours] for ours in due}
+        headings = [told for ours in due for told in self.asked[ours]]
+        self.due = {_key(told): told for told in headings}
         self.hint = _give("columns", dict.fromkeys(due, "its heading"))
-        refuse(len(self.due) < len(due), f"columns must differ: got {', '.join(self.asked[o] for o in due)}")
+        refuse(len(self.due) < len(headings), f"columns must differ: got {', '.join(headings)}")
         self.name, self.note = "", ""  #: Of the file; what was read from where, converted and passed over.
         self.comments: dict[str, str] = {}
         self.columns: dict[str, Any] = {}  #: By our names.
@@ -111,11 +116,10 @@ class Layout:
                 raise ValueError(f"{error}{_FOREIGN if foreign else ''}") from None
             self.note = _apart(self.others) if self.others else ""
             return self
-        refuse(
-            self.encoding and isinstance(file, io.TextIOBase),
-            "encoding must be left out for a file that is open as text",
-        )
-        self.name, text = text_of(file, self.encoding or "utf-8-sig")
+        decoded = isinstance(file, io.TextIOBase)
+        refuse(decoded and self.encoding, "encoding must be left out for a file that is open as text")
+        windows = f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
+        self.name, text = text_of(file, self.encoding or "utf-8-sig", windows)
         lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
         head, start, sep, headings = self.headings_of(lines)
         for line in lines[:head]:
@@ -174,17 +178,24 @@ class Layout:
 
     def headings_of(self, lines: list[str]) -> tuple[int, int, str, list[str]]:
         """Index of the line of headings, index of the line below them, the separator, and the headings."""
-        best: tuple[int, int, int, list[str]] = (0, 0, 0, [])
+        add = "; add a line of headings to a file without one"
+        numbers = ", ".join(told for told in self.due.values() if re.fullmatch(r"[\d.,eE+-]*\d", told))
+        refuse(numbers, f"{self.name}: columns must be headings, not numbers ({numbers}){add}")
+        best: tuple[int, bool, int, int, list[str]] = (0, False, 0, 0, [])
         for place, line in enumerate(lines[:_SEARCHED]):
             bare = line.lstrip("#% ") if line[0] in "#%" else line
-            for sep in self.sep or _SEPARATORS:
+            for sep in self.sep or (*_SEPARATORS, " "):
                 height, fields = _record([bare, *lines[place + 1 : place + _TALLEST]], sep)
                 keys = set(map(_key, fields))
-                if self.due.keys() <= keys:
+                if self.due.keys() <= keys and sep in (self.sep or _SEPARATORS):
                     return place, place + height, sep, fields
                 words = sum(bool(re.search(r"[^\W\d]", text)) for text in fields) * (bare is line)
-                best = max(best, (len(self.due.keys() & keys), words, -place, fields))
-        there = f"; line {1 - best[2]} has {listed(filter(None, best[3]))}" if best[:2] > (0, 1) else ""
+                best = max(
+                    best, (len(self.due.keys() & keys), sep != " " and words > 1, words, -place, fields)
+                )
+        matches, marked, words, place, fields = best
+        there = f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else add
+        there += " between blanks, for which give sep=' ' (--sep ' ')" if not marked and words > 1 else ""
         due = ", ".join(self.due.values())
         raise ValueError(f"{self.name}: no line of headings has {due}{there}: {self.hint}")
 
@@ -193,22 +204,30 @@ class Layout:
     ) -> None:
         """Fills `columns` and `others` from the records; ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
-        places = {ours: keys.index(_key(told)) for ours, told in self.asked.items() if _key(told) in keys}
+        there = {ours: told for ours, told in self.asked.items() if _key(told[0]) in keys}
+        places = {ours: [keys.index(_key(one)) for one in told] for ours, told in there.items()}
+        taken = [i for its in places.values() for i in its]
+        optional = {one.name for one in self.table.columns if one.optional}
+        sides = max(len(its) for ours, its in places.items() if ours not in optional)
         if self.takers and not self.takers.keys() & places.keys():
-            unit, there = next(iter(self.takers.values())), ", ".join(headings[i] for i in places.values())
-            faults.append(f"{head}: unit must be one that a column can have ({there}): got {unit!r}")
-        for ours, i in places.items():
-            if keys.count(keys[i]) > 1:
-                faults.append(f"{head}: column {headings[i]} is there twice")
-            if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
-                faults.append(f"{head}: column {headings[i]} {said}")
+            unit, read = next(iter(self.takers.values())), ", ".join(headings[i] for i in taken)
+            faults.append(f"{head}: unit must be one that a column can have ({read}): got {unit!r}")
+        told = {ours: ", ".join(headings[i] for i in its) for ours, its in places.items()}
+        for ours, its in places.items():
+            if len(its) != sides and (len(its) > 1 or ours in optional):
+                faults.append(f"{head}: columns of {ours} must be {sides} or none: got {told[ours]}")
+            for i in its:
+                if keys.count(keys[i]) > 1:
+                    faults.append(f"{head}: column {headings[i]} is there twice")
+                if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
+                    faults.append(f"{head}: column {headings[i]} {said}")
         columns = (
-            replace(one, type=partial(self.value, one), told=headings[places[name]] if name in places else "")
+            replace(one, type=partial(self.value, one), told=told.get(name, ""))
             for name, one in self.table.named.items()
         )
         self.table = replace(self.table, columns=tuple(columns))
-        faults += (f"{head}: {said}" for said in self.table.unpaired([headings[i] for i in places.values()]))
-        rest = {i: one for i, one in enumerate(headings) if i not in places.values()}
+        faults += (f"{head}: {said}" for said in self.table.unpaired(told.values()))
+        rest = {i: one for i, one in enumerate(headings) if i not in taken}
         for i, one in rest.items():
             if not one or keys.count(keys[i]) > 1:
                 rest[i] = f"{one} (column {i + 1})".strip()
@@ -225,21 +244,26 @@ class Layout:
                 elif list(map(_key, fields)) == keys[: len(fields)]:
                     self.passed["repeated headings"] += 1
                     first = True
-                elif len(fields) <= max(places.values()) or any(fields[len(headings) :]):
+                elif len(fields) <= max(taken) or any(fields[len(headings) :]):
                     faults.append(f"{where}: {len(headings)} fields are due, found {len(fields)}")
                 else:
-                    texts = {ours: fields[i] for ours, i in places.items()}
-                    if first and self.units_in(where, texts, faults):
+                    cells = [(ours, fields[i]) for ours, its in places.items() for i in its]
+                    if first and self.units_in(where, cells, faults):
                         continue
                     first = False
-                    for i, label in rest.items():
-                        self.others[label].append(fields[i] if i < len(fields) else "")
-                    yield where, texts
+                    for side in range(sides):
+                        texts = {ours: fields[its[side % len(its)]] for ours, its in places.items()}
+                        if not all(texts[ours] for ours in texts.keys() - optional if len(places[ours]) > 1):
+                            self.passed["empty fields"] += 1
+                            continue
+                        for i, label in rest.items():
+                            self.others[label].append(fields[i] if i < len(fields) else "")
+                        yield where, texts
 
         self.columns = self.table.checked(rows(), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
-        changed = {ours: unit for ours, unit in self.units.items() if ours in places}
-        changed = {ours: unit for ours, unit in changed.items() if unit != self.table.named[ours].unit}
+        own = {ours: column.unit for ours, column in self.table.named.items()}
+        changed = {ours: unit for ours, unit in self.units.items() if ours in places and unit != own[ours]}
         hint = f": {_give('unit', changed | self.wrong)}" if self.wrong else ""
         if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
             hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
@@ -270,15 +294,15 @@ class Layout:
             self.wrong[ours] = told
             return f"tells {told}, but would be read in {due}"
         if told not in _KNOWN:
-            self.wrong[ours] = due
+            self.wrong[ours] = _MEANT.get(told, "its unit")
         return f"tells {listed([told])}, which is no unit of {ours} ({', '.join(known)})"
 
-    def units_in(self, where: str, texts: Mapping[str, str], faults: list[str]) -> bool:
+    def units_in(self, where: str, cells: Iterable[tuple[str, str]], faults: list[str]) -> bool:
         """Whether a row holds units and no numbers; `faults` gets those that contradict the ones given."""
-        told = {ours: text for ours, text in texts.items() if ours in self.units and text}
-        if not told or any(re.match(r"[\s+.,-]*\d", text) for text in told.values()):
+        told = [(ours, text) for ours, text in cells if ours in self.units and text]
+        if not told or any(re.match(r"[\s+.,-]*\d", text) for _, text in told):
             return False
-        for ours, text in told.items():
+        for ours, text in told:
             if said := self.wrong_unit(ours, text if re.match(r"\W", text) else f"[{text}]"):
                 faults.append(f"{where}, column {self.table.named[ours].heading}: {said}")
         self.passed["lines of units"] += 1
@@ -299,6 +323,8 @@ class Layout:
     def number(self, text: str) -> str:
         """A number's text with a point and without marks between thousands; ValueError if it may be two."""
         whole, point, part = text.partition(self.decimal)
+        if re.search(r"[^\W\deE_]", text):  # such as a date, where a point says nothing of decimals
+            return text
         for mark in {*_BLANKS, self.group}.intersection(whole):
             has = f"{shown(text)} has a {_MARKS.get(mark)}"
             grouped = re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{mark}\d{{3}})+", whole)
@@ -355,9 +381,11 @@ def _told(heading: str) -> tuple[str, bool]:
 
 
 def _letters(text: str) -> str:
-    """A unit in our letters: u for either micro sign, /s for s^-1."""
-    text = re.sub("[\u00b5\u03bc]", "u", text.strip())
-    return re.sub(r"\s*[\u00b7\u22c5*]?\s*s(\u207b\u00b9|\^?\{?-1\}?)$", "/s", text)
+    """A unit in our letters: u for a micro sign, /s for s^-1, small ones for capitals (MN, MS are mega)."""
+    text = re.sub(r"(?i)\bmicrons?\b", "um", re.sub("[\u00b5\u03bc]", "u", text.strip()))
+    text = re.sub(r"(?i)\bsec\b", "s", text)
+    text = re.sub(r"\s*[\u00b7\u22c5*.]?\s*(s|min)(\u207b\u00b9|\^?\{?-1\}?)$", r"/\1", text)
+    return text if text in ("MN", "MS") else {unit.upper(): unit for unit in _KNOWN}.get(text, text)
 
 
 def _give(option: str, value: Mapping[str, str] | str) -> str:

@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from tqdm import tqdm
 
 import burrlab
-from burrlab.common.figures import REFERENCE, new_figure, tidy
+from burrlab.common.figures import REFERENCE, new_figure, paper, tidy
 from burrlab.theory.continuum import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
@@ -69,7 +69,7 @@ def draw(axes: Axes, found: dict[Key, np.ndarray], scheme: str) -> None:
     if given_up:
         lines = [f"{force:g} N, {voxel:g} mm" for force, voxel in given_up]
         note = f"not at R/3 within {LONGEST:g} s:\n" + "\n".join(lines)
-        axes.annotate(note, (0.03, 0.03), xycoords="axes fraction", fontsize=8, color=REFERENCE)
+        axes.annotate(note, (0.03, 0.03), xycoords="axes fraction", color=REFERENCE)
     axes.set_xscale("log")
     axes.minorticks_off()
     axes.set_xticks(VOXELS, [f"{voxel:g}" for voxel in VOXELS])
@@ -81,6 +81,7 @@ def draw(axes: Axes, found: dict[Key, np.ndarray], scheme: str) -> None:
     tidy(axes)
 
 
+@paper("double")
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("out", nargs="?", type=Path, default=Path("docs/grid_independence.png"))
@@ -101,11 +102,9 @@ def main() -> None:
     draw(left, found, "layer")
     draw(right, found, "cell")
     left.set(ylabel="penetration velocity / mean field [1]", ylim=(0, 1.15))
-    left.set_title("layer resolved inside the voxel (default)", fontsize=10)
-    right.set_title("uniform voxels (the paper's)", fontsize=10)
-    left.legend(
-        loc="lower left", frameon=False, fontsize=9, title="bone, R = 3 mm, dt = 1 ms", title_fontsize=9
-    )
+    left.set_title("layer resolved inside the voxel (default)")
+    right.set_title("uniform voxels (the paper's)")
+    left.legend(loc="lower left", frameon=False, title="bone, R = 3 mm, dt = 1 ms")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(options.out, dpi=200)
 

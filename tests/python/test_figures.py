@@ -90,7 +90,13 @@ def legends(axes):
 
 
 def words(axes):
-    return [text.get_text() for one in legends(axes) for text in one.get_texts()]
+    """The words of the legends, in the order of reading."""
+    texts = [text for one in legends(axes) for text in one.get_texts()]
+    places = {text: text.get_window_extent() for text in texts}
+    return [
+        text.get_text()
+        for text in sorted(texts, key=lambda text: (-round(places[text].y0, -1), places[text].x0))
+    ]
 
 
 @paper()
@@ -104,6 +110,9 @@ def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
             assert text.get_fontsize() >= 8 or "$" in text.get_text()
     assert all(one.get_window_extent().width <= figure.bbox.width for one in figure.legends)
     for one in axes:
+        for axis in (one.xaxis, one.yaxis):
+            (low, high), ticks = sorted(axis.get_view_interval()), axis.get_ticklocs()
+            assert axis.get_scale() != "log" or sum((low <= ticks) & (ticks <= high)) > 1
         page, box = figure.bbox.padded(4), one.get_tightbbox()
         assert (page.union([page, box]).size <= page.size + 1e-6).all()
         if (legend := one.get_legend()) is None:
@@ -171,7 +180,7 @@ def test_several_curves_differ_in_grey_and_show_their_kinks(tmp_path):
     with paper("single"):
         axes = burrlab.plot_curves(four())
         axes.figure.savefig(tmp_path / "four.pdf")
-    assert {*four(), "95 % band", "kink, $\\phi$ = 0.068: $c_e$ shows above"} == set(words([axes]))
+    assert [*four(), "kink: $c_e$ shows above", "95 % band"] == words([axes])
     kinks = [
         line.get_xdata()[0]
         for line in axes.lines
@@ -187,6 +196,19 @@ def test_several_curves_differ_in_grey_and_show_their_kinks(tmp_path):
         burrlab.plot_curves([])
     with pytest.raises(TypeError, match="items must be VelocityCurve or Fit, got int for '1'"):
         burrlab.plot_curves([7])
+
+
+@pytest.mark.parametrize("way", ["plot", "plot_region"])
+def test_a_second_fit_is_within_the_limits_and_has_its_own_colour(way):
+    fits, axes = [four()[name] for name in ("soft", "bone", "pettigrew")], None
+    for name, one in enumerate(fits):
+        axes = getattr(one, way)(ax=axes, label=f"fit {name}")
+    named = [line for line in axes.lines if line.get_label().startswith("fit ")]
+    assert [line.get_color() for line in named] == [one["color"] for one in SERIES[:3]]
+    assert words([axes])[:3] == ["fit 0", "fit 1", "fit 2"]
+    seen = [one.c_e if way == "plot_region" else one.curve.force.max() for one in fits]
+    assert axes.get_xlim()[0] < min(seen) < max(seen) < axes.get_xlim()[1]
+    assert way == "plot_region" or axes.get_ylim()[1] > max(one.curve.velocity.max() for one in fits)
 
 
 def test_residuals_name_the_row_that_stands_out():

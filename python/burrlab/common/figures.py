@@ -17,10 +17,11 @@ from matplotlib import rc_context, rcParams, rcParamsDefault
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import normalize_kwargs
-from matplotlib.colors import to_rgb
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
 
 from burrlab.common.check import refuse
@@ -46,6 +47,9 @@ SERIES = tuple(
 )  # fmt: skip
 #: Widths of a column and of a page of a journal [inch].
 WIDTHS = {"single": 3.5, "double": 7.0}
+_SHARED = """`ax` is where to draw, a new figure by default; a second plot there widens the limits and adds to the legend.
+`label` is said in the legend, `color` and other properties of matplotlib (`style`) change the main artists.
+It returns the Axes, a list of them if it draws several."""
 _PLACES = ("upper left", "upper right", "lower right", "lower left", "center left", "center right",
            "upper center", "lower center")  # fmt: skip
 
@@ -121,6 +125,15 @@ def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     return normalize_kwargs(usual, Line2D) | asked
 
 
+def next_look(ax: Axes, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
+    """`styled`; with a label, or on Axes that hold lines, it starts from the look of SERIES least used there."""
+    if style.get("label") or ax.lines:
+        used = [to_hex(line.get_color()) for line in ax.lines]
+        look = min(SERIES, key=lambda look: used.count(to_hex(str(look["color"]))))
+        usual |= {name: look[name] for name in look.keys() & usual.keys()}
+    return styled(style, **usual)
+
+
 def plot_points(ax: Axes, x: Any, y: Any, sigma: Any, style: dict[str, Any], label: str | None) -> None:
     """Draws measured points as squares, with error bars of y if sigma is known."""
     look = styled(
@@ -141,11 +154,13 @@ def tidy(axes: Axes) -> Axes:
 
 
 def _plain_ticks(axis: Axis) -> None:
-    """Numbers instead of powers on a logarithmic axis, more of them where less than a decade is shown."""
+    """Numbers instead of powers on a logarithmic axis, at equal steps where less than a decade is shown."""
+    if axis.get_scale() != "log" or not isinstance(axis.get_major_locator(), LogLocator | MaxNLocator):
+        return
     low, high = sorted(axis.get_view_interval())
     decades = np.log10(high / low)
-    subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
-    axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))
+    few = MaxNLocator(5, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3)
+    axis.set_major_locator(few if decades < 0.7 else LogLocator(subs=(1, 2, 5) if decades < 3 else (1,)))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -154,9 +169,10 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Makes a method that draws on `ax` kind to what others drew there.
 
     It widens limits and never narrows them, adds to the legend, puts the legend where it covers nothing, and
-    breaks titles that are too wide. The older names of `ax`, `axes` and `figure`, warn.
+    breaks titles that are too wide. The older names of `ax`, `axes` and `figure`, warn. Its docstring says so.
     """
     signature = inspect.signature(draw)
+    summary, _, more = inspect.cleandoc(draw.__doc__ or "").partition("\n\n")
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Drawn:
@@ -175,6 +191,8 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             for one in there
             if one.has_data() or not (one.get_autoscalex_on() and one.get_autoscaley_on())
         }
+        for one in before:
+            one.autoscale(one.has_data() or None)  # limits that an earlier plot set do not stand in the way
         made = draw(*args, **kwargs)
         for one in made if isinstance(made, list) else [made]:
             for name, limits in zip("xy", before.get(one, ()), strict=False):
@@ -182,14 +200,14 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             if not one.images:
                 tidy(one)
             for axis in (one.xaxis, one.yaxis):
-                if axis.get_scale() == "log" and isinstance(axis.get_major_locator(), LogLocator):
-                    _plain_ticks(axis)
+                _plain_ticks(axis)
             _fit_title(one)
             named = len(one.get_legend_handles_labels()[1])
             if one.get_legend() or named > 1 or (named and kwargs.get("label")):
                 _legend(one)
         return made
 
+    drawn.__doc__ = f"{summary}\n\n{_SHARED}\n\n{more}"
     return drawn
 
 
@@ -216,18 +234,24 @@ def _fit_title(axes: Axes) -> None:
 def _legend(axes: Axes) -> None:
     """One legend of all that has a label: inside the axes where it covers nothing, else below them.
 
-    More than four labels always stand below.
+    More than four labels always stand below. They are read row by row, shadings last.
     """
     old, figure = axes.get_legend(), cast("Figure", axes.get_figure(root=True))
-    handles, labels = axes.get_legend_handles_labels()
-    first: dict[str, Any] = dict(zip(labels[::-1], handles[::-1], strict=True))
-    shown: dict[str, Any] = {label: first[label] for label in labels}
+    shown: dict[str, Any] = {}
+    labelled: Any = zip(*axes.get_legend_handles_labels(), strict=True)
+    for handle, label in sorted(labelled, key=lambda pair: isinstance(pair[0], PolyCollection)):
+        shown.setdefault(label, handle)
     look: dict[str, Any] = {"fontsize": 8, "title_fontsize": 8, "columnspacing": 1.2, "handletextpad": 0.5}
     if old is not None:
         look["title"] = old.get_title().get_text() or None
         for text, handle in zip(old.get_texts(), old.legend_handles, strict=True):
             shown.setdefault(text.get_text(), handle)
         old.remove()
+
+    def put(columns: int, **how: Any) -> Any:
+        order = [label for k in range(columns) for label in list(shown)[k::columns]]
+        return axes.legend([shown[label] for label in order], order, ncols=columns, **look, **how)
+
     canvas = figure.canvas
     agg: Any = FigureCanvasAgg(figure)
     figure.draw_without_rendering()  # the layout settles at the second drawing
@@ -236,7 +260,7 @@ def _legend(axes: Axes) -> None:
     seen = np.asarray(agg.buffer_rgba())[::-1, :, :3] / 255
     inked = np.abs(seen - to_rgb(axes.get_facecolor())).max(axis=2) > 0.12  # more than grid and shading
     for columns, place in itertools.product((1, 2), _PLACES):
-        made = axes.legend(shown.values(), shown, ncols=columns, **{"loc": place, "framealpha": 1.0, **look})
+        made = put(columns, loc=place, framealpha=1.0)
         box = made.get_window_extent().padded(3)
         rows, across = slice(int(box.y0), int(box.y1) + 1), slice(int(box.x0), int(box.x1) + 1)
         if len(shown) < 5 and np.all(box.size < axes.bbox.size) and not inked[rows, across].any():
@@ -247,8 +271,8 @@ def _legend(axes: Axes) -> None:
     room, below = (cast("Bbox", part.get_tightbbox()) for part in (axes, axes.xaxis))
     aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1) / figure.dpi
     where = ScaledTranslation(aside, (below.y0 - axes.bbox.y0 - 4) / figure.dpi, figure.dpi_scale_trans)
-    for columns in range(min(len(shown), 4), 0, -1):
-        made = axes.legend(shown.values(), shown, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=columns,
-                           bbox_transform=axes.transAxes + where, frameon=False, borderaxespad=0.0, **look)  # fmt: skip
+    for columns in range(len(shown), 0, -1):
+        made = put(columns, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=axes.transAxes + where,
+                   frameon=False, borderaxespad=0.0)  # fmt: skip
         if made.get_window_extent().width <= room.width:
             return

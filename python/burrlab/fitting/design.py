@@ -128,16 +128,10 @@ class Design(dataset.Tabular):
 
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
         label : str, optional
             Said before each radius.
         **style
             `color` and other properties of the lines and marks.
-
-        Returns
-        -------
-        matplotlib Axes
         """
         ax = axes_or_new(ax)
         velocities = [one for one in self.rows if one.force is not None]

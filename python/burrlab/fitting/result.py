@@ -25,6 +25,7 @@ from burrlab.common.figures import (
     VELOCITY,
     axes_or_new,
     drawing,
+    next_look,
     plot_points,
     styled,
 )
@@ -180,20 +181,13 @@ class Fit(FitRecord):
 
         Parameters
         ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
         alpha_lines : float, optional
             Draw dashed lines for alpha plus and minus this [1/ms]; the paper uses 0.01. They are no
             confidence interval.
         log : bool
             Make both axes logarithmic.
         **style
-            `label`, `color` and other properties of line and points; the band fades from the colour. A label
-            stands for both.
-
-        Returns
-        -------
-        matplotlib Axes
+            Of line and points; the band fades from the colour. A label stands for both.
 
         Raises
         ------
@@ -206,11 +200,14 @@ class Fit(FitRecord):
         )
         ax = axes_or_new(ax)
         o = self.observations
+        if style.get("label") or ax.lines:
+            style = next_look(ax, style, color="black", marker="s", linestyle="-")
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
         for one in self.data:
             if isinstance(one, VelocityCurve):
-                one.plot(ax, log=log, label=named and f"_{named}", **style | {"linestyle": ""})
+                dress = {"color": "black", "marker": "s", **style, "linestyle": ""}
+                one.plot(ax, log=log, label=named and f"_{named}", **dress)
         single = o.run < 0
         if not single.all():
             ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
@@ -224,12 +221,9 @@ class Fit(FitRecord):
             high = min(1.04 * used.max(), 0.999 * self.c_e * R**2 / 27**0.5)
             force = np.geomspace(low, high, 300)
             lower, upper = band(self, force, R)
-            shade = {
-                "color": style.get("color", _SHADES["99.7"]),
-                "alpha": 0.25 if "color" in style else None,
-            }
             said = "95 % band" if i == 0 else None
-            ax.fill_between(force, lower, upper, label=said, zorder=1, linewidth=0, **shade)
+            ax.fill_between(force, lower, upper, label=said, zorder=1, linewidth=0,
+                            color=style.get("color", FORCE), alpha=0.2)  # fmt: skip
             several = self.radius is None
             colour = LINES[i % len(LINES)] if several else "black"
             shown_as = f"fit, R = {R:g} mm" if several and not named else label
@@ -260,9 +254,6 @@ class Fit(FitRecord):
         Parameters
         ----------
         name : {"c_e", "alpha"}
-        ax : matplotlib Axes, optional
-        **style
-            `label`, `color` and other properties of the line.
 
         Raises
         ------
@@ -278,18 +269,18 @@ class Fit(FitRecord):
         top = 1.6 * limits["99.7"]
         near = np.flatnonzero((rise < top) & (x < 12 * getattr(self, name)))
         shown = slice(max(near[0] - 1, 0), near[-1] + 2)
-        look = styled(style, color=FORCE, linewidth=1.4)
+        look = next_look(ax, style, color=FORCE, linestyle="-", linewidth=1.4, label="profile")
         ax.plot(x[shown], rise[shown], **look)
         for level, limit in limits.items():
-            ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
+            ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--", label="limits of the levels")
             ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
                         textcoords="offset points", ha="right", fontsize=8, color=REFERENCE,
                         bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none"})  # fmt: skip
-        ax.axvline(getattr(self, name), color="black", linewidth=0.8)
+        ax.axvline(getattr(self, name), color="black", linewidth=0.8, label="fit")
         interval = profile.intervals[name]["95"]
         for end in (interval.lower, interval.upper):
             if end is not None and end < 12 * getattr(self, name):
-                ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":")
+                ax.axvline(end, color=look["color"], linewidth=0.8, linestyle=":", label="95 % interval")
         if interval.upper is None:
             ax.annotate(
                 "open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE
@@ -311,14 +302,13 @@ class Fit(FitRecord):
 
         Parameters
         ----------
-        ax : matplotlib Axes, optional
         points : mapping, optional
             Name -> (c_e, alpha) to mark, such as given values.
         combination : bool
             Draw alpha/c_e^p, the best-determined combination, instead of alpha, so that a long ridge lies
             flat.
         **style
-            `label`, said before each level, `color`, which fades outwards, and others of the regions.
+            Of the regions; the colour fades outwards. With a label the legend's levels are grey.
 
         Raises
         ------
@@ -326,34 +316,24 @@ class Fit(FitRecord):
             If the fit failed.
         """
         profile, ax = self._evidence().profile, axes_or_new(ax)
-        widest, color = 12 * self.c_e, style.pop("color", None)
-        label = f"{style.pop('label')}, " if style.get("label") else ""
+        widest, look = 12 * self.c_e, next_look(ax, style, color=FORCE, label="fit")
+        color, named = look.pop("color"), look.pop("label")
         p = profile.identified.exponent if combination else 0.0
-        for level in reversed(list(LEVELS)):
+        told = color if named == "fit" else "black"
+        # A region lies on the wider ones and so looks like `seen`, in the legend too: once for all fits.
+        for level, alpha, seen in (("99.7", 0.2, 0.2), ("95", 0.35, 0.48), ("68", 0.6, 0.79)):
             region = profile.regions[level]
             near = region.c_e <= widest
-            suffix = ", open above" if region.open_above else ""
             c_e = region.c_e[near]
-            shade = (
-                _SHADES[level]
-                if color is None
-                else to_rgba(color, {"99.7": 0.2, "95": 0.35, "68": 0.6}[level])
-            )
-            look = {"color": shade, "edgecolor": color or FORCE, "linewidth": 0.6, **style}
-            ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p,
-                            label=f"{label}{level} %{suffix}", **look)  # fmt: skip
-        ax.plot(self.c_e, self.alpha / self.c_e**p, "+", color="black", ms=8, mew=1.4, label="fit")
+            shade = {"color": to_rgba(color, alpha), "edgecolor": color, "linewidth": 0.6, **look}
+            ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p, **shade)
+            ax.fill_between([], [], color=to_rgba(told, seen), ec=told, lw=0.6, label=f"{level} %")
+        opened = ", ".join(level for level in LEVELS if profile.regions[level].open_above)
+        named += f", {opened} % open above" if opened else ""
+        ax.plot(self.c_e, self.alpha / self.c_e**p, "P", color=color, mec="white", mew=0.7, ms=6, label=named)
         for marker, (name, (c_e_there, alpha)) in zip("osD^v*", (points or {}).items(), strict=False):
-            ax.plot(
-                c_e_there,
-                alpha / c_e_there**p,
-                marker,
-                color=VELOCITY,
-                mfc="white",
-                mew=1.2,
-                ms=5.5,
-                label=name,
-            )
+            ax.plot(c_e_there, alpha / c_e_there**p, marker, color=VELOCITY, mfc="white", mew=1.2, ms=5.5,
+                    label=name)  # fmt: skip
         power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
         ax.set(
             xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"]
@@ -366,12 +346,6 @@ class Fit(FitRecord):
 
         A row that stands out has its number, from 1 after the header; of several data sets also the set's.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-        **style
-            `label`, `color` and other properties of the points.
-
         Raises
         ------
         ValueError
@@ -382,7 +356,8 @@ class Fit(FitRecord):
         ax = axes_or_new(ax)
         force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
         named = np.array([row.named for row in rows])
-        look = styled(style, color=FORCE, marker="o", linestyle="", markersize=4, zorder=3, label="rows")
+        style = {"linestyle": "", **style}
+        look = next_look(ax, style, color=FORCE, marker="o", markersize=4, zorder=3, label="rows")
         ax.plot(force[~named], size[~named], **look)
         limit = rows_limit(self.likelihood, (self.c_e, self.alpha), ~named)
         if limit is not None:
@@ -414,7 +389,6 @@ class Fit(FitRecord):
         return report.html(self)
 
 
-_SHADES = {"99.7": "#d4e6f4", "95": "#8dbfe2", "68": "#3c8cc4"}
 LINES = (FORCE, VELOCITY, POSITION, "black")  # one per radius
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
@@ -433,7 +407,6 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     ----------
     items : sequence, or mapping of names, of VelocityCurve and Fit
         Without names, the sources of the data are the labels.
-    ax : matplotlib Axes, optional
     log : bool
         Make both axes logarithmic.
     **style
@@ -455,6 +428,7 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     refuse(not items, "items must hold a curve or a fit, got none")
     ax = axes_or_new(ax)
     bar: dict[str, Any] = {"marker": (2, 2, 45), "linestyle": "", "mew": 1.2}  # across a line that rises
+    kinks: list[float] = []
     for look, (name, one) in zip(itertools.cycle(SERIES), items.items(), strict=False):
         dress: dict[str, Any] = {"label": name, **look, **style}
         if isinstance(one, VelocityCurve):
@@ -468,8 +442,9 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
             force, kink = o.force[o.radius == R], one.c_e * R**2 * WINDOW_START**1.5
             if force.min() < kink < force.max():
                 ax.plot(kink, one.velocity(kink, radius=R), color=dress["color"], ms=18, zorder=5, **bar)
-                said = "kink, $\\phi$ = 0.068: $c_e$ shows above"
-                ax.plot([], [], color=REFERENCE, ms=11, label=said, **bar)
+                kinks.append(kink)
+    if kinks:
+        ax.plot([], [], color=REFERENCE, ms=11, label="kink: $c_e$ shows above", **bar)
     return ax
 
 

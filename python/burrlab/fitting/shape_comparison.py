@@ -228,16 +228,7 @@ class ShapeComparison:
         The axis shows 100 ln of the ratio, which is in % where it is small. It is linear, and shaded, where
         the points lie, and logarithmic beyond.
 
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-            Where to draw; a new figure by default.
-        **style
-            `label`, `color` and other properties of the points.
-
-        Returns
-        -------
-        matplotlib Axes
+        `style` is that of the points.
         """
         ax = axes_or_new(ax)
         best = self.best
@@ -280,16 +271,6 @@ class ShapeComparison:
         """Rise of -2 log L over k of the family, with the limits of three levels and marks at k = 0, 1, 2.
 
         The axis of the rise is linear up to the largest limit, and logarithmic above.
-
-        Parameters
-        ----------
-        ax : matplotlib Axes, optional
-        **style
-            `label`, `color` and other properties of the line.
-
-        Returns
-        -------
-        matplotlib Axes
 
         Raises
         ------

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing, plot_points
+from burrlab.common.figures import axes_or_new, drawing, next_look, plot_points
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
 from burrlab.measured.layout import Layout
 
@@ -255,6 +255,7 @@ class VelocityCurve(TableData):
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
         sigma = None if self.sigma is None else self.sigma[ok]
+        style = next_look(ax, style, color="black", marker="s")
         plot_points(ax, force, velocity, sigma, style, table.data_label(self.source))
         if log:
             ax.set(xscale="log", yscale="log")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse
-from burrlab.common.figures import axes_or_new, drawing, plot_points
+from burrlab.common.figures import axes_or_new, drawing, next_look, plot_points
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import Layout
 
@@ -144,6 +144,7 @@ class Indentation(TableData):
             Make both axes logarithmic; Eq. 3 is then a line of slope 3/2.
         """
         ax = axes_or_new(ax)
+        style = next_look(ax, style, color="black", marker="s")
         plot_points(ax, self.depth, self.force, self.sigma, style, table.data_label(self.source))
         if log:
             ax.set(xscale="log", yscale="log")

@@ -1,6 +1,7 @@
 """Diagnostics of a fit: contradiction, rows that stand out, implausible values, and the robust likelihood."""
 
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -45,7 +46,13 @@ def test_an_outlier_among_given_sigmas():
     kept = io.StringIO()
     bad.to_json(kept)
     assert Fit.from_json(io.StringIO(kept.getvalue())).evidence == bad.evidence
+    for factor in (20, 1000):
+        wide = fit(replace(good, sigma=factor * good.sigma), residuals="sigma")
+        assert re.match(r"The given sigma looks about \d+ times too large, .* p < 0.0001", wide.verdict)
+        assert float(wide.verdict.split()[5]) == pytest.approx(factor, rel=0.4)
+        assert "factor of inf" not in wide.report()
     fine = fit(good, residuals="sigma")
+    assert "too large" not in fine.report()
     assert (fine.status, fine.evidence.unscaled, fine.evidence.rows) == ("ok", None, ())
 
 
@@ -110,7 +117,7 @@ def test_other_units_and_swaps_are_suspected(force, velocity, looks):
 def test_another_range():
     softer = fit(curve(), plausible={"c_e": (0.1, 0.2), "alpha": (1e-3, 1e-2)})
     assert softer.status == "ok"
-    assert "Suspect: they lie outside c_e 0.1 to 0.2 N/mm^2" in softer.verdict
+    assert "Suspect: the fitted c_e and alpha lie outside 0.1 to 0.2 N/mm^2" in softer.verdict
 
 
 def test_a_sigma_that_is_not_used_is_told():

@@ -11,7 +11,7 @@ from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
-from burrlab.fitting.hypotheses import HypothesisTest, Point, judged
+from burrlab.fitting.hypotheses import POOR, HypothesisTest, Point, judged
 from burrlab.fitting.intervals import Interval
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
 from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, bounds_of
@@ -19,7 +19,6 @@ from burrlab.fitting.profile import Domain, Walk, lowest, profile
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 
-POOR = 0.005  # p below which the data contradict the model (ours)
 _NO_MATTER = 3 * MODEL_ERROR  # RMS relative deviation that the model's own error may explain
 FEWEST = 8  #: rows; among fewer none is named
 _WIDER = 1.5  # the plausible range reaches so far beyond the shipped materials (ours)
@@ -72,7 +71,9 @@ class Goodness:
 
     @property
     def sentence(self) -> str:
-        """The contradiction in plain words; empty where there is none."""
+        """The contradiction in plain words, or that sigma looks too large; empty where neither is so."""
+        if self.test is not None and len(self.test.freedom) == 1 and 1 - self.test.p_value < POOR:
+            return self.test.sentence
         if not self.poor or self.test is None:
             return ""
         wider = (
@@ -338,14 +339,14 @@ def plausibility(
         said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
     outside = inside < _SUSPECT
     if outside and not said:
-        known = f"c_e {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
+        lie = f"the fitted c_e lies outside {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
         if alpha[0] > 0:
-            known += f" and alpha {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
+            lie = f"{lie.replace('lies', 'and alpha lie')} and {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
         looks = [
             f"as if {what} (c_e would be {point[0] / force:.3g} N/mm^2, alpha {point[1] / velocity:.3g} /ms)"
             for what, (force, velocity) in _MISTAKES.items()
             if p_of(force, velocity) > _LOOKS
         ]
-        said.append(f"they lie outside {known}" + ("; " + ", or ".join(looks) if looks else ""))
+        said.append(lie + ("; " + ", or ".join(looks) if looks else ""))
     implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
     return Plausibility(inside, bool(said), implausible, "; ".join(said))

@@ -94,6 +94,23 @@ def test_rows_of_several_curves_keep_their_numbers():
     assert row.sentence.startswith("Row 8 of data set 2, 1.91 N, stands out")
 
 
+def test_the_verdict_names_rows():
+    bad = curve(forces=np.linspace(0.3, 2.6, 40), seed=2)
+    for row, said in ((8, "Row 8 stands"), (30, "Rows 30 and 8 stand"), (20, "and 1 more stand")):
+        bad = with_outlier(bad, row)
+        assert said in re.sub(r" \(\S+ sigma\)", "", fit(bad).verdict)
+
+
+def test_copies():
+    """A block that follows itself is told; equal repeats by rounding are not, grouped or in cycles."""
+    one = curve(repeats=3)
+    assert "33 of 66 rows are exact copies" in fit([one, one]).verdict
+    rounded = np.array([float(f"{v:.1e}") for v in one.velocity])
+    for order in (slice(None), np.arange(33).reshape(11, 3).T.ravel()):
+        honest = VelocityCurve(one.force[order], rounded[order], radius=3.0)
+        assert "copies" not in fit(honest).verdict
+
+
 @pytest.mark.parametrize(
     ("force", "velocity", "looks"),
     [

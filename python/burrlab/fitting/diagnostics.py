@@ -14,7 +14,7 @@ from burrlab.bone.materials import materials
 from burrlab.fitting.hypotheses import POOR, HypothesisTest, Point, judged
 from burrlab.fitting.intervals import Interval
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
-from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, bounds_of
+from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import Domain, Walk, lowest, profile
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
@@ -223,6 +223,40 @@ def influence(
             places, *(column.tolist() for column in columns), strict=True
         )
         if every or stands_out
+    )
+
+
+def doubts(
+    fits: Goodness, likely: Plausibility | None, o: Observations, rows: Sequence[Row]
+) -> tuple[str, ...]:
+    """Sentences that the verdict begins with; `rows` stand out, and the two farthest are named.
+
+    Copies are blocks that follow themselves: 8 rows or more, over three forces or more, that come again in the same
+    order, all columns equal. Repeats that rounding makes equal hardly ever form one.
+    """
+    columns = np.stack([o.force, o.velocity, o.sigma, o.window_start, o.window_end, o.radius], axis=1)
+    same = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
+    copied = np.zeros(len(same), dtype=bool)
+    for lag in range(FEWEST, len(same) // 2 + 1):
+        equal = np.concatenate([[False], same[lag:] == same[:-lag], [False]])
+        for begin, end in np.flatnonzero(np.diff(equal)).reshape(-1, 2):
+            if end - begin >= lag and len(np.unique(o.force[begin:end])) >= 3:
+                copied[begin + lag : end + lag] = True
+    copies = (
+        f"{copied.sum()} of {len(same)} rows are exact copies of others: copies are no repeats, and narrow"
+    )
+    told = [
+        f"{row.row}{f' of data set {row.data_set + 1}' if row.data_set else ''} ({row.studentised:.2g} sigma)"
+        for row in sorted(rows, key=lambda row: -abs(row.studentised))
+    ]
+    named = f"Rows {' and '.join(told)} stand out." if told else ""
+    if len(told) > 2:
+        named = f"Rows {told[0]}, {told[1]} and {len(told) - 2} more stand out."
+    return (
+        fits.sentence,
+        f"Suspect: {likely.sentence}." if likely and likely.suspect else "",
+        f"{copies} the intervals." if copied.any() else "",
+        named if len(told) != 1 else f"Row {told[0]} stands out.",
     )
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from burrlab._core import Burr, Shape
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
-from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, goodness, influence, plausibility
+from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
 from burrlab.fitting.intervals import LEVELS, ByLevel, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -372,7 +372,7 @@ def weigh(
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))
     likely = plausibility(likelihood, shape, calibration, found.base, best, plausible) if plausible else None
-    doubts = [fits.sentence, f"Suspect: {likely.sentence}." if likely and likely.suspect else ""]
+    rows = influence(likelihood, best, data, bounds, every=False)
     said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
     return Evidence(
         likelihood.log_likelihood(*best),
@@ -382,12 +382,12 @@ def weigh(
         calibration.monte_carlo,
         found,
         ridge_of(likelihood, exponent, best, found),
-        " ".join(text for text in (*doubts, said) if text),
+        " ".join(text for text in (*doubts(fits, likely, o, rows), said) if text),
         better,
         fits,
         unscaled,
         likely,
-        influence(likelihood, best, data, bounds, every=False),
+        rows,
     )
 
 

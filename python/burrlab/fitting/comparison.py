@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from scipy import special
 
-from burrlab.common.check import refuse, scalar
+from burrlab.common.check import refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
@@ -124,9 +124,9 @@ class Comparison:
             told = {f"alpha/c_e^{p}" if key == "combination" else key: r for key, r in pair.ratios.items()}
             if pair.velocity is not None:
                 told[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
-            for shown, ratio in told.items():
+            for quantity, ratio in told.items():
                 value = "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}"
-                ratios.append([said, shown, value, span(ratio.interval), ratio.verdict])
+                ratios.append([said, quantity, value, span(ratio.interval), ratio.verdict])
             corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
             notes += [f"{said}: {pair.joint.sentence}{corrected}", f"{said}: {self._velocity(pair)}"]
         least = "which makes the squared standard errors of all sets together smallest"
@@ -220,7 +220,7 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         If a set is no fit.
     ValueError
         If there are fewer than two fits, one is of another kind than above or gave nothing, the margin is not
-        positive and finite, or the names are not one a fit and distinct.
+        above 0 and at most 1, or the names are not one a fit and distinct.
 
     Notes
     -----
@@ -242,14 +242,14 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     """
     for one in fits:
         if not isinstance(one, FitRecord):
-            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {one!r}")
+            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {shown(one)}")
     alike = len({one.shape for one in fits}) == 1 and {one.engine for one in fits} == {"mean-field"}
     refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
     refuse(not alike, "all fits must be mean-field ones with the same shape")
     bounded = any(one.given_bounds for one in fits)
     refuse(bounded, "compare needs fits without bounds, for these cut intervals")
-    if margin is not None and not 0 < scalar(margin, "margin") < np.inf:
-        raise ValueError(f"margin must be positive and finite: got {margin!r}")
+    if margin is not None and not 0 < scalar(margin, "margin") <= 1:
+        raise ValueError(f"margin must be above 0 and at most 1, where 0.2 is 20 %: got {margin!r}")
     named = [chr(65 + k) for k in range(len(fits))] if names is None else list(names)
     if isinstance(names, str) or len(set(named)) != len(fits) or len(named) != len(fits):
         raise ValueError(f"names must be {len(fits)} different texts: got {names!r}")

@@ -345,7 +345,7 @@ def plausibility(
     """
     o = likelihood.observations
     c_e, alpha = plausible["c_e"], plausible["alpha"]
-    if plausible == PLAUSIBLE and shape.name != "parabolic":
+    if alpha == PLAUSIBLE["alpha"] and shape.name != "parabolic":
         alpha = (0.0, np.inf)
 
     def p_of(force: float = 1.0, velocity: float = 1.0, wider: float = 1.0) -> float:

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
+from burrlab import (
+    Burr,
+    Material,
+    Shape,
+    VelocityCurve,
+    fit,
+    materials,
+    synthetic_curve,
+    synthetic_indentation,
+)
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.fit import Fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -138,6 +147,15 @@ def test_another_range():
         "Suspect: the fitted c_e and alpha lie outside 0.1 to 0.2 N/mm^2 and 0.058 to 0.38 /ms"
         in softer.verdict
     )
+
+
+def test_half_the_radius():
+    """c_e goes with 1/R^2 and alpha with 1/R, but not where an indentation is at hand."""
+    true, half = fit(curve()), fit(replace(curve(), radius=1.5))
+    assert (half.c_e, half.alpha) == pytest.approx((4 * true.c_e, 2 * true.alpha))
+    assert f"as if the radius were half the true one (c_e would be {true.c_e:.3g}" in half.verdict
+    pressed = synthetic_indentation(Burr(1.5), BONE, [0.1, 0.2], scatter=0.5, seed=1)
+    assert "as if the radius" not in fit([half.data[0], pressed]).verdict
 
 
 def test_a_sigma_that_is_not_used_is_told():

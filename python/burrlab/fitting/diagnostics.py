@@ -47,6 +47,9 @@ _MISTAKES = {
     "forces were kN": (1e-3, 1.0),
     "forces were gram-force": (1e3 / 9.80665, 1.0),
     "forces were kilogram-force": (1 / 9.80665, 1.0),
+    # default windows scale with R: v = alpha R g(F/(c_e R^2))
+    "the radius were the diameter": (1 / 4, 1 / 2),
+    "the radius were half the true one": (4.0, 2.0),
 }
 
 
@@ -376,10 +379,12 @@ def plausibility(
         lie = f"the fitted c_e lies outside {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
         if alpha[0] > 0:
             lie = f"{lie.replace('lies', 'and alpha lie')} and {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
+        # windows in mm, and indentations (F = c_e R^(1/2) h^(3/2)), do not go with those of another radius
+        scales = bool(np.isnan(o.window_start).all()) and not len(o.pressed)
         looks = [
             f"as if {what} (c_e would be {point[0] / force:.3g} N/mm^2, alpha {point[1] / velocity:.3g} /ms)"
             for what, (force, velocity) in _MISTAKES.items()
-            if p_of(force, velocity) > _LOOKS
+            if p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
         ]
         said.append(lie + ("; " + ", or ".join(looks) if looks else ""))
     implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)

@@ -86,6 +86,7 @@ def test_influence():
     rows = bad.influence()
     assert [row.row for row in rows] == list(range(1, 12))
     assert [row.row for row in rows if row.named] == [8]
+    assert re.fullmatch(r"Row\(8, 1.91 N, \d+ sigma, c_e 2\S+, stands out\)", repr(rows[7]))
     assert bad.status != "implausible"
     assert sum(row.leverage for row in rows) == pytest.approx(2)
     without = fit(VelocityCurve(np.delete(FORCES, 7), np.delete(bad.data[0].velocity, 7), radius=3.0))

@@ -6,15 +6,18 @@ import dataclasses
 import functools
 import json
 import math
+import os
 import re
 import reprlib
 import textwrap
 import types
 import typing
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import IO, TYPE_CHECKING, Any, Literal, Self, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -75,6 +78,42 @@ def _real(text: str) -> float:
     number = float(text)
     refuse(not math.isfinite(number), f"{text} is not finite")
     return number
+
+
+class InJson(ABC):
+    """Base of results that a JSON file keeps without loss."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain Python objects, ready for JSON."""
+
+    @classmethod
+    @abstractmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The object that `to_dict` described."""
+
+    def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
+        """Write JSON, with all data, that `from_json` reads back without loss."""
+        with (
+            open(file, "w", encoding="utf-8")
+            if isinstance(file, (str, os.PathLike))
+            else nullcontext(file) as to
+        ):
+            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
+            to.write("\n")
+
+    @classmethod
+    def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is something else.
+        """
+        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
+            name = getattr(given, "name", "JSON text")
+            return parsed(name, given.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)
 
 
 #: Key in JSON -> name of its field, or the function that derives its value.

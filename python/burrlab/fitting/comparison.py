@@ -15,7 +15,7 @@ from scipy import special
 from burrlab.common.check import refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
-from burrlab.common.records import Codec
+from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.hypotheses import HypothesisTest, judged, p_text
 from burrlab.fitting.intervals import Interval
@@ -99,8 +99,8 @@ class ComparedPair:
         return self.p_equivalent < ERROR
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(InJson):
     """Data sets compared two by two. Made by `burrlab.compare`."""
 
     sets: tuple[ComparedSet, ...]
@@ -110,8 +110,27 @@ class Comparison:
     pairs: tuple[ComparedPair, ...]
     provenance: Mapping[str, Any]
 
+    @property
+    def verdict(self) -> str:
+        """A sentence a pair, each on a line: whether its sets differ, and whether they are equivalent."""
+        lines = []
+        for pair in self.pairs:
+            said = (
+                f"{pair.names[0]} and {pair.names[1]} {'differ' if pair.differ else 'can be of one material'}"
+            )
+            if self.margin is not None:
+                shown_to = "" if pair.equivalent else "not shown to be "
+                said += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
+            lines.append(f"{said}.")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        names = ", ".join(one.name for one in self.sets)
+        differ = sum(pair.differ for pair in self.pairs)
+        return f"Comparison({names}: {differ} of {len(self.pairs)} pairs differ)"
+
     def report(self) -> str:
-        """Tables and sentences as text."""
+        """Verdict, tables and sentences as text."""
         p, notes = f"{self.exponent:.3g}", []
         sets = [["", "points", "c_e [N/mm^2]", "alpha [1/ms]", "residuals", "status"]]
         for s in self.sets:
@@ -140,7 +159,8 @@ class Comparison:
         if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
         last = [f"- {note}" for note in notes]
-        return in_blocks({"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last})
+        said = self.verdict.split("\n")
+        return in_blocks({"Verdict": said, "Sets": columns(sets), "Ratios": columns(ratios), "Notes": last})
 
     def _velocity(self, pair: ComparedPair) -> str:
         v = pair.velocity
@@ -177,7 +197,7 @@ class Comparison:
             dashed: Any = {"color": REFERENCE, "linewidth": 0.9, "linestyle": "--"}
             ax.axhline(1 + self.margin, label=f"margin, {100 * self.margin:g} %", **dashed)
             ax.axhline(1 / (1 + self.margin), **dashed)
-        ax.set(xlabel="force [N]", ylabel="ratio of velocities [1]")
+        ax.set(xlabel="force [N]", ylabel="ratio of velocities [1]", yscale="log")
         return ax
 
     def to_dict(self) -> dict[str, Any]:

@@ -129,7 +129,7 @@ def _orthonormal(J: Floats) -> Floats:
     return np.asarray(U[:, s > 1e-6 * s[0]])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Row:
     """A row of the data, and the fit without it.
 
@@ -169,6 +169,10 @@ class Row:
         if not np.isnan(self.c_e):
             without = f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
         return f"Row {self.row}{of}, {self.force:.3g} N, stands out: {self.studentised:.2g} sigma; {without}."
+
+    def __repr__(self) -> str:
+        named = ", stands out" if self.named else ""
+        return f"Row({self.row}, {self.force:.3g} N, {self.studentised:.2g} sigma, c_e {self.c_e:.3g}{named})"
 
 
 def influence(

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import IO, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.records import Codec, parsed
+from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
@@ -40,7 +37,7 @@ _OPEN = Interval(None, None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FitRecord:
+class FitRecord(InJson):
     """The data of a fit, what follows from them, and their JSON; `Fit` adds tests and figures.
 
     Attributes
@@ -234,29 +231,6 @@ class FitRecord:
         """The fit that `to_dict` described."""
         # `burrlab fit --test` adds its test
         return _CODEC.made(cls, {name: value for name, value in values.items() if name != "test"})
-
-    def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
-        """Write the fit with its data as JSON that `from_json` reads back without loss."""
-        with (
-            open(file, "w", encoding="utf-8")
-            if isinstance(file, (str, os.PathLike))
-            else nullcontext(file) as to
-        ):
-            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
-            to.write("\n")
-
-    @classmethod
-    def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
-        """Read a fit from JSON.
-
-        Raises
-        ------
-        ValueError
-            If the file is not the JSON of a fit.
-        """
-        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
-            name = getattr(given, "name", "JSON text")
-            return parsed(name, given.read(), "the JSON of a fit", cls.from_dict)
 
 
 @by_value

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -159,8 +159,8 @@ class Comparison(InJson):
         if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
         last = [f"- {note}" for note in notes]
-        said = self.verdict.split("\n")
-        return in_blocks({"Verdict": said, "Sets": columns(sets), "Ratios": columns(ratios), "Notes": last})
+        blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last}
+        return in_blocks({"Verdict": self.verdict.split("\n")} | blocks)
 
     def _velocity(self, pair: ComparedPair) -> str:
         v = pair.velocity
@@ -200,18 +200,8 @@ class Comparison(InJson):
         ax.set(xlabel="force [N]", ylabel="ratio of velocities [1]", yscale="log")
         return ax
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """The comparison that `to_dict` described."""
-        return _CODEC.made(cls, values)
-
-
-_CODEC = Codec(
+Comparison._codec = Codec(
     keys={
         ComparedPair: {name: name for name in ComparedPair.__dataclass_fields__}
         | {"differ": lambda pair: pair.differ, "equivalent": lambda pair: pair.equivalent},

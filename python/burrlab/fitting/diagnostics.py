@@ -233,13 +233,11 @@ def influence(
     )
 
 
-def doubts(
-    fits: Goodness, likely: Plausibility | None, o: Observations, rows: Sequence[Row]
-) -> tuple[str, ...]:
+def doubts(fits: Goodness, likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
     """Sentences that the verdict begins with; `rows` stand out, and the two farthest are named.
 
-    Copies are blocks that follow themselves: 8 rows or more, over three forces or more, that come again in the same
-    order, all columns equal. Repeats that rounding makes equal hardly ever form one.
+    Copies are blocks of 8 rows or more, over three forces or more, that come again right behind themselves, all
+    columns equal. Repeats that rounding makes equal hardly ever form one.
     """
     columns = np.stack([o.force, o.velocity, o.sigma, o.window_start, o.window_end, o.radius], axis=1)
     same = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
@@ -249,22 +247,19 @@ def doubts(
         for begin, end in np.flatnonzero(np.diff(equal)).reshape(-1, 2):
             if end - begin >= lag and len(np.unique(o.force[begin:end])) >= 3:
                 copied[begin + lag : end + lag] = True
-    copies = (
-        f"{copied.sum()} of {len(same)} rows are exact copies of others: copies are no repeats, and narrow"
-    )
-    told = [
+    far = [
         f"{row.row}{f' of data set {row.data_set + 1}' if row.data_set else ''} ({row.studentised:.2g} sigma)"
         for row in sorted(rows, key=lambda row: -abs(row.studentised))
     ]
-    named = f"Rows {' and '.join(told)} stand out." if told else ""
-    if len(told) > 2:
-        named = f"Rows {told[0]}, {told[1]} and {len(told) - 2} more stand out."
-    return (
-        fits.sentence,
-        f"Suspect: {likely.sentence}." if likely and likely.suspect else "",
-        f"{copies} the intervals." if copied.any() else "",
-        named if len(told) != 1 else f"Row {told[0]} stands out.",
-    )
+    far[2:] = [f"{len(far) - 2} more"] if len(far) > 2 else []
+    told = {
+        fits.sentence: True,
+        f"Suspect: {likely.sentence if likely else ''}.": likely is not None and likely.suspect,
+        f"{copied.sum()} of {len(same)} rows are exact copies of others, which narrow the intervals "
+        "but are no repeats.": copied.any(),
+        f"Rows that stand out: {', '.join(far)}.": far,
+    }
+    return [text for text, due in told.items() if due]
 
 
 def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) -> float | None:
@@ -351,7 +346,7 @@ def plausibility(
     The alphas of the shipped materials hold for parabolic f; with another f only their c_e is asked.
     """
     o = likelihood.observations
-    c_e, alpha = plausible["c_e"], plausible["alpha"]
+    c_e, alpha = (plausible.get(name, PLAUSIBLE[name]) for name in ("c_e", "alpha"))
     if alpha == PLAUSIBLE["alpha"] and shape.name != "parabolic":
         alpha = (0.0, np.inf)
 

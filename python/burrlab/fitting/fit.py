@@ -187,9 +187,8 @@ def fit(
     radii = sorted(set(observations.radius.tolist()))
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
     evidence, status, reason = None, "not-converged", failure
-    known = None if plausible is None else PLAUSIBLE | plausible
     if not failure:
-        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds or {}, known)
+        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds or {}, plausible)
         status, reason = status_of(observations, box, starts, best, evidence.ridge, missed, evidence.doubt)
     return Fit(
         c_e=best.end[0],

@@ -221,16 +221,11 @@ class FitRecord(InJson):
         """The model of this fit; the voxel engine's serves only the rows of its own data."""
         return model_of(observations, self.shape, self.table)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON; infinities and NaN are None."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
-
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The fit that `to_dict` described."""
         # `burrlab fit --test` adds its test
-        return _CODEC.made(cls, {name: value for name, value in values.items() if name != "test"})
+        return super().from_dict({name: value for name, value in values.items() if name != "test"})
 
 
 @by_value
@@ -345,7 +340,11 @@ def weigh(
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))
-    likely = plausibility(likelihood, shape, calibration, found.base, best, plausible) if plausible else None
+    likely = (
+        plausibility(likelihood, shape, calibration, found.base, best, plausible)
+        if plausible is not None
+        else None
+    )
     rows = influence(likelihood, best, data, bounds, every=False)
     said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
     return Evidence(
@@ -402,7 +401,7 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     }
 
 
-_CODEC = Codec(
+FitRecord._codec = Codec(
     keys={
         FitRecord: {
             {"radius": "radius_mm", "residual_norm": "residual"}.get(f.name, f.name): f.name

@@ -146,7 +146,7 @@ def _plain_ticks(axis: Axis) -> None:
     """Numbers instead of powers on a logarithmic axis, more of them where less than a decade is shown."""
     low, high = sorted(axis.get_view_interval())
     decades = np.log10(high / low)
-    subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
+    subs: tuple[float, ...] = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
     if decades < 0.3:
         subs = (1, 1.1, 1.2, 1.4, 1.6, 1.8, 2, 2.2, 2.5, 3, 3.5, 4, 5, 6, 7, 8, 9)
     axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))

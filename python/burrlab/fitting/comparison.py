@@ -115,9 +115,7 @@ class Comparison(InJson):
         """A sentence a pair, each on a line: whether its sets differ, and whether they are equivalent."""
         lines = []
         for pair in self.pairs:
-            said = (
-                f"{pair.names[0]} and {pair.names[1]} {'differ' if pair.differ else 'can be of one material'}"
-            )
+            said = " and ".join(pair.names) + (" differ" if pair.differ else " can be of one material")
             if self.margin is not None:
                 shown_to = "" if pair.equivalent else "not shown to be "
                 said += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"

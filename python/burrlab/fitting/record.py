@@ -340,11 +340,9 @@ def weigh(
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))
-    likely = (
-        plausibility(likelihood, shape, calibration, found.base, best, plausible)
-        if plausible is not None
-        else None
-    )
+    likely = None
+    if plausible is not None:
+        likely = plausibility(likelihood, shape, calibration, found.base, best, plausible)
     rows = influence(likelihood, best, data, bounds, every=False)
     said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
     return Evidence(

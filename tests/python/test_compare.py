@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import io
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -182,10 +182,17 @@ def test_report_figure_and_json():
     for words in ("small forces over bone", "undetermined", "alpha/c_e^2.67", "a ratio of c_e is open",
                   "can be of one material", "equivalent within 20 %", "Undetermined is not equal"):  # fmt: skip
         assert words in text
+    assert compared.verdict in text
+    assert repr(compared) == "Comparison(bone, small forces: 0 of 1 pairs differ)"
     assert "without a margin nothing is called equivalent" in compare(A, B).report()
-    legend = [text.get_text() for text in compared.plot().get_legend().get_texts()]
+    assert compare(A, B, C).verdict.endswith("\nB and C differ.")
+    ax = compared.plot()
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert ax.get_yscale() == "log"
     assert legend == ["small forces over bone, R = 3 mm", "margin, 20 %"]
-    assert Comparison.from_dict(json.loads(json.dumps(compared.to_dict(), allow_nan=False))) == compared
+    kept = io.StringIO()
+    compared.to_json(kept)
+    assert Comparison.from_json(io.StringIO(kept.getvalue())) == compared
 
 
 @pytest.mark.parametrize(
@@ -195,7 +202,7 @@ def test_report_figure_and_json():
         (lambda: compare(A), ValueError, "two fits or more: got 1"),
         (lambda: compare(A, fitted("wide", shape="linear")), ValueError, "with the same shape"),
         (lambda: compare(A, fit(B.curve, bounds={"c_e": (1, 9)})), ValueError, "needs fits without bounds"),
-        (lambda: compare(A, B, margin=0.0), ValueError, r"margin must be positive and finite: got 0\.0"),
+        (lambda: compare(A, B, margin=20), ValueError, "at most 1, where 0.2 is 20 %: got 20"),
         (lambda: compare(A, B, names=["x", "x"]), ValueError, "names must be 2 different texts"),
     ],
 )

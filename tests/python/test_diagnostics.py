@@ -1,11 +1,13 @@
 """Diagnostics of a fit: contradiction, rows that stand out, implausible values, and the robust likelihood."""
 
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import burrlab
 from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.fit import Fit
@@ -45,7 +47,13 @@ def test_an_outlier_among_given_sigmas():
     kept = io.StringIO()
     bad.to_json(kept)
     assert Fit.from_json(io.StringIO(kept.getvalue())).evidence == bad.evidence
+    for factor in (20, 1000):
+        wide = fit(replace(good, sigma=factor * good.sigma), residuals="sigma")
+        assert re.match(r"The given sigma looks about \d+ times too large, .* p < 0.0001", wide.verdict)
+        assert float(wide.verdict.split()[5]) == pytest.approx(factor, rel=0.4)
+        assert "factor of inf" not in wide.report()
     fine = fit(good, residuals="sigma")
+    assert "too large" not in fine.report()
     assert (fine.status, fine.evidence.unscaled, fine.evidence.rows) == ("ok", None, ())
 
 
@@ -70,6 +78,7 @@ def test_influence():
     rows = bad.influence()
     assert [row.row for row in rows] == list(range(1, 12))
     assert [row.row for row in rows if row.named] == [8]
+    assert re.fullmatch(r"Row\(8, 1.91 N, \d+ sigma, c_e 2\S+, stands out\)", repr(rows[7]))
     assert bad.status != "implausible"
     assert sum(row.leverage for row in rows) == pytest.approx(2)
     without = fit(VelocityCurve(np.delete(FORCES, 7), np.delete(bad.data[0].velocity, 7), radius=3.0))
@@ -85,6 +94,24 @@ def test_rows_of_several_curves_keep_their_numbers():
     (row,) = fit([curve(seed=3), skipped]).evidence.rows
     assert (row.data_set, row.row) == (1, 8)
     assert row.sentence.startswith("Row 8 of data set 2, 1.91 N, stands out")
+
+
+def test_the_verdict_names_rows():
+    bad = curve(forces=np.linspace(0.3, 2.6, 40), seed=2)
+    for row, said in ((8, ": 8."), (30, ": 30, 8."), (20, ", 1 more.")):
+        bad = with_outlier(bad, row)
+        assert fit(bad).verdict.startswith("Rows that stand out: ")
+        assert said in re.sub(r" \(\S+ sigma\)", "", fit(bad).verdict)
+
+
+def test_copies():
+    """A block that follows itself is told; equal repeats by rounding are not, grouped or in cycles."""
+    one = curve(repeats=3)
+    assert "33 of 66 rows are exact copies" in fit([one, one]).verdict
+    rounded = np.array([float(f"{v:.1e}") for v in one.velocity])
+    for order in (slice(None), np.arange(33).reshape(11, 3).T.ravel()):
+        honest = VelocityCurve(one.force[order], rounded[order], radius=3.0)
+        assert "copies" not in fit(honest).verdict
 
 
 @pytest.mark.parametrize(
@@ -108,9 +135,17 @@ def test_other_units_and_swaps_are_suspected(force, velocity, looks):
 
 
 def test_another_range():
-    softer = fit(curve(), plausible={"c_e": (0.1, 0.2), "alpha": (1e-3, 1e-2)})
+    softer = fit(curve(), plausible={"c_e": (0.1, 0.2)})
     assert softer.status == "ok"
-    assert "Suspect: they lie outside c_e 0.1 to 0.2 N/mm^2" in softer.verdict
+    assert "the fitted c_e and alpha lie outside 0.1 to 0.2 N/mm^2 and 0.058 to 0.38 /ms" in softer.verdict
+
+
+def test_half_the_radius():
+    """c_e goes with 1/R^2 and alpha with 1/R, but not where an indentation is at hand."""
+    half, said = replace(curve(), radius=1.5), "as if the radius were half the true one"
+    assert f"{said} (c_e would be {fit(curve()).c_e:.3g} N/mm^2" in fit(half).verdict
+    pressed = burrlab.synthetic_indentation(Burr(1.5), BONE, [0.1, 0.2], scatter=0.5, seed=1)
+    assert said not in fit([half, pressed]).verdict
 
 
 def test_a_sigma_that_is_not_used_is_told():

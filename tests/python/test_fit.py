@@ -145,7 +145,7 @@ class TestHonesty:
         *((lambda o=options: fit(CURVE, BURR, **o), ValueError, match) for options, match in [
             ({"engine": "oracle"}, "engine must be one of mean-field, voxel: got 'oracle'"),
             ({"residuals": "squared"}, "residuals must be one of relative, absolute, sigma, student: got 'squared'"),
-            ({"bounds": {"beta": (1, 2)}}, "bounds are for 'c_e' and 'alpha': got 'beta'"),
+            ({"bounds": {"beta": (1, 2)}}, "bounds may hold 'c_e' and 'alpha' alone: got 'beta'"),
             ({"bounds": {"alpha": (2, 1)}}, "bounds of alpha must be two finite numbers 0 < low < high"),
             ({"bounds": {"c_e": (0.1, 0.2)}}, r"bounds of c_e end at 0.2 N/mm\^2, but the window at"),
             ({"shape": "cubic"}, "cubic"),
@@ -184,7 +184,7 @@ class TestHonesty:
         (lambda: fitted("wide").plot(alpha_lines=0.2), ValueError, r"alpha_lines must be above 0 and below alpha, 0\.\d+ /ms: got 0\.2"),
         (lambda: fitted("wide").region("90"), ValueError, r"level must be one of 68, 95, 99\.7: got '90'"),
         *((lambda v=values: fitted("wide").test(*v), ValueError,
-            "must be positive and finite: got") for values in ((0.0, 0.1), (2.0, NAN))),
+            "must be positive and finite, got") for values in ((0.0, 0.1), (2.0, NAN))),
         (lambda: fitted("wide").plot_profile("R"), ValueError, "name must be 'c_e' or 'alpha': got 'R'"),
         (lambda: fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)]).curve, ValueError, "hold no velocity curve"),
         (lambda: fitted("wide").differs_from(fitted("wide", shape="linear")), ValueError,

@@ -6,15 +6,17 @@ import dataclasses
 import functools
 import json
 import math
+import os
 import re
 import reprlib
 import textwrap
 import types
 import typing
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, TypeVar, cast
 
 import numpy as np
 
@@ -251,6 +253,44 @@ class Codec:
         fitting = [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
         kind = fitting[0] if fitting else float if float in some and value in _SPELT else some[0]
         return self._converter.structure(value, kind)
+
+
+class InJson:
+    """Base of results that a JSON file keeps without loss."""
+
+    _codec: ClassVar[Codec]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain Python objects, ready for JSON; infinities and NaN are None."""
+        return cast("dict[str, Any]", self._codec.plain(self))
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """The object that `to_dict` described."""
+        return cls._codec.made(cls, values)
+
+    def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
+        """Write JSON, with all data, that `from_json` reads back without loss."""
+        with (
+            open(file, "w", encoding="utf-8")
+            if isinstance(file, (str, os.PathLike))
+            else nullcontext(file) as to
+        ):
+            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
+            to.write("\n")
+
+    @classmethod
+    def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is something else.
+        """
+        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
+            name = getattr(given, "name", "JSON text")
+            return parsed(name, given.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)
 
 
 def _is(*kinds: type) -> Callable[[Any], bool]:

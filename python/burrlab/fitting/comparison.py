@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from scipy import special
 
-from burrlab.common.check import refuse, scalar
+from burrlab.common.check import refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
-from burrlab.common.records import Codec
+from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.hypotheses import HypothesisTest, judged, p_text
 from burrlab.fitting.intervals import Interval
@@ -99,8 +99,8 @@ class ComparedPair:
         return self.p_equivalent < ERROR
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, repr=False)
+class Comparison(InJson):
     """Data sets compared two by two. Made by `burrlab.compare`."""
 
     sets: tuple[ComparedSet, ...]
@@ -110,8 +110,25 @@ class Comparison:
     pairs: tuple[ComparedPair, ...]
     provenance: Mapping[str, Any]
 
+    @property
+    def verdict(self) -> str:
+        """A sentence a pair, each on a line: whether its sets differ, and whether they are equivalent."""
+        lines = []
+        for pair in self.pairs:
+            said = " and ".join(pair.names) + (" differ" if pair.differ else " can be of one material")
+            if self.margin is not None:
+                shown_to = "" if pair.equivalent else "not shown to be "
+                said += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
+            lines.append(f"{said}.")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        names = ", ".join(one.name for one in self.sets)
+        differ = sum(pair.differ for pair in self.pairs)
+        return f"Comparison({names}: {differ} of {len(self.pairs)} pairs differ)"
+
     def report(self) -> str:
-        """Tables and sentences as text."""
+        """Verdict, tables and sentences as text."""
         p, notes = f"{self.exponent:.3g}", []
         sets = [["", "points", "c_e [N/mm^2]", "alpha [1/ms]", "residuals", "status"]]
         for s in self.sets:
@@ -124,9 +141,9 @@ class Comparison:
             told = {f"alpha/c_e^{p}" if key == "combination" else key: r for key, r in pair.ratios.items()}
             if pair.velocity is not None:
                 told[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
-            for shown, ratio in told.items():
+            for quantity, ratio in told.items():
                 value = "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}"
-                ratios.append([said, shown, value, span(ratio.interval), ratio.verdict])
+                ratios.append([said, quantity, value, span(ratio.interval), ratio.verdict])
             corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
             notes += [f"{said}: {pair.joint.sentence}{corrected}", f"{said}: {self._velocity(pair)}"]
         least = "which makes the squared standard errors of all sets together smallest"
@@ -140,7 +157,8 @@ class Comparison:
         if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
         last = [f"- {note}" for note in notes]
-        return in_blocks({"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last})
+        blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last}
+        return in_blocks({"Verdict": self.verdict.split("\n")} | blocks)
 
     def _velocity(self, pair: ComparedPair) -> str:
         v = pair.velocity
@@ -177,21 +195,11 @@ class Comparison:
             dashed: Any = {"color": REFERENCE, "linewidth": 0.9, "linestyle": "--"}
             ax.axhline(1 + self.margin, label=f"margin, {100 * self.margin:g} %", **dashed)
             ax.axhline(1 / (1 + self.margin), **dashed)
-        ax.set(xlabel="force [N]", ylabel="ratio of velocities [1]")
+        ax.set(xlabel="force [N]", ylabel="ratio of velocities [1]", yscale="log")
         return ax
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """The comparison that `to_dict` described."""
-        return _CODEC.made(cls, values)
-
-
-_CODEC = Codec(
+Comparison._codec = Codec(
     keys={
         ComparedPair: {name: name for name in ComparedPair.__dataclass_fields__}
         | {"differ": lambda pair: pair.differ, "equivalent": lambda pair: pair.equivalent},
@@ -220,7 +228,7 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         If a set is no fit.
     ValueError
         If there are fewer than two fits, one is of another kind than above or gave nothing, the margin is not
-        positive and finite, or the names are not one a fit and distinct.
+        above 0 and at most 1, or the names are not one a fit and distinct.
 
     Notes
     -----
@@ -242,14 +250,14 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     """
     for one in fits:
         if not isinstance(one, FitRecord):
-            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {one!r}")
+            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {shown(one)}")
     alike = len({one.shape for one in fits}) == 1 and {one.engine for one in fits} == {"mean-field"}
     refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
     refuse(not alike, "all fits must be mean-field ones with the same shape")
     bounded = any(one.given_bounds for one in fits)
     refuse(bounded, "compare needs fits without bounds, for these cut intervals")
-    if margin is not None and not 0 < scalar(margin, "margin") < np.inf:
-        raise ValueError(f"margin must be positive and finite: got {margin!r}")
+    if margin is not None and not 0 < scalar(margin, "margin") <= 1:
+        raise ValueError(f"margin must be above 0 and at most 1, where 0.2 is 20 %: got {margin!r}")
     named = [chr(65 + k) for k in range(len(fits))] if names is None else list(names)
     if isinstance(names, str) or len(set(named)) != len(fits) or len(named) != len(fits):
         raise ValueError(f"names must be {len(fits)} different texts: got {names!r}")

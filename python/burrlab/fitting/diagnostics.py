@@ -11,15 +11,14 @@ from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
-from burrlab.fitting.hypotheses import HypothesisTest, Point, judged
+from burrlab.fitting.hypotheses import POOR, HypothesisTest, Point, judged
 from burrlab.fitting.intervals import Interval
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
-from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, bounds_of
+from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import Domain, Walk, lowest, profile
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 
-POOR = 0.005  # p below which the data contradict the model (ours)
 _NO_MATTER = 3 * MODEL_ERROR  # RMS relative deviation that the model's own error may explain
 FEWEST = 8  #: rows; among fewer none is named
 _WIDER = 1.5  # the plausible range reaches so far beyond the shipped materials (ours)
@@ -48,6 +47,9 @@ _MISTAKES = {
     "forces were kN": (1e-3, 1.0),
     "forces were gram-force": (1e3 / 9.80665, 1.0),
     "forces were kilogram-force": (1 / 9.80665, 1.0),
+    # default windows scale with R: v = alpha R g(F/(c_e R^2))
+    "the radius were the diameter": (1 / 4, 1 / 2),
+    "the radius were half the true one": (4.0, 2.0),
 }
 
 
@@ -72,7 +74,9 @@ class Goodness:
 
     @property
     def sentence(self) -> str:
-        """The contradiction in plain words; empty where there is none."""
+        """The contradiction in plain words, or that sigma looks too large; empty where neither is so."""
+        if self.test is not None and len(self.test.freedom) == 1 and 1 - self.test.p_value < POOR:
+            return self.test.sentence
         if not self.poor or self.test is None:
             return ""
         wider = (
@@ -125,7 +129,7 @@ def _orthonormal(J: Floats) -> Floats:
     return np.asarray(U[:, s > 1e-6 * s[0]])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Row:
     """A row of the data, and the fit without it.
 
@@ -165,6 +169,10 @@ class Row:
         if not np.isnan(self.c_e):
             without = f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
         return f"Row {self.row}{of}, {self.force:.3g} N, stands out: {self.studentised:.2g} sigma; {without}."
+
+    def __repr__(self) -> str:
+        named = ", stands out" if self.named else ""
+        return f"Row({self.row}, {self.force:.3g} N, {self.studentised:.2g} sigma, c_e {self.c_e:.3g}{named})"
 
 
 def influence(
@@ -223,6 +231,35 @@ def influence(
         )
         if every or stands_out
     )
+
+
+def doubts(fits: Goodness, likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
+    """Sentences that the verdict begins with; `rows` stand out, and the two farthest are named.
+
+    Copies are blocks of 8 rows or more, over three forces or more, that come again right behind themselves, all
+    columns equal. Repeats that rounding makes equal hardly ever form one.
+    """
+    columns = np.stack([o.force, o.velocity, o.sigma, o.window_start, o.window_end, o.radius], axis=1)
+    same = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
+    copied = np.zeros(len(same), dtype=bool)
+    for lag in range(FEWEST, len(same) // 2 + 1):
+        equal = np.concatenate([[False], same[lag:] == same[:-lag], [False]])
+        for begin, end in np.flatnonzero(np.diff(equal)).reshape(-1, 2):
+            if end - begin >= lag and len(np.unique(o.force[begin:end])) >= 3:
+                copied[begin + lag : end + lag] = True
+    far = [
+        f"{row.row}{f' of data set {row.data_set + 1}' if row.data_set else ''} ({row.studentised:.2g} sigma)"
+        for row in sorted(rows, key=lambda row: -abs(row.studentised))
+    ]
+    far[2:] = [f"{len(far) - 2} more"] if len(far) > 2 else []
+    told = {
+        fits.sentence: True,
+        f"Suspect: {likely.sentence if likely else ''}.": likely is not None and likely.suspect,
+        f"{copied.sum()} of {len(same)} rows are exact copies of others, which narrow the intervals "
+        "but are no repeats.": copied.any(),
+        f"Rows that stand out: {', '.join(far)}.": far,
+    }
+    return [text for text, due in told.items() if due]
 
 
 def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) -> float | None:
@@ -309,8 +346,8 @@ def plausibility(
     The alphas of the shipped materials hold for parabolic f; with another f only their c_e is asked.
     """
     o = likelihood.observations
-    c_e, alpha = plausible["c_e"], plausible["alpha"]
-    if plausible == PLAUSIBLE and shape.name != "parabolic":
+    c_e, alpha = (plausible.get(name, PLAUSIBLE[name]) for name in ("c_e", "alpha"))
+    if alpha == PLAUSIBLE["alpha"] and shape.name != "parabolic":
         alpha = (0.0, np.inf)
 
     def p_of(force: float = 1.0, velocity: float = 1.0, wider: float = 1.0) -> float:
@@ -338,14 +375,16 @@ def plausibility(
         said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
     outside = inside < _SUSPECT
     if outside and not said:
-        known = f"c_e {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
+        lie = f"the fitted c_e lies outside {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
         if alpha[0] > 0:
-            known += f" and alpha {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
+            lie = f"{lie.replace('lies', 'and alpha lie')} and {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
+        # windows in mm, and indentations (F = c_e R^(1/2) h^(3/2)), do not go with those of another radius
+        scales = bool(np.isnan(o.window_start).all()) and not len(o.pressed)
         looks = [
             f"as if {what} (c_e would be {point[0] / force:.3g} N/mm^2, alpha {point[1] / velocity:.3g} /ms)"
             for what, (force, velocity) in _MISTAKES.items()
-            if p_of(force, velocity) > _LOOKS
+            if p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
         ]
-        said.append(f"they lie outside {known}" + ("; " + ", or ".join(looks) if looks else ""))
+        said.append(lie + ("; " + ", or ".join(looks) if looks else ""))
     implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
     return Plausibility(inside, bool(said), implausible, "; ".join(said))

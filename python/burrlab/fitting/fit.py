@@ -12,7 +12,7 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.check import refuse, require_type, seed_or_new, shown
+from burrlab.common.check import nearest, real, refuse, require_type, seed_or_new, shown
 from burrlab.common.provenance import provenance
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.hypotheses import Point
@@ -83,7 +83,8 @@ def fit(
         have no such ends. An interval that reaches a bound given here is open there.
     plausible : dict or None
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]: what is known of such materials. By
-        default the shipped materials' range widened by 1.5; None asks nothing. It moves no estimate.
+        default, also for a missing name, the shipped materials' range widened by 1.5; None asks nothing. It
+        moves no estimate.
     **old
         Deprecated: options of `VoxelEngine`, and `starts`, which does nothing. They give a
         DeprecationWarning.
@@ -148,7 +149,9 @@ def fit(
     begin = time.perf_counter()
     sets, shape = _sets(data), Shape(shape)
     voxels = _engine(engine, old)
-    _check(burr, residuals, seed, bounds, voxels)
+    _check(burr, residuals, seed, voxels)
+    _check_ranges("bounds", bounds)
+    _check_ranges("plausible", plausible)
     observations = Observations.of(sets, burr)
     refuse(
         residuals == "sigma" and not observations.has_sigma,
@@ -256,9 +259,7 @@ def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | Non
     return engine if isinstance(engine, VoxelEngine) else made if engine == "voxel" else None
 
 
-def _check(
-    burr: object, residuals: str, seed: int | None, bounds: object, voxels: VoxelEngine | None
-) -> None:
+def _check(burr: object, residuals: str, seed: int | None, voxels: VoxelEngine | None) -> None:
     if burr is not None:
         require_type("burr", burr, Burr, "Burr(3.0)")
     refuse(
@@ -274,8 +275,18 @@ def _check(
         seed is None and voxels is not None and voxels.store is not None,
         "a store needs a seed, for it finds results by it: got seed None",
     )
-    if not isinstance(bounds, (dict, type(None))):
-        raise TypeError(f"bounds must be a dict such as {{'c_e': (1, 3)}}, got {bounds!r}")
+
+
+def _check_ranges(name: str, given: Bounds | None) -> None:
+    """Refuse `bounds` or `plausible` unless None or a dict of positive pairs for c_e and alpha."""
+    if not isinstance(given, (dict, type(None))):
+        raise TypeError(f"{name} must be a dict such as {{'c_e': (1, 3)}}, got {shown(given)}")
+    for key, pair in (given or {}).items():
+        near = nearest(key, PLAUSIBLE)
+        refuse(key not in PLAUSIBLE, f"{name} may hold 'c_e' and 'alpha' alone: got {key!r}{near}")
+        ends = real(pair, f"{name} of {key}")
+        if ends.shape != (2,) or not 0 < ends[0] < ends[1] < np.inf:
+            raise ValueError(f"{name} of {key} must be two finite numbers 0 < low < high: got {shown(pair)}")
 
 
 def _searched(

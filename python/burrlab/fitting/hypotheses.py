@@ -12,6 +12,7 @@ from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Calibration, Floats
 
 Point: TypeAlias = tuple[float, float]
+POOR = 0.005  # p below which the data contradict the model, or a given sigma is too large (ours)
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,14 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     if likelihood.known:
         nu = likelihood.n - 2
         p, told = judged(S, nu)
-        agree = "agrees with" if p >= 0.05 else "contradicts"
-        return HypothesisTest(name, S, (nu,), p, f"The scatter {agree} the given sigma: {told}.")
+        said = f"The scatter {'agrees with' if p >= 0.05 else 'contradicts'} the given sigma: {told}."
+        if 1 - p < POOR:
+            factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
+            said = (
+                f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
+                f"chi-square {S:.3g} of {nu}, {p_text(1 - p)} for one so small."
+            )
+        return HypothesisTest(name, S, (nu,), p, said)
     o = likelihood.observations
     single = o.run < 0
     columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[single]

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import IO, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.records import Codec, parsed
+from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
-from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, goodness, influence, plausibility
+from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
 from burrlab.fitting.intervals import LEVELS, ByLevel, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -40,7 +37,7 @@ _OPEN = Interval(None, None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FitRecord:
+class FitRecord(InJson):
     """The data of a fit, what follows from them, and their JSON; `Fit` adds tests and figures.
 
     Attributes
@@ -224,39 +221,11 @@ class FitRecord:
         """The model of this fit; the voxel engine's serves only the rows of its own data."""
         return model_of(observations, self.shape, self.table)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON; infinities and NaN are None."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
-
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The fit that `to_dict` described."""
         # `burrlab fit --test` adds its test
-        return _CODEC.made(cls, {name: value for name, value in values.items() if name != "test"})
-
-    def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
-        """Write the fit with its data as JSON that `from_json` reads back without loss."""
-        with (
-            open(file, "w", encoding="utf-8")
-            if isinstance(file, (str, os.PathLike))
-            else nullcontext(file) as to
-        ):
-            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
-            to.write("\n")
-
-    @classmethod
-    def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
-        """Read a fit from JSON.
-
-        Raises
-        ------
-        ValueError
-            If the file is not the JSON of a fit.
-        """
-        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
-            name = getattr(given, "name", "JSON text")
-            return parsed(name, given.read(), "the JSON of a fit", cls.from_dict)
+        return super().from_dict({name: value for name, value in values.items() if name != "test"})
 
 
 @by_value
@@ -371,8 +340,10 @@ def weigh(
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))
-    likely = plausibility(likelihood, shape, calibration, found.base, best, plausible) if plausible else None
-    doubts = [fits.sentence, f"Suspect: {likely.sentence}." if likely and likely.suspect else ""]
+    likely = None
+    if plausible is not None:
+        likely = plausibility(likelihood, shape, calibration, found.base, best, plausible)
+    rows = influence(likelihood, best, data, bounds, every=False)
     said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
     return Evidence(
         likelihood.log_likelihood(*best),
@@ -382,12 +353,12 @@ def weigh(
         calibration.monte_carlo,
         found,
         ridge_of(likelihood, exponent, best, found),
-        " ".join(text for text in (*doubts, said) if text),
+        " ".join(text for text in (*doubts(fits, likely, o, rows), said) if text),
         better,
         fits,
         unscaled,
         likely,
-        influence(likelihood, best, data, bounds, every=False),
+        rows,
     )
 
 
@@ -428,7 +399,7 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     }
 
 
-_CODEC = Codec(
+FitRecord._codec = Codec(
     keys={
         FitRecord: {
             {"radius": "radius_mm", "residual_norm": "residual"}.get(f.name, f.name): f.name

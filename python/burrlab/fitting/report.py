@@ -127,7 +127,7 @@ def identification(fit: FitRecord) -> dict[str, str]:
     if identified is None:
         return {}
     p = f"{identified.exponent:.4g}"
-    separate = "yes" if fit.separately_identified else "no"
+    separate = "yes (c_e's 95 % interval" if fit.separately_identified else "no (c_e's 95 % interval not"
     return {
         "determined best": f"alpha/c_e^{p} = {identified.value:.4g} (1/ms)/(N/mm^2)^{p}",
         "its intervals": ", ".join(
@@ -135,8 +135,7 @@ def identification(fit: FitRecord) -> dict[str, str]:
         ),
         "correlation": f"{fit.correlation:.5f} (of log c_e and log alpha)",
         "condition": f"{fit.condition:.3g} (of the Fisher information)",
-        "separately identified": f"{separate} (c_e's 95 % interval closed and within a factor of "
-        f"{verdict.SEPARATE:g})",
+        "separately identified": f"{separate} closed and within a factor of {verdict.SEPARATE:g})",
     }
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 import burrlab.fitting.hypotheses as hypotheses
 import burrlab.fitting.report as report
 from burrlab._core import Material
-from burrlab.common.check import refuse
+from burrlab.common.check import check_positive, refuse, require_type
 from burrlab.common.figures import (
     FORCE,
     POSITION,
@@ -83,10 +83,8 @@ class Fit(FitRecord):
             If a value is not positive and finite, or the fit failed.
         """
         evidence = self._evidence()
-        for name, value in (("c_e", c_e), ("alpha", alpha)):
-            refuse(
-                not (np.isfinite(value) and value > 0), f"{name} must be positive and finite: got {value!r}"
-            )
+        check_positive("c_e", c_e)
+        check_positive("alpha", alpha)
         return hypotheses.given_values(
             self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
         )
@@ -96,6 +94,7 @@ class Fit(FitRecord):
 
         The hypothesis is one c_e and alpha: a small p-value says that the two differ. Each has its own scatter.
         """
+        require_type("other", other, Fit, "fit(curve, burr)")
         return compare(self, other).pairs[0].joint
 
     def influence(self) -> tuple[Row, ...]:

@@ -154,9 +154,11 @@ def sentence(
             f"c_e and alpha are separately identified: {rows} determine c_e within {span(c_e)} N/mm^2 and "
             f"alpha within {span(alpha)} /ms (95 %)."
         )
+    known = accuracy(identified)
+    contrast = "but c_e only" if known.startswith("to") else "and c_e"
     return (
         f"c_e and alpha are not separately identified: {rows} determine alpha/c_e^{identified.exponent:.3g} "
-        f"{accuracy(identified)}, but c_e only {within(c_e)} (95 %)."
+        f"{known}, {contrast} {within(c_e)} (95 %)."
     )
 
 
@@ -178,7 +180,7 @@ def within(c_e: Interval) -> str:
 def accuracy(identified: Combination) -> str:
     """How well the combination is known: half the relative width of its 95 % interval."""
     interval = identified.interval
-    if not interval.closed:
+    if interval.ratio() == np.inf:
         return "with an open end"
     assert interval.lower is not None
     assert interval.upper is not None

@@ -67,7 +67,9 @@ fuzz: $(VENV)/developed
 	build/tests/fuzz/fuzz_openigtlink 10000000000 $(SECONDS)
 	sed -n 's/^    "\([a-z]*\)": (.*/\1/p' tests/fuzz/readers.py | xargs -P 2 -I TARGET $(BIN)/python tests/fuzz/fuzz.py TARGET --seconds $(SECONDS)
 
-figures: $(VENV)/installed
+figures: $(VENV)/developed
+	$(BIN)/python examples/phantom.py build/phantom 0.25
+	$(BIN)/burrlab view build/phantom/ear.h5 --png docs/mastoidectomy.png --width 50 --size 1100x760
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png
 	$(BIN)/python examples/hierarchy.py docs/hierarchy.png
 	$(BIN)/python examples/rooms.py docs/architecture.png

@@ -1,9 +1,9 @@
 """A mastoidectomy without a patient: a procedural temporal bone, a scripted burr and the bone it removes.
 
-    python examples/phantom.py [OUTPUT_FOLDER]
+    python examples/phantom.py [OUTPUT_FOLDER] [VOXEL]
 
 Writes phantom.png, slices before and after with the planned cavity, and target.png, volumes against the plan
-by tissue.
+by tissue, and ear.h5, the trace. VOXEL [mm] is 0.4 unless given.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from burrlab.bone.phantom.phantom import Phantom, temporal_bone
 from burrlab.view.pictures import PLANES, plot_slices
 
 
-def main(folder: Path) -> None:
+def main(folder: Path, voxel: float) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     begin = time.perf_counter()
-    phantom = temporal_bone(0.4, seed=1)
+    phantom = temporal_bone(voxel, seed=1)
     print(phantom.cells)
     figure = Figure(figsize=(9.6, 8.4), layout="constrained")
     figure.get_layout_engine().set(h_pad=0.1)
@@ -38,7 +38,11 @@ def main(folder: Path) -> None:
 
     # Periods run as fast as they can: the result is the same on every machine.
     tool = burr, burrlab.materials["bone"]
-    with burrlab.Session(phantom.bone, tool, path.device(), seed=1, wall_clock=False) as session:
+    trace = folder / "ear.h5"
+    trace.unlink(missing_ok=True)
+    with burrlab.Session(
+        phantom.bone, tool, path.device(), seed=1, wall_clock=False, record=trace
+    ) as session:
         session.wait()
         bone, ticks = session.snapshot()
     print(f"session: {ticks} ticks, {bone.removed:.0f} mm^3 removed\n")
@@ -48,7 +52,7 @@ def main(folder: Path) -> None:
     comparison.plot().figure.savefig(folder / "target.png", dpi=150)
     draw(below, phantom, bone, f"after {path.duration:.0f} s")
     figure.savefig(folder / "phantom.png", dpi=150)
-    print(f"\nwritten to {folder}/: phantom.png target.png ({time.perf_counter() - begin:.0f} s)")
+    print(f"\nwritten to {folder}/: phantom.png target.png ear.h5 ({time.perf_counter() - begin:.0f} s)")
 
 
 def draw(place: SubFigure, phantom: Phantom, bone: burrlab.VoxelBone, when: str) -> None:
@@ -62,4 +66,5 @@ def draw(place: SubFigure, phantom: Phantom, bone: burrlab.VoxelBone, when: str)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "phantom"))
+    folder, voxel = [*sys.argv[1:], *("phantom", "0.4")[len(sys.argv) - 1 :]]
+    main(Path(folder), float(voxel))

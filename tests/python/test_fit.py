@@ -151,7 +151,6 @@ class TestHonesty:
             ({"shape": "cubic"}, "cubic"),
             ({"seed": 1.5}, "seed must be a whole number from 0 and below 2\\^64, got 1.5"),
             ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
-            ({"seed": None, "engine": VoxelEngine(store="s.jsonl")}, "a store needs a seed"),
         ]),
         (lambda: fit(replace(CURVE, sigma=[NAN] + [0.1] * 7), residuals="sigma"), ValueError,
          "residuals 'sigma' need a sigma in every row"),

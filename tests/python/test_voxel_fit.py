@@ -161,10 +161,13 @@ def test_a_descent_is_a_small_picklable_item():
     assert sink(pickle.loads(pickle.dumps(item))) == sink(item)
 
 
-def test_keywords_of_the_version_before_work_and_warn(sparse):
+def test_calls_of_the_version_before_work_and_warn(sparse, tmp_path):
     told = r"voxel, replicates of fit\(\) will go: give engine=VoxelEngine"
     with pytest.warns(DeprecationWarning, match=told):
         assert plain(fit(CURVE, engine="voxel", seed=0, **SPARSE)) == plain(sparse)
+    stored = VoxelEngine(**SPARSE, store=tmp_path / "s.jsonl")
+    with pytest.warns(DeprecationWarning, match=r"give fit\(\) seed=0"):
+        assert plain(fit(CURVE, engine=stored)) == plain(sparse)
     with pytest.warns(DeprecationWarning, match=r"starts of fit\(\) does nothing"):
         fit(CURVE, starts=3)
     with pytest.raises(TypeError, match=r"voxel must be given to VoxelEngine alone"):

@@ -149,7 +149,7 @@ def fit(
     begin = time.perf_counter()
     sets, shape = _sets(data), Shape(shape)
     voxels = _engine(engine, old)
-    _check(burr, residuals, seed, voxels)
+    _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
     observations = Observations.of(sets, burr)
@@ -157,7 +157,12 @@ def fit(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
-    seed = 0 if seed is None and voxels is None else seed_or_new(seed)  # the mean field draws nothing
+    if seed is None and (voxels is None or voxels.store is not None):
+        seed = 0  # the mean field draws nothing
+        if voxels is not None:
+            said = "a store finds results by their seed: give fit() seed=0, which it will not take by itself"
+            warnings.warn(said, DeprecationWarning, stacklevel=2)
+    seed = seed_or_new(seed)
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
     box = bounds_of(observations, bounds)
@@ -259,21 +264,16 @@ def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | Non
     return engine if isinstance(engine, VoxelEngine) else made if engine == "voxel" else None
 
 
-def _check(burr: object, residuals: str, seed: int | None, voxels: VoxelEngine | None) -> None:
+def _check(burr: object, residuals: str, voxels: VoxelEngine | None) -> None:
     if burr is not None:
         require_type("burr", burr, Burr, "Burr(3.0)")
     refuse(
         residuals not in get_args(ResidualKind),
         f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}",
     )
-    seed_or_new(seed)
     refuse(
         residuals == "student" and voxels is not None,
         "residuals 'student' are for the mean-field engine: got the voxel engine",
-    )
-    refuse(
-        seed is None and voxels is not None and voxels.store is not None,
-        "a store needs a seed, for it finds results by it: got seed None",
     )
 
 

@@ -38,8 +38,9 @@ extensions = [
     "sphinx_design",
 ]
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "docs/reference/*", "notebooks/*.ipynb", "tests/golden/psyphy/README.md"]
-include_patterns += ["CHANGELOG.md"]
+include_patterns = [
+    *("*.md", "docs/*.md", "docs/reference/*", "notebooks/*.ipynb", "tests/golden/psyphy/README.md")
+]
 nitpicky = True
 # a parameter in backticks, and what is made for the user but has no public name
 nitpick_ignore_regex = [
@@ -63,16 +64,18 @@ copybutton_exclude = ".linenos, .gp, .go"
 
 # Sections of the index; they are no part of the Markdown. Other pages of docs/ explain.
 SECTIONS = {
-    "Tutorials": sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb")),
+    "Tutorials": ["/README", *sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb"))],
     "How to": [
         *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "trace"),
         *("stability", "network", "view", "web", "effects", "experiment", "simulated_subject"),
     ],
-    "Reference": ["reference", "gallery", "glossary", "/CHANGELOG", "/tests/golden/psyphy/README"],
+    "Reference": ["reference", "gallery", "glossary"],
     "Explanation": ["model", "tick", "hierarchy", "psychophysics", "architecture"],
 }
 PLACED = {"index"}.union(*SECTIONS.values())
 SECTIONS["Explanation"] += sorted({path.stem for path in DOCS.glob("*.md")} - PLACED)
+SECTIONS["Project"] = sorted(f"/{path.stem}" for path in ROOT.glob("*.md") if path.stem != "README")
+SECTIONS["Project"].append("/tests/golden/psyphy/README")
 PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
 PAGES: dict[int, str] = {}  # the public objects, and where each is described
 
@@ -81,12 +84,24 @@ def heading(text: str, line: str) -> str:
     return f"{text}\n{line * len(text)}\n\n"
 
 
+def without_types(signature: str) -> str:
+    """A signature of pybind11 without self and its types, which the docstring gives in words."""
+    signature = re.sub(r"array\((.*?)\)", r"\1", signature.partition(" -> ")[0])
+    arguments = ast.parse(f"def f{re.sub('<.*?>', '...', signature)}: ...").body[0].args
+    for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
+        argument.annotation = None
+    arguments.args = [argument for argument in arguments.args if argument.arg != "self"]
+    return f"({ast.unparse(arguments)})"
+
+
 def entry(path: str, found: object) -> str:
     """The page of one name."""
     kind = "class" if inspect.isclass(found) else "module" if inspect.ismodule(found) else "function"
     kind = kind if callable(found) or kind == "module" else "data"
+    made = (found.__init__.__doc__ or "").partition("\n")[0] if kind == "class" else ""
+    signature = without_types(made.removeprefix("__init__")) if made.startswith("__init__(self: ") else ""
     back = path.rpartition(".")[0]
-    return f":orphan:\n\n:doc:`{back} <{back}>`\n\n" + heading(path, "=") + f".. auto{kind}:: {path}\n"
+    return f":orphan:\n\n:doc:`{back} <{back}>`\n\n{heading(path, '=')}.. auto{kind}:: {path}{signature}\n"
 
 
 def write_reference(folder: Path) -> None:
@@ -104,10 +119,12 @@ def write_reference(folder: Path) -> None:
                 (folder / f"{file}.rst").write_text(entry(path, found), encoding="utf-8")
             home = getattr(found, "__module__", None) or package.__name__
             home = ".".join(home.split(".")[: 3 if name else 2])
-            groups.setdefault(home, []).append(path)
-        text = heading(package.__name__, "=") + f"{package.__doc__}\n\n"
+            groups.setdefault(home, []).append(public if path.endswith(f"{name}.{public}") else path)
+        text = (
+            heading(package.__name__, "=") + f"{package.__doc__}\n\n.. currentmodule:: {package.__name__}\n\n"
+        )
         for home, paths in groups.items():
-            title = inspect.getdoc(importlib.import_module(home)).splitlines()[0].rstrip(".")
+            title = re.split("[:;.]", inspect.getdoc(importlib.import_module(home)))[0]
             text += heading(title, "-") if len(groups) > 1 else ""
             text += (
                 ".. autosummary::\n   :nosignatures:\n\n" + textwrap.indent("\n".join(paths), "   ") + "\n\n"
@@ -118,16 +135,8 @@ def write_reference(folder: Path) -> None:
 def short_signature(
     app: Sphinx, what: str, name: str, found: object, options: object, text: str, returns: str
 ):
-    """A signature of pybind11 without its types, which the docstring gives in words."""
-    if text is None or ("typing." not in text and "burrlab._core" not in text):
-        return None
-    text = re.sub(r"array\((.*?)\)", r"\1", text)
-    text = re.sub(r"<([^<>]*)>", "...", text)
-    arguments = ast.parse(f"def f{text}: ...").body[0].args
-    for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
-        argument.annotation = None
-    arguments.args = [argument for argument in arguments.args if argument.arg != "self"]
-    return f"({ast.unparse(arguments)})", None
+    typed = text is not None and ("typing." in text or "burrlab._core" in text)
+    return (without_types(text), None) if typed else None
 
 
 def escape_bars(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
@@ -180,7 +189,7 @@ def complete(app: Sphinx, page: str, source: list[str]) -> None:
         names = "\n".join(f"reference/burrlab.{name}".rstrip(".") for name in PACKAGES)
         source[0] += f"\n\n```{{toctree}}\n\n{names}\n```\n"
     if page == "docs/gallery":
-        source[0] += "".join(figures(ROOT / f".{page}.ipynb") for page in SECTIONS["Tutorials"])
+        source[0] += "".join(figures(ROOT / f".{page}.ipynb") for page in SECTIONS["Tutorials"][1:])
 
 
 def check_names(app: Sphinx, env: object) -> None:

@@ -64,7 +64,8 @@ copybutton_exclude = ".linenos, .gp, .go"
 
 # Sections of the index; they are no part of the Markdown. Other pages of docs/ explain.
 SECTIONS = {
-    "Tutorials": ["/README", *sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb"))],
+    "Tutorials": ["Install and first steps </README>"]
+    + sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb")),
     "How to": [
         *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "trace"),
         *("stability", "network", "view", "web", "effects", "experiment", "simulated_subject"),
@@ -111,11 +112,13 @@ def write_reference(folder: Path) -> None:
     for name in PACKAGES:
         package = importlib.import_module(f"burrlab.{name}".rstrip("."))
         groups: dict[str, list[str]] = {}
-        for public in sorted(set(dir(package)) - {"__version__"}):
+        names = sorted(set(dir(package)) - {"__version__"})
+        twins = {public.lower() for public in names if public != public.lower()}
+        for public in names:
             found = getattr(package, public)
             path = PAGES.setdefault(id(found), f"{package.__name__}.{public}")
             if path == f"{package.__name__}.{public}":
-                file = path if public != public.lower() else f"{path}_"  # Fit and fit, on any file system
+                file = f"{path}_" if public in twins else path  # Fit and fit, on any file system
                 (folder / f"{file}.rst").write_text(entry(path, found), encoding="utf-8")
             home = getattr(found, "__module__", None) or package.__name__
             home = ".".join(home.split(".")[: 3 if name else 2])
@@ -124,7 +127,7 @@ def write_reference(folder: Path) -> None:
             heading(package.__name__, "=") + f"{package.__doc__}\n\n.. currentmodule:: {package.__name__}\n\n"
         )
         for home, paths in groups.items():
-            title = re.split("[:;.]", inspect.getdoc(importlib.import_module(home)))[0]
+            title = re.split(r"[:;]|\.(?=\s|$)", inspect.getdoc(importlib.import_module(home)))[0]
             text += heading(title, "-") if len(groups) > 1 else ""
             text += (
                 ".. autosummary::\n   :nosignatures:\n\n" + textwrap.indent("\n".join(paths), "   ") + "\n\n"

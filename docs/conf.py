@@ -101,8 +101,9 @@ def entry(path: str, found: object) -> str:
     kind = kind if callable(found) or kind == "module" else "data"
     made = (found.__init__.__doc__ or "").partition("\n")[0] if kind == "class" else ""
     signature = without_types(made.removeprefix("__init__")) if made.startswith("__init__(self: ") else ""
+    options = "   :no-value:\n" if kind == "data" else ""
     back = path.rpartition(".")[0]
-    return f":orphan:\n\n:doc:`{back} <{back}>`\n\n{heading(path, '=')}.. auto{kind}:: {path}{signature}\n"
+    return f":orphan:\n\n:doc:`{back} <{back}>`\n\n{heading(path, '=')}.. auto{kind}:: {path}{signature}\n{options}"
 
 
 def write_reference(folder: Path) -> None:
@@ -154,15 +155,14 @@ def find_public(app: Sphinx, env: object, node: Element, content: Element) -> El
     for start in range(len(names)):
         end = "." + ".".join(names[start:])
         whole = start < len(names) - 1
-        found = [
-            place
+        found = {
+            (place.docname, place.node_id)
             for path, place in domain.objects.items()
             if path.endswith(end) and (whole or place.objtype in ("class", "function"))
-        ]
+        }
         if len(found) == 1:
             (place,) = found
-            here = node.get("refdoc", root_doc)
-            return make_refnode(app.builder, here, place.docname, place.node_id, content)
+            return make_refnode(app.builder, node.get("refdoc", root_doc), *place, content)
     return None
 
 
@@ -173,9 +173,9 @@ def figures(notebook: Path) -> str:
         code = "".join(cell["source"])
         if cell["cell_type"] == "markdown":
             above += re.findall("^#+ (.*)", code, re.MULTILINE)
-        for output in cell.get("outputs", []):
+        for place, output in enumerate(cell.get("outputs", [])):
             if picture := output.get("data", {}).get("image/png"):
-                file = ROOT / f"build/gallery/{notebook.stem}-{number}.png"
+                file = ROOT / f"build/gallery/{notebook.stem}-{number}-{place}.png"
                 file.parent.mkdir(parents=True, exist_ok=True)
                 file.write_bytes(base64.b64decode(picture))
                 text += f"\n```{{figure}} /build/gallery/{file.name}\n:alt: {above[-1]}\n:loading: lazy\n\n{above[-1]}\n```\n"

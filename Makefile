@@ -1,4 +1,4 @@
-# make demo | test | test-slow | bench | fuzz | figures | format | clean.
+# make demo | test | test-slow | bench | fuzz | figures | docs | linkcheck | format | clean.
 # Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +9,7 @@ SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow bench fuzz figures format clean machine
+.PHONY: demo test test-slow bench fuzz figures docs linkcheck format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -33,6 +33,10 @@ $(VENV)/developed: $(VENV)/installed
 
 $(VENV)/benched: $(VENV)/installed
 	$(PIP) --no-build-isolation -e ".[bench]"
+	touch $@
+
+$(VENV)/documented: $(VENV)/installed
+	$(PIP) --no-build-isolation -e ".[docs]"
 	touch $@
 
 demo: $(VENV)/installed
@@ -73,6 +77,15 @@ figures: $(VENV)/developed
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png
 	$(BIN)/python examples/hierarchy.py docs/hierarchy.png
 	$(BIN)/python examples/rooms.py docs/architecture.png
+
+# Every warning is an error, also a link that leads nowhere. The site is build/docs/index.html.
+docs: $(VENV)/documented
+	rm -rf build/docs
+	$(BIN)/python -m sphinx -W --keep-going -n -q -j auto -c docs . build/docs
+
+# Links out of the site; this needs the network
+linkcheck: $(VENV)/documented
+	$(BIN)/python -m sphinx -q -b linkcheck -c docs . build/linkcheck
 
 format: $(VENV)/developed
 	$(BIN)/ruff format .

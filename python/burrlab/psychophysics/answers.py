@@ -151,7 +151,7 @@ def read_answers(
         The file's words for "same", "different" or "first", "second"; by default these words.
     subject, name : str, optional
         Labels of subject and task; by default those of the side-car or the file name,
-        sub-LABEL_task-LABEL_....
+        ``sub-LABEL_task-LABEL_...``.
 
     Returns
     -------
@@ -246,7 +246,7 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> 
 
 
 def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
-    """All answers of an experiment, sub-*/beh/*_events.tsv, sorted by task and subject.
+    """All answers of an experiment, ``sub-*/beh/*_events.tsv``, sorted by task and subject.
 
     Parameters
     ----------

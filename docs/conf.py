@@ -1,0 +1,217 @@
+"""The site: the pages of docs/, the notebooks with their stored outputs, and the reference from docstrings.
+
+The source folder is the repository, so that links between pages and notebooks are those of the Markdown.
+"""
+
+from __future__ import annotations
+
+import ast
+import base64
+import importlib
+import inspect
+import json
+import re
+import shutil
+import textwrap
+from pathlib import Path
+
+from docutils.nodes import Element
+from sphinx.application import Sphinx
+from sphinx.util import logging
+from sphinx.util.nodes import make_refnode
+
+import burrlab
+
+DOCS = Path(__file__).parent
+ROOT = DOCS.parent
+
+project = "burrlab"
+author = "the burrlab authors"
+copyright = author
+version = release = burrlab.__version__
+extensions = [
+    "myst_nb",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_copybutton",
+    "sphinx_design",
+]
+root_doc = "docs/index"
+include_patterns = [
+    *("*.md", "docs/*.md", "docs/reference/*", "notebooks/*.ipynb", "tests/golden/psyphy/README.md")
+]
+nitpicky = True
+# a parameter in backticks, and what is made for the user but has no public name
+nitpick_ignore_regex = [
+    ("py:obj", r"\w+|.*\.(BoneRecipe|Calibration|FitRecord|bootstrap|rising|slope_error)")
+]
+default_role = "autolink"  # a name in backticks is a link if burrlab has it
+myst_heading_anchors = 4
+myst_enable_extensions = ["colon_fence"]
+nb_execution_mode = "off"  # `make test` executes the notebooks; the site shows what they stored
+autosummary_generate = False
+autodoc_default_options = {"members": True, "inherited-members": "object, tuple"}
+autodoc_typehints = "none"  # types stand in the docstrings
+numpydoc_show_class_members = False
+html_theme = "furo"
+html_copy_source = False
+html_show_sourcelink = False
+html_title = f"burrlab {release}"
+html_static_path = ["site.css"]
+html_css_files = ["site.css"]
+copybutton_exclude = ".linenos, .gp, .go"
+
+# Sections of the index; they are no part of the Markdown. Other pages of docs/ explain.
+SECTIONS = {
+    "Tutorials": ["Install and first steps </README>"]
+    + sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb")),
+    "How to": [
+        *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "trace"),
+        *("stability", "network", "view", "web", "effects", "experiment", "simulated_subject"),
+    ],
+    "Reference": ["reference", "gallery", "glossary"],
+    "Explanation": ["model", "tick", "hierarchy", "psychophysics", "architecture"],
+}
+PLACED = {"index"}.union(*SECTIONS.values())
+SECTIONS["Explanation"] += sorted({path.stem for path in DOCS.glob("*.md")} - PLACED)
+SECTIONS["Project"] = sorted(f"/{path.stem}" for path in ROOT.glob("*.md") if path.stem != "README")
+SECTIONS["Project"].append("/tests/golden/psyphy/README")
+PACKAGES = ["", "volume", "anatomy", "effects", "view", "psychophysics"]
+PAGES: dict[int, str] = {}  # the public objects, and where each is described
+
+
+def heading(text: str, line: str) -> str:
+    return f"{text}\n{line * len(text)}\n\n"
+
+
+def without_types(signature: str) -> str:
+    """A signature of pybind11 without self and its types, which the docstring gives in words."""
+    signature = re.sub(r"array\((.*?)\)", r"\1", signature.partition(" -> ")[0])
+    arguments = ast.parse(f"def f{re.sub('<.*?>', '...', signature)}: ...").body[0].args
+    for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs):
+        argument.annotation = None
+    arguments.args = [argument for argument in arguments.args if argument.arg != "self"]
+    return f"({ast.unparse(arguments)})"
+
+
+def entry(path: str, found: object) -> str:
+    """The page of one name."""
+    kind = "class" if inspect.isclass(found) else "module" if inspect.ismodule(found) else "function"
+    kind = kind if callable(found) or kind == "module" else "data"
+    made = (found.__init__.__doc__ or "").partition("\n")[0] if kind == "class" else ""
+    signature = without_types(made.removeprefix("__init__")) if made.startswith("__init__(self: ") else ""
+    options = "   :no-value:\n" if kind == "data" else ""
+    back = path.rpartition(".")[0]
+    return f":orphan:\n\n:doc:`{back} <{back}>`\n\n{heading(path, '=')}.. auto{kind}:: {path}{signature}\n{options}"
+
+
+def write_reference(folder: Path) -> None:
+    """A page for each package, and for each of its public names; a name of two packages has one page."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    for name in PACKAGES:
+        package = importlib.import_module(f"burrlab.{name}".rstrip("."))
+        groups: dict[str, list[str]] = {}
+        names = sorted(set(dir(package)) - {"__version__"})
+        twins = {public.lower() for public in names if public != public.lower()}
+        for public in names:
+            found = getattr(package, public)
+            path = PAGES.setdefault(id(found), f"{package.__name__}.{public}")
+            if path == f"{package.__name__}.{public}":
+                file = f"{path}_" if public in twins else path  # Fit and fit, on any file system
+                (folder / f"{file}.rst").write_text(entry(path, found), encoding="utf-8")
+            home = getattr(found, "__module__", None) or package.__name__
+            home = ".".join(home.split(".")[: 3 if name else 2])
+            groups.setdefault(home, []).append(public if path.endswith(f"{name}.{public}") else path)
+        text = (
+            heading(package.__name__, "=") + f"{package.__doc__}\n\n.. currentmodule:: {package.__name__}\n\n"
+        )
+        for home, paths in groups.items():
+            title = re.split(r"[:;]|\.(?=\s|$)", inspect.getdoc(importlib.import_module(home)))[0]
+            text += heading(title, "-") if len(groups) > 1 else ""
+            text += (
+                ".. autosummary::\n   :nosignatures:\n\n" + textwrap.indent("\n".join(paths), "   ") + "\n\n"
+            )
+        (folder / f"{package.__name__}.rst").write_text(text, encoding="utf-8")
+
+
+def short_signature(
+    app: Sphinx, what: str, name: str, found: object, options: object, text: str, returns: str
+):
+    typed = text is not None and ("typing." in text or "burrlab._core" in text)
+    return (without_types(text), None) if typed else None
+
+
+def escape_bars(app: Sphinx, what: str, name: str, found: object, options: object, lines: list[str]) -> None:
+    """|x| is a size here, not a substitution."""
+    lines[:] = [line if ">>>" in line or "`" in line else line.replace("|", r"\|") for line in lines]
+
+
+def find_public(app: Sphinx, env: object, node: Element, content: Element) -> Element | None:
+    """A link for a class or function that a docstring names by its module, or without one."""
+    domain = env.domains.python_domain
+    names = re.findall(r"\w+", node.get("reftarget", ""))
+    for start in range(len(names)):
+        end = "." + ".".join(names[start:])
+        whole = start < len(names) - 1
+        found = {
+            (place.docname, place.node_id)
+            for path, place in domain.objects.items()
+            if path.endswith(end) and (whole or place.objtype in ("class", "function"))
+        }
+        if len(found) == 1:
+            (place,) = found
+            return make_refnode(app.builder, node.get("refdoc", root_doc), *place, content)
+    return None
+
+
+def figures(notebook: Path) -> str:
+    """The pictures that a notebook stored, each above the code of its cell."""
+    text, above = "", []
+    for number, cell in enumerate(json.loads(notebook.read_text(encoding="utf-8"))["cells"]):
+        code = "".join(cell["source"])
+        if cell["cell_type"] == "markdown":
+            above += re.findall("^#+ (.*)", code, re.MULTILINE)
+        for place, output in enumerate(cell.get("outputs", [])):
+            if picture := output.get("data", {}).get("image/png"):
+                file = ROOT / f"build/gallery/{notebook.stem}-{number}-{place}.png"
+                file.parent.mkdir(parents=True, exist_ok=True)
+                file.write_bytes(base64.b64decode(picture))
+                text += f"\n```{{figure}} /build/gallery/{file.name}\n:alt: {above[-1]}\n:loading: lazy\n\n{above[-1]}\n```\n"
+                text += f"\n:::{{dropdown}} Code\n```python\n{code}\n```\n:::\n"
+    return f"\n\n## [{above[0]}](../notebooks/{notebook.name})\n{text}"
+
+
+def complete(app: Sphinx, page: str, source: list[str]) -> None:
+    """Adds the sections to the index, the packages to the reference, and the figures to the gallery."""
+    toctree = "\n\n```{{toctree}}\n:hidden:\n:caption: {}\n\n{}\n```\n"
+    if page == root_doc:
+        source[0] += "".join(toctree.format(title, "\n".join(pages)) for title, pages in SECTIONS.items())
+    if page == "docs/reference":
+        names = "\n".join(f"reference/burrlab.{name}".rstrip(".") for name in PACKAGES)
+        source[0] += f"\n\n```{{toctree}}\n\n{names}\n```\n"
+    if page == "docs/gallery":
+        source[0] += "".join(figures(ROOT / f".{page}.ipynb") for page in SECTIONS["Tutorials"][1:])
+
+
+def check_names(app: Sphinx, env: object) -> None:
+    """Every public name is described."""
+    domain = env.domains.python_domain
+    if missing := set(PAGES.values()) - set(domain.objects) - set(domain.modules):
+        logging.getLogger(__name__).warning("the reference lacks %s", sorted(missing))
+
+
+def lead_in(app: Sphinx, exception: Exception | None) -> None:
+    """The folder's own index.html leads to the index."""
+    (app.outdir / "index.html").write_text(f'<meta http-equiv="refresh" content="0; url={root_doc}.html">\n')
+
+
+def setup(app: Sphinx) -> None:
+    write_reference(DOCS / "reference")
+    app.connect("autodoc-process-docstring", escape_bars)
+    app.connect("autodoc-process-signature", short_signature)
+    app.connect("missing-reference", find_public)
+    app.connect("env-check-consistency", check_names)
+    app.connect("build-finished", lead_in)
+    app.connect("source-read", complete)

@@ -261,8 +261,9 @@ def test_a_full_disk_is_an_error_and_the_store_goes_on(tmp_path, monkeypatch):
     assert Store(store.path).get("a") == 2
 
 
-def test_a_store_of_an_earlier_version_is_taken_up(tmp_path):
-    """Its keys hold former names of modules."""
+def test_a_store_with_former_names_of_modules_is_taken_up(tmp_path, monkeypatch):
+    """Its keys hold them and the version that wrote it."""
+    monkeypatch.setattr("burrlab.common.study.__version__", "0.1.0")
     store = tmp_path / "store.jsonl"
     store.write_bytes((Path(__file__).parents[1] / "golden/files/store.jsonl").read_bytes())
     before = store.read_bytes()

@@ -1,4 +1,4 @@
-# make demo | test | test-slow | bench | fuzz | figures | docs | linkcheck | format | clean.
+# make demo | test | test-slow | bench | fuzz | figures | docs | linkcheck | wheel | format | clean.
 # Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +9,7 @@ SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow bench fuzz figures docs linkcheck format clean machine
+.PHONY: demo test test-slow bench fuzz figures docs linkcheck wheel format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -28,7 +28,7 @@ $(VENV)/installed: $(VENV)/tools $(SOURCES)
 	touch $@
 
 $(VENV)/developed: $(VENV)/installed
-	$(PIP) --no-build-isolation -e ".[dev]"
+	$(PIP) --no-build-isolation -e ".[cluster,medical,pandas,psychometric,viz3d]" --group dev
 	touch $@
 
 $(VENV)/benched: $(VENV)/installed
@@ -87,10 +87,19 @@ docs: $(VENV)/documented
 linkcheck: $(VENV)/documented
 	$(BIN)/python -m sphinx -q -b linkcheck -c docs . build/linkcheck
 
+# A wheel for Linux with this machine's C library or a later one.
+wheel: $(VENV)/tools
+	$(PIP) --group wheel
+	rm -rf build/wheel dist
+	$(BIN)/python -m pip wheel -q --no-build-isolation --no-deps --wheel-dir build/wheel .
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist build/wheel/*.whl
+	$(BIN)/check-wheel-contents dist/*.whl
+	$(BIN)/twine check --strict dist/*.whl
+
 format: $(VENV)/developed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 	$(BIN)/clang-format -i $(shell find cpp tests -name '*.cpp' -o -name '*.hpp')
 
 clean:
-	rm -rf build $(VENV) demo bench
+	rm -rf build dist $(VENV) demo bench

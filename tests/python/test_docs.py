@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 
+import burrlab
 from burrlab.cli import main
 from burrlab.cli.main import command_parser, join_vectors
 
@@ -104,6 +106,13 @@ def test_make_targets_exist():
     targets = set(re.findall(r"(?:^ {4}|[`(;] ?)make ([a-z-]+)", README, re.MULTILINE))
     assert {"demo", "test", "test-slow", "figures"} <= targets
     assert targets <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+
+
+def test_the_version_is_that_of_pyproject():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    newest = re.search("^## (.*)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert (burrlab.__version__, newest and newest[1]) == (version, version)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -20,7 +20,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from burrlab._core import Burr, Material, Shape, VoxelBone, __version__
+from burrlab._core import Burr, Material, Shape, VoxelBone
 from burrlab.common.check import refuse
 from burrlab.common.records import UNREADABLE, parsed
 
@@ -33,6 +33,8 @@ Thing = TypeVar("Thing")
 
 #: Version of keys and lines; a store of another format is refused.
 FORMAT = 1
+#: The version of burrlab whose numbers are still those of today: results of stores since then are taken up.
+SAME_NUMBERS_SINCE = "0.1.0"
 _NAME = "burrlab store, format"
 _STORED_AS = "_stored_as"
 _HEADER = json.dumps({_NAME: FORMAT}).encode()
@@ -111,7 +113,7 @@ def key_of(function: Callable[..., Any], item: Any) -> str:
         raise TypeError(
             f"function must be one of a module, which a store knows by its name, got {function!r}"
         )
-    parts = [FORMAT, __version__, _name(function), _identity(item)]
+    parts = [FORMAT, SAME_NUMBERS_SINCE, _name(function), _identity(item)]
     return hashlib.sha256(json.dumps(parts, separators=(",", ":")).encode()).hexdigest()
 
 

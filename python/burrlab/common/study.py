@@ -90,7 +90,7 @@ def _identity(value: Any) -> Any:
 
 
 def key_of(function: Callable[..., Any], item: Any) -> str:
-    """Key of a result: sha256 of the function's name, the item, the package version and the format of stores.
+    """Key of a result: sha256 of the function's name, the item, `SAME_NUMBERS_SINCE` and the format of stores.
 
     Parameters
     ----------

@@ -41,6 +41,7 @@ def test_script_of_the_readme(tmp_path, monkeypatch, capsys):
 
 
 def test_commands_of_the_readme(tmp_path, monkeypatch):
+    """They run, and the fit recovers the material of the sweep."""
     monkeypatch.chdir(tmp_path)
     told = [shlex.split(line) for line in commands("README.md") if "ct.nrrd" not in line]
     assert len(told) >= 10
@@ -48,6 +49,9 @@ def test_commands_of_the_readme(tmp_path, monkeypatch):
         assert (name, main(arguments)) == ("burrlab", 0), arguments
         if arguments[0] == "sweep":
             Path("other.csv").write_bytes(Path("curve.csv").read_bytes())
+    fit, bone = burrlab.Fit.from_json("fit.json"), burrlab.materials["bone"]
+    assert bone.c_e in fit.intervals["c_e"][95]
+    assert bone.alpha in fit.intervals["alpha"][95]
 
 
 @pytest.mark.parametrize(
@@ -63,6 +67,7 @@ def test_commands_of_the_readme(tmp_path, monkeypatch):
         "anatomy",
         "view",
         "fit",
+        "session",
     ],
 )
 def test_blocks_run(name, tmp_path, monkeypatch):

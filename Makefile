@@ -1,4 +1,4 @@
-# make demo | test | test-slow | bench | fuzz | figures | docs | linkcheck | wheel | format | clean.
+# make demo | test | test-slow | bench | fuzz | figures | docs | linkcheck | wheel | windows | format | clean.
 # Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +9,7 @@ SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow bench fuzz figures docs linkcheck wheel format clean machine
+.PHONY: demo test test-slow bench fuzz figures docs linkcheck wheel windows format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -95,6 +95,14 @@ wheel: $(VENV)/tools
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/auditwheel repair --wheel-dir dist build/wheel/*.whl
 	$(BIN)/check-wheel-contents dist/*.whl
 	$(BIN)/twine check --strict dist/*.whl
+
+# The C++ tests as programs for Windows, under Wine: apt-get install g++-mingw-w64-x86-64-posix wine
+windows: $(VENV)/tools
+	$(CONFIGURE)/windows -DCMAKE_SYSTEM_NAME=Windows -DCMAKE_SYSTEM_PROCESSOR=x86_64 -DCMAKE_BUILD_TYPE=Release \
+	  -DCMAKE_CXX_COMPILER=x86_64-w64-mingw32-g++-posix -DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_CROSSCOMPILING_EMULATOR=wine \
+	  -DPython_EXECUTABLE=$(abspath $(BIN))/python -DBURRLAB_PYTHON=OFF -DBURRLAB_TESTS=ON
+	$(BIN)/cmake --build build/windows -j 2
+	WINEPREFIX=$(abspath build)/wine $(BIN)/ctest --test-dir build/windows --output-on-failure
 
 format: $(VENV)/developed
 	$(BIN)/ruff format .

@@ -68,10 +68,12 @@ SECTIONS = {
     + sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb")),
     "How to": [
         *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "trace"),
-        *("stability", "network", "view", "web", "effects", "experiment", "simulated_subject"),
+        *("network", "view", "web", "effects", "experiment"),
     ],
-    "Reference": ["reference", "gallery", "glossary"],
-    "Explanation": ["model", "tick", "hierarchy", "psychophysics", "architecture"],
+    "Reference": [
+        *("reference", "gallery", "glossary", "measured", "tick", "experiment_files", "trace_format", "wire")
+    ],
+    "Explanation": ["paper", "model", "beyond_the_paper", "inference", "psychophysics"],
 }
 PLACED = {"index"}.union(*SECTIONS.values())
 SECTIONS["Explanation"] += sorted({path.stem for path in DOCS.glob("*.md")} - PLACED)

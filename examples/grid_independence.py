@@ -103,7 +103,7 @@ def main() -> None:
     draw(right, found, "cell")
     left.set(ylabel="penetration velocity / mean field [1]", ylim=(0, 1.15))
     left.set_title("layer resolved inside the voxel (default)")
-    right.set_title("uniform voxels (the paper's)")
+    right.set_title("whole voxels, by fractions (cell)")
     left.legend(loc="lower left", frameon=False, title="bone, R = 3 mm, dt = 1 ms")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(options.out, dpi=200)

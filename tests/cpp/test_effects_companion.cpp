@@ -75,7 +75,11 @@ void to_the_end() {
   CHECK(last.balance[water].made > 0 && last.hidden >= 0.0);
   CHECK(last.frame == companion.frames().size() && companion.frames().back().tick == ticks);
   CHECK(beside.follower->status().rebuilds >= 3);
+#ifdef __linux__
   CHECK(companion.realtime_notes().size() == 2);
+#else
+  CHECK(companion.realtime_notes().size() == 1);  // real time is not available
+#endif
 }
 
 void stopped_in_the_middle() {

@@ -243,8 +243,6 @@ int main() {
   test_bricks_that_cannot_be();
   test_random_bytes();
   test_log();
-#ifndef _WIN32
   test_replica_follows();
-#endif
   return check::report();
 }

@@ -1,15 +1,8 @@
 // The reader of TRANSFORM streams and the network device, with a server in this process.
 #include "burrlab/network/transform_reader.hpp"
 
+#include "burrlab/network/tcp_server.hpp"
 #include "check.hpp"
-
-#ifdef _WIN32
-int main() { return check::report(); }
-#else
-
-#include <arpa/inet.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
 #include <chrono>
 #include <thread>
@@ -22,31 +15,25 @@ namespace {
 
 class Server {
  public:
-  Server() : listener_(::socket(AF_INET, SOCK_STREAM, 0)) {
-    sockaddr_in address{};
-    address.sin_family = AF_INET;
-    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-    socklen_t size = sizeof address;
-    CHECK(::bind(listener_, reinterpret_cast<sockaddr*>(&address), size) == 0 && ::listen(listener_, 4) == 0);
-    CHECK(::getsockname(listener_, reinterpret_cast<sockaddr*>(&address), &size) == 0);
-    port_ = ntohs(address.sin_port);
+  ~Server() { hang_up(); }
+  int port() const { return listener_.port(); }
+  void accept() {
+    while (listener_.accept(peer_) != TcpServer::Accepted::connection) {
+      std::vector<TcpServer::Interest> none;
+      listener_.wait(none, true, 1000);
+    }
   }
-  ~Server() {
-    hang_up();
-    ::close(listener_);
-  }
-  int port() const { return port_; }
-  void accept() { peer_ = ::accept(listener_, nullptr, nullptr); }
   void send(const Bytes& bytes) {
-    CHECK(::send(peer_, bytes.data(), bytes.size(), 0) == ssize_t(bytes.size()));
+    CHECK(TcpServer::send(peer_, bytes.data(), bytes.size()) == long(bytes.size()));
   }
   void hang_up() {
-    if (peer_ >= 0) ::close(peer_);
+    TcpServer::close(peer_);
     peer_ = -1;
   }
 
  private:
-  int listener_, peer_ = -1, port_ = 0;
+  TcpServer listener_{"127.0.0.1", 0, 1 << 16};
+  int peer_ = -1;
 };
 
 Bytes transform(float x, float y, float z, const char* name = "burr", std::uint64_t time = 0) {
@@ -171,5 +158,3 @@ int main() {
   test_refusals();
   return check::report();
 }
-
-#endif

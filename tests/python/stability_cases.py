@@ -1,6 +1,6 @@
 """Runs of the simulated hand on bone, for the stability tests and docs/stability.md.
 
-`python tests/python/stability_cases.py` prints the table of docs/stability.md.
+`python tests/python/stability_cases.py` prints all cases; docs/stability.md shows five.
 """
 
 from __future__ import annotations

@@ -211,7 +211,7 @@ def test_the_joint_limit_of_two_scatters():
     assert np.mean(rise <= made.limit(0.95)) == pytest.approx(0.95, abs=0.005)
 
 
-FRESH = 2  # not seed 1, the seed of the figures in docs/fit.md that the bounds follow
+FRESH = 2  # not seed 1, the seed of the figures in docs/inference.md that the bounds follow
 
 CLOSED = {
     "wide": WIDE,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import tomllib
@@ -54,6 +55,17 @@ def test_commands_of_the_readme(tmp_path, monkeypatch):
     assert bone.alpha in fit.intervals["alpha"][95]
 
 
+def test_claims_of_the_paper(tmp_path, monkeypatch):
+    """The page's table is the last output of its notebook, and its commands run."""
+    notebook = json.loads((ROOT / "notebooks/00_paper.ipynb").read_text(encoding="utf-8"))
+    assert "".join(notebook["cells"][-1]["outputs"][0]["data"]["text/markdown"]) in TEXTS["paper.md"]
+    monkeypatch.chdir(tmp_path)
+    told = commands("paper.md")
+    assert len(told) >= 8
+    for line in told:
+        assert main(shlex.split(line)[1:]) == 0, line
+
+
 @pytest.mark.parametrize(
     "name",
     [
@@ -85,7 +97,7 @@ def test_blocks_run(name, tmp_path, monkeypatch):
 
 def commands(page: str) -> list[str]:
     """Commands on separate lines or between semicolons; HOST:PORT becomes an address."""
-    pattern = r"`(burrlab [^`]*)`" if page == "README.md" else r"^(?: {4,8})?(burrlab .*)$"
+    pattern = r"`(burrlab [^`]*)`" if page in ("README.md", "paper.md") else r"^(?: {4,8})?(burrlab .*)$"
     lines = re.findall(pattern, TEXTS[page], re.MULTILINE)
     parts = [part.strip() for line in lines for part in line.split(" #")[0].split(";")]
     return [part.replace("HOST:PORT", "localhost:18944") for part in parts if part.startswith("burrlab ")]

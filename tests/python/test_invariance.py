@@ -105,7 +105,7 @@ def test_deviation_shrinks_with_the_voxel() -> None:
 
 
 def test_cell_scheme_depends_on_the_grid() -> None:
-    """With the paper's uniform voxels a burr at 1 N is over 30 % too slow at 0.4 mm, less on a finer grid."""
+    """With voxels that erode as a whole (`cell`) a burr at 1 N is over 30 % too slow at 0.4 mm, less on a finer grid."""
     coarse, fine = (deviation(Case("bone", 1.0, voxel, scheme="cell", seeds=2)) for voxel in (0.4, 0.2))
     assert coarse < -0.3
     assert coarse < fine < -0.05

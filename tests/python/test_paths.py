@@ -1,6 +1,6 @@
 """Forces along prescribed paths on a coarse `layer` grid against a fine `cell` grid.
 
-The reference is the paper's scheme on voxels four times finer, which resolve the layer in which the burr cuts.
+The reference is `cell` on voxels four times finer, which resolve the layer in which the burr cuts.
 On the coarse grid `layer` must add no jump and no wrong direction.
 
 One limit is known and measured here. The rest of a cut voxel counts as lying outside the sphere, so the force

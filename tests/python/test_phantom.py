@@ -104,7 +104,7 @@ def test_no_two_structures_meet_whatever_the_seed():
 
 
 def test_distances_lie_in_the_range_that_was_measured():
-    """Means lie within two standard deviations of the published ones in docs/phantom.md."""
+    """Means lie within two standard deviations of the published ones in docs/beyond_the_paper.md."""
     found = []
     for seed in range(40):
         at = Structures.of(seed)

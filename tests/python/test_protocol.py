@@ -280,7 +280,7 @@ def test_designs_survive_the_file(tmp_path, data):
 
 
 def test_the_page_has_every_key_and_column():
-    page = (Path(__file__).parents[2] / "docs" / "experiment.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "experiment_files.md").read_text(encoding="utf-8")
     for key in re.findall(r"^#?(\w+) =", template(), flags=re.MULTILINE):
         assert f"`{key}`" in page or key in ("a", "b"), key
     for name, kind in DESIGNS.items():

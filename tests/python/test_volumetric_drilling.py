@@ -141,6 +141,8 @@ def test_the_layout_of_today_holds_the_same(made, tmp_path, capsys):
         np.testing.assert_array_equal(found[f"{_NEW[group]}/{last}"], values)
     assert found["physics_data/intermittent_data/burr_change/burr_size"].dtype == np.int64
     assert "--out must be a new file" in said(capsys, "export", trace.path, "--out", out, status=2)
+    lost = said(capsys, "export", trace.path, "--out", f"{out}.new", "--json", trace.path, status=2)
+    assert f"--json: {trace.path} is read, and would be lost" in lost
     said(capsys, "export", trace.path, "--out", f"{out}.old", "--old")
     with h5py.File(f"{out}.old") as file:
         assert set(flat(file)) == set(wanted)

@@ -1,6 +1,6 @@
 """The quality of estimates and intervals of d': every outcome of an experiment, weighted by its probability.
 
-`python tests/reference/enumeration.py` prints the tables of `docs/psychophysics.md`.
+`python tests/reference/enumeration.py` prints the tables that `docs/psychophysics.md` sums up.
 """
 
 from __future__ import annotations

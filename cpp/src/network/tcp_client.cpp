@@ -2,13 +2,6 @@
 
 #include "burrlab/check.hpp"
 
-#ifndef _WIN32
-
-#include <netdb.h>
-#include <poll.h>
-#include <unistd.h>
-
-#include <cerrno>
 #include <chrono>
 #include <cstring>
 
@@ -18,6 +11,7 @@ namespace burrlab {
 
 TcpClient::TcpClient(const std::string& host, int port) {
   if (port < 1 || port > 65535) refuse("port", "1 to 65535", port);
+  start_sockets();
   addrinfo hints{}, *found = nullptr;
   hints.ai_socktype = SOCK_STREAM;
   const std::string service = std::to_string(port);
@@ -30,44 +24,45 @@ TcpClient::TcpClient(const std::string& host, int port) {
     addresses_.emplace_back(bytes, bytes + at->ai_addrlen);
   }
   ::freeaddrinfo(found);
-  if (::pipe(wake_)) throw std::runtime_error(std::string("no pipe could be made: ") + std::strerror(errno));
+  if (pipe(wake_)) throw std::runtime_error("no pipe could be made: " + text_of(last_error()));
   set_flags(wake_[0]);
   set_flags(wake_[1]);
 }
 
 TcpClient::~TcpClient() {
   close();
-  ::close(wake_[0]);
-  ::close(wake_[1]);
+  close_socket(wake_[0]);
+  close_socket(wake_[1]);
 }
 
 TcpClient::Wait TcpClient::wait(short events, double seconds) const {
   using Clock = std::chrono::steady_clock;
   const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
                                       std::chrono::duration<double>(seconds < 0 ? 0.0 : seconds));
-  pollfd waiting[2] = {{wake_[0], POLLIN, 0}, {socket_, events, 0}};
+  pollfd waiting[2] = {polled_for(wake_[0], POLLIN), polled_for(socket_, events)};
   for (;;) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now()).count() + 1;
-    const int ready = ::poll(waiting, events ? 2 : 1, seconds < 0 ? -1 : int(left > 0 ? left : 0));
+    const int ready = poll(waiting, events ? 2 : 1, seconds < 0 ? -1 : int(left > 0 ? left : 0));
     if (stopped() || (ready > 0 && waiting[0].revents)) return Wait::stopped;
     if (ready > 0) return Wait::ready;
-    if (ready == 0 || errno != EINTR) return Wait::timeout;
+    if (ready == 0 || last_error() != EINTR) return Wait::timeout;
   }
 }
 
 bool TcpClient::connect_to(const Address& address, double timeout) {
   sockaddr_storage storage{};
   std::memcpy(&storage, address.data(), address.size());
-  socket_ = ::socket(storage.ss_family, SOCK_STREAM, 0);
+  socket_ = int(::socket(storage.ss_family, SOCK_STREAM, 0));
   if (socket_ < 0) return false;
   set_flags(socket_);
   set_options(socket_);
   if (::connect(socket_, reinterpret_cast<const sockaddr*>(&storage), socklen_t(address.size())) == 0)
     return true;
-  if (errno != EINPROGRESS || wait(POLLOUT, timeout) != Wait::ready) return false;
+  if (last_error() != connecting || wait(POLLOUT, timeout) != Wait::ready) return false;
   int error = 0;
   socklen_t size = sizeof error;
-  return ::getsockopt(socket_, SOL_SOCKET, SO_ERROR, &error, &size) == 0 && error == 0;
+  auto* at = reinterpret_cast<char*>(&error);
+  return ::getsockopt(socket_, SOL_SOCKET, SO_ERROR, at, &size) == 0 && error == 0;
 }
 
 bool TcpClient::connect(double timeout) {
@@ -82,30 +77,28 @@ bool TcpClient::connect(double timeout) {
 
 std::size_t TcpClient::receive(std::uint8_t* into, std::size_t room, double timeout) {
   while (socket_ >= 0 && wait(POLLIN, timeout) == Wait::ready) {
-    const ssize_t got = ::recv(socket_, into, room, 0);
+    const auto got = ::recv(socket_, reinterpret_cast<char*>(into), room, 0);
     if (got > 0) return std::size_t(got);
-    if (got == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) break;
+    if (got == 0 || !try_again(last_error())) break;
   }
   return 0;
 }
 
 bool TcpClient::send(const std::uint8_t* bytes, std::size_t size, double timeout) {
   while (size && socket_ >= 0) {
-    const ssize_t sent = ::send(socket_, bytes, size, MSG_NOSIGNAL);
+    const auto sent = ::send(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL);
     if (sent >= 0) {
       bytes += sent;
       size -= std::size_t(sent);
-    } else if (errno == EAGAIN || errno == EWOULDBLOCK) {
-      if (wait(POLLOUT, timeout) != Wait::ready) return false;
-    } else if (errno != EINTR) {
-      return false;
+    } else if (const int error = last_error(); error != EINTR) {
+      if (!try_again(error) || wait(POLLOUT, timeout) != Wait::ready) return false;
     }
   }
   return size == 0;
 }
 
 void TcpClient::close() {
-  if (socket_ >= 0) ::close(socket_);
+  if (socket_ >= 0) close_socket(socket_);
   socket_ = -1;
 }
 
@@ -115,26 +108,7 @@ void TcpClient::stop() {
   if (stopped_.exchange(true, std::memory_order_acq_rel)) return;
   const char byte = 0;
   // A byte into an empty pipe cannot fail.
-  if (::write(wake_[1], &byte, 1) != 1) return;
+  if (write(wake_[1], &byte, 1) != 1) return;
 }
 
 }  // namespace burrlab
-
-#else  // no sockets for Windows yet
-
-namespace burrlab {
-
-TcpClient::TcpClient(const std::string&, int) {
-  throw std::runtime_error("burrlab's network needs a POSIX system");
-}
-TcpClient::~TcpClient() = default;
-bool TcpClient::connect(double) { return false; }
-std::size_t TcpClient::receive(std::uint8_t*, std::size_t, double) { return 0; }
-bool TcpClient::send(const std::uint8_t*, std::size_t, double) { return false; }
-void TcpClient::close() {}
-bool TcpClient::pause(double) { return false; }
-void TcpClient::stop() {}
-
-}  // namespace burrlab
-
-#endif

@@ -2,25 +2,17 @@
 
 #include "burrlab/check.hpp"
 
-#ifndef _WIN32
-
-#include <netdb.h>
-#include <poll.h>
-#include <unistd.h>
-
-#include <cerrno>
-#include <cstring>
-
 #include "socket_options.hpp"
 
 namespace burrlab {
 
 TcpServer::TcpServer(const std::string& host, int port, int send_buffer) {
   if (port < 0 || port > 65535) refuse("port", "0 to 65535", port);
+  start_sockets();
   listen(host, port, send_buffer);
-  if (::pipe(wake_)) {
+  if (pipe(wake_)) {
     close(socket_);
-    throw std::runtime_error(std::string("no pipe could be made: ") + std::strerror(errno));
+    throw std::runtime_error("no pipe could be made: " + text_of(last_error()));
   }
   set_flags(wake_[0]);
   set_flags(wake_[1]);
@@ -40,20 +32,20 @@ void TcpServer::listen(const std::string& host, int port, int send_buffer) {
                                 "': " + ::gai_strerror(error));
   int reason = 0;
   for (const addrinfo* at = found; at && socket_ < 0; at = at->ai_next) {
-    socket_ = ::socket(at->ai_family, SOCK_STREAM, 0);
+    socket_ = int(::socket(at->ai_family, SOCK_STREAM, 0));
     if (socket_ < 0) continue;
     set_flags(socket_);
-    set_option(socket_, SOL_SOCKET, SO_REUSEADDR, 1);
+    set_option(socket_, SOL_SOCKET, own_port, 1);
     set_option(socket_, SOL_SOCKET, SO_SNDBUF, send_buffer);  // accepted sockets inherit it
-    if (::bind(socket_, at->ai_addr, at->ai_addrlen) == 0 && ::listen(socket_, 128) == 0) break;
-    reason = errno;
+    if (::bind(socket_, at->ai_addr, socklen_t(at->ai_addrlen)) == 0 && ::listen(socket_, 128) == 0) break;
+    reason = last_error();
     close(socket_);
     socket_ = -1;
   }
   ::freeaddrinfo(found);
   if (socket_ < 0)
     throw std::invalid_argument("host and port must be free to listen on, got " + host + ":" +
-                                std::to_string(port) + ": " + std::strerror(reason));
+                                std::to_string(port) + ": " + text_of(reason));
   sockaddr_storage address{};
   socklen_t size = sizeof address;
   ::getsockname(socket_, reinterpret_cast<sockaddr*>(&address), &size);
@@ -69,14 +61,14 @@ void TcpServer::stop_listening() noexcept {
 bool TcpServer::wait(std::vector<Interest>& interests, bool accepting, int milliseconds) {
   polled_.resize((interests.size() + 2) * sizeof(pollfd));
   auto* polled = reinterpret_cast<pollfd*>(polled_.data());
-  polled[0] = {wake_[0], POLLIN, 0};
-  polled[1] = {accepting ? socket_ : -1, POLLIN, 0};
+  polled[0] = polled_for(wake_[0], POLLIN);
+  polled[1] = polled_for(accepting ? socket_ : -1, POLLIN);
   for (std::size_t i = 0; i < interests.size(); ++i) {
     const Interest& interest = interests[i];
     const short events = short((interest.read ? POLLIN : 0) | (interest.write ? POLLOUT : 0));
-    polled[i + 2] = {events ? interest.socket : -1, events, 0};
+    polled[i + 2] = polled_for(events ? interest.socket : -1, events);
   }
-  const bool any = ::poll(polled, nfds_t(interests.size() + 2), milliseconds) > 0;
+  const bool any = poll(polled, interests.size() + 2, milliseconds) > 0;
   for (std::size_t i = 0; i < interests.size(); ++i) {
     const short found = any ? polled[i + 2].revents : short(0);
     interests[i].readable = found & (POLLIN | POLLERR | POLLHUP | POLLNVAL);
@@ -84,41 +76,38 @@ bool TcpServer::wait(std::vector<Interest>& interests, bool accepting, int milli
   }
   if (!any) return false;
   char drained[64];
-  while (polled[0].revents && ::read(wake_[0], drained, sizeof drained) == sizeof drained) {
+  while (polled[0].revents && read(wake_[0], drained, sizeof drained) == sizeof drained) {
   }
   return polled[1].revents != 0;
 }
 
 void TcpServer::wake() noexcept {
   const char byte = 0;
-  if (::write(wake_[1], &byte, 1) != 1) return;  // a full pipe wakes as well
+  if (write(wake_[1], &byte, 1) != 1) return;  // a full pipe wakes as well
 }
 
 TcpServer::Accepted TcpServer::accept(int& socket) {
-  socket = ::accept(socket_, nullptr, nullptr);
-  if (socket < 0) {
-    const bool full = errno == EMFILE || errno == ENFILE || errno == ENOBUFS || errno == ENOMEM;
-    return full ? Accepted::exhausted : Accepted::none;
-  }
+  socket = int(::accept(socket_, nullptr, nullptr));
+  if (socket < 0) return exhausted(last_error()) ? Accepted::exhausted : Accepted::none;
   set_flags(socket);
   set_options(socket);
   return Accepted::connection;
 }
 
 long TcpServer::receive(int socket, std::uint8_t* into, std::size_t room) noexcept {
-  const ssize_t got = ::recv(socket, into, room, 0);
+  const auto got = ::recv(socket, reinterpret_cast<char*>(into), room, 0);
   if (got > 0) return long(got);
-  return got < 0 && (errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR) ? 0 : -1;
+  return got < 0 && try_again(last_error()) ? 0 : -1;
 }
 
 long TcpServer::send(int socket, const std::uint8_t* bytes, std::size_t size) noexcept {
-  const ssize_t sent = ::send(socket, bytes, size, MSG_NOSIGNAL);
+  const auto sent = ::send(socket, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL);
   if (sent >= 0) return long(sent);
-  return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR ? 0 : -1;
+  return try_again(last_error()) ? 0 : -1;
 }
 
 void TcpServer::close(int socket) noexcept {
-  if (socket >= 0) ::close(socket);
+  if (socket >= 0) close_socket(socket);
 }
 
 void TcpServer::set_send_buffer(int socket, int bytes) noexcept {
@@ -126,25 +115,3 @@ void TcpServer::set_send_buffer(int socket, int bytes) noexcept {
 }
 
 }  // namespace burrlab
-
-#else  // no sockets for Windows yet
-
-namespace burrlab {
-
-TcpServer::TcpServer(const std::string&, int, int) {
-  throw std::runtime_error("burrlab's network needs a POSIX system");
-}
-TcpServer::~TcpServer() = default;
-void TcpServer::listen(const std::string&, int, int) {}
-void TcpServer::stop_listening() noexcept {}
-bool TcpServer::wait(std::vector<Interest>&, bool, int) { return false; }
-void TcpServer::wake() noexcept {}
-TcpServer::Accepted TcpServer::accept(int&) { return Accepted::none; }
-long TcpServer::receive(int, std::uint8_t*, std::size_t) noexcept { return -1; }
-long TcpServer::send(int, const std::uint8_t*, std::size_t) noexcept { return -1; }
-void TcpServer::close(int) noexcept {}
-void TcpServer::set_send_buffer(int, int) noexcept {}
-
-}  // namespace burrlab
-
-#endif

@@ -82,7 +82,8 @@ std::int64_t steady_now() noexcept {
 std::int64_t thread_cpu_now() noexcept { return steady_now(); }
 
 void sleep_until(std::int64_t time) noexcept {
-  std::this_thread::sleep_for(std::chrono::nanoseconds(time - steady_now()));
+  for (std::int64_t now; (now = steady_now()) < time;)  // Windows may round a sleep down
+    std::this_thread::sleep_for(std::chrono::nanoseconds(time - now));
 }
 
 std::vector<std::string> become_realtime(const RealtimeRequest&) {

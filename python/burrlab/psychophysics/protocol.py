@@ -433,7 +433,7 @@ class Protocol:
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Protocol:
-        """A protocol from TOML; docs/experiment.md explains the keys.
+        """A protocol from TOML; docs/experiment_files.md explains the keys.
 
         Parameters
         ----------
@@ -642,7 +642,7 @@ class Protocol:
 
 
 _TEMPLATE = """\
-# An experiment of burrlab: `burrlab experiment run FILE --subject 01`. docs/experiment.md explains every key.
+# An experiment of burrlab: `burrlab experiment run FILE --subject 01`. All keys: docs/experiment_files.md.
 # Examples that are switched off begin with # and no space after it.
 
 [experiment]

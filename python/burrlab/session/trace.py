@@ -200,7 +200,7 @@ class Trace:
     ----------
     path : Path
     ticks : ndarray, shape (n,)
-        A row a tick, with one compound `burr` a burr; read-only. `docs/trace.md` lists the columns.
+        A row a tick, with one compound `burr` a burr; read-only. `docs/trace_format.md` lists the columns.
     tools : tuple of (Burr, Material)
         One a burr, in index order.
     devices : tuple of str
@@ -226,7 +226,7 @@ class Trace:
     watch : dict
         Settings of the watch; empty without one.
     events : ndarray, shape (n,)
-        Events of the watch, a row each; read-only. `docs/trace.md` lists the columns.
+        Events of the watch, a row each; read-only. `docs/trace_format.md` lists the columns.
     watched : Watched or None
         All results of the watch; None without a watch, or if the session was killed.
     """

@@ -1,5 +1,5 @@
 // Messages between a leader and its replicas: NDARRAY messages of OpenIGTLink with their own device names,
-// byte by byte in docs/network.md.
+// byte by byte in docs/wire.md.
 #pragma once
 
 #include <string>

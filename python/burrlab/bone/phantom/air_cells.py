@@ -46,8 +46,8 @@ class AirCells:
     Notes
     -----
     Surface over volume of the air in eight mastoids is 22 /cm (micro-CT, Hear. Res., October 2016;
-    docs/phantom.md), as for spheres of 2.7 mm. A median of 2 mm with a deviation of 1.4 gives the same ratio
-    of moments, 2 exp(2.5 ln(1.4)^2) mm. The deviation, the log-normal form and the wall are assumed.
+    docs/beyond_the_paper.md), as for spheres of 2.7 mm. A median of 2 mm with a deviation of 1.4 gives the
+    same ratio of moments, 2 exp(2.5 ln(1.4)^2) mm. The deviation, the log-normal form and the wall are assumed.
     """
 
     median_diameter: float = 2.0

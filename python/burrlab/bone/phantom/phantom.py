@@ -199,8 +199,8 @@ def temporal_bone(
     Notes
     -----
     All values depend on seed and position alone: voxels of any size show the same ear, and a smaller box is a
-    part of a larger one, to the bit if both corners are whole voxels from the origin. docs/phantom.md has
-    numbers and sources.
+    part of a larger one, to the bit if both corners are whole voxels from the origin.
+    docs/beyond_the_paper.md has numbers and sources.
 
     Examples
     --------

@@ -46,6 +46,15 @@ inline int lowest_bit(std::uint64_t word) {
 #endif
 }
 
+// Asks for the tile of a brick that is visited soon.
+inline void prefetch(const std::uint8_t* tile) {
+#ifdef __GNUC__
+  for (int i = 0; i < brick_voxels; i += 64) __builtin_prefetch(tile + i);
+#else
+  (void)tile;
+#endif
+}
+
 // The bits of a word whose children are in a box of child numbers, clipped to the word's 4^3.
 inline std::uint64_t within(const std::int64_t first[3], const std::int64_t last[3], std::int64_t z,
                             std::int64_t y, std::int64_t x) {
@@ -66,9 +75,10 @@ inline std::uint64_t within(const std::int64_t first[3], const std::int64_t last
          span(first[0], last[0], x) * 0x1111111111111111u;
 }
 
-/// Calls visit(z, y, x, whole) for every such brick; `whole`: wholly inside the sphere.
-template <class Visit>
-void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit visit) {
+/// Calls visit(z, y, x, whole) for every such brick; `whole`: wholly inside the sphere. Before it, calls
+/// soon(z, y, x) for the next one.
+template <class Visit, class Soon>
+void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit visit, Soon soon) {
   const auto &first = sphere.first, &last = sphere.last;
   if (first[0] > last[0] || first[1] > last[1] || first[2] > last[2]) return;
   const double outer2 = sphere.outer * sphere.outer, whole2 = sphere.whole * sphere.whole;
@@ -81,6 +91,10 @@ void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit
     if (x.least_of_all() + y.least_of_all() + z.least_of_all() > outer2) return;
     for (; bricks; bricks &= bricks - 1) {
       const int bit = lowest_bit(bricks), i = bit & 3, j = bit >> 2 & 3, k = bit >> 4;
+      if (const std::uint64_t later = bricks & (bricks - 1)) {
+        const int next = lowest_bit(later);
+        soon(4 * bz + (next >> 4), 4 * by + (next >> 2 & 3), 4 * bx + (next & 3));
+      }
       if (x.least[i] + y.least[j] + z.least[k] <= outer2)
         visit(4 * bz + k, 4 * by + j, 4 * bx + i, x.most[i] + y.most[j] + z.most[k] <= whole2);
     }

@@ -191,7 +191,9 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
                                  {found.after_mass, found.after_x, found.after_y, found.after_z}, before);
   };
 
-  walk_bricks(bone.occupancy(), ball, at_brick);
+  walk_bricks(bone.occupancy(), ball, at_brick, [&](std::int64_t z, std::int64_t y, std::int64_t x) {
+    prefetch(bone.tile(bone.brick_number(z, y, x)));
+  });
   return sums;
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from command_line import call, refusal, result
@@ -129,6 +130,16 @@ def test_ctrl_c_while_modules_load_is_no_traceback(modules):
     assert done.returncode == 130
     assert len([line for line in done.stderr.splitlines() if "coarse" not in line]) <= 1
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("told", [["--shape", "f.csv"], ["--shape=f.csv"], ["--store", "f.csv", "--seed", 1]])
+def test_what_a_sweep_reads_is_not_lost(told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    profile = "x,f\n0,1\n0.5,0.8\n1,0\n"
+    Path("f.csv").write_text(profile)
+    code, _, said = call(capsys, "sweep", *told, "--forces", "1", "--voxel", 0.4, "--out", "./f.csv")
+    assert (code, said) == (2, "burrlab sweep: --out: ./f.csv is read, and would be lost\n")
+    assert Path("f.csv").read_text() == profile
 
 
 def test_an_interrupted_sweep_goes_on(capsys, tmp_path, monkeypatch):

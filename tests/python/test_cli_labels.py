@@ -16,8 +16,10 @@ from label_scenes import MAP, SPACING, greys, volume, write_files
 
 import burrlab
 from burrlab._core import Burr, VoxelBone
+from burrlab.bone import slices
 from burrlab.bone.kept import load_drilled
 from burrlab.bone.recipe import DrilledRecipe
+from burrlab.bone.slices import pixels
 from burrlab.bone.snapshot import load_bone
 from burrlab.session.network import follow
 from burrlab.session.replay import replay
@@ -231,3 +233,32 @@ def test_a_published_session_on_a_kept_bone_is_followed(tmp_path: Path) -> None:
     assert replica.digest() == found.digest()
     assert found.removed > 0
     replica.stop()
+
+
+@pytest.mark.parametrize("table", [["--unknown", "nearest"], ["--tissues", "t.csv"]])
+def test_a_descent_reads_its_slices_once(
+    files: Path, run: Callable[..., str], monkeypatch: pytest.MonkeyPatch, table: list[str]
+) -> None:
+    read: list[Path] = []
+    monkeypatch.setattr(slices, "pixels", lambda path: read.append(path) or pixels(path))
+    run("descend", "--force", "0.5", "--radius", "1", "--ideal", "--stop", "0.2", "--seed", "1", "--labels", "v.yaml",
+        *table, "--entry", "4,4,6.5", "--axis", "0,0,-1")  # fmt: skip
+    assert sorted(read[-28:]) == sorted(set(read))
+    assert len(read) <= 29  # without a table, the first shows that they are coloured
+
+
+def test_a_volume_with_too_many_fine_voxels_is_cropped_to_the_descent(
+    run: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    descend = ["descend", "--force", "0.03", "--ideal", "--radius", "0.6", "--stop", "0.2", "--seed", "1"]
+    fine = [*descend, *THERE, *BOTH, "--voxel", "0.125", "--json"]
+    assert "cropped" not in run(*fine, "whole.json")
+    monkeypatch.setattr("burrlab.bone.image.MOST_VOXELS", 100_000)
+    told = run(*fine, "crop.json")
+    assert told.count("too many voxels, so it is cropped to what the descent can reach (--crop=") == 1
+    whole, crop = (json.loads(Path(name).read_text()) for name in ("whole.json", "crop.json"))
+    low, high = crop["provenance"]["volume"]["recipe"]["grey"]["crop_mm"]
+    assert f"--crop={','.join(f'{x:g}' for x in low)}:{','.join(f'{x:g}' for x in high)})" in told
+    assert crop["status"] == whole["status"] == "ok"
+    assert crop["penetration_velocity_mm_s"] == pytest.approx(whole["penetration_velocity_mm_s"], rel=0.1)
+    np.testing.assert_allclose(crop["provenance"]["surface_mm"], whole["provenance"]["surface_mm"], atol=1e-9)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
 
@@ -15,6 +17,7 @@ from session_scenes import small_bone
 from view_scenes import carve, frames_in, read, write_trace
 
 import burrlab
+import burrlab.cli.options as cli_options
 import burrlab.cli.view as cli_view
 from burrlab.bone.snapshot import save_bone
 from burrlab.effects.effects import effects_of
@@ -199,6 +202,42 @@ def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
     frames = int(duration * 10 / 0.5 + 1e-9) + 1
     assert told["frames"] == frames
     assert frames_in(film) == frames
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])
+def test_a_film_that_is_killed_leaves_no_file(trace, tmp_path, name):
+    program = f"""
+import itertools, sys
+from types import SimpleNamespace
+import numpy as np
+from burrlab.cli import main, view
+
+class Endless:
+    def __init__(self, player, **settings):
+        self.scene = SimpleNamespace(look=print, close=print)
+
+    def frames(self, **settings):
+        for k in itertools.count():
+            print(k, flush=True)
+            yield np.zeros((16, 16, 3), np.uint8)
+
+view.TraceView = Endless
+sys.exit(main(["view", {str(trace)!r}, "--video", {str(tmp_path / "a.gif")!r}]))
+"""
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as film:
+        assert film.stdout.readline() == b"0\n"
+        assert [file.suffixes[-2:] for file in tmp_path.iterdir()] == [[".part", ".gif"]]
+        film.send_signal(getattr(signal, name))
+        film.stdout.read()
+        assert film.wait(20) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_is_a_line_now_and_then_without_a_terminal(trace, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(cli_options, "_FIRST", 0.0)
+    code, _, err = call(capsys, "view", trace, "--pictures", tmp_path / "a.png")
+    assert code == 0
+    assert re.fullmatch(r"\d+% done, about \d+ s more\n", err)
 
 
 @pytest.mark.slow

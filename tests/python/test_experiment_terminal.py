@@ -17,7 +17,7 @@ import time
 import types
 
 import pytest
-from pseudo_terminal import PseudoTerminal
+from pseudo_terminal import BURRLAB, PseudoTerminal
 
 import burrlab
 from burrlab.cli import main
@@ -145,6 +145,23 @@ def test_undisturbed_alone_and_seen_by_the_experimenter(tmp_path):
     with subject.sit_down("resume") as terminal:
         assert terminal.end() == 0
         assert terminal.text == "subject 01 has answered everything"
+
+
+def test_the_screen_is_not_empty_while_modules_load(tmp_path):
+    subject, program = (
+        Subject(tmp_path),
+        BURRLAB.replace("import sys;", "import sys; sys.argv[0] = 'burrlab';"),
+    )
+    program = program.replace(
+        "from burrlab.cli", "import burrlab; print('scipy' in sys.modules); from burrlab.cli"
+    )
+    arguments = ("experiment", "run", subject.config.name, "--subject", SUBJECT)
+    with PseudoTerminal(*arguments, program=program, cwd=tmp_path) as terminal:
+        subject.take_part(terminal, stop=lambda kind, trial: True)
+        assert terminal.text.startswith("Preparing ... False Each trial has")
+    with PseudoTerminal(*arguments, "--simulated", program=program, cwd=tmp_path) as terminal:
+        terminal.end()
+        assert "Preparing" not in terminal.text
 
 
 def test_killed_in_an_interval_and_in_a_question_then_resumed(tmp_path):

@@ -1,4 +1,4 @@
-"""Labels alone: velocities at one place, smoothed and not, scatter as docs/tissues.md says."""
+"""Labels alone: velocities at one place, smoothed and not, scatter as docs/beyond_the_paper.md says."""
 
 from __future__ import annotations
 

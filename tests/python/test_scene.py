@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import subprocess
 
 import numpy as np
@@ -13,6 +14,7 @@ from session_scenes import small_bone, tools
 from view_scenes import carve, parcels, read, write_trace
 
 import burrlab
+import burrlab.view.scene as scene_module
 from burrlab.view.actors import parcel_colours
 from burrlab.view.camera import surgeon_view
 from burrlab.view.film import TraceView, write_video
@@ -67,6 +69,31 @@ def test_an_update_draws_what_a_new_scene_draws(scene):
     with open_scene(bone, chart=False) as anew:
         anew.look(scene.viewpoint)
         np.testing.assert_array_equal(anew.picture(), updated)
+
+
+def test_what_is_hidden_is_not_drawn_and_not_missed(monkeypatch):
+    """Of a bone of many triangles, here of any. Cutting and turning shows what was hidden before."""
+    bone = burrlab.VoxelBone.block((9.6, 9.6, 9.6), 0.1, origin=(0, 0, 0))
+    with open_scene(bone, chart=False) as scene, open_scene(bone, chart=False) as whole:
+        for turn, at in enumerate(((4.75, 4.75, 9.55), (4.75, 9.55, 4.75))):
+            changed = carve(bone, (4.0, 5.0, 9.0)) if turn else []
+            pictures = []
+            for one, least in ((scene, 0), (whole, 1e9)):
+                monkeypatch.setattr(scene_module, "_MANY", least)
+                one.update(bone, changed)
+                one.look(surgeon_view(bone, at, np.subtract((4.75, 4.75, 4.75), at), width=14.0))
+                pictures.append(one.picture())
+            shown = [actor.GetVisibility() for actor in scene.actors.actors.values()]
+            assert 0 < sum(shown) < 0.8 * len(scene.surface.blocks)
+            assert differing(*pictures).sum() < 10
+
+
+def test_ctrl_c_while_a_picture_is_drawn_is_raised_after_it(scene):
+    """VTK calls functions of pyvista while it draws, and forgets what they raise."""
+    scene.plotter.renderer.AddObserver("StartEvent", lambda *_: signal.raise_signal(signal.SIGINT))
+    with pytest.raises(KeyboardInterrupt):
+        scene.picture()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_neighbouring_blocks_show_no_seam():

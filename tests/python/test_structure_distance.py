@@ -106,6 +106,14 @@ def test_estimates_beyond_the_searched_nodes_err_by_less_than_stated() -> None:
     assert np.abs(field - exact)[inside].max() < 0.87
 
 
+def test_fields_made_side_by_side_are_in_order_and_tell_their_progress() -> None:
+    bone, told = nerve_bone(), []
+    fields = structure_distances(bone, [2, 1], told.append)
+    assert told == [0.5, 1.0]
+    for field, tissue in zip(fields, (2, 1), strict=True):
+        assert (field.values == structure_distances(bone, [tissue])[0].values).all()
+
+
 def nerve_field():
     return structure_distances(nerve_bone(), [1])[0]
 

@@ -9,9 +9,11 @@ import pytest
 from view_scenes import carve, cortex_and_nerve
 
 import burrlab
+from burrlab.view.camera import Viewpoint
 from burrlab.view.surface import (
     BLOCK,
     Surface,
+    blocks_in_sight,
     blocks_of_bricks,
     brick_numbers,
     brick_places,
@@ -31,6 +33,24 @@ def ball():
 def noise(seed, shape=(40, 35, 66)):
     """Random levels, which give every kind of cell."""
     return np.random.default_rng(seed).integers(0, 256, shape).astype(np.uint8)
+
+
+def test_what_bone_hides_is_not_in_sight():
+    """A closed cell in the middle of a cube is hidden until a shaft from above opens it."""
+    levels = np.full((160, 160, 160), 255, np.uint8)
+    levels[70:90, 70:90, 70:90] = 0
+    view = Viewpoint((7.95, 7.95, 60.0), (7.95, 7.95, 15.0), (0.0, 1.0, 0.0))
+
+    def seen():
+        blocks = surface_blocks(burrlab.VoxelBone(levels, 0.1))
+        return blocks, blocks_in_sight(blocks, view, (320, 240), 0.1)
+
+    blocks, sight = seen()
+    assert {(2, 2, 2), (0, 2, 2)} <= blocks.keys()  # the cell, and the face below
+    assert sight == {block for block in blocks if block[0] == 4}
+    levels[90:, 75:85, 75:85] = 0
+    assert {(2, 2, 2), (4, 2, 2)} <= seen()[1]
+    assert (0, 2, 2) not in seen()[1]
 
 
 def joined(mesh):

@@ -19,8 +19,8 @@ struct Sphere;
 struct TissueTables;
 }  // namespace kernel
 
-/// What is assumed inside a voxel. `cell` is the paper's: a voxel is uniform. `layer` resolves the layer in
-/// which a burr cuts, so that results do not depend on voxel size.
+/// What is assumed inside a voxel. `cell`: it is uniform and erodes as a whole, as in the paper. `layer`
+/// resolves the layer in which a burr cuts, so that results do not depend on voxel size.
 enum class Scheme { layer, cell };
 Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import distance_transform_edt, find_objects
+from scipy.ndimage import distance_transform_edt
 
 from burrlab._core import AnatomyWatch, StructureDistance, StructureSearch, VoxelBone
 from burrlab.common.check import real, refuse, scalar
 from burrlab.common.progress import Progress, reporter
+from burrlab.common.study import cores
 
 SPACING = 0.4  # of the nodes [mm]
 MARGIN = 15.0  # about the structure [mm]
@@ -49,17 +51,26 @@ def structure_distances(
     searches = [StructureSearch(bone, tissue) for tissue in tissues]
     numbers = bone.tissue_numbers
     assert numbers is not None  # a search would have refused
-    boxes = find_objects(numbers + np.uint8(1))
-    distances = []
-    for search, tissue in zip(searches, tissues, strict=True):
-        distances.append(_field(search, bone, numbers[boxes[tissue]] == tissue, boxes[tissue]))
-        report(len(distances) / len(tissues))
-    return distances
+    pool = ThreadPoolExecutor(cores())
+    try:
+        pairs = zip(searches, tissues, strict=True)
+        fields = [pool.submit(_field, search, bone, numbers, tissue) for search, tissue in pairs]
+        for done, _ in enumerate(as_completed(fields), 1):
+            report(done / len(fields))
+        return [field.result() for field in fields]
+    finally:  # Ctrl-C ends the fields that have not begun
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _field(
-    search: StructureSearch, bone: VoxelBone, mask: NDArray[np.bool_], box: tuple[slice, ...]
+    search: StructureSearch, bone: VoxelBone, numbers: NDArray[np.uint8], tissue: int
 ) -> StructureDistance:
+    begin, end = (
+        np.rint((np.asarray(edge) - bone.origin) / bone.spacing + 0.5).astype(int)[::-1]
+        for edge in (search.low, search.high)
+    )
+    box = tuple(slice(first, last) for first, last in zip(begin, end, strict=True))
+    mask = numbers[box] == tissue
     low, high = np.asarray(search.low) - MARGIN, np.asarray(search.high) + MARGIN
     count = np.ceil((high - low) / SPACING).astype(int) + 1
     shape = tuple(int(n) for n in count[::-1])
@@ -195,11 +206,7 @@ class Watch:
     @classmethod
     def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> Watch:
         """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
-        rows = {row["name"]: row for row in settings["structures"]}
-        keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
-        limits: Any = {limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()}
-        names = [row["name"] for row in settings["structures"]]
-        return cls(bone, hysteresis=settings["hysteresis_mm"], structures=names, **limits)
+        return cls(bone, **options_of(settings))
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -251,6 +258,15 @@ class Watch:
         return f"Watch({said}, hysteresis={self.hysteresis:g})"
 
 
+def options_of(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of `Watch` from its settings. KeyError or TypeError if invalid."""
+    rows = {row["name"]: row for row in settings["structures"]}
+    keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
+    limits = {limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()}
+    names = [row["name"] for row in settings["structures"]]
+    return {"hysteresis": settings["hysteresis_mm"], "structures": names, **limits}
+
+
 def check_structure(structure: str, structures: Sequence[str]) -> None:
     """ValueError unless the structure is watched."""
     refuse(
@@ -260,11 +276,15 @@ def check_structure(structure: str, structures: Sequence[str]) -> None:
 
 def critical_structures(bone: VoxelBone) -> list[str]:
     """Names of the critical tissues that have voxels."""
-    tissues, numbers = bone.tissues, bone.tissue_numbers
-    if tissues is None or numbers is None:
-        return []
-    present = np.bincount(numbers.ravel(), minlength=len(tissues))
-    return [t.name for i, t in enumerate(tissues) if t.critical and present[i]]
+    return [t.name for i, t in enumerate(bone.tissues or ()) if t.critical and _has_voxels(bone, i)]
+
+
+def _has_voxels(bone: VoxelBone, tissue: int) -> bool:
+    try:
+        StructureSearch(bone, tissue)
+    except ValueError:
+        return False
+    return True
 
 
 def _of(limit: Limit, name: str, default: float) -> float:

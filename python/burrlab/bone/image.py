@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, surface_along, unit_vector
-from burrlab.common.check import check_memory, real, refuse, require_type, scalar
+from burrlab.common.check import check_bone, check_memory, real, refuse, require_type, scalar
 from burrlab.common.table import object_html
 
 #: Corners of a box: 0 or 1 for its two ends along (x, y, z).
@@ -308,7 +308,7 @@ def resample_linear(
         Applied to each plane of float32 before it is stored as `kind`.
     """
     shape = resampled_shape(values.shape, old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
-    work = values.astype(np.float32)
+    work = values.astype(np.float32, copy=False)
     for axis in range(3):
         ratio = float(new[2 - axis] / old[2 - axis])
         if ratio > 1.0 + 1e-9:
@@ -361,6 +361,16 @@ def _neighbours(
     place = np.clip((np.arange(count) + 0.5) * ratio - 0.5, 0, old - 1)
     first = np.minimum(np.floor(place).astype(np.intp), max(old - 2, 0))
     return first, np.minimum(first + 1, old - 1), (place - first).astype(np.float32)
+
+
+#: Planes of voxels that are filled at a time, one layer of bricks.
+SLAB = 8
+
+
+def empty_bone(shape: tuple[int, ...], spacing: Array, origin: Array) -> VoxelBone:
+    """Bone of level 0, to be written slab by slab: no dense copies."""
+    check_bone(math.prod(shape), 1.04)
+    return VoxelBone.block(tuple(shape[::-1] * spacing), tuple(spacing), origin=tuple(origin), level=0)
 
 
 @dataclass(frozen=True)
@@ -593,9 +603,10 @@ class Volume(OnGrid):
         chosen = occupancy_map(mapping, solid)
         new = self.spacing if spacing is None else checked_spacing(spacing)
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
-            return VoxelBone(
-                chosen.levels(self.values), spacing=self.spacing, origin=self.bone_point(self.origin)
-            )
+            bone = empty_bone(self.shape, self.spacing, self.bone_point(self.origin))
+            for k in range(0, len(self.values), SLAB):
+                bone.write(chosen.levels(self.values[k : k + SLAB]), (k, 0, 0))
+            return bone
         levels = resample_linear(
             chosen.occupancy(self.values),
             self.spacing,

@@ -23,7 +23,7 @@ from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, checked_point, occupancy_map, specimen_in
 from burrlab.bone.kept import DrilledVolume, load_drilled
-from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x
+from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, stack_of
 from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, labelled_bone, placed_on
@@ -223,6 +223,10 @@ class VolumeRecipe(_FileRecipe):
 
     @cached_property
     def _volume(self) -> Volume:
+        return self._whole if self.crop is None else self._whole.crop(*self.crop)
+
+    @cached_property
+    def _whole(self) -> Volume:
         if is_stack(self.path):
             found = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
         elif self.transpose:
@@ -231,7 +235,7 @@ class VolumeRecipe(_FileRecipe):
             found = read_volume(self.path, spacing=self.spacing, series=self.series)
         if not isinstance(found, Volume):
             raise ValueError(f"{self.path}: the slices are coloured labels, and a map is of grey values")
-        return found if self.crop is None else found.crop(*self.crop)
+        return found
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions and steps in reading the volume; errors as `volume`."""
@@ -252,6 +256,13 @@ class VolumeRecipe(_FileRecipe):
 
     def _voxel(self) -> ArrayLike:
         return self.volume().spacing if self.voxel is None else self.voxel
+
+
+def within(recipe: VolumeRecipe, low: Vector, high: Vector) -> VolumeRecipe:
+    """The recipe with a crop; its volume is not read again."""
+    made = replace(recipe, crop=(_triple(low), _triple(high)))
+    made.__dict__["_whole"] = recipe._whole
+    return made
 
 
 def absolute(path: str | os.PathLike[str]) -> str:
@@ -444,11 +455,11 @@ class LabelledRecipe(_FileRecipe):
         """The grey volume, or labels alone, on the voxels of the bone, for `save_drilled`."""
         if self.grey is not None:
             return self.grey.like()
-        return self._labels() if self.voxel is None else self._labels().resample(self.voxel)
+        return self._labels if self.voxel is None else self._labels.resample(self.voxel)
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
-        grid = self._labels() if self.grey is None else self.grey.volume()
+        grid = self._labels if self.grey is None else self.grey.volume()
         made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.made().notes)}
         if self.grey is None:
             widest = float(max(*grid.spacing, *(self.voxel or ())))
@@ -458,11 +469,11 @@ class LabelledRecipe(_FileRecipe):
     def _voxel(self) -> ArrayLike:
         if self.grey is not None:
             return self.grey._voxel()
-        return self._labels().spacing if self.voxel is None else self.voxel
+        return self._labels.spacing if self.voxel is None else self.voxel
 
     @cached_property
     def _made(self) -> LabelledBone:
-        labels = self._labels()
+        labels = self._labels
         if self.grey is None:
             options: dict[str, Any] = {"spacing": self.voxel, "smooth": self.smooth, "empty": self.empty}
             return labelled_bone(None, labels, self.tissues, fill=self.fill, **options)
@@ -470,18 +481,26 @@ class LabelledRecipe(_FileRecipe):
         if self.onto:
             labels = labels.on(volume)
         elif self.grey.crop is not None:  # the labels belong to the whole volume
-            whole = replace(self.grey, crop=None).volume()
-            labels = placed_on(labels, whole).crop(*self.grey.crop)
+            labels = placed_on(labels, self.grey._whole).crop(*self.grey.crop)
         return labelled_bone(
             volume, labels, self.tissues, mapping=self.grey.mapping, fill=self.fill, spacing=self.grey.voxel
         )
 
+    @property
     def _labels(self) -> LabelVolume:
-        labels = labels_of(
+        return self._read if self.crop is None else self._read.crop(*self.crop)
+
+    @cached_property
+    def _read(self) -> LabelVolume:
+        return labels_of(
             self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues,
             transpose=self.transpose, ranking=self.ranking,
         )  # fmt: skip
-        return labels if self.crop is None else labels.crop(*self.crop)
+
+
+def keep_labels(recipe: LabelledRecipe, labels: LabelVolume) -> None:
+    """Spares the recipe to read its labels: `labels_of` has read them, `usual` ones if they are slices."""
+    recipe.__dict__["_read"] = labels
 
 
 def labels_of(
@@ -493,8 +512,9 @@ def labels_of(
     palette: Tissues | None = None,
     transpose: bool | None = None,
     ranking: Sequence[str] | None = RANKING,
+    usual: bool = False,
 ) -> LabelVolume:
-    """Labels of a file or of coloured slices, by the colours of a table.
+    """Labels of a file or of coloured slices, by the colours of a table; `usual` as in `stack_of`.
 
     Errors as `read_labels` and `read_stack`.
     """
@@ -503,15 +523,7 @@ def labels_of(
             name = "unknown" if unknown != "refuse" else "transpose" if transpose else "unit"
             raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
-    found = read_stack(
-        path,
-        spacing=spacing,
-        palette=palette,
-        unknown=unknown,
-        unit=unit,
-        transpose=transpose,
-        ranking=ranking,
-    )
+    found = stack_of(path, spacing, palette, unknown, unit, transpose, ranking, usual=usual)
     if not isinstance(found, LabelVolume):
         raise ValueError(f"{os.fspath(path)}: the slices are grey, and labels are coloured ones")
     return found

@@ -264,7 +264,7 @@ class Palette:
         self._strange: Counter[int] = Counter()
         self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
         self._guessed: dict[int, list[NDArray[Any]]] = {label: [] for label in self._asked}
-        self._spared: Counter[str] = Counter()
+        self._spared: Counter[int] = Counter()
         self._sums: NDArray[np.uint16] | None = None  # numbers of pairs, made at the first alpha 254
         self._overlaps: Counter[int] = Counter()
         self._slices = 0
@@ -287,20 +287,26 @@ class Palette:
 
     def labels(self, image: NDArray[np.uint8], path: Path) -> NDArray[Any]:
         """Labels of the next slice of RGBA pixels."""
-        codes = _code(image[..., :3].astype(np.uint32))
-        codes[image[..., 3] == 0] = 0
+        whole = np.ascontiguousarray(image).view(np.uint32).ravel()
+        first = np.flatnonzero(np.append(True, whole[1:] != whole[:-1]))
+        runs = np.diff(first, append=whole.size)  # of equal pixels, which are few in labels
+        kinds = image.reshape(-1, 4)[first]
+        codes = _code(kinds.astype(np.uint32))
+        codes[kinds[:, 3] == 0] = 0
         places = self._places.take(codes)
-        found: NDArray[Any] = self._labels.take(places)
+        own = self._labels.take(places)
         strange = places == self._strange_place
-        twice = image[..., 3] == _TWICE
+        twice = kinds[:, 3] == _TWICE
         if self._ranked is not None and len(self.colours) <= _MOST_PAIRED and twice.any():
             self._sums = self._places_of_sums() if self._sums is None else self._sums
             sums = self._sums.take(codes[twice])
             pair = (sums > 0) & (sums < _UNCLEAR)
-            found[twice] = np.where(pair, self._winners[np.where(pair, sums, 0)], found[twice])
+            own[twice] = np.where(pair, self._winners[np.where(pair, sums, 0)], own[twice])
             strange[twice] = (strange[twice] & ~pair) | (sums == _UNCLEAR)
-            self._overlaps.update(sums[pair].tolist())
+            self._overlaps.update(np.repeat(sums[pair], runs[twice][pair]).tolist())
+        found = np.repeat(own, runs).reshape(image.shape[:2])
         if strange.any():
+            codes, strange = (np.repeat(of, runs).reshape(found.shape) for of in (codes, strange))
             found[strange] = self._of_strange(codes, strange, path)
         self._slices += 1
         return found
@@ -355,7 +361,7 @@ class Palette:
         notes.append(f"{many} were taken as {taken}: {told}")
         if self._spared:
             instead = " or ".join(self.names[i] for i in self._bones) or "label 0: the table has no bone"
-            told = ", ".join(f"{name} {count}" for name, count in self._spared.most_common())
+            told = ", ".join(f"{self.names[i]} {count}" for i, count in self._spared.most_common())
             notes.append(
                 "pixels whose nearest colour is a critical structure's, or of what is empty, were taken as "
                 f"{instead} ({told}); unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that "
@@ -377,7 +383,7 @@ class Palette:
         if self._ranked is not None:
             spared = np.isin(taken, list(self._spare - set(self._asked)))
             for label, count in zip(taken[spared].tolist(), counts[spared].tolist(), strict=True):
-                self._spared[self.names[label]] += count
+                self._spared[label] += count
             taken[spared] = self._nearest(kinds[spared], self._bones)[0] if self._bones else 0
         for label, places in self._guessed.items():
             here = where[(taken == label)[inverse]]
@@ -703,6 +709,21 @@ def read_stack(
     -----
     Transparent and black pixels are label 0. Partly transparent pixels count by their colour.
     """
+    return stack_of(path, spacing, palette, unknown, unit, transpose, ranking)
+
+
+def stack_of(
+    path: str | os.PathLike[str],
+    spacing: float | ArrayLike | None,
+    palette: Tissues | Mapping[str, Colour] | None,
+    unknown: str | int,
+    unit: float | None,
+    transpose: bool | None,
+    ranking: Sequence[str] | None,
+    *,
+    usual: bool = False,
+) -> Volume | LabelVolume:
+    """As `read_stack`; `usual`: of the default palette, the result has the names of `default_tissues`."""
     name = os.fspath(path)
     described = _description(name, spacing, unit)
     slices = (
@@ -743,6 +764,8 @@ def read_stack(
     for k, file in enumerate(slices.paths):
         plane = colours.labels(pixels(file), file)
         labels[k] = plane.T if turned else plane
+    if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
+        colours.names = {label: _known(said)[0] for label, said in colours.names.items()}
     strange = colours.unknown_colours()
     rows = labels.transpose(0, 2, 1) if turned else labels
     notes.extend(colours.notes(name, strange, rows, apart[[2, 0, 1] if turned else [2, 1, 0]]))

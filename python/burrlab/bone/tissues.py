@@ -20,7 +20,17 @@ from scipy.special import ndtr
 
 import burrlab.common.table as csv_text
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
-from burrlab.bone.image import SAME, Colour, LabelVolume, OccupancyMap, OnGrid, Volume, check_same_geometry
+from burrlab.bone.image import (
+    SAME,
+    SLAB,
+    Colour,
+    LabelVolume,
+    OccupancyMap,
+    OnGrid,
+    Volume,
+    check_same_geometry,
+    empty_bone,
+)
 from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.check import refuse, shown
@@ -492,7 +502,7 @@ _HALF = 128
 
 #: Scatter of the velocity in bone from labels alone, by R/voxel: standard deviation over 12 places within 0.6
 #: mm [%]. Least and most of three kinds of surfaces, for labels without smoothing and for labels smoothed by
-#: two voxels or more. docs/tissues.md describes the measurement.
+#: two voxels or more. docs/beyond_the_paper.md describes the measurement.
 LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
 
 
@@ -554,7 +564,8 @@ def labelled_bone(
         For labels alone: standard deviation of a Gaussian over the solid voxels [mm], 1 to 10 times the
         finest voxel side. The volume hardly changes; the notes say by how much. Critical structures stay
         full, and empty voxels nearest to one stay empty. Another empty voxel that gets bone also gets the
-        label of the nearest solid voxel. docs/tissues.md recommends a width and describes the effects.
+        label of the nearest solid voxel. docs/tissues.md recommends a width, docs/beyond_the_paper.md
+        describes the effects.
 
     Returns
     -------
@@ -594,31 +605,43 @@ def labelled_bone(
             "spacing must not be given with levels, which have that of the labels",
         )
         labels = labels.resample(spacing)
+        counts = label_counts(labels.labels, labels.path)
     numbers = _numbers(labels.labels, tissues)
-    origin = labels.bone_point(labels.origin)
+    levels: NDArray[np.uint8] | None = source if isinstance(source, np.ndarray) else None
+    own = np.zeros(len(tissues), np.uint8)  # level of each tissue where no source says it
     if isinstance(source, Volume):
         assert mapping is not None
-        grey = source.to_bone(mapping, spacing=spacing)
-        levels, apart, origin = grey.density, np.array(grey.spacing), np.array(grey.origin)
+        bone = source.to_bone(mapping, spacing=spacing)
     else:
-        apart = labels.spacing
-        if source is not None:
-            levels = source
-        else:
-            known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
-            hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
-            levels = np.where(hollow, 0, 255).astype(np.uint8)[numbers]
-            where = ", ".join(empty)
-            said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
-            if smooth is not None:
-                levels, numbers, said = _smoothed(levels, numbers, tissues, apart[::-1], smooth)
-            notes.append(
-                f"occupancy from labels alone: empty where there is {where} or label 0, else solid{said}"
-            )
-    levels, filled = _filled(levels, numbers, tissues, fill or {})
-    bone = VoxelBone(levels, spacing=apart, origin=origin)
+        bone = empty_bone(labels.shape, labels.spacing, labels.bone_point(labels.origin))
+    if source is None:
+        known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
+        hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
+        own = np.where(hollow, 0, 255).astype(np.uint8)
+        where = ", ".join(empty)
+        said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
+        if smooth is not None:
+            levels, numbers, said = _smoothed(own[numbers], numbers, tissues, labels.spacing[::-1], smooth)
+        notes.append(
+            f"occupancy from labels alone: empty where there is {where} or label 0, else solid{said}"
+        )
+    least, filled = _filled(tissues, fill or {})
+    both = np.zeros(2 * len(tissues), np.int64)  # voxels of each tissue, those below `_HALF` apart
+    if source is None and levels is None:  # what a voxel holds follows from its label
+        own = np.maximum(own, least)
+        both[2 * np.arange(own.size) + (own >= _HALF)] = [counts.get(tissue.label, 0) for tissue in tissues]
+    for k in range(0, len(numbers), SLAB):  # slab by slab: no copies of a large volume
+        plane = numbers[k : k + SLAB]
+        if source is None and levels is None:
+            bone.write(own.take(plane), (k, 0, 0))
+            continue
+        part = bone.read((k, 0, 0), plane.shape) if levels is None else levels[k : k + SLAB]
+        if fill or levels is not None:
+            part = np.maximum(part, least[plane]) if fill else part
+            bone.write(part, (k, 0, 0))
+        both += np.bincount((2 * plane + (part >= _HALF)).ravel(), minlength=both.size)
     bone.set_tissues(tissues, numbers)
-    return LabelledBone(bone, tuple(notes + filled + _said_of_tissues(levels, numbers, tissues)))
+    return LabelledBone(bone, tuple(notes + filled + _said_of_tissues(both, tissues)))
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
@@ -691,6 +714,8 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
     own = np.array([tissue.label for tissue in tissues])
+    if labels.dtype == np.uint8 and np.array_equal(own, np.arange(own.size)):
+        return labels
     order = np.argsort(own).astype(np.uint8)
     direct = np.zeros(1 << 16, np.uint8)
     direct[own[own < direct.size]] = np.flatnonzero(own < direct.size)
@@ -740,9 +765,8 @@ def _gaussian(deviation: float) -> NDArray[np.float64]:
     return np.asarray(np.trim_zeros(np.diff(np.rint(256 * ndtr(edges / deviation)))))
 
 
-def _filled(
-    levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, fill: Mapping[str, float]
-) -> tuple[NDArray[np.uint8], list[str]]:
+def _filled(tissues: Tissues, fill: Mapping[str, float]) -> tuple[NDArray[np.uint8], list[str]]:
+    """Least level of each tissue, and notes."""
     least, notes = np.zeros(len(tissues), np.uint8), []
     names = [tissue.name for tissue in tissues]
     for name, occupancy in fill.items():
@@ -753,14 +777,11 @@ def _filled(
         )
         least[names.index(name)] = round(255 * occupancy)
         notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
-    return (np.maximum(levels, least[numbers]) if fill else levels), notes
+    return least, notes
 
 
-def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
+def _said_of_tissues(both: NDArray[np.int64], tissues: Tissues) -> list[str]:
     """Notes on bone without a label, and on critical structures without bone."""
-    both = np.zeros(2 * len(tissues), np.int64)
-    for plane, filled in zip(numbers, levels, strict=True):  # bincount works in int64: plane by plane
-        both += np.bincount((2 * plane + (filled >= _HALF)).ravel(), minlength=both.size)
     held = both[1::2]
     voxels = both[::2] + held
     notes = []

@@ -99,8 +99,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     started()
     options = argparse.Namespace(command="")
     try:
-        options = command_parser().parse_args(join_vectors(sys.argv[1:] if arguments is None else arguments))
-        check_outputs(options)
+        given = join_vectors(sys.argv[1:] if arguments is None else arguments)
+        options = command_parser().parse_args(given)
+        check_outputs(options, given)
         return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:
         print(f"burrlab {options.command}: {sentence(error)}", file=sys.stderr)

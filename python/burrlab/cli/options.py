@@ -10,21 +10,27 @@ import os
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
+import numpy as np
+
 import burrlab
 from burrlab._core import Burr, Material, Shape, shape_names
-from burrlab.bone.image import OccupancyMap
-from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, labels_of
+from burrlab.bone.image import OccupancyMap, resampled_shape
+from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, keep_labels, labels_of, within
 from burrlab.bone.slices import is_stack
 from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import default_tissues, read_tissues
 from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
+from burrlab.common.progress import Progress, duration
 from burrlab.common.table import Column, Problem, Table, not_negative
+from burrlab.descent.descent import reach
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -205,7 +211,6 @@ def require_options(options: Options, names: Sequence[str], what: str) -> None:
 
 
 _FIGURES = ("plot", "region", "profile", "pictures")
-_KEPT = ("out", "save")  # may replace the file that was read; they check this themselves
 _FILES = ("json", *_FIGURES, "out", "record", "save", "template", "tsv", "png", "video")
 
 
@@ -242,8 +247,15 @@ def _write(path: str, name: str, write: Callable[[str], object], what: str) -> N
         raise not_kept(path, name, error, write, what) from error
 
 
-def check_outputs(options: Options) -> None:
-    """ValueError before any work if a result could not be written."""
+def check_outputs(options: Options, given: Sequence[str]) -> None:
+    """ValueError before any work if a result could not be written, or would replace a file of `given`."""
+    texts = [text.partition("=")[2] if text.startswith("--") else text for text in given]
+    # an experiment checks its own files
+    files = [
+        Path(text).resolve()
+        for text in texts
+        if os.path.isfile(text) and text != getattr(options, "config", None)
+    ]
     taken: dict[Path, str] = {}
     for name in _FILES:
         path = getattr(options, name, None)
@@ -257,7 +269,9 @@ def check_outputs(options: Options) -> None:
         refuse(name == "record" and place.exists(), f"--record must be a new file, {path} exists")
         other = taken.setdefault(place, name)
         refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
-        lost = name not in _KEPT and place in _read_files(options)
+        # a bone may be saved in its place; an export checks this itself
+        own = name == "save" or (name, options.command) == ("out", "export")
+        lost = not own and files.count(place) > 1
         refuse(lost, f"--{name}: {path} is read, and would be lost")
         if name in _FIGURES:
             from matplotlib.figure import Figure
@@ -267,14 +281,6 @@ def check_outputs(options: Options) -> None:
                 Path(path).suffix[1:].lower() not in kinds,
                 f"--{name}: {path} must end in one of {', '.join(sorted(kinds))}",
             )
-
-
-def _read_files(options: Options) -> set[Path]:
-    """The existing files that the other options name."""
-    # an experiment checks its own files
-    named = [value for name, value in vars(options).items() if name not in (*_FILES, "config")]
-    texts = [text for value in named for text in (value if isinstance(value, list) else [value])]
-    return {Path(text).resolve() for text in texts if isinstance(text, str) and os.path.isfile(text)}
 
 
 def deliver(options: Options, result: dict[str, Any], text: str) -> None:
@@ -307,9 +313,28 @@ def show_line(line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
-def on_terminal() -> bool | None:
-    """The `progress` of a command: a bar on a terminal, else none."""
-    return True if sys.stderr.isatty() else None
+_FIRST, _EACH = 2.0, 10.0  # time until the first line of progress, and between two, without a terminal [s]
+
+
+def on_terminal() -> Progress:
+    """The `progress` of a command: a bar on a terminal, else a line now and then on standard error."""
+    if sys.stderr.isatty():
+        return True
+    begin, last = time.monotonic(), 0.0
+    following = begin + _FIRST
+
+    def follow(done: float) -> None:
+        nonlocal begin, following, last
+        now = time.monotonic()
+        if done < last:  # the next of several works
+            begin, following = now, now + _FIRST
+        last = done
+        if now >= following and 0 < done < 1:
+            following = now + _EACH
+            left = duration((now - begin) / done * (1 - done))
+            print(f"{done:.0%} done, about {left} more", file=sys.stderr, flush=True)
+
+    return follow
 
 
 @contextlib.contextmanager
@@ -481,8 +506,10 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         "unit": options.unit,
         "transpose": transpose if is_stack(options.labels) else None,
     }
+    labels = None
     if options.tissues is None:
-        tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
+        labels = labels_of(options.labels, spacing=own, usual=True, **stack)
+        tissues = default_tissues(labels, material=material)
     else:
         tissues = read_tissues(options.tissues, material=material)
     alone = (
@@ -492,6 +519,8 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
         smooth=options.smooth,
     )  # fmt: skip
+    if labels is not None:
+        keep_labels(recipe, labels)
     if burr is not None:
         recipe.check_burr(burr)
     return recipe
@@ -520,9 +549,34 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
     recipe = chosen_recipe(options, material, burr)
     if recipe is None:
         return None
+    recipe = _within_reach(recipe, options, burr)
     specimen = recipe.specimen(entry=options.entry, axis=options.axis)
     say_notes(recipe)
     return specimen
+
+
+def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Recipe:
+    """The recipe; cropped to what the descent can reach if the whole volume makes too many voxels."""
+    grey = recipe.grey if isinstance(recipe, LabelledRecipe) else recipe
+    if grey is None or grey.voxel is None or grey.crop is not None:
+        return recipe
+    volume, voxel = grey.volume(), np.array(grey.voxel)
+    if np.allclose(voxel, volume.spacing, rtol=1e-9, atol=0):
+        return recipe
+    with contextlib.suppress(ValueError):
+        resampled_shape(volume.shape, volume.spacing, voxel)
+        return recipe
+    whole = volume.specimen(grey.mapping, entry=options.entry, axis=options.axis)
+    stop = burr.radius / 3 if options.stop is None else options.stop
+    ends = [volume.patient_point(center) for center in reach(whole, burr, stop)]
+    around = burr.radius + 2 * max(*volume.spacing, *voxel)
+    low, high = np.round([np.min(ends, axis=0) - around, np.max(ends, axis=0) + around], 2).tolist()
+    say(
+        f"at {voxel.min():g} mm the whole volume has too many voxels, so it is cropped to what the descent can "
+        f"reach (--crop={','.join(f'{x:g}' for x in low)}:{','.join(f'{x:g}' for x in high)})"
+    )
+    grey = within(grey, low, high)
+    return grey if isinstance(recipe, VolumeRecipe) else replace(recipe, grey=grey)
 
 
 def say_notes(recipe: Recipe | DrilledRecipe) -> None:

@@ -166,7 +166,7 @@ def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
         return None
     if bone.tissues is None:
         refuse_options(options, ("watch", *_LIMITS), "needs a bone with tissues")
-    return Watch(bone, structures=options.watch, **limits)
+    return Watch(bone, structures=options.watch, progress=on_terminal(), **limits)
 
 
 def _session(options: Options) -> int:

@@ -20,6 +20,7 @@ from burrlab.cli.options import (
     Options,
     chosen_recipe,
     deliver,
+    ended_by_signals,
     flag,
     number,
     on_terminal,
@@ -89,7 +90,9 @@ def _view(options: Options) -> int:
             if options.slices:
                 scene.set_slices(options.entry or middle)
         else:
-            view = TraceView(player, effects=effects, slices=bool(options.slices), **shown)
+            view = TraceView(
+                player, effects=effects, slices=bool(options.slices), progress=on_terminal(), **shown
+            )
             scene = view.scene
         if (viewpoint := _viewpoint(options, bone, player)) is not None:
             scene.look(viewpoint)
@@ -98,10 +101,11 @@ def _view(options: Options) -> int:
             frames = view.frames(
                 fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
             )
-            result["frames"] = write_video(options.video, frames, fps=fps)
+            with ended_by_signals():
+                result["frames"] = write_video(options.video, frames, fps=fps)
             result["written"].append(str(options.video))
         if player is not None and (options.video is None or options.png or options.pictures):
-            view.go(at)
+            view.go(at, progress=on_terminal())
         if options.png is not None:
             (scene.stereo_pair if options.stereo else scene.screenshot)(options.png)
             result["written"].append(str(options.png))
@@ -109,7 +113,7 @@ def _view(options: Options) -> int:
             scene.show()
         scene.close()
     elif player is not None:
-        player.seek(at)
+        player.seek(at, progress=on_terminal())
     if options.pictures is not None:
         centers = np.zeros((0, 3)) if player is None else player.burrs.centers
         known = player is not None and len(centers) > 0 and bool(np.isfinite(centers).all())

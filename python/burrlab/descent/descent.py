@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, half_space
@@ -219,6 +220,11 @@ def _foretell_ticks(
         seconds = (time.perf_counter() - begun) / 4 * ticks
         if seconds > LONG:
             LOG.warning("the descent, about %.2g ticks, takes about %s", ticks, duration(seconds))
+
+
+def reach(specimen: Specimen, burr: Burr, stop: float) -> NDArray[np.float64]:
+    """First and last centre of the burr (x, y, z) [mm] in a descent, with retreat and overshoot, shape (2, 3)."""
+    return np.array([specimen.center(h, burr) for h in (-4 * burr.radius - RETREAT, 2 * stop)])
 
 
 def free_clearance(contact: BurrContact, specimen: Specimen, burr: Burr) -> float:

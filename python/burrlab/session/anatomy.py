@@ -13,7 +13,7 @@ import burrlab._core as _core
 from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
 from burrlab.anatomy.events import EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport, nothing_watched
-from burrlab.anatomy.watch import Watch, critical_structures
+from burrlab.anatomy.watch import Watch, critical_structures, options_of
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.session.replay import executor_of, inputs
@@ -200,12 +200,12 @@ def anatomy_report(
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
         try:
-            watch = Watch.of_settings(bone, trace.watch)
+            watch = Watch(bone, progress=progress is True, **options_of(trace.watch))
         except UNREADABLE as error:
             said = in_one_line(repr(error))
             raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
     elif watch is None and critical_structures(bone):
-        watch = Watch(bone)
+        watch = Watch(bone, progress=progress is True)
     executor = executor_of(trace, bone)
     core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
     executor.set_watch(core)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import operator
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -270,13 +270,15 @@ class TracePlayer:
         """(states, bytes) kept."""
         return len(self._kept), self._kept.bytes
 
-    def seek(self, seconds: float) -> NDArray[np.uint32]:
+    def seek(self, seconds: float, *, progress: Progress | None = None) -> NDArray[np.uint32]:
         """Goes to a time: executes all ticks that end by then.
 
         Parameters
         ----------
         seconds : float
             0 to `duration` [s].
+        progress : callable or True, optional
+            Called with the fraction done, 0 to 1; True shows a bar.
 
         Returns
         -------
@@ -293,7 +295,8 @@ class TracePlayer:
             f"seconds must be from 0 to {self.duration:g}, got {seconds!r}",
         )
         half = 0.5e-3 * self.trace.period  # sums of periods are not exact
-        return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
+        done = int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right"))
+        return self._walk.go(done, reporter(progress, "replay"))
 
     def seek_tick(self, tick: int) -> NDArray[np.uint32]:
         """Goes to the moment before a tick; returns what `seek` returns. The index counts as `tick`,
@@ -351,7 +354,7 @@ class _Walk:
         self._since: list[NDArray[np.uint32]] = []  # changed since a state at or before the newest one
         take_changed_bricks(self.bone)
 
-    def go(self, done: int) -> NDArray[np.uint32]:
+    def go(self, done: int, told: Callable[[float], object] = lambda done: None) -> NDArray[np.uint32]:
         """Moves to the state after `done` ticks; returns the bricks that changed."""
         changed: list[NDArray[np.uint32]] = []
         with self._kept.lock:  # another walk may drop states
@@ -362,8 +365,10 @@ class _Walk:
                 self.done, self._since = key, []
                 self._executor = executor_of(self._trace, self.bone, key)
                 changed.append(take_changed_bricks(self.bone))
+        first = self.done
         while self.done < done:
             changed.append(self._execute(done))
+            told(1 - (done - self.done) / (done - first))
         return _union(changed)
 
     def _execute(self, done: int) -> NDArray[np.uint32]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from typing import Any
 
 import numpy as np
@@ -92,7 +92,8 @@ def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
 
 
 class BlockActors:
-    """The actors of a surface in a renderer, one a block, so that a changed block is one small upload.
+    """The actors of a surface in a renderer, one a block, so that a changed block is one small upload. A
+    block's actor is made when it is first seen.
 
     Parameters
     ----------
@@ -103,6 +104,7 @@ class BlockActors:
     def __init__(self, renderer: Any, palette: NDArray[np.uint8]) -> None:
         self.renderer, self.palette = renderer, palette
         self.actors: dict[Block, Any] = {}
+        self._stale: set[Block] = set()  # blocks whose actors are not those of the surface
         self.property = new(
             "vtkProperty",
             InterpolationToPhong=(),
@@ -112,20 +114,24 @@ class BlockActors:
             SpecularPower=18.0,
         )
 
-    def replace(self, surface: Surface, blocks: Iterable[Block]) -> None:
-        """Takes over these blocks of the surface, including those that are gone."""
-        for block in blocks:
-            made = surface.blocks.get(block)
-            actor = self.actors.get(block)
-            if made is None:
-                if actor is not None:
-                    self.renderer.RemoveActor(self.actors.pop(block))
-                continue
-            if actor is None:
+    def replace(self, blocks: Iterable[Block]) -> None:
+        """Says which blocks changed, including those that are gone; `show` takes them over."""
+        self._stale.update(blocks)
+
+    def show(self, surface: Surface, seen: Set[Block]) -> None:
+        """Shows these blocks of the surface and hides the others."""
+        for block in self._stale - surface.blocks.keys():
+            if block in self.actors:
+                self.renderer.RemoveActor(self.actors.pop(block))
+        for block in sorted(self._stale & seen):
+            if block not in self.actors:
                 actor = new("vtkActor", Mapper=new("vtkPolyDataMapper"), Property=self.property)
                 self.actors[block] = actor
                 self.renderer.AddActor(actor)
-            actor.GetMapper().SetInputData(polydata(made, self.palette))
+            self.actors[block].GetMapper().SetInputData(polydata(surface.blocks[block], self.palette))
+        self._stale = (self._stale & surface.blocks.keys()) - seen
+        for block, actor in self.actors.items():
+            actor.SetVisibility(block in seen)
 
 
 ON, OFF = (0.78, 0.80, 0.84), (0.50, 0.52, 0.56)

@@ -36,6 +36,8 @@ class TraceView:
         whole trace.
     slices : bool
         Show slices through the first burr's centre.
+    progress : callable or True, optional
+        Called with the fraction of the effects made, 0 to 1; True shows a bar.
     **options
         Options of the `Scene`; by default burrs are outlined.
 
@@ -56,23 +58,25 @@ class TraceView:
         *,
         effects: Effects | None = None,
         slices: bool = False,
+        progress: Progress | None = None,
         **options: Any,
     ) -> None:
         self.player = trace if isinstance(trace, TracePlayer) else TracePlayer(trace)
         self._replay, self.slices = ReplaySource(self.player, effects), slices
         if self._replay.past is not None:
-            self._replay.past.make()
+            self._replay.past.make(progress=progress)
         settings = {"outline": True, "note": self._replay.note, **options}
         self._note = str(settings["note"])
         self.scene = Scene(self.player.bone, self._replay.radii, **settings)
         self.scene.look(approach_view(self.player.bone, self._replay.approach()))
         self.go(self.player.time)
 
-    def go(self, seconds: float) -> int:
-        """Shows a time of the trace [s], and says it; returns the number of blocks made anew. ValueError
-        outside the trace."""
+    def go(self, seconds: float, *, progress: Progress | None = None) -> int:
+        """Shows a time of the trace [s], and says it; returns the number of blocks made anew. `progress` as
+        for `TracePlayer.seek`. ValueError outside the trace."""
         self.scene.say(f"{self._note}\n{seconds:.2f} s".lstrip())
-        return self._replay.show_in(self.scene, self._replay.go(seconds), slices=self.slices, curves=True)
+        bricks = self._replay.go(seconds, progress=progress)
+        return self._replay.show_in(self.scene, bricks, slices=self.slices, curves=True)
 
     def frames(
         self,
@@ -224,14 +228,14 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
                 except BrokenPipeError:
                     break  # its exit status and message follow
                 count += 1
+            if encoder is None:
+                return 0
+            encoder.communicate()
         except BaseException:
             if encoder is not None:
                 encoder.kill()
                 encoder.communicate()
             raise
-        if encoder is None:
-            return 0
-        encoder.communicate()
         if encoder.returncode:
             said.seek(0)
             words = said.read().decode(errors="replace").strip().splitlines()

@@ -17,6 +17,7 @@ from burrlab._core import Replica, VoxelBone, restore_bricks
 from burrlab.anatomy.events import KINDS, Watched
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import assumed, told_notes
+from burrlab.common.progress import Progress, reporter
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
 from burrlab.session.player import Burrs, History, TracePlayer, unknown_burrs
@@ -142,14 +143,17 @@ class ParcelHistory:
         with self._lock:
             return sum(frame.nbytes for frame in self._frames)
 
-    def make(self, cancel: threading.Event | None = None) -> bool:
-        """Makes all frames; may run in a thread. Returns whether it came to the end."""
+    def make(self, cancel: threading.Event | None = None, *, progress: Progress | None = None) -> bool:
+        """Makes all frames; may run in a thread. Returns whether it came to the end. `progress` is called
+        with the fraction done, 0 to 1; True shows a bar."""
+        told = reporter(progress, "effects")
         player = TracePlayer(self._trace, every=self._duration + 1.0)  # goes forward only
         size = 0
         for _ in effects_of(player, self._effects, rate=_RATE):
             if cancel is not None and cancel.is_set():
                 return False
             self._made += 1
+            told(self.made)
             if self._made % self._every:
                 continue
             frame = _drawn(self._effects.parcels)
@@ -328,8 +332,8 @@ class ReplaySource(PageSource):
     def approach(self) -> Approach | None:
         return trace_approach(self.player)
 
-    def go(self, seconds: float) -> NDArray[np.uint32]:
-        bricks = self.player.seek(seconds)
+    def go(self, seconds: float, *, progress: Progress | None = None) -> NDArray[np.uint32]:
+        bricks = self.player.seek(seconds, progress=progress)
         self._take_over()
         return bricks
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes.util
 import os
 import signal
@@ -28,7 +29,7 @@ from burrlab.view.actors import (
     new,
 )
 from burrlab.view.camera import Viewpoint, eyes, surgeon_view
-from burrlab.view.surface import Surface, tissue_palette
+from burrlab.view.surface import Surface, blocks_in_sight, tissue_palette
 
 #: Debian packages for drawing without a screen; either choice is enough.
 PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri, or libosmesa6"
@@ -199,11 +200,31 @@ _SLOW = 0.04  # time of a drawing from which on it is simplified [s]
 _AGAIN = 0.5  # time between drawings without a known change: another window may have lain over this one [s]
 
 
+@contextlib.contextmanager
+def held_back() -> Iterator[list[int]]:
+    """Raises the KeyboardInterrupt of Ctrl-C and other signals only at the end: raised in a function of pyvista
+    that VTK calls, it would be printed and forgotten. Yields the signals that came."""
+    came: list[int] = []
+    held = []
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) is signal.default_int_handler:
+                signal.signal(number, lambda number, _: came.append(number))
+                held.append(number)
+    try:
+        yield came
+    finally:
+        for number in held:
+            signal.signal(number, signal.default_int_handler)
+    if came:
+        raise KeyboardInterrupt
+
+
 class SceneWindow:
     """A context manager that opens the window of a scene, in the main thread.
 
-    Within it only `turn` raises KeyboardInterrupt. Raised in a function of pyvista that VTK calls, it would
-    be printed and forgotten.
+    Within it only `turn` raises KeyboardInterrupt.
 
     Parameters
     ----------
@@ -215,32 +236,24 @@ class SceneWindow:
         self.scene = scene
         self._seen: tuple[Any, ...] = ()
         self._drawn, self._fast = 0.0, False
-        self._interrupted, self._held = False, list[int]()
+        self._held = held_back()
+        scene._take_sight()
         scene.plotter.show(interactive_update=True, auto_close=False)
         self._events = scene.plotter.iren
         self._events.interactor.EnableRenderOff()  # else each waiting move of the mouse is drawn by itself
 
     def __enter__(self) -> SceneWindow:
-        if threading.current_thread() is threading.main_thread():
-            for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-                number = getattr(signal, name, None)
-                if number is not None and signal.getsignal(number) is signal.default_int_handler:
-                    signal.signal(number, self._hold_back)
-                    self._held.append(number)
+        self._came = self._held.__enter__()
         return self
 
-    def __exit__(self, *_: object) -> None:
-        for number in self._held:
-            signal.signal(number, signal.default_int_handler)
-
-    def _hold_back(self, *_: object) -> None:
-        self._interrupted = True
+    def __exit__(self, *error: Any) -> None:
+        self._held.__exit__(*error)
 
     def turn(self, *, draw: bool = False) -> bool:
         """Handles mouse, keys and the window's frame since the last call, and draws if they or the caller
         need it. Returns whether the window is still open. KeyboardInterrupt after Ctrl-C."""
         self._events.process_events()
-        if self._interrupted:
+        if self._came:
             raise KeyboardInterrupt
         if self._events.interactor.GetDone():  # q, e, or the cross of the window's frame
             return False
@@ -256,6 +269,7 @@ class SceneWindow:
         return True
 
 
+_MANY = 1_000_000  # triangles from which on hidden blocks are left out: with fewer that saves nothing (ours)
 _GROUND, _SKY = (0.055, 0.065, 0.085), (0.20, 0.23, 0.28)
 
 
@@ -328,7 +342,9 @@ class Scene:
         )
         self.plotter.set_background(_GROUND, top=_SKY)
         self.actors = BlockActors(self.plotter.renderer, tissue_palette(bone))
-        self.actors.replace(self.surface, self.surface.blocks)
+        self.actors.replace(self.surface.blocks)
+        self._culls = off_screen
+        self._sight: tuple[bool, list[Viewpoint], tuple[int, int]] | None = None
         self._burrs = BurrActors(self.plotter, module, self.radii, outline=outline)
         self.parcels = ParcelActor(self.plotter.renderer)
         self.panels: SlicePanels | None = None
@@ -378,7 +394,8 @@ class Scene:
         """
         blocks = self.surface.update(bone, bricks)
         self.bone = bone
-        self.actors.replace(self.surface, blocks)
+        self.actors.replace(blocks)
+        self._sight = None if blocks else self._sight
         if self.panels is not None and blocks:
             self.panels.cut(bone, self.panels.point)
         return len(blocks)
@@ -438,6 +455,7 @@ class Scene:
 
     def render(self) -> None:
         """Draws once."""
+        self._take_sight()
         self.plotter.renderer.ResetCameraClippingRange()
         self._burrs.fit()
         self.scale.fit(self.plotter)
@@ -446,6 +464,23 @@ class Scene:
         if self._eyes is not None:
             self._eyes.follow()
         self.plotter.render_window.Render()
+
+    def _take_sight(self) -> None:
+        """Shows the blocks that the camera sees; of a small bone, and in a window that draws fast, all."""
+        blocks = self.surface.blocks
+        many = self._culls and sum(len(block.triangles) for block in blocks.values()) > _MANY
+        views, size = [self.viewpoint], tuple(self.plotter.window_size)
+        if self._eyes is not None and self._eyes.on:
+            views = [view for view, _ in eyes(views[0], self._eyes.separation, 1.0)]
+        if self._sight == (many, views, size):
+            return
+        self._sight = many, views, size
+        seen = set(blocks)
+        if many:
+            self.actors.property.BackfaceCullingOn()
+            voxel = max(self.bone.spacing)
+            seen = set().union(*(blocks_in_sight(blocks, view, size, voxel) for view in views))
+        self.actors.show(self.surface, seen)
 
     @property
     def stereo(self) -> bool:
@@ -467,8 +502,9 @@ class Scene:
 
     def picture(self) -> NDArray[np.uint8]:
         """The present picture of the scene, (height, width, 3)."""
-        self.render()
-        pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
+        with held_back():
+            self.render()
+            pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
         return pixels
 
     def screenshot(self, path: str | os.PathLike[str]) -> None:
@@ -524,7 +560,9 @@ class Scene:
                 time.sleep(1 / 60)
 
     def draw_fast(self) -> None:
-        """Draws without multi-sampling and back faces, in a quarter of a software renderer's time."""
+        """Draws without multi-sampling, back faces and what is hidden, in a tenth of a software renderer's
+        time."""
+        self._culls = True
         self.plotter.render_window.SetMultiSamples(0)
         self.actors.property.BackfaceCullingOn()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 import burrlab._core as _core
 from burrlab._core import VoxelBone
 from burrlab.common.check import refuse
+from burrlab.view.camera import Viewpoint
 
 BLOCK = 32  # voxels along an edge
 _MARGIN = 2  # voxels around a block that its vertices and normals depend on
@@ -178,6 +179,59 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
     for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist():
         found.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
     return sorted(found)
+
+
+_FACING = 0.3  # cosine up to which a vertex faces the eye: its triangles turn less or more than itself
+
+
+def blocks_in_sight(
+    blocks: Mapping[Block, SurfaceBlock], viewpoint: Viewpoint, size: tuple[int, int], voxel: float
+) -> set[Block]:
+    """Blocks that a viewpoint sees or may see.
+
+    The vertices that face the eye are put into a buffer of depths. Its pixels are a quarter wider than a voxel
+    at the camera's focus, or the window's if those are wider. A block is seen if one of its vertices lies at
+    most two voxels behind its pixel's depth, or outside the buffer. Hidden by mistake is only what shows
+    through gaps narrower than such a pixel.
+
+    Parameters
+    ----------
+    blocks : mapping
+        (z, y, x) -> SurfaceBlock
+    viewpoint : Viewpoint
+    size : (width, height)
+        Of the window [pixel].
+    voxel : float
+        Longest edge of a voxel [mm].
+    """
+    eye, focus = np.array(viewpoint.position), np.array(viewpoint.focus)
+    ahead = (focus - eye) / viewpoint.distance
+    right = np.cross(ahead, viewpoint.up)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, ahead), ahead], axis=1).astype(np.float32)
+    scale = size[1] / 2 / np.tan(np.deg2rad(viewpoint.angle) / 2)  # [pixel] at a distance of 1
+    pixel = max(1.25 * voxel * scale / viewpoint.distance, 1.0)
+    width, height = (int(n / pixel) + 1 for n in size)
+    depths = np.full(width * height, np.inf, np.float32)
+    seen, inside = set(), {}
+    for block, made in blocks.items():
+        away = made.points - eye.astype(np.float32)
+        facing = np.einsum("ij,ij->i", away, made.normals)
+        x, y, depth = (away @ axes)[facing < _FACING * viewpoint.distance].T
+        if not len(depth):
+            continue
+        if depth.min() <= 0:
+            seen.add(block)
+            continue
+        x, y = ((scale * x / depth + size[0] / 2) / pixel, (scale * y / depth + size[1] / 2) / pixel)
+        within = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+        if not within.all():
+            seen.add(block)
+        places = y[within].astype(np.int32) * width + x[within].astype(np.int32)
+        inside[block] = places, depth[within]
+        np.minimum.at(depths, *inside[block])
+    depths += 2 * voxel
+    return seen.union(block for block, (places, depth) in inside.items() if (depth <= depths[places]).any())
 
 
 class Surface:

@@ -73,7 +73,7 @@ class DistanceField {
   double depth(const Vec3& point) const noexcept;
 
   // Bounds of the error between exact nodes [mm]: a distance d is 1-Lipschitz, with second derivatives of at
-  // most 1/d (docs/anatomy.md).
+  // most 1/d (docs/beyond_the_paper.md).
   double too_near() const { return 0.8661 * spacing_; }  ///< most that a distance is too small
   double too_far() const { return 0.5 * spacing_; }  ///< most too large, where the true one is 1 mm or less
 

@@ -26,11 +26,9 @@ std::shared_ptr<StructureDistance> make_distance(const StructureSearch& search, 
                                                  double spacing, const Vec3& origin, double error) {
   const auto dense = py::array_t<float, py::array::c_style | py::array::forcecast>::ensure(estimate);
   if (!dense || dense.ndim() != 3) throw std::invalid_argument("estimate must have 3 dimensions (z, y, x)");
-  std::vector<float> values(dense.data(), dense.data() + dense.size());
   const Index3 shape{dense.shape(0), dense.shape(1), dense.shape(2)};
-  const py::gil_scoped_release release;
   return std::make_shared<StructureDistance>(
-      search, DistanceField(search, shape, std::move(values), spacing, origin, error));
+      DistanceField(search, shape, dense.data(), spacing, origin, error));
 }
 
 using Limits = std::tuple<std::shared_ptr<StructureDistance>, double, double, double, double>;
@@ -99,7 +97,7 @@ void bind_anatomy(py::module_& m) {
   py::class_<StructureDistance, std::shared_ptr<StructureDistance>>(
       m, "StructureDistance",
       "Distances to a structure: exact near it, from a field far from it. `estimate` (z, y, x): distances "
-      "[mm] at the field's nodes, wrong by at most `error` [mm]; those below 8 mm are made exact. `spacing` "
+      "[mm] at the field's nodes, wrong by at most `error` [mm]; those below 8 mm are made exact when they are first asked for. `spacing` "
       "of the nodes is at most 0.4 [mm]; `origin` (x, y, z) is the place of the first [mm]. ValueError if a "
       "value is out of range.")
       .def(py::init(&make_distance), "search"_a, "estimate"_a, "spacing"_a, "origin"_a, "error"_a)
@@ -118,7 +116,8 @@ void bind_anatomy(py::module_& m) {
       .def(
           "field",
           [](const StructureDistance& d, const Reals& points) {
-            return at_points(points, [&](const Vec3& point) { return d.field().at(point); });
+            NearestVoxel nearest;
+            return at_points(points, [&](const Vec3& point) { return d.field().at(point, nearest); });
           },
           "points"_a, "Distances [mm] at points (..., 3) [mm] by the field alone; infinite outside it.")
       .def_property_readonly(
@@ -127,10 +126,7 @@ void bind_anatomy(py::module_& m) {
             const Index3& n = d.field().shape();
             return to_array(d.field().values().data(), {n[0], n[1], n[2]});
           },
-          "Distances at the field's nodes, (z, y, x) float32 [mm]; a copy")
-      .def_property_readonly(
-          "nodes", [](const StructureDistance& d) { return d.field().values().size(); },
-          "Number of the field's nodes");
+          "Distances at all of the field's nodes, (z, y, x) float32 [mm]; a copy, which takes a while");
 
   py::class_<AnatomyWatch, std::shared_ptr<AnatomyWatch>>(
       m, "AnatomyWatch",

@@ -18,6 +18,12 @@ PyObject* call(PyObject* record, PyObject* const* given, Py_ssize_t count, PyObj
       raised.restore();
       return nullptr;
     }
+    // A Ctrl-C during a conversion looks like a value that does not fit: pybind11 drops its exception.
+    if (const auto fits = py::reinterpret_steal<py::object>(dispatch(record, given, count, names))) {
+      PyErr_SetNone(PyExc_KeyboardInterrupt);
+      return nullptr;
+    }
+    PyErr_Clear();
     py::list placed;
     for (Py_ssize_t i = 0; i < count; ++i) placed.append(py::handle(given[i]));
     py::dict named;
@@ -26,8 +32,8 @@ PyObject* call(PyObject* record, PyObject* const* given, Py_ssize_t count, PyObj
     const py::object told = py::module_::import("burrlab.common.refusal")
                                 .attr("sentence")(py::handle(record), placed, named, text);
     PyErr_SetObject(PyExc_TypeError, told.ptr());
-  } catch (py::error_already_set&) {
-    raised.restore();
+  } catch (py::error_already_set& other) {
+    (other.matches(PyExc_KeyboardInterrupt) ? other : raised).restore();
   }
   return nullptr;
 }

@@ -65,8 +65,9 @@ WatchedStructure watched(const VoxelBone& bone, std::size_t tissue) {
     count *= std::size_t(nodes[axis]);
   }
   const StructureSearch search(bone, tissue);
-  DistanceField field(search, nodes, std::vector<float>(count, 0.0f), spacing, bone.origin(), 0.0);
-  return {std::make_shared<StructureDistance>(search, std::move(field)), {}};
+  const std::vector<float> unknown(count, 0.0f);
+  return {std::make_shared<StructureDistance>(
+              DistanceField(search, nodes, unknown.data(), spacing, bone.origin(), 1e3)), {}};
 }
 
 }  // namespace

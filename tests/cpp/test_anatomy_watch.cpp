@@ -53,8 +53,8 @@ std::vector<WatchedStructure> structures(const VoxelBone& bone, const WatchLimit
         const Vec3 gap = (search.low() - at).cwiseMax(at - search.high()).cwiseMax(Vec3::Zero());
         estimates[node] = float(std::max(0.0, gap.norm() + noise(random)));
       }
-    DistanceField field(search, shape, std::move(estimates), 0.4, origin, tissue == 2 ? 0.4001 : 1e3);
-    all.push_back({std::make_shared<StructureDistance>(search, std::move(field)), limits});
+    DistanceField field(search, shape, estimates.data(), 0.4, origin, tissue == 2 ? 0.4001 : 1e3);
+    all.push_back({std::make_shared<StructureDistance>(std::move(field)), limits});
   }
   return all;
 }

@@ -250,6 +250,20 @@ def test_a_mistake_is_answered_by_one_sentence(call: str, answer: str) -> None:
         assert dump not in said
 
 
+def test_ctrl_c_while_a_value_is_converted_stays_ctrl_c() -> None:
+    class Center:
+        interrupted = False
+
+        def __array__(self, *_: Any, **__: Any) -> Any:
+            if not self.interrupted:
+                self.interrupted = True
+                raise KeyboardInterrupt
+            return np.zeros(3)
+
+    with pytest.raises(KeyboardInterrupt):
+        burrlab.HandDevice(Center())
+
+
 def test_there_are_enough_rows() -> None:
     assert len(ROWS) == len(set(ROWS)) >= 80
 

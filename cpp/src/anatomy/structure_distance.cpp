@@ -167,50 +167,63 @@ void StructureSearch::look_into(const Index3& brick, const Vec3& point, Best& be
   }
 }
 
-DistanceField::DistanceField(const StructureSearch& search, const Index3& shape, std::vector<float> estimate,
+DistanceField::DistanceField(StructureSearch search, const Index3& shape, const float* estimate,
                              double spacing, const Vec3& origin, double error)
-    : shape_(shape), values_(std::move(estimate)), spacing_(spacing), origin_(origin) {
+    : search_(std::move(search)), shape_(shape), spacing_(spacing), error_(error), origin_(origin) {
   require_positive("spacing", spacing);
   if (spacing > 0.4) refuse("spacing", "at most 0.4 mm", spacing);
   require_not_negative("error", error);
   for (int axis = 0; axis < 3; ++axis) require_finite("origin", origin[axis]);
   for (const std::int64_t n : shape)
     if (n < 2) refuse("every side of a field", "at least 2", double(n));
-  if (std::int64_t(values_.size()) != shape[0] * shape[1] * shape[2])
-    throw std::invalid_argument("estimates must fill the shape of the field");
-  std::size_t node = 0;
-  NearestVoxel nearest;
-  for (std::int64_t z = 0; z < shape[0]; ++z) {
-    for (std::int64_t y = 0; y < shape[1]; ++y) {
-      for (std::int64_t x = 0; x < shape[2]; ++x, ++node) {
-        if (!(values_[node] - error < exact_to)) continue;
-        const Vec3 place = origin + spacing * Vec3(double(x), double(y), double(z));
-        values_[node] = float(search.distance(place, nearest));
-      }
-    }
+  const auto count = std::size_t(shape[0] * shape[1] * shape[2]);
+  values_ = std::make_unique<std::atomic<float>[]>(count);
+  for (std::size_t i = 0; i < count; ++i) {
+    const bool exact = estimate[i] - error < exact_to;
+    values_[i].store(exact ? -1.0f - estimate[i] : estimate[i], std::memory_order_relaxed);
   }
 }
 
-double DistanceField::at(const Vec3& point) const noexcept {
-  std::size_t base = 0;
+float DistanceField::node(const Index3& at, NearestVoxel& nearest) const noexcept {
+  std::atomic<float>& kept = values_[std::size_t((at[0] * shape_[1] + at[1]) * shape_[2] + at[2])];
+  float value = kept.load(std::memory_order_relaxed);
+  if (value < 0.0f) {
+    const Vec3 place = origin_ + spacing_ * Vec3(double(at[2]), double(at[1]), double(at[0]));
+    const double estimate = -1.0 - double(value), rounded = 1e-6 * (1.0 + estimate);
+    value = float(search_.distance(place, nearest, estimate + error_ + rounded));
+    kept.store(value, std::memory_order_relaxed);
+  }
+  return value;
+}
+
+std::vector<float> DistanceField::values() const {
+  std::vector<float> all;
+  NearestVoxel nearest;
+  for (std::int64_t z = 0; z < shape_[0]; ++z)
+    for (std::int64_t y = 0; y < shape_[1]; ++y)
+      for (std::int64_t x = 0; x < shape_[2]; ++x) all.push_back(node({z, y, x}, nearest));
+  return all;
+}
+
+double DistanceField::at(const Vec3& point, NearestVoxel& nearest) const noexcept {
+  Index3 whole;
   double part[3];  // (z, y, x)
   for (int i = 0; i < 3; ++i) {
     const double place = (point[2 - i] - origin_[2 - i]) / spacing_;
     if (!(place >= 0.0 && place < double(shape_[i] - 1))) return std::numeric_limits<double>::infinity();
-    const auto whole = std::int64_t(place);
-    part[i] = place - double(whole);
-    base = base * std::size_t(shape_[i]) + std::size_t(whole);
+    whole[i] = std::int64_t(place);
+    part[i] = place - double(whole[i]);
   }
-  const std::size_t row = std::size_t(shape_[2]), slice = row * std::size_t(shape_[1]);
-  const auto along_x = [&](std::size_t from) {
-    return values_[from] + part[2] * (double(values_[from + 1]) - values_[from]);
+  const auto along_x = [&](std::int64_t z, std::int64_t y) {
+    const float first = node({z, y, whole[2]}, nearest);
+    return first + part[2] * (double(node({z, y, whole[2] + 1}, nearest)) - first);
   };
-  const auto along_y = [&](std::size_t from) {
-    const double first = along_x(from);
-    return first + part[1] * (along_x(from + row) - first);
+  const auto along_y = [&](std::int64_t z) {
+    const double first = along_x(z, whole[1]);
+    return first + part[1] * (along_x(z, whole[1] + 1) - first);
   };
-  const double first = along_y(base);
-  return first + part[0] * (along_y(base + slice) - first);
+  const double first = along_y(whole[0]);
+  return first + part[0] * (along_y(whole[0] + 1) - first);
 }
 
 double DistanceField::depth(const Vec3& point) const noexcept {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -57,18 +58,21 @@ class StructureSearch {
   Occupancy where_;  // bricks that hold voxels of the structure
 };
 
-/// Distances on a coarse grid around a structure, linear between the nodes.
+/// Distances on a coarse grid around a structure, linear between the nodes. A node near the structure gets its
+/// exact distance when it is first asked for, also in several threads: each would store the same number.
 class DistanceField {
  public:
   static constexpr double exact_to = 8.0;  ///< nodes nearer than this have the exact distance [mm]
 
   /// `estimate` (z, y, x): distances at the nodes [mm], wrong by at most `error` [mm]. Nodes that may be
-  /// nearer than `exact_to` get the exact distance. `origin`: place of node (0, 0, 0), (x, y, z) [mm].
-  DistanceField(const StructureSearch& search, const Index3& shape, std::vector<float> estimate,
-                double spacing, const Vec3& origin, double error);
+  /// nearer than `exact_to` have the exact distance. `origin`: place of node (0, 0, 0), (x, y, z) [mm].
+  DistanceField(StructureSearch search, const Index3& shape, const float* estimate, double spacing,
+                const Vec3& origin, double error);
 
-  /// Distance of a point [mm]; infinity outside the grid.
-  double at(const Vec3& point) const noexcept;
+  /// Distance of a point [mm]; infinity outside the grid. It does not depend on `nearest`.
+  double at(const Vec3& point, NearestVoxel& nearest) const noexcept;
+  /// Distances at all nodes (z, y, x) [mm].
+  std::vector<float> values() const;
   /// Distance from a point inside the grid to its nearest face [mm]; negative outside.
   double depth(const Vec3& point) const noexcept;
 
@@ -83,15 +87,16 @@ class DistanceField {
   /// Between exact nodes the distance changes by at most this times the way, by 1 along each axis (float32).
   static constexpr double steepest = 1.7321;
 
+  const StructureSearch& search() const { return search_; }
   const Index3& shape() const { return shape_; }
-  double spacing() const { return spacing_; }     ///< [mm]
-  const Vec3& origin() const { return origin_; }  ///< [mm]
-  const std::vector<float>& values() const { return values_; }
 
  private:
+  float node(const Index3& at, NearestVoxel& nearest) const noexcept;
+
+  StructureSearch search_;
   Index3 shape_;
-  std::vector<float> values_;
-  double spacing_;
+  std::unique_ptr<std::atomic<float>[]> values_;  // not exact yet: -1 - estimate
+  double spacing_, error_;
   Vec3 origin_;
 };
 
@@ -106,18 +111,17 @@ class StructureDistance {
  public:
   static constexpr double exact_below = 1.0;  ///< distances of a burr's surface below this are exact [mm]
 
-  StructureDistance(StructureSearch search, DistanceField field)
-      : search_(std::move(search)), field_(std::move(field)) {}
+  explicit StructureDistance(DistanceField field) : field_(std::move(field)) {}
 
   /// Distance of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
   double of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
-    const double far = field_.at(center);
+    const double far = field_.at(center, nearest);
     return is_far(far - radius) ? far - radius : exact(center, far, nearest) - radius;
   }
 
   /// `of_sphere`, with how far it can change.
   SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
-    const double far = field_.at(center), depth = field_.depth(center);
+    const double far = field_.at(center, nearest), depth = field_.depth(center);
     if (std::isinf(far)) return {far, 1.0, -depth};
     if (!is_far(far - radius)) {
       const double value = exact(center, far, nearest) - radius;
@@ -128,16 +132,15 @@ class StructureDistance {
     return {far - radius, rate, std::min({near / rate, beyond / rate, depth})};
   }
 
-  const StructureSearch& search() const { return search_; }
+  const StructureSearch& search() const { return field_.search(); }
   const DistanceField& field() const { return field_; }
 
  private:
   double exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept {
-    return search_.distance(center, nearest, far + field_.too_near());
+    return search().distance(center, nearest, far + field_.too_near());
   }
   bool is_far(double value) const { return !(value < exact_below + field_.too_far()); }  // as the field says
 
-  StructureSearch search_;
   DistanceField field_;
 };
 

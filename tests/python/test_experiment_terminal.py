@@ -9,8 +9,8 @@ import os
 import pty
 import random
 import re
-import signal
 import select
+import signal
 import sys
 import termios
 import threading

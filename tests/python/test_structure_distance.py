@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone
@@ -112,6 +114,20 @@ def test_fields_made_side_by_side_are_in_order_and_tell_their_progress() -> None
     assert told == [0.5, 1.0]
     for field, tissue in zip(fields, (2, 1), strict=True):
         assert (field.values == structure_distances(bone, [tissue])[0].values).all()
+
+
+def test_who_asks_first_and_in_which_thread_changes_nothing() -> None:
+    shared, alone = nerve_field(), nerve_field()
+    points = np.random.default_rng(4).uniform((-12, -12, -12), (12, 12, 12), (20_000, 3))
+    with ThreadPoolExecutor(4) as pool:
+        several = list(
+            pool.map(
+                lambda turn: np.roll(shared.field(np.roll(points, turn, 0)), -turn), range(0, 20_000, 2500)
+            )
+        )
+    want = alone.field(points[::-1])[::-1]
+    assert all((found == want).all() for found in several)
+    assert (shared.values == nerve_field().values).all()
 
 
 def nerve_field():

@@ -42,14 +42,14 @@ std::vector<std::uint16_t> random_field(const Index3& shape, std::uint64_t seed,
   for (std::int64_t z = 0; z < shape[0]; ++z) {
     for (std::int64_t y = 0; y < shape[1]; y += 8) {
       for (std::int64_t x = 0; x < shape[2]; x += 8) {
-        std::uint16_t slabs[128];
+        std::uint16_t slab[64];
         code.draw(d,
                   static_cast<std::uint32_t>(z) * columns_in_slab +
                       static_cast<std::uint32_t>(y / 8) * columns_in_row + static_cast<std::uint32_t>(x),
-                  columns_in_slab, slabs);
+                  slab);
         for (std::int64_t j = y; j < std::min(y + 8, shape[1]); ++j)
           for (std::int64_t i = x; i < std::min(x + 8, shape[2]); ++i)
-            out[static_cast<std::size_t>((z * shape[1] + j) * shape[2] + i)] = slabs[8 * (j - y) + i - x];
+            out[static_cast<std::size_t>((z * shape[1] + j) * shape[2] + i)] = slab[8 * (j - y) + i - x];
       }
     }
   }

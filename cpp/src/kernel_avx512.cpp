@@ -1,5 +1,5 @@
 // clang-format off: the lanes come first
-#include "kernel/lanes_avx512.hpp"
+#include "kernel/lanes_avx2.hpp"
 #include "kernel/brick_visit.hpp"
 // clang-format on
 

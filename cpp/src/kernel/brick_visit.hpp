@@ -13,7 +13,7 @@ namespace {
 
 /// Mass by lane, summed by y and by z.
 struct Mass {
-  Integer by_y[8], by_z[8 / slabs], faint;
+  Integer by_y[8], by_z[8], faint;
 
   Mass() : faint(set(0)) {
     for (Integer& each : by_y) each = set(0);
@@ -27,7 +27,7 @@ struct Mass {
 
 /// K of each voxel of a unit.
 inline Integer stiffness_of(const Brick& brick, unsigned unit) {
-  return pick(brick.tissues->stiffness, brick.tissue + tile_offset(unit), brick.tissues->few);
+  return pick(brick.tissues->stiffness, brick.tissue + 8 * unit, brick.tissues->few);
 }
 
 /// Mass inside the sphere of a unit at its boundary, and the geometry for its erosion. `plain`: the brick has
@@ -35,7 +35,7 @@ inline Integer stiffness_of(const Brick& brick, unsigned unit) {
 template <bool layer, bool isotropic, bool summing, bool eroding, bool plain, bool mixed>
 inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constants& c, int i, unsigned unit,
                  Steps& steps, Mass& sum, Wide& weight) {
-  const Integer q = load_row(brick.density + tile_offset(unit));
+  const Integer q = load_row(brick.density + 8 * unit);
 
   // Distance, and the covered fraction w of each voxel.
   const Float r2 = squared_distance(rows.r2, rows.x2, unit);
@@ -54,7 +54,7 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   // Mass inside the sphere [1/256 level]; in `layer` the bone left lies outside the sphere first.
   Integer mass;
   if (layer) {
-    if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + tile_offset(unit)));
+    if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + 8 * unit));
     mass = positive(times256(q) - truncate(c.p_levels * (c.one - w) + c.half));
   } else {
     mass = truncate(to_float(q) * (w * c.levels) + c.half);
@@ -89,12 +89,12 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
 template <bool layer, bool summing, bool eroding, bool mixed>
 inline void meet_deep(const Sphere& at, const Brick& brick, const Rows& rows, const Constants& c, int i,
                       unsigned unit, Steps& steps, Mass& sum, Wide& weight) {
-  const Integer q = load_row(brick.density + tile_offset(unit));
+  const Integer q = load_row(brick.density + 8 * unit);
   if (summing) {
     sum.add(unit, times256(q));
     if (mixed) weight = add_product(weight, times256(q), stiffness_of(brick, unit));
     if (layer && brick.faint) {
-      const Integer p = brick.pristine ? load_row(brick.pristine + tile_offset(unit)) : c.p;
+      const Integer p = brick.pristine ? load_row(brick.pristine + 8 * unit) : c.p;
       sum.faint = sum.faint + only(set(32) > p, times256(q));
     }
   }
@@ -120,7 +120,7 @@ inline void add_up(const Mass& sum, bool faint, Sums& sums) {
   }
   total = total + above;
   above = set(0);
-  for (int z = 8 / slabs - 1; z > 0; --z) {
+  for (int z = 7; z > 0; --z) {
     above = above + sum.by_z[z];
     by_z = by_z + above;
   }
@@ -129,7 +129,7 @@ inline void add_up(const Mass& sum, bool faint, Sums& sums) {
   sums.mass = each[0];
   sums.x = each[1];
   sums.y = each[2];
-  sums.z = slabs * each[3] + (slabs == 2 ? upper_sum(total) : 0);
+  sums.z = each[3];
   if (faint) {
     horizontal_sums(sum.faint, sum.faint, sum.faint, sum.faint, each);
     sums.faint = each[0];
@@ -189,7 +189,7 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
 inline std::int64_t weigh(const std::uint8_t* tile, const std::uint8_t* tissue, const TissueTables& tables) {
   Wide sum = wide_zero();
   for (unsigned unit = 0; unit < units; ++unit) {
-    const unsigned at = tile_offset(unit);
+    const unsigned at = 8 * unit;
     sum = add_product(sum, load_row(tile + at), pick(tables.stiffness, tissue + at, tables.few));
   }
   return total(sum);
@@ -227,14 +227,9 @@ inline void add_by_tissue(const std::uint8_t* tile, const std::uint8_t* tissue, 
        BURRLAB_BY_TISSUES(false, true, summing, eroding)},                                                   \
       {BURRLAB_BY_TISSUES(true, false, summing, eroding), BURRLAB_BY_TISSUES(true, true, summing, eroding)}, \
   }
-#define BURRLAB_KERNEL(name)                                                                  \
-  {                                                                                           \
-      name,                                                                                   \
-      slabs,                                                                                  \
-      {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
-      sum_levels,                                                                             \
-      weigh,                                                                                  \
-      add_by_tissue,                                                                          \
-      draw_field}
+#define BURRLAB_KERNEL(name)                                                                              \
+  {name,          {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
+   sum_levels,    weigh,                                                                                  \
+   add_by_tissue, draw_field}
 
 }  // namespace burrlab::kernel

@@ -107,16 +107,15 @@ inline void raise(const Sphere& at, Steps& steps, int count) {  // y to y^k
 /// Draws V where the low 16 bits of lambda + U are all ones: whether the rest of lambda carries.
 BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned unit, Float scaled,
                                  Integer lost, unsigned tie) {
-  const int z = slabs * static_cast<int>(unit >> 3), y = unit & 7;
+  const int y = unit & 7;
   const Float rest = (scaled - to_float(truncate(scaled))) * set(65536.0f) + set(0.5f);
   alignas(64) std::int32_t each[lanes], low[lanes];
   store(each, lost);
   store(low, truncate(rest));
   for (; tie; tie &= tie - 1) {
     const int lane = static_cast<int>(lowest(tie));
-    const std::uint32_t column = brick.column +
-                                 static_cast<std::uint32_t>(z + lane / 8) * brick.columns_in_slab +
-                                 static_cast<std::uint32_t>(lane % 8);
+    const std::uint32_t column =
+        brick.column + (unit >> 3) * brick.columns_in_slab + static_cast<std::uint32_t>(lane);
     each[lane] += draw_one(at, column, y, 1) < static_cast<std::uint32_t>(low[lane]);
   }
   return load(each);
@@ -131,7 +130,7 @@ inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const
   std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {
     const auto& step = steps.row[i];
-    const std::uint8_t* tissue = brick.tissue + (mixed ? tile_offset(step.unit) : 0);
+    const std::uint8_t* tissue = brick.tissue + (mixed ? 8 * step.unit : 0);
     const Float y =
         (mixed ? pick(tables->fraction_scale, tissue, tables->few) : c.fraction_scale) * load(step.f);
     Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)
@@ -146,7 +145,7 @@ inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const
     Integer lost = high16(sum);
     if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))
       lost = settle_ties(at, brick, step.unit, scaled, lost, tie);
-    take_from_row(tile + tile_offset(step.unit), lost);
+    take_from_row(tile + 8 * step.unit, lost);
   }
 }
 

@@ -86,7 +86,6 @@ using Visit = void (*)(const Sphere&, const Brick&, Sums&);
 /// The code for one instruction set.
 struct Kernel {
   const char* name;
-  int slabs;                                     // of a brick, drawn at a time
   Visit visit[3][2][2][2];                       // [pass][layer][isotropic][several tissues]
   void (*sum)(const std::uint8_t* tile, Sums&);  // the four `after` sums
   /// Sum of K q over a brick of several tissues.
@@ -94,8 +93,8 @@ struct Kernel {
   /// Adds sign times the levels of a tile to the sums of its tissues, the bits of `present`.
   void (*add_by_tissue)(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present, int sign,
                         std::int64_t* sums);
-  /// U of the first `slabs` slabs of a brick, (z, y, x); for tests.
-  void (*draw)(const Draws&, std::uint32_t column, std::uint32_t columns_in_slab, std::uint16_t* out);
+  /// U of a slab of a brick, (y, x); for tests.
+  void (*draw)(const Draws&, std::uint32_t column, std::uint16_t* out);
 };
 
 const Kernel& current_kernel();  // as burrlab::cpu_path() names it

@@ -1,4 +1,6 @@
-// Eight lanes in AVX2 registers: a row of a brick; see lanes_scalar.hpp.
+// Eight lanes in AVX2 registers: a row of a brick; see lanes_scalar.hpp. With AVX-512 the lanes are as wide,
+// and its instructions serve where they do more: sixteen lanes fill badly, as few rows meet the sphere side
+// by side.
 #pragma once
 
 #include <immintrin.h>
@@ -8,8 +10,6 @@
 
 namespace burrlab::kernel {
 namespace {
-
-constexpr int lanes = 8;
 
 struct Float {
   __m256 v;
@@ -23,7 +23,6 @@ struct Mask {
 
 inline Float set(float a) { return {_mm256_set1_ps(a)}; }
 inline Integer set(int a) { return {_mm256_set1_epi32(a)}; }
-inline Float set_slabs(float a, float) { return set(a); }
 inline Float load(const float* a) { return {_mm256_load_ps(a)}; }
 inline void store(float* to, Float a) { _mm256_store_ps(to, a.v); }
 inline void store(std::int32_t* to, Integer a) { _mm256_store_si256(reinterpret_cast<__m256i*>(to), a.v); }
@@ -65,24 +64,31 @@ inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int
   _mm_storeu_si128(reinterpret_cast<__m128i*>(out),
                    _mm_add_epi32(_mm256_castsi256_si128(pairs), _mm256_extracti128_si256(pairs, 1)));
 }
-inline std::int32_t upper_sum(Integer) { return 0; }
 
 inline Integer load_row(const std::uint8_t* row) {
   return {_mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(row)))};
 }
 inline void take_from_row(std::uint8_t* row, Integer loss) {
+#ifdef __AVX512VL__
+  const __m128i bytes = _mm256_cvtepi32_epi8(loss.v);
+#else
   const __m128i words = _mm_packs_epi32(_mm256_castsi256_si128(loss.v), _mm256_extracti128_si256(loss.v, 1));
-  const __m128i levels = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(row));
-  const __m128i left = _mm_sub_epi8(levels, _mm_packus_epi16(words, words));
-  store_low_row(row, left);
+  const __m128i bytes = _mm_packus_epi16(words, words);
+#endif
+  store_low_row(row, _mm_sub_epi8(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(row)), bytes));
 }
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
+#ifdef __AVX512VL__
+  const __m512i rows = _mm512_load_si512(slab);
+  return _mm512_test_epi64_mask(rows, rows);
+#else
   const auto* half = reinterpret_cast<const __m256i*>(slab);
   const __m256i zero = _mm256_setzero_si256();
   const auto low = _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half), zero)));
   const auto high =
       _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half + 1), zero)));
   return static_cast<unsigned>((low | high << 4) ^ 0xFF);
+#endif
 }
 
 inline Integer cell_offset(Integer row, Integer column) {
@@ -108,7 +114,7 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
 struct Words {
   __m256i even, odd;
 };
-inline Words first_words(std::uint32_t column, std::uint32_t) {
+inline Words first_words(std::uint32_t column) {
   const __m256i at = _mm256_set1_epi64x(column);
   return {_mm256_add_epi32(at, _mm256_setr_epi64x(0, 2, 4, 6)),
           _mm256_add_epi32(at, _mm256_setr_epi64x(1, 3, 5, 7))};
@@ -124,7 +130,15 @@ inline Words high(Words a) { return {_mm256_srli_epi64(a.even, 32), _mm256_srli_
 inline Words operator^(Words a, Words b) {
   return {_mm256_xor_si256(a.even, b.even), _mm256_xor_si256(a.odd, b.odd)};
 }
-inline Words exclusive_or(Words a, Words b, Words c) { return a ^ b ^ c; }
+inline Words exclusive_or(Words a, Words b, Words c) {
+#ifdef __AVX512VL__
+  constexpr int odd = 0x96;  // truth table of a ^ b ^ c
+  return {_mm256_ternarylogic_epi64(a.even, b.even, c.even, odd),
+          _mm256_ternarylogic_epi64(a.odd, b.odd, c.odd, odd)};
+#else
+  return a ^ b ^ c;
+#endif
+}
 inline Integer in_order(Words a) { return {_mm256_blend_epi32(a.even, _mm256_slli_epi64(a.odd, 32), 0xAA)}; }
 
 struct Wide {
@@ -142,6 +156,17 @@ inline std::int64_t total(Wide a) {
 
 /// The table's entry for each lane's number. Without gathers, which are slow on some CPUs.
 inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
+#ifdef __AVX512VL__
+  const __m256i n = load_row(numbers).v;
+  const auto two = [&](int at) {
+    return _mm256_permutex2var_ps(_mm256_loadu_ps(table + at), n, _mm256_loadu_ps(table + at + 8));
+  };
+  if (few) return {two(0)};
+  const __mmask8 odd = _mm256_test_epi32_mask(n, _mm256_set1_epi32(16));
+  const __m256 low = _mm256_mask_blend_ps(odd, two(0), two(16)),
+               high = _mm256_mask_blend_ps(odd, two(32), two(48));
+  return {_mm256_mask_blend_ps(_mm256_test_epi32_mask(n, _mm256_set1_epi32(32)), low, high)};
+#else
   if (!few) {
     const auto at = [&](int i) { return table[numbers[i]]; };
     return {_mm256_setr_ps(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7))};
@@ -150,6 +175,7 @@ inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
   const __m256 low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table), n);
   const __m256 high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table + 8), n);
   return {_mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(n, 28)))};  // by bit 3
+#endif
 }
 inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool few) {
   return {_mm256_castps_si256(pick(reinterpret_cast<const float*>(table), numbers, few).v)};

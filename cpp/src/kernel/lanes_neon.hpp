@@ -9,8 +9,6 @@
 namespace burrlab::kernel {
 namespace {
 
-constexpr int lanes = 8;
-
 struct Float {
   float32x4_t a, b;
 };
@@ -23,7 +21,6 @@ struct Mask {
 
 inline Float set(float a) { return {vdupq_n_f32(a), vdupq_n_f32(a)}; }
 inline Integer set(int a) { return {vdupq_n_s32(a), vdupq_n_s32(a)}; }
-inline Float set_slabs(float a, float) { return set(a); }
 inline Float load(const float* p) { return {vld1q_f32(p), vld1q_f32(p + 4)}; }
 inline Integer load(const std::int32_t* p) { return {vld1q_s32(p), vld1q_s32(p + 4)}; }
 inline void store(float* to, Float x) { vst1q_f32(to, x.a), vst1q_f32(to + 4, x.b); }
@@ -80,7 +77,6 @@ inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int
   };
   vst1q_s32(out, vpaddq_s32(pairs(a, b), pairs(c, d)));
 }
-inline std::int32_t upper_sum(Integer) { return 0; }
 
 inline Integer load_row(const std::uint8_t* row) {
   const uint16x8_t words = vmovl_u8(vld1_u8(row));
@@ -125,7 +121,7 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
 struct Words {
   uint64x2_t v[4];
 };
-inline Words first_words(std::uint32_t column, std::uint32_t) {
+inline Words first_words(std::uint32_t column) {
   static constexpr std::uint64_t two[2] = {0, 1};
   Words words;
   for (unsigned i = 0; i < 4; ++i) words.v[i] = vaddq_u64(vdupq_n_u64(column + 2 * i), vld1q_u64(two));

@@ -9,8 +9,6 @@
 namespace burrlab::kernel {
 namespace {
 
-constexpr int lanes = 8;
-
 struct Float {
   float v[8];
 };
@@ -34,7 +32,6 @@ inline Float set(float a) {
 inline Integer set(int a) {
   return each<Integer>([=](int) { return a; });
 }
-inline Float set_slabs(float a, float) { return set(a); }
 inline Float load(const float* p) {
   return each<Float>([=](int i) { return p[i]; });
 }
@@ -119,7 +116,6 @@ inline void horizontal_sums(const Integer& a, const Integer& b, const Integer& c
   out[0] = out[1] = out[2] = out[3] = 0;
   for (int i = 0; i < 8; ++i) out[0] += a.v[i], out[1] += b.v[i], out[2] += c.v[i], out[3] += d.v[i];
 }
-inline std::int32_t upper_sum(const Integer&) { return 0; }
 
 /// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
@@ -156,7 +152,7 @@ inline void look_up(const float* quads, const std::uint32_t* index, Float& a, Fl
 struct Words {
   std::uint64_t v[8];
 };
-inline Words first_words(std::uint32_t column, std::uint32_t) {
+inline Words first_words(std::uint32_t column) {
   return each<Words>([=](int i) { return std::uint64_t{column + static_cast<std::uint32_t>(i)}; });
 }
 inline Words all_words(std::uint64_t a) {

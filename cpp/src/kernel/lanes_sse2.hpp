@@ -9,8 +9,6 @@
 namespace burrlab::kernel {
 namespace {
 
-constexpr int lanes = 8;
-
 struct Float {
   __m128 a, b;
 };
@@ -23,7 +21,6 @@ struct Mask {
 
 inline Float set(float a) { return {_mm_set1_ps(a), _mm_set1_ps(a)}; }
 inline Integer set(int a) { return {_mm_set1_epi32(a), _mm_set1_epi32(a)}; }
-inline Float set_slabs(float a, float) { return set(a); }
 inline Float load(const float* p) { return {_mm_load_ps(p), _mm_load_ps(p + 4)}; }
 inline void store(float* to, Float x) { _mm_store_ps(to, x.a), _mm_store_ps(to + 4, x.b); }
 inline void store(std::int32_t* to, Integer x) {
@@ -96,7 +93,6 @@ inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int
   _mm_storeu_si128(reinterpret_cast<__m128i*>(out),
                    _mm_add_epi32(_mm_unpacklo_epi64(ab, cd), _mm_unpackhi_epi64(ab, cd)));
 }
-inline std::int32_t upper_sum(Integer) { return 0; }
 
 inline Integer load_row(const std::uint8_t* row) {
   const __m128i zero = _mm_setzero_si128();
@@ -140,7 +136,7 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
 struct Words {
   __m128i v[4];
 };
-inline Words first_words(std::uint32_t column, std::uint32_t) {
+inline Words first_words(std::uint32_t column) {
   const __m128i at = _mm_set1_epi64x(column);
   return {{_mm_add_epi32(at, _mm_set_epi64x(2, 0)), _mm_add_epi32(at, _mm_set_epi64x(6, 4)),
            _mm_add_epi32(at, _mm_set_epi64x(3, 1)), _mm_add_epi32(at, _mm_set_epi64x(7, 5))}};

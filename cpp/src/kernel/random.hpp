@@ -7,14 +7,14 @@
 namespace burrlab::kernel {
 namespace {
 
-/// U of a slab (or two): word i of a column holds the voxels y = 2i and 2i + 1.
+/// U of a slab: word i of a column holds the voxels y = 2i and 2i + 1.
 struct Draw {
   Integer word[4];
 };
 
-inline Draw draw(const Draws& d, std::uint32_t column, std::uint32_t columns_in_slab) {
+inline Draw draw(const Draws& d, std::uint32_t column) {
   const Words m0 = all_words(philox_multiplier[0]), m1 = all_words(philox_multiplier[1]);
-  const Words first = product(first_words(column, column + columns_in_slab), m0);
+  const Words first = product(first_words(column), m0);
   const Words second = product(high(first) ^ all_words(d.after0_x2), m1);
   Words x0 = high(second) ^ all_words(d.after1_x0), x1 = second;
   Words x2 = first ^ all_words(d.after1_x2), x3 = all_words(d.after1_x3);
@@ -49,8 +49,7 @@ inline void draw_slabs(const Sphere& at, const Brick& brick, Units wanted, std::
   by_slab = (by_slab | by_slab >> 1) & 0x0101010101010101u;
   for (; by_slab; by_slab &= by_slab - 1) {
     const unsigned z = lowest(by_slab) / 8;
-    const std::uint32_t column = brick.column + slabs * z * brick.columns_in_slab;
-    const Draw drawn = draw(at.draws, column, brick.columns_in_slab);
+    const Draw drawn = draw(at.draws, brick.column + z * brick.columns_in_slab);
     for (int i = 0; i < 4; ++i) {
       store(u[8 * z + 2 * i], low16(drawn.word[i]));
       store(u[8 * z + 2 * i + 1], high16(drawn.word[i]));
@@ -58,12 +57,12 @@ inline void draw_slabs(const Sphere& at, const Brick& brick, Units wanted, std::
   }
 }
 
-void draw_field(const Draws& draws, std::uint32_t column, std::uint32_t columns_in_slab, std::uint16_t* out) {
-  const Draw u = draw(draws, column, columns_in_slab);
+void draw_field(const Draws& draws, std::uint32_t column, std::uint16_t* out) {
+  const Draw u = draw(draws, column);
   for (int y = 0; y < 8; ++y) {
     alignas(64) std::int32_t row[lanes];
     store(row, y & 1 ? high16(u.word[y >> 1]) : low16(u.word[y >> 1]));
-    for (int i = 0; i < lanes; ++i) out[64 * (i / 8) + 8 * y + i % 8] = static_cast<std::uint16_t>(row[i]);
+    for (int i = 0; i < lanes; ++i) out[8 * y + i] = static_cast<std::uint16_t>(row[i]);
   }
 }
 

@@ -9,9 +9,8 @@
 namespace burrlab::kernel {
 namespace {
 
-constexpr int slabs = lanes / 8;  // rows (z, y) and, with 16 lanes, (z + 1, y) side by side
-
-constexpr int units = 512 / lanes;  // vectors in a brick; unit i is the row y = i % 8 at z = slabs (i / 8)
+constexpr int lanes = 8;   // a row of a brick
+constexpr int units = 64;  // rows of a brick; unit i is the row y = i % 8 at z = i / 8
 
 using Units = std::uint64_t;  // one bit per unit
 
@@ -23,11 +22,6 @@ inline unsigned lowest(Units bits) {
 #else
   return static_cast<unsigned>(__builtin_ctzll(bits));
 #endif
-}
-
-/// First byte of a unit in a tile.
-inline unsigned tile_offset(unsigned unit) {
-  return slabs == 1 ? 8 * unit : 128 * (unit >> 3) + 8 * (unit & 7);
 }
 
 /// Constants of the tick, in lanes. Local to a visit, so that no store to the bone can alias them and the
@@ -80,13 +74,13 @@ inline void measure(const Sphere& at, const Brick& brick, Rows& rows) {
   rows.x2_most = x2[0] > x2[7] ? x2[0] : x2[7];
   rows.x2_least = !beside ? 0.0f : x2[0] < x2[7] ? x2[0] : x2[7];
   const Float y2 = dy * dy;
-  for (int z = 0; z < 8; z += slabs) store(rows.r2 + 8 * z, set_slabs(z2[z], z2[z + slabs - 1]) + y2);
+  for (int z = 0; z < 8; ++z) store(rows.r2 + 8 * z, set(z2[z]) + y2);
   if (!isotropic) {
     const Float ax = set(at.spacing[0]) * dx, ay = set(at.spacing[1]) * dy, az = set(at.spacing[2]) * dz;
     rows.ax2 = ax * ax;
     store(z2, az * az);
     const Float ay2 = ay * ay;
-    for (int z = 0; z < 8; z += slabs) store(rows.a2 + 8 * z, set_slabs(z2[z], z2[z + slabs - 1]) + ay2);
+    for (int z = 0; z < 8; ++z) store(rows.a2 + 8 * z, set(z2[z]) + ay2);
   }
 }
 
@@ -98,30 +92,16 @@ struct Wanted {
 inline Wanted wanted_units(const Sphere& at, const Brick& brick, const Rows& rows) {
   const Float reach2 = set(at.outer2 - rows.x2_least), deep2 = set(at.deep2), most = set(rows.x2_most);
   Units held = 0, reached = 0, deep = 0;
-  for (int z = 8 - slabs; z >= 0; z -= slabs) {
+  for (int z = 7; z >= 0; --z) {
     const Float r2 = load(rows.r2 + 8 * z);
-    unsigned some = rows_that_hold(brick.density + 64 * z), near = bits(r2 <= reach2),
-             within = bits(r2 + most <= deep2);
-    if (slabs ==
-        2) {  // a unit of two rows is reached where one of them is, and deep where both are or hold nothing
-      some |= rows_that_hold(brick.density + 64 * (z + 1)) << 8;
-      near &= some;
-      within |= ~some;
-      some = 0xFF;
-      near |= near >> 8;
-      within &= within >> 8;
-    }
-    held = held << 8 | some;
-    reached = reached << 8 | (near & 0xFF);
-    deep = deep << 8 | (within & 0xFF);
+    held = held << 8 | rows_that_hold(brick.density + 64 * z);
+    reached = reached << 8 | bits(r2 <= reach2);
+    deep = deep << 8 | bits(r2 + most <= deep2);
   }
   return {held & reached & ~deep, held & reached & deep};
 }
 
-inline Float squared_distance(const float* rows, Float x2, unsigned unit) {
-  const float* row = rows + tile_offset(unit) / 8;
-  return set_slabs(row[0], row[8 * (slabs - 1)]) + x2;
-}
+inline Float squared_distance(const float* rows, Float x2, unsigned unit) { return set(rows[unit]) + x2; }
 
 }  // namespace
 }  // namespace burrlab::kernel

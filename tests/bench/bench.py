@@ -1,4 +1,4 @@
-"""Cost of a tick: the core, a plain C++ loop, Numba and NumPy, on one thread, with the same random bits.
+"""Cost of a tick: the core, a plain C++ loop and Numba, on one thread, with the same random bits.
 
     python tests/bench/bench.py --library build/burrlab_bench.so [--out bench] [--quick]
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numba_tick
 import numpy as np
-import numpy_tick
 from native import ERODE, FUSED, PROBE, SPLIT, Burring, Core, Levels, Native
 from scenes import Scene
 from times import Numbers, Times, quartiles
 
+from reference import tick as reference
+
 WARM_UP = 0.1  # first part of a run, not counted
-BASELINES = ("plain", "numba", "numpy")
+BASELINES = ("plain", "numba")
 HALVES = {"split": SPLIT, "probe": PROBE, "erode": ERODE}
 
 
@@ -25,17 +25,17 @@ def core_ticks(core: Core, scene: Scene, centers: Numbers, how: int = FUSED) -> 
 def baseline_ticks(
     native: Native, scene: Scene, name: str, q: Levels, p: Levels, first: int, centers: Numbers
 ) -> Times:
-    """Times of the plain loop, Numba or NumPy; erodes `q`."""
-    step, times = {"numba": numba_tick.step, "numpy": numpy_tick.step}.get(name), []
+    """Times of the plain loop or Numba; erodes `q`."""
+    times = []
     for tick, center in enumerate(centers, first):
         if scene.fresh:
             q[...] = p
-        if step is None:
+        if name == "plain":
             times.append(native.plain_run(q, p, scene.burring, tick, center[None])[0])
             continue
         arguments = scene.burring.arguments(tick, native.depth_table, center)
         before, start = native.library.bench_interruptions(), time.perf_counter()
-        step(q, p, *arguments)
+        numba_tick.step(q, p, *arguments)
         seconds = time.perf_counter() - start
         interrupted = native.library.bench_interruptions() != before
         times.append(Times(np.array([seconds]), np.array([interrupted])))
@@ -43,8 +43,8 @@ def baseline_ticks(
 
 
 def compare(
-    native: Native, scene: Scene, main: Core, p: Levels, tick: int, baselines: Sequence[str], passes: str | None
-) -> dict[str, Times]:  # fmt: skip
+    native: Native, scene: Scene, main: Core, p: Levels, tick: int, passes: str | None
+) -> dict[str, Times]:
     """Times of the same ticks by all implementations; RuntimeError if the final levels differ."""
     centers = scene.path[tick : tick + scene.effort.burst]
     many = np.repeat(centers, scene.batch, axis=0)  # only scenes in air, which stay the same, have a batch
@@ -57,7 +57,7 @@ def compare(
         times[name] = core_ticks(core, scene, many, how)
         if how in (FUSED, SPLIT):  # a half leaves other levels
             levels[name] = core.density()
-    for name in baselines:
+    for name in BASELINES:
         levels[name] = main.density()
         times[name] = baseline_ticks(native, scene, name, levels[name], p, tick, centers)
     for name, own in levels.items():
@@ -73,7 +73,6 @@ def measure(native: Native, scene: Scene, reference: str, *, passes: str | None 
     main = cores[native.cpu_paths[-1]]
     first, last = int(WARM_UP * len(scene.path)) // scene.batch * scene.batch, len(scene.path) - effort.burst
     samples = np.unique(np.linspace(first, last, effort.samples).astype(int) // scene.batch * scene.batch)
-    for_numpy = set(samples[np.linspace(0, len(samples) - 1, effort.numpy_samples).astype(int)].tolist())
     runs: dict[str, list[Times]] = {path: [] for path in cores}
     bursts: dict[str, list[Times]] = {}
     touched: list[int] = []
@@ -84,13 +83,11 @@ def measure(native: Native, scene: Scene, reference: str, *, passes: str | None 
         done = sample
         if sample == len(scene.path):
             break
-        names = [name for name in BASELINES if name != "numpy" or sample in for_numpy]
-        times = compare(native, scene, main, p, sample, names, passes)
-        for name in dict.fromkeys((*times, "numpy")):
-            bursts.setdefault(name, []).append(times.get(name, Times.empty(effort.burst))[effort.warm :])
+        for name, times in compare(native, scene, main, p, sample, passes).items():
+            bursts.setdefault(name, []).append(times[effort.warm :])
         if passes is not None:
             q = p if scene.fresh else main.density()
-            touched.append(touched_bytes(q, p, scene.burring, scene.path[sample], native))
+            touched.append(touched_bytes(q, p, scene.burring, scene.path[sample]))
     if len({core.digest for core in cores.values()}) != 1:
         raise RuntimeError(f"{scene.name}: the CPU paths left different bones")
     whole = {path: Times.join(parts)[first // scene.batch :] for path, parts in runs.items()}
@@ -123,13 +120,8 @@ def summary(scene: Scene, runs: dict[str, Times], bursts: dict[str, Times], refe
     }  # fmt: skip
 
 
-def touched_bytes(q: Levels, p: Levels, b: Burring, center: Numbers, native: Native) -> int:
+def touched_bytes(q: Levels, p: Levels, b: Burring, center: Numbers) -> int:
     """Bytes that a tick moves: q of every voxel with mass is read and written, p is read if not deep."""
-    _, (z, y, x), r2 = numpy_tick.select(q, b.spacing, b.origin, b.radius, tuple(center.tolist()))
-    level = q[z, y, x].astype(np.int64)
-    mass, _ = numpy_tick.mass_and_shape(
-        level, p[z, y, x], r2, b.radius, b.spacing, b.scheme == "layer", native.depth_table
-    )
-    deep = r2 <= (b.radius - 3.5 * b.spacing) ** 2
-    held = mass > 0
-    return int(2 * held.sum() + (held & ~deep).sum())
+    at = reference.geometry(center, b.radius, q.shape, (b.spacing,) * 3, b.origin)
+    held = reference.mass(q, p, at.coverage, b.scheme) > 0
+    return int(2 * held.sum() + (held & ~at.deep).sum())

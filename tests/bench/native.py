@@ -50,7 +50,7 @@ class Burring:
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def arguments(self, tick: int, table: NDArray[np.float32], center: Numbers) -> tuple[Any, ...]:
-        """Arguments of the Numba and NumPy tick after the levels."""
+        """Arguments of the Numba tick after the levels."""
         place, layer = tuple(center.tolist()), self.scheme == "layer"
         return (
             self.spacing,

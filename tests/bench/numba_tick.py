@@ -10,10 +10,12 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy_tick import HALF, LEAST_W, MOST_E, MOST_TAU, ONE, TWO, ZERO
 
 f32 = np.float32
 u64 = np.uint64
+
+ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+LEAST_W, MOST_E, MOST_TAU = f32(2.0**-20), f32(3 - 2.0**-22), f32(1 - 2.0**-24)
 
 P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
 LEVEL, DRAWS = f32(256), f32(65536)

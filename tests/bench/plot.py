@@ -14,7 +14,6 @@ from burrlab.common.figures import REFERENCE, new_figure, tidy
 
 #: Colour, marker and label of each implementation (Okabe and Ito's palette).
 STYLES = {
-    "numpy": ("#999999", "v", "NumPy"),
     "numba": ("#E69F00", "D", "Numba"),
     "plain": ("#555555", "o", "C++, plain loop"),
     "scalar": ("#CC79A7", "P", "burrlab, scalar"),

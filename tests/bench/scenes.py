@@ -23,8 +23,6 @@ class Effort:
     ----------
     samples : int
         States of a run at which all implementations are compared side by side.
-    numpy_samples : int
-        Number of these that include NumPy.
     burst : int
         Ticks at each.
     warm : int
@@ -32,7 +30,6 @@ class Effort:
     """
 
     samples: int = 20
-    numpy_samples: int = 5
     burst: int = 8
     warm: int = 4
 
@@ -87,15 +84,11 @@ class Scene:
         return self.burring.radius / self.burring.spacing
 
 
-def effort_at(resolution: float, quick: bool, *, deep: bool = False) -> Effort:
-    """Fewer comparisons where a tick takes long; `deep` for a burr wholly in bone."""
+def effort_at(resolution: float, quick: bool) -> Effort:
+    """Fewer comparisons where a tick takes long."""
     if quick:
-        return Effort(samples=2, numpy_samples=1, burst=3, warm=1)
-    if resolution <= 25:
-        return Effort()
-    if resolution <= 50:
-        return Effort(samples=20, numpy_samples=3 if deep else 5)
-    return Effort(samples=6, numpy_samples=1 if deep else 3, burst=5, warm=2)
+        return Effort(samples=2, burst=3, warm=1)
+    return Effort() if resolution <= 50 else Effort(samples=6, burst=5, warm=2)
 
 
 def voxels(length: float, spacing: float) -> int:
@@ -151,7 +144,7 @@ def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
     return Scene(f"buried {resolution:g}",
         "wholly in solid bone, fresh at every tick", Burring(spacing, radius),
                  (side, side, side), side, path, fresh=True,
-                 effort=effort_at(resolution, quick, deep=True))  # fmt: skip
+                 effort=effort_at(resolution, quick))  # fmt: skip
 
 
 def air(radius: float, spacing: float, *, near: bool, quick: bool = False) -> Scene:

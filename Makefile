@@ -57,7 +57,7 @@ test: $(VENV)/developed
 test-slow: $(VENV)/developed
 	$(BIN)/python -m pytest -m slow tests/python
 
-# BENCH=--quick only tries whether it runs
+# BENCH=--quick only tries whether it runs; BENCH=--waits measures where a researcher waits
 bench: $(VENV)/benched
 	$(CONFIGURE) -DBURRLAB_BENCH=ON
 	$(BIN)/cmake --build build --target burrlab_bench

@@ -1,9 +1,9 @@
 """Cost of a tick: the core, a plain C++ loop and Numba, on one thread, with the same random bits.
 
-    python tests/bench/bench.py --library build/burrlab_bench.so [--out bench] [--quick]
+    python tests/bench/bench.py --library build/burrlab_bench.so [--out bench] [--quick | --waits]
 
 Writes results.json and tick.png. First it compares all implementations with tests/reference/tick.py; a
-difference in one bit ends the run with an error.
+difference in one bit ends the run with an error. --waits prints where a researcher waits instead (waits.py).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for `reference`
 import experiments
 import report
 import tissues
+import waits
 from check import check_all
 from machine import machine, on_one_core
 from measure import measure
@@ -75,7 +76,12 @@ def main() -> None:
     parser.add_argument("--library", type=Path, required=True, help="the built bench library")
     parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of results.json and tick.png")
     parser.add_argument("--quick", action="store_true", help="small scenes, few ticks: does it run?")
+    parser.add_argument("--waits", action="store_true", help="where a researcher waits, instead of ticks")
     options = parser.parse_args()
+    if options.waits:
+        for line in waits.lines(options.out / "waits"):
+            print(line, flush=True)
+        return
     begun = time.perf_counter()
     native = Native(options.library)
     say("Equal to the reference, bit for bit?")

@@ -294,7 +294,7 @@ class Store:
 
 
 _LOOK = 0.2  # time between looks at `cancel` while nothing arrives [s]
-_AHEAD = 4096  # messages under way: more than two a worker would only fill the scheduler's memory
+_AHEAD = 2048  # messages under way, or two a worker: more would only fill the memory of the scheduler
 # Shortest message [s], and that of a worker among many: a dask scheduler and its client need 2 ms for each
 # (docs/cluster.md), and should be idle half the time.
 _MESSAGE, _MESSAGE_PER_WORKER = 0.05, 0.004

@@ -33,8 +33,9 @@ from burrlab.common.study import Store, run_items
 from burrlab.descent.sweep import SweepItem, run_item
 
 WORKERS, CHUNKS = 2, (1, 50)
-CLUSTERS, CROWD, TOGETHER = (2, 4, 8), 1000, 250  # workers; those of a crowd share processes
-SHORT, LONG = 0.01, 1.0  # sleep of an item on a cluster and in the crowd [s]
+CLUSTERS, CROWD, TOGETHER = (2, 4, 8), 200, 100  # workers; those of a crowd share processes
+SHORT, LONG = 0.01, 0.1  # sleep of an item on a cluster and in the crowd [s]
+MODEL = (SHORT, LONG, 1.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -53,9 +54,9 @@ def nothing(item: Item) -> float:
 
 
 def descent(seed: int) -> SweepItem:
-    """A descent of 5 ms: bone at 1 N, R = 3 mm, on voxels of 0.6 mm."""
+    """A descent of 1.4 ms: bone at 2 N, R = 3 mm, on voxels of 0.6 mm."""
     return SweepItem(
-        burrlab.Burr(3.0), burrlab.materials["bone"], 1.0, seed, 0.6, 1.0, "layer", True, None, None, 120.0
+        burrlab.Burr(3.0), burrlab.materials["bone"], 2.0, seed, 0.6, 1.0, "layer", True, None, None, 120.0
     )
 
 
@@ -138,7 +139,7 @@ class Run:
     """A study on a cluster: items and messages a second, CPU time a message [s] of client and scheduler."""
 
     workers: int
-    seconds: float  # of an item
+    seconds: float  # of an item that sleeps
     chunk: int | None
     rate: float
     messages: float
@@ -146,9 +147,9 @@ class Run:
     scheduler: float
 
     def row(self, what: str) -> str:
-        ideal = self.rate * self.seconds / self.workers
+        share = f"{self.rate * self.seconds / self.workers:.0%}" if self.seconds else ""
         return (
-            f"| {self.workers} | {what} | {self.chunk or 'default'} | {self.rate:.0f} | {100 * ideal:.0f} % | "
+            f"| {self.workers} | {what} | {self.chunk or 'default'} | {self.rate:.0f} | {share} | "
             f"{self.messages:.0f} | {1e3 * self.client:.2f} | {1e3 * self.scheduler:.2f} |"
         )
 
@@ -231,28 +232,33 @@ def study(count: int, png: str | None) -> None:
     print("|---" * 8 + "|")
     naps = [overhead.Item(k, SHORT) for k in range(count)]
     cases = [
-        ("descent", float("nan"), run_item, [descent(k) for k in range(count)]),
+        ("descent", 0.0, run_item, [descent(k) for k in range(count)]),
         (f"sleep {SHORT:g} s", SHORT, overhead.nothing, naps),
     ]
     runs = [run for workers in CLUSTERS for run in studies(workers, 1, cases)]
     long = [overhead.Item(k, LONG) for k in range(count)]
     runs += studies(CROWD, TOGETHER, [(f"sleep {LONG:g} s", LONG, overhead.nothing, long)])
+    busiest = max(runs[-2].client, runs[-2].scheduler)  # of the crowd, one item a message [s]
+    for seconds in MODEL:
+        print(
+            f"Model, items of {seconds:g} s: one a message saturates at {seconds / busiest:.0f} workers; "
+            f"1000 need {1000 * busiest / seconds:.2g} items a message"
+        )
     growth(count)
     if png is not None:
-        draw(runs, png)
+        draw(runs, busiest, png)
 
 
-def draw(runs: list[Run], png: str) -> None:
-    """Items per second against workers: measured, and min(N/t, chunk/overhead)."""
-    overhead = max(runs[-2].client, runs[-2].scheduler)  # the crowd's, one item a message
+def draw(runs: list[Run], overhead: float, png: str) -> None:
+    """Items per second against workers: measured, and the model min(N/t, chunk/overhead)."""
     figure = new_figure(4.6, 3.6)
     ax = tidy(figure.add_subplot())
     n = np.geomspace(1, 4000, 200)
-    for seconds, colour in ((SHORT, "#0072B2"), (0.1, "#009E73"), (LONG, "#D55E00"), (10.0, "#CC79A7")):
+    ax.plot(n, np.full(n.size, 1 / overhead), color="0.4", lw=1.6)
+    for seconds, colour in zip(MODEL, ("#0072B2", "#009E73", "#D55E00", "#CC79A7"), strict=True):
+        low = n[n / seconds < 1 / overhead]
+        ax.plot(low, low / seconds, color=colour, lw=1.6, label=f"items of {seconds:g} s")
         ax.plot(n, n / seconds, color=colour, lw=1.2, ls=":")
-        ax.plot(
-            n, np.minimum(n / seconds, 1 / overhead), color=colour, lw=1.6, label=f"items of {seconds:g} s"
-        )
         for run in (run for run in runs if run.seconds == seconds):
             ax.plot(run.workers, run.rate, "o", ms=6, mec=colour, mfc="white" if run.chunk else colour)
     ax.plot([], [], "o-", color="0.4", mfc="white", label="one item a message")

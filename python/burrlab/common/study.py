@@ -295,8 +295,8 @@ class Store:
 
 _LOOK = 0.2  # time between looks at `cancel` while nothing arrives [s]
 _AHEAD = 2048  # messages under way, or two a worker: more would only fill the memory of the scheduler
-# Shortest message [s], and that of a worker among many: a dask scheduler and its client need 2 ms for each
-# (docs/cluster.md), and should be idle half the time.
+# Shortest message [s], and for each worker among many: a dask scheduler needs 2 to 2.5 ms of CPU time for one
+# (docs/cluster.md).
 _MESSAGE, _MESSAGE_PER_WORKER = 0.05, 0.004
 _here = threading.local()
 

@@ -29,7 +29,7 @@ import numpy as np
 
 import burrlab
 from burrlab.common.figures import new_figure, tidy
-from burrlab.common.study import Store, run_items
+from burrlab.common.study import Store, key_of, run_items
 from burrlab.descent.sweep import SweepItem, run_item
 
 WORKERS, CHUNKS = 2, (1, 50)
@@ -203,9 +203,8 @@ def growth(count: int) -> None:
     items, row = [descent(seed) for seed in range(count)], (0.48228, 0.5, 1.0, "ok", ())
     with tempfile.TemporaryDirectory() as folder:
         path, times = Path(folder) / "s.jsonl", []
-        run_items(run_item, items[:1], store=path)
         key_times = time.perf_counter()
-        store, keys = Store(path), [burrlab.common.study.key_of(run_item, item) for item in items]
+        store, keys = Store(path), [key_of(run_item, item) for item in items]
         key_times = time.perf_counter() - key_times
         for key in keys:
             start = time.perf_counter()

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 
@@ -122,6 +122,49 @@ def test_order_of_completion_does_not_matter():
         study = Study(work, [Item(i) for i in range(10)], executor=pool)
         assert list(study) == [8, 7, 6, 5, 4, 3, 2, 1, 0, 9], "the last is done before it is waited for"
         assert [study.results[i][0] for i in range(10)] == list(range(10))
+
+
+class Here(Executor):
+    """Runs a message at once, and keeps how many items it had."""
+
+    def __init__(self):
+        self.sizes = []
+
+    def submit(self, function, /, *arguments):
+        self.sizes.append(len(arguments[1]))
+        future = Future()
+        future.set_result(function(*arguments))
+        return future
+
+
+def test_short_items_are_sent_many_at_once():
+    """A quarter of a worker's share at most; long items go one by one, and threads get no more at once."""
+    here, items = Here(), range(-500, 500)
+    assert run_items(abs, items, executor=here) == [abs(i) for i in items]
+    assert here.sizes == [1, 250, 250, 250, 249]
+    assert run_items(abs, items, executor=here, chunk=600) == [abs(i) for i in items]
+    assert here.sizes[5:] == [600, 400]
+    run_items(slowly, [Item(i) for i in range(20)], executor=here)
+    assert max(here.sizes[7:]) <= 2, "20 ms each"
+
+
+def test_what_is_under_way_is_bounded(monkeypatch):
+    class Counted(ThreadPoolExecutor):
+        submitted = 0
+
+        def submit(self, *arguments):
+            self.submitted += 1
+            return super().submit(*arguments)
+
+    def ahead(i):
+        while i == 0 and pool.submitted < 5:
+            time.sleep(0.001)
+        time.sleep(0.005)
+        return pool.submitted - i
+
+    monkeypatch.setattr("burrlab.common.study._AHEAD", 5)
+    with Counted(1) as pool:
+        assert max(run_items(ahead, range(40), executor=pool)) == 5
 
 
 def test_processes_give_the_same(tmp_path, pool):

@@ -8,13 +8,17 @@ import hashlib
 import json
 import math
 import os
+import platform
 import queue
 import reprlib
 import threading
 import time
 import traceback
+import uuid
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Generic, TypeAlias, TypeVar
 
@@ -290,6 +294,10 @@ class Store:
 
 
 _LOOK = 0.2  # time between looks at `cancel` while nothing arrives [s]
+_AHEAD = 2048  # messages under way, or two a worker: more would only fill the memory of the scheduler
+# Shortest message [s], and for each worker among many: a dask scheduler needs 2 to 2.5 ms of CPU time for one
+# (docs/cluster.md).
+_MESSAGE, _MESSAGE_PER_WORKER = 0.05, 0.004
 _here = threading.local()
 
 
@@ -310,12 +318,14 @@ def cancel_event() -> threading.Event | None:
     return getattr(_here, "event", None)
 
 
-Work = tuple[list[Any], BaseException | None, str]  # results, the error that ended them, its traceback
+#: Results, the error that ended them, its traceback; worker and seconds.
+Work = tuple[list[Any], BaseException | None, str, tuple[str, int, int], float]
 
 
 def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading.Event | None) -> Work:
     """Results of a chunk up to the first error, and this error: no finished result is lost."""
     results: list[Any] = []
+    failure, trace, start = None, "", time.perf_counter()
     _here.event = event
     try:
         for item in items:
@@ -323,10 +333,11 @@ def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading
                 break
             results.append(function(item))
     except (Exception, KeyboardInterrupt) as error:
-        return results, error, traceback.format_exc()
+        failure, trace = error, traceback.format_exc()
     finally:
         _here.event = None
-    return results, None, ""
+    worker = platform.node(), os.getpid(), threading.get_ident()
+    return results, failure, trace, worker, time.perf_counter() - start
 
 
 def _is_dask(kind: type) -> bool:
@@ -375,15 +386,18 @@ class Study(Generic[Item, Result]):
         )
         self.results: dict[int, Result] = {}
         self._function, self._items = function, items
-        self._executor, self._chunk, self._cancel = executor, chunk or 1, cancel
+        self._executor, self._chunk, self._cancel = executor, chunk, cancel
         self._store = store if store is None or isinstance(store, Store) else Store(store)
         self._keys = [] if self._store is None else [key_of(function, item) for item in items]
         self._open: dict[Future[Work], list[int]] = {}
         self._finished: queue.SimpleQueue[Future[Work]] = queue.SimpleQueue()
+        self._name = f"burrlab-{uuid.uuid4().hex}"
+        self._workers: set[tuple[str, int, int]] = set()  # those that have answered
+        self._done, self._seconds = 0, 0.0  # items done by them, and the time that these took
 
     def __iter__(self) -> Iterator[int]:
         """Yields the index of each finished item, first of those in the store."""
-        missing = []
+        missing: deque[int] = deque()
         for i in range(len(self._items)):
             if self._store is not None and self._keys[i] in self._store:
                 self.results[i] = self._store.get(self._keys[i])
@@ -393,50 +407,70 @@ class Study(Generic[Item, Result]):
         if not missing:
             return
         executor = self._executor or ThreadPoolExecutor(min(cores(), len(missing)))
+        most = len(missing)
         over = threading.Event()
         ended = False
         try:
-            self._submit(executor, missing, over)
-            while self._open:
-                yield from self._take(self._next())
+            while missing or self._open:
+                if self._cancel is not None and self._cancel.is_set():
+                    raise KeyboardInterrupt
+                wait = not missing or len(self._open) >= max(_AHEAD, 2 * len(self._workers))
+                if not wait:
+                    size = min(self._size(executor, most), len(missing))
+                    self._submit(executor, [missing.popleft() for _ in range(size)], over)
+                try:
+                    future = self._finished.get(timeout=_LOOK if wait else 0)
+                except queue.Empty:
+                    # Results under way when a dask client loses its scheduler never arrive.
+                    client = getattr(executor, "_client", None)
+                    if getattr(client, "status", None) == "closed":
+                        raise self._interrupted(ConnectionError("the client is closed")) from None
+                else:
+                    yield from self._take(future)
             ended = True
         finally:
-            for future in self._open:
-                future.cancel()
+            self._withdraw(executor)
             over.set()
             if executor is not self._executor:
                 executor.shutdown(wait=True)
             if not ended:
                 self._keep_finished()
 
-    def _submit(self, executor: Executor, missing: list[int], over: threading.Event) -> None:
-        # Otherwise dask identifies a task by its arguments and repeats a remembered failure.
-        options: dict[str, Any] = {"pure": False} if _is_dask(type(executor)) else {}
-        event = over if isinstance(executor, ThreadPoolExecutor) else None
-        for first in range(0, len(missing), self._chunk):
-            places = missing[first : first + self._chunk]
-            try:
-                future = executor.submit(
-                    _work, self._function, [self._items[i] for i in places], event, **options
-                )
-            except Exception as error:
-                if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
-                    raise
-                raise self._interrupted(error) from error
-            self._open[future] = places
-            future.add_done_callback(self._finished.put)
+    def _size(self, executor: Executor, most: int) -> int:
+        """Items of the next message: so many that handing it out takes a small part of its time."""
+        if self._chunk is not None or isinstance(executor, ThreadPoolExecutor) or not self._done:
+            return self._chunk or 1
+        workers = len(self._workers)
+        seconds = max(_MESSAGE, _MESSAGE_PER_WORKER * workers)
+        # At least four messages a worker: the last ones end at about the same time.
+        return max(1, min(int(seconds * self._done / max(self._seconds, 1e-9)), most // (4 * workers)))
 
-    def _next(self) -> Future[Work]:
-        while True:
-            if self._cancel is not None and self._cancel.is_set():
-                raise KeyboardInterrupt
-            try:
-                return self._finished.get(timeout=_LOOK)
-            except queue.Empty:
-                # Results under way when a dask client loses its scheduler never arrive.
-                client = getattr(self._executor, "_client", None)
-                if getattr(client, "status", None) == "closed":
-                    raise self._interrupted(ConnectionError("the client is closed")) from None
+    def _submit(self, executor: Executor, places: list[int], over: threading.Event) -> None:
+        # A key of its own: dask would find a task by its arguments and repeat a remembered failure.
+        options = {"key": f"{self._name}-{places[0]}"} if _is_dask(type(executor)) else {}
+        event = over if isinstance(executor, ThreadPoolExecutor) else None
+        try:
+            future = executor.submit(
+                _work, self._function, [self._items[i] for i in places], event, **options
+            )
+        except Exception as error:
+            if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
+                raise
+            raise self._interrupted(error) from error
+        self._open[future] = places
+        future.add_done_callback(self._finished.put)
+
+    def _withdraw(self, executor: Executor) -> None:
+        """Cancels what has not begun."""
+        if not _is_dask(type(executor)):
+            for future in self._open:
+                future.cancel()
+        elif self._open:  # all at once: one by one, each waits for the client
+            from distributed import Future as Task
+
+            client = executor._client  # type: ignore[attr-defined]
+            with suppress(Exception):  # the client may have ended
+                client.cancel([Task(f"{self._name}-{places[0]}", client) for places in self._open.values()])
 
     def _take(self, future: Future[Work]) -> Iterator[int]:
         error = CancelledError() if future.cancelled() else future.exception()
@@ -445,7 +479,9 @@ class Study(Generic[Item, Result]):
             if not _has_died(error):
                 raise error
             raise self._interrupted(error) from error
-        results, failure, trace = future.result()
+        results, failure, trace, worker, seconds = future.result()
+        self._workers.add(worker)
+        self._done, self._seconds = self._done + len(results), self._seconds + seconds
         places = self._open[future][: len(results)]
         for i, result in zip(places, results, strict=True):
             self._keep(i, result)
@@ -509,7 +545,8 @@ def run_items(
     progress : callable, optional
         Called with the number of finished items, including those of the store, and their total.
     chunk : int, optional
-        Items sent at once, for items so short that sending them matters; default 1.
+        Items sent at once. Default: one with threads; else what takes 50 ms, or 4 ms for each worker if that
+        is longer, by the time that the first ones took, but at most a quarter of a worker's share.
     cancel : threading.Event, optional
         Ends the study like Ctrl-C.
 

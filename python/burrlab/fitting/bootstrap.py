@@ -24,7 +24,6 @@ from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelTable, model_of
 
 KINDS = ("parametric", "residual")
-_CHUNK = 25  # fits per submission; one fit takes milliseconds
 
 
 @dataclass(frozen=True)
@@ -257,7 +256,7 @@ def bootstrap(
         for k in range(n)
     ]
     told = counter(progress, "fits")
-    made = run_items(replicate, items, executor=executor, store=store, progress=told, chunk=_CHUNK)
+    made = run_items(replicate, items, executor=executor, store=store, progress=told)
     ends = np.array(made)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge

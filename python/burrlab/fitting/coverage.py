@@ -298,9 +298,6 @@ def _place(name: str, value: str, allowed: tuple[str, ...]) -> int:
     return allowed.index(value)
 
 
-_CHUNK = 25  # data sets per submission; one fit takes milliseconds
-
-
 @dataclass(frozen=True)
 class CoverageItem:
     """One data set: small, picklable and self-contained."""
@@ -447,7 +444,7 @@ def coverage_study(
         for k in range(n)
     ]
     told = counter(progress, "fits")
-    outcomes = run_items(replicate, items, executor=executor, store=store, progress=told, chunk=_CHUNK)
+    outcomes = run_items(replicate, items, executor=executor, store=store, progress=told)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(

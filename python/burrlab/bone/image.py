@@ -646,18 +646,36 @@ class Volume(OnGrid):
             As `to_bone`.
         """
         chosen = occupancy_map(mapping, solid)
-        bone = self.to_bone(chosen, spacing=spacing)
-        made = {
-            "path": self.path,
-            "map": chosen.text,
-            "volume_spacing_mm": self.spacing.tolist(),
-            "voxel_mm": list(bone.spacing),
-            "origin_mm": self.origin.tolist(),
-            "direction": self.direction.tolist(),
-            "notes": list(self.notes),
-        }
-        of = f"{self.path}, whose grey values are {self.values.min():g} to {self.values.max():g}"
-        return specimen_in(self, bone, entry, axis, made, f"map {chosen.text}", of=of)
+        return grey_specimen(self, self.to_bone(chosen, spacing=spacing), chosen, entry, axis, lambda: self)
+
+
+def grey_specimen(
+    grid: OnGrid,
+    bone: VoxelBone,
+    mapping: OccupancyMap,
+    entry: Vector,
+    axis: Vector,
+    whole: Callable[[], Volume],
+) -> Specimen:
+    """Specimen of a bone that a map made of a grey volume, whose voxels are looked at for a message alone.
+
+    Errors as `Volume.specimen`.
+    """
+    made = {
+        "path": grid.path,
+        "map": mapping.text,
+        "volume_spacing_mm": grid.spacing.tolist(),
+        "voxel_mm": list(bone.spacing),
+        "origin_mm": grid.origin.tolist(),
+        "direction": grid.direction.tolist(),
+        "notes": list(grid.notes),
+    }
+
+    def of() -> str:
+        values = whole().values
+        return f"{grid.path}, whose grey values are {values.min():g} to {values.max():g}"
+
+    return specimen_in(grid, bone, entry, axis, made, f"map {mapping.text}", of=of)
 
 
 def specimen_in(
@@ -668,7 +686,7 @@ def specimen_in(
     made: dict[str, Any],
     how: str,
     *,
-    of: str = "",
+    of: Callable[[], str] | None = None,
 ) -> Specimen:
     """Specimen of a bone on a volume's voxel axes, with an axis in the volume's own coordinates.
 
@@ -689,7 +707,7 @@ def specimen_in(
     if surface is None:
         raise ValueError(
             f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in "
-            f"{of or grid.path}; " + _place(grid, at)
+            f"{of() if of else grid.path}; " + _place(grid, at)
         )
     refuse(
         np.array_equal(surface, start),

@@ -47,6 +47,7 @@ TissueMap::TissueMap(const Index3& shape, const std::uint8_t* packed, std::size_
     const std::uint8_t* numbers = tiles[brick] ? tiles[brick] : packed + brick;
     number_[brick] = *numbers;
     for (int i = 0; i < (tiles[brick] ? brick_voxels : 1); ++i) {
+      if (i > 0 && numbers[i] == numbers[i - 1]) continue;
       if (numbers[i] >= table.size())
         refuse("every tissue number", "below " + std::to_string(table.size()), numbers[i]);
       present_[brick] |= std::uint64_t{1} << numbers[i];

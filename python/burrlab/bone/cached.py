@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from burrlab import _core
+import burrlab._core as _core
 from burrlab._core import VoxelBone, pack_bone, unpack_bone
 from burrlab.bone.dicom import is_dicom
 from burrlab.bone.formats import format_of

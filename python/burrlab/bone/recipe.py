@@ -316,7 +316,7 @@ class VolumeRecipe(_CachedRecipe):
 def altered(recipe: VolumeRecipe, **changes: Any) -> VolumeRecipe:
     """The recipe with another crop or voxel; its volume is not read again."""
     made = replace(recipe, **changes)
-    made.__dict__ |= {name: own for name, own in recipe.__dict__.items() if name == "_whole"}
+    made.__dict__.update({name: own for name, own in recipe.__dict__.items() if name == "_whole"})
     made._entry.look(recipe._entry)
     return made
 
@@ -496,11 +496,11 @@ class LabelledRecipe(_CachedRecipe):
 
     def bone(self) -> VoxelBone:
         """A copy of the bone; errors as `made`."""
-        return self.made().bone.copy()
+        return self._kept_bone() or self.made().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions in making the bone; errors as `made`."""
-        return self.made().notes
+        return self.made().notes if self._kept is None else self.grid().notes
 
     @property
     def mapping(self) -> OccupancyMap | None:
@@ -516,7 +516,7 @@ class LabelledRecipe(_CachedRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         grid = self.grid()
-        made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.made().notes)}
+        made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
         if self.grey is None:
             widest = float(max(*grid.spacing, *(self.voxel or ())))
             made["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}

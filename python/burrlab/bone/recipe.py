@@ -40,6 +40,7 @@ from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
 from burrlab.common.cache import Entry, Kept
 from burrlab.common.check import refuse, scalar
+from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
@@ -330,6 +331,7 @@ def absolute(path: str | os.PathLike[str]) -> str:
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
 
 
+@doing("cutting a block")
 def cut_block(
     recipe: VolumeRecipe, size: Sequence[float], voxel: float, *, entry: Vector, axis: Vector
 ) -> VoxelBone:

@@ -28,7 +28,7 @@ from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import read_tissues
 from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
-from burrlab.common.progress import Progress, duration
+from burrlab.common.progress import EACH, LONG, Progress, doing, duration
 from burrlab.common.table import Column, Problem, Table, not_negative
 from burrlab.descent.descent import reach
 
@@ -313,7 +313,18 @@ def show_line(line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
-_FIRST, _EACH = 2.0, 10.0  # time until the first line of progress, and between two, without a terminal [s]
+@contextlib.contextmanager
+def working(text: str) -> Iterator[None]:
+    """Shows on a terminal what is done; elsewhere it is logged if it takes long."""
+    show_line(text)
+    try:
+        with contextlib.nullcontext() if sys.stderr.isatty() else doing(text):
+            yield
+    finally:
+        show_line("")
+
+
+_FIRST, _EACH = LONG, EACH  # time until the first line of progress, and between two, without a terminal [s]
 
 
 def on_terminal() -> Progress:

@@ -240,7 +240,7 @@ def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "
         "compression_opts": 1,
     }
 
-    def put(name: str, values: NDArray[np.uint8]) -> None:
+    def put(name: str, values: Any) -> None:
         kept = group.create_dataset(name, values.shape, np.uint8, **packed)
         for k in range(0, len(values), 64):  # chunk by chunk: Ctrl-C does not wait for all
             kept[k : k + 64] = values[k : k + 64]

@@ -141,7 +141,9 @@ def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:
 KEPT = (
     lambda: VolumeRecipe("ct.nrrd", MAP, voxel=0.2),
     lambda: LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), {"facial nerve": 0.5}),
-    lambda: LabelledRecipe("v.yaml", default_tissues({1: "bone", 10: "facial nerve"}), unit=500.0, smooth=0.6),
+    lambda: LabelledRecipe(
+        "v.yaml", default_tissues({1: "bone", 10: "facial nerve"}), unit=500.0, smooth=0.6
+    ),
 )
 
 
@@ -155,7 +157,9 @@ def cache(files: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("recipe", KEPT)
-def test_a_kept_bone_is_the_same(recipe: Callable[[], VolumeRecipe], cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kept_bone_is_the_same(
+    recipe: Callable[[], VolumeRecipe], cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def made() -> tuple[object, ...]:
         one = recipe()
         one.check_burr(Burr(3.0))
@@ -188,7 +192,7 @@ def test_a_kept_bone_of_other_files_or_a_damaged_one_is_made_anew(cache: Path) -
     os.utime("ct.nrrd", ns=(before.st_atime_ns, before.st_mtime_ns))
     now = Path("ct.nrrd").stat()
     assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, inode)
-    with pytest.raises(ValueError, match="ct.nrrd"):  # its checksum is wrong by now
+    with pytest.raises(ValueError, match="compressed data"):  # its checksum is wrong by now
         recipe().bone()
     Path("ct.nrrd").unlink()
     Path("ct.nrrd").write_bytes(content)  # another file of the same content

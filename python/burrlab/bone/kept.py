@@ -180,7 +180,8 @@ def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap |
     density, pristine = bone.density, bone.pristine
     lost = density < pristine
     if isinstance(like, LabelVolume):
-        lost[lost] = 2 * density[lost].astype(np.int64) < pristine[lost]
+        at = np.nonzero(lost)
+        lost[at] = 2 * density[at].astype(np.int64) < pristine[at]
         return Changes(lost, np.zeros(np.count_nonzero(lost)))
     assert mapping is not None
     was, greys = like.values[lost].astype(np.float64), grey_of_levels(mapping)

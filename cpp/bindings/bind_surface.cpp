@@ -112,9 +112,10 @@ py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& 
 }  // namespace
 
 void bind_surface(py::module_& m) {
-  m.def("pack_bone", &pack_bone, "bone"_a,
-        "Pristine levels and tissue numbers of a bone in few bytes, two arrays (n,) uint8; the second is empty "
-        "for a bone without tissues.");
+  m.def(
+      "pack_bone", &pack_bone, "bone"_a,
+      "Pristine levels and tissue numbers of a bone in few bytes, two arrays (n,) uint8; the second is empty "
+      "for a bone without tissues.");
   m.def("unpack_bone", &unpack_bone, "shape"_a, "spacing"_a, "origin"_a, "levels"_a, "tissues"_a, "numbers"_a,
         "The bone that was packed, not eroded. ValueError if the arrays do not fill the shape.");
   m.def("take_changed_bricks", &take_changed, "bone"_a,

@@ -40,7 +40,8 @@ BrickSums sum_brick(const std::uint8_t* tile) {
 
 std::vector<std::uint8_t> pack(const std::vector<std::uint8_t>& level,
                                const std::vector<const std::uint8_t*>& tile) {
-  const auto tiles = static_cast<std::size_t>(std::count_if(tile.begin(), tile.end(), [](auto t) { return t; }));
+  const auto tiles =
+      static_cast<std::size_t>(std::count_if(tile.begin(), tile.end(), [](auto t) { return t; }));
   std::vector<std::uint8_t> packed(level);
   packed.reserve(2 * level.size() + tiles * brick_voxels);
   for (const std::uint8_t* one : tile) packed.push_back(one != nullptr);

@@ -18,7 +18,7 @@ from burrlab._core import Burr, ScriptedDevice
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.kept import save_drilled
-from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, grid_of
 from burrlab.bone.tissues import default_tissues
 from burrlab.session.network import make_bone
 from burrlab.session.session import Session
@@ -163,7 +163,7 @@ def test_a_kept_bone_is_the_same(
     def made() -> tuple[object, ...]:
         one = recipe()
         one.check_burr(Burr(3.0))
-        corners = one.grid().corners()
+        corners = grid_of(one).corners()
         above = [*corners.mean(axis=0)[:2], corners[:, 2].max() + 1]
         found = one.specimen(entry=above, axis=(0, 0, -1))
         bone, masses = one.bone(), [found.bone.mass_of(i) for i in range(len(found.bone.tissues or ()))]

@@ -131,8 +131,8 @@ class _FileRecipe(BoneRecipe):
         return moved
 
     @abstractmethod
-    def grid(self) -> OnGrid:
-        """Geometry of the volume, for points in its own coordinates; its voxels may be missing."""
+    def _grid(self) -> OnGrid:
+        """See `grid_of`."""
 
     @abstractmethod
     def _voxel(self) -> ArrayLike:
@@ -149,6 +149,11 @@ class _FileRecipe(BoneRecipe):
                 f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {widest:g} mm, got "
                 f"{burr.radius:g} mm; --voxel {enough} (voxel={enough}) makes finer ones"
             )
+
+
+def grid_of(recipe: _FileRecipe) -> OnGrid:
+    """Geometry of a recipe's volume, for points in its own coordinates; the voxels may be missing."""
+    return recipe._grid()
 
 
 class _CachedRecipe(_FileRecipe):
@@ -174,8 +179,7 @@ class _CachedRecipe(_FileRecipe):
             self.__dict__["_kept"] = None
             return None
 
-    def grid(self) -> OnGrid:
-        """Geometry of the volume, for points in its own coordinates; its voxels may be missing."""
+    def _grid(self) -> OnGrid:
         return self._on() if self._kept is None else kept_grid(self._kept)
 
 
@@ -285,7 +289,7 @@ class VolumeRecipe(_CachedRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions and steps in reading the volume; errors as `volume`."""
-        return self.grid().notes
+        return self._grid().notes
 
     def bone(self) -> VoxelBone:
         """The bone; errors as `volume` and `Volume.to_bone`."""
@@ -301,7 +305,7 @@ class VolumeRecipe(_CachedRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        found = grey_specimen(self.grid(), bone, self.mapping, entry, axis, self.volume)
+        found = grey_specimen(self._grid(), bone, self.mapping, entry, axis, self.volume)
         return replace(found, made={**found.made, "recipe": self.plain()})
 
     _on = volume
@@ -311,7 +315,7 @@ class VolumeRecipe(_CachedRecipe):
         return entry_of(self.plain(), [self.path])
 
     def _voxel(self) -> ArrayLike:
-        return self.grid().spacing if self.voxel is None else self.voxel
+        return self._grid().spacing if self.voxel is None else self.voxel
 
 
 def altered(recipe: VolumeRecipe, **changes: Any) -> VolumeRecipe:
@@ -502,7 +506,7 @@ class LabelledRecipe(_CachedRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions in making the bone; errors as `made`."""
-        return self.made().notes if self._kept is None else self.grid().notes
+        return self.made().notes if self._kept is None else self._grid().notes
 
     @property
     def mapping(self) -> OccupancyMap | None:
@@ -517,7 +521,7 @@ class LabelledRecipe(_CachedRecipe):
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
-        grid = self.grid()
+        grid = self._grid()
         made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
         if self.grey is None:
             widest = float(max(*grid.spacing, *(self.voxel or ())))
@@ -526,7 +530,7 @@ class LabelledRecipe(_CachedRecipe):
 
     def _voxel(self) -> ArrayLike:
         given = self.voxel if self.grey is None else self.grey.voxel
-        return self.grid().spacing if given is None else given
+        return self._grid().spacing if given is None else given
 
     def _on(self) -> OnGrid:
         return self._labels if self.grey is None else self.grey.volume()
@@ -540,7 +544,7 @@ class LabelledRecipe(_CachedRecipe):
     @cached_property
     def _made(self) -> LabelledBone:
         if (bone := self._kept_bone()) is not None:
-            return LabelledBone(bone, self.grid().notes)
+            return LabelledBone(bone, self._grid().notes)
         made = self._new()
         keep_bone(self._entry, made.bone, self._on(), made.notes)
         return made
@@ -696,8 +700,7 @@ class DrilledRecipe(_FileRecipe):
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
         return (before, *(note for note in notes if assumed([note])))
 
-    def grid(self) -> OnGrid:
-        """As `like`."""
+    def _grid(self) -> OnGrid:
         return self.like()
 
     def like(self) -> Volume | LabelVolume:

@@ -22,7 +22,7 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Material, Shape, shape_names
 from burrlab.bone.image import OccupancyMap, resampled_shape
-from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, altered, usual_tissues
+from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, altered, grid_of, usual_tissues
 from burrlab.bone.slices import is_stack
 from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import read_tissues
@@ -570,7 +570,7 @@ def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Re
     grey = recipe.grey if isinstance(recipe, LabelledRecipe) else recipe
     if grey is None or grey.voxel is None or grey.crop is not None:
         return recipe
-    volume, voxel = grey.grid(), np.array(grey.voxel)
+    volume, voxel = grid_of(grey), np.array(grey.voxel)
     if np.allclose(voxel, volume.spacing, rtol=1e-9, atol=0):
         return recipe
     with contextlib.suppress(ValueError):

@@ -418,6 +418,15 @@ void VoxelBone::count_tissues(std::size_t brick, int sign) {
     tissue_sums_.pristine[tissue] += sign * pristine_mass(place(brick), brick);
     return;
   }
+  if (!(state_[brick] & eroded)) {
+    TissueMap::Sums both{};
+    tissues_->add(brick, tile(brick), sign, both);
+    for (std::size_t i = 0; i < tissues_->table().size(); ++i) {
+      tissue_sums_.present[i] += both[i];
+      tissue_sums_.pristine[i] += both[i];
+    }
+    return;
+  }
   alignas(64) std::uint8_t pristine[brick_voxels];
   copy_pristine(place(brick), brick, pristine);
   tissues_->add(brick, tile(brick), sign, tissue_sums_.present);

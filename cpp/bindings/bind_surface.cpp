@@ -70,6 +70,22 @@ py::array_t<T> to_owner(std::vector<T>&& values, py::ssize_t columns) {
   return py::array_t<T>({n / columns, columns}, kept->data(), owner);
 }
 
+py::tuple pack_bone(const VoxelBone& bone) {
+  const VoxelBone::Reading reading(bone);
+  const auto& map = bone.tissues();
+  return py::make_tuple(to_owner(bone.packed(), 1), to_owner(map ? map->packed() : VoxelBone::Levels(), 1));
+}
+
+std::shared_ptr<VoxelBone> unpack_bone(const Index3& shape, const Vec3& spacing, const Vec3& origin,
+                                       const LevelArray& levels, const Tissues* tissues,
+                                       const LevelArray& numbers) {
+  const auto size = [](const LevelArray& packed) { return static_cast<std::size_t>(packed.size()); };
+  auto bone = std::make_shared<VoxelBone>(shape, levels.data(), size(levels), spacing, origin);
+  if (tissues)
+    bone->set_tissues(std::make_shared<const TissueMap>(shape, numbers.data(), size(numbers), *tissues));
+  return bone;
+}
+
 py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
   const std::vector<Index3> places = to_places("blocks", blocks);
   std::vector<SurfaceBlock> made(places.size());
@@ -96,6 +112,12 @@ py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& 
 }  // namespace
 
 void bind_surface(py::module_& m) {
+  m.def(
+      "pack_bone", &pack_bone, "bone"_a,
+      "Pristine levels and tissue numbers of a bone in few bytes, two arrays (n,) uint8; the second is empty "
+      "for a bone without tissues.");
+  m.def("unpack_bone", &unpack_bone, "shape"_a, "spacing"_a, "origin"_a, "levels"_a, "tissues"_a, "numbers"_a,
+        "The bone that was packed, not eroded. ValueError if the arrays do not fill the shape.");
   m.def("take_changed_bricks", &take_changed, "bone"_a,
         "Numbers of the bricks that changed since the last call, in order, (n,) uint32. For a bone with one "
         "consumer.");

@@ -1,6 +1,8 @@
 #include "burrlab/brick.hpp"
 
+#include <algorithm>
 #include <new>
+#include <stdexcept>
 
 #include "kernel/kernel.hpp"
 
@@ -34,6 +36,31 @@ BrickSums sum_brick(const std::uint8_t* tile) {
   kernel::Sums sums;
   kernel::current_kernel().sum(tile, sums);
   return {sums.after_mass, sums.after_x, sums.after_y, sums.after_z};
+}
+
+std::vector<std::uint8_t> pack(const std::vector<std::uint8_t>& level,
+                               const std::vector<const std::uint8_t*>& tile) {
+  const auto tiles =
+      static_cast<std::size_t>(std::count_if(tile.begin(), tile.end(), [](auto t) { return t; }));
+  std::vector<std::uint8_t> packed(level);
+  packed.reserve(2 * level.size() + tiles * brick_voxels);
+  for (const std::uint8_t* one : tile) packed.push_back(one != nullptr);
+  for (const std::uint8_t* one : tile)
+    if (one) packed.insert(packed.end(), one, one + brick_voxels);
+  return packed;
+}
+
+std::vector<const std::uint8_t*> packed_tiles(const std::uint8_t* packed, std::size_t size,
+                                              std::size_t bricks) {
+  std::vector<const std::uint8_t*> tiles(bricks);
+  std::size_t end = 2 * bricks;
+  for (std::size_t brick = 0; brick < bricks && end <= size; ++brick) {
+    if (!packed[bricks + brick]) continue;
+    tiles[brick] = packed + end;
+    end += brick_voxels;
+  }
+  if (end != size) throw std::invalid_argument("packed bricks must fill the shape");
+  return tiles;
 }
 
 Occupancy::Occupancy(const Index3& bricks)

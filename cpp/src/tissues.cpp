@@ -34,12 +34,39 @@ std::int32_t Tissues::largest_stiffness() const {
   return *std::max_element(stiffness_.begin(), stiffness_.end());
 }
 
-TissueMap::TissueMap(const Index3& shape, const std::uint8_t* numbers, const Tissues& table)
-    : shape_(shape), table_(table) {
+TissueMap::TissueMap(const Index3& shape, const Tissues& table) : shape_(shape), table_(table) {
   for (int axis = 0; axis < 3; ++axis) bricks_[axis] = (shape[axis] + brick_side - 1) / brick_side;
-  const auto bricks = static_cast<std::size_t>(bricks_[0] * bricks_[1] * bricks_[2]);
-  number_.resize(bricks);
-  present_.resize(bricks);
+  number_.resize(static_cast<std::size_t>(bricks_[0] * bricks_[1] * bricks_[2]));
+  present_.resize(number_.size());
+}
+
+TissueMap::TissueMap(const Index3& shape, const std::uint8_t* packed, std::size_t size, const Tissues& table)
+    : TissueMap(shape, table) {
+  const auto tiles = packed_tiles(packed, size, number_.size());
+  for (std::size_t brick = 0; brick < tiles.size(); ++brick) {
+    const std::uint8_t* numbers = tiles[brick] ? tiles[brick] : packed + brick;
+    number_[brick] = *numbers;
+    for (int i = 0; i < (tiles[brick] ? brick_voxels : 1); ++i) {
+      if (i > 0 && numbers[i] == numbers[i - 1]) continue;
+      if (numbers[i] >= table.size())
+        refuse("every tissue number", "below " + std::to_string(table.size()), numbers[i]);
+      present_[brick] |= std::uint64_t{1} << numbers[i];
+    }
+    if (!mixed(brick)) continue;
+    if (tiles_.empty()) tiles_ = Tiles(tiles.size());
+    std::memcpy(tiles_.tile(brick), numbers, brick_voxels);
+  }
+}
+
+std::vector<std::uint8_t> TissueMap::packed() const {
+  std::vector<const std::uint8_t*> tiles(number_.size());
+  for (std::size_t brick = 0; brick < tiles.size(); ++brick) tiles[brick] = tile(brick);
+  return pack(number_, tiles);
+}
+
+TissueMap::TissueMap(const Index3& shape, const std::uint8_t* numbers, const Tissues& table)
+    : TissueMap(shape, table) {
+  const std::size_t bricks = number_.size();
   const auto voxels = static_cast<std::size_t>(shape[0] * shape[1] * shape[2]);
   const std::uint8_t largest = voxels ? *std::max_element(numbers, numbers + voxels) : 0;
   if (largest >= table.size())

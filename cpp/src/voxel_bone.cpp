@@ -77,6 +77,24 @@ VoxelBone::VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacin
   });
 }
 
+VoxelBone::VoxelBone(const Index3& shape, const std::uint8_t* packed, std::size_t size, const Vec3& spacing,
+                     const Vec3& origin)
+    : VoxelBone(shape, 0, spacing, origin) {
+  const auto tiles = packed_tiles(packed, size, sums_.size());
+  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+    state_[brick] |= changed;  // as after `write`
+    level_[brick] = packed[brick];
+    if (!tiles[brick] && !packed[brick]) return;
+    std::uint8_t pristine[brick_voxels];
+    if (tiles[brick])
+      std::memcpy(pristine, tiles[brick], brick_voxels);
+    else
+      copy_pristine(at, brick, pristine);
+    std::memcpy(density_.tile(brick), pristine, brick_voxels);
+    settle(at, brick, pristine);
+  });
+}
+
 VoxelBone::VoxelBone(const VoxelBone& other)
     : shape_(other.shape_),
       bricks_(other.bricks_),
@@ -222,6 +240,12 @@ void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8
     settle(at, brick, pristine);
     count_tissues(brick, 1);
   });
+}
+
+VoxelBone::Levels VoxelBone::packed() const {
+  std::vector<const std::uint8_t*> tiles(sums_.size());
+  for (std::size_t brick = 0; brick < tiles.size(); ++brick) tiles[brick] = pristine_tile(brick);
+  return pack(level_, tiles);
 }
 
 void VoxelBone::restore(const std::uint8_t* density) {
@@ -392,6 +416,15 @@ void VoxelBone::count_tissues(std::size_t brick, int sign) {
     const std::size_t tissue = tissues_->number(brick);
     tissue_sums_.present[tissue] += sign * std::int64_t(sums_[brick].mass);
     tissue_sums_.pristine[tissue] += sign * pristine_mass(place(brick), brick);
+    return;
+  }
+  if (!(state_[brick] & eroded)) {
+    TissueMap::Sums both{};
+    tissues_->add(brick, tile(brick), sign, both);
+    for (std::size_t i = 0; i < tissues_->table().size(); ++i) {
+      tissue_sums_.present[i] += both[i];
+      tissue_sums_.pristine[i] += both[i];
+    }
     return;
   }
   alignas(64) std::uint8_t pristine[brick_voxels];

@@ -21,6 +21,7 @@ import burrlab._core as _core
 pytest.register_assert_rewrite("tick_scenes")
 
 ROOT = Path(__file__).parents[2]
+os.environ["BURRLAB_CACHE"] = ""  # nothing is kept between tests
 
 
 @pytest.fixture(autouse=True)

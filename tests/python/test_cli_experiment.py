@@ -12,6 +12,7 @@ import matplotlib.pyplot
 import pytest
 
 import burrlab.cli.experiment as cli_experiment
+import burrlab.cli.options as cli_options
 from burrlab.cli import main
 from burrlab.psychophysics.answers import read_folder
 from burrlab.psychophysics.protocol import Protocol
@@ -105,7 +106,8 @@ def cut(path, lines):
 
 def test_simulated_subjects_from_run_to_analysis(config, capsys, monkeypatch):
     shown = []
-    monkeypatch.setattr(cli_experiment, "show_line", shown.append)
+    for module in (cli_experiment, cli_options):
+        monkeypatch.setattr(module, "show_line", shown.append)
     assert main(["experiment", "run", "test.toml", "--simulated", "--all", "--fast", "--weber", "0.2"]) == 0
     assert said(capsys)[0] == "".join(f"simulated subject 0{n}: 6 trials answered\n" for n in (1, 2, 3))
     protocol = Protocol.read(config)

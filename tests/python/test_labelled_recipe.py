@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from burrlab._core import Burr, ScriptedDevice
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.kept import save_drilled
-from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, grid_of
 from burrlab.bone.tissues import default_tissues
 from burrlab.session.network import make_bone
 from burrlab.session.session import Session
@@ -135,3 +136,74 @@ def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:
         assert make_bone(plain, volume="there/other.nrrd").digest() == digest
     with pytest.raises(FileNotFoundError, match=r"labels\.nii\.gz: no such file"):
         make_bone(plain)
+
+
+KEPT = (
+    lambda: VolumeRecipe("ct.nrrd", MAP, voxel=0.2),
+    lambda: LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), {"facial nerve": 0.5}),
+    lambda: LabelledRecipe(
+        "v.yaml", default_tissues({1: "bone", 10: "facial nerve"}), unit=500.0, smooth=0.6
+    ),
+)
+
+
+@pytest.fixture
+def cache(files: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache that keeps bones of any size, of files of any age."""
+    monkeypatch.setenv("BURRLAB_CACHE", str(files / "cache"))
+    monkeypatch.setattr("burrlab.bone.cached.WORTH", 1)
+    monkeypatch.setattr("burrlab.common.cache._SETTLED", -1.0)
+    return files / "cache"
+
+
+@pytest.mark.parametrize("recipe", KEPT)
+def test_a_kept_bone_is_the_same(
+    recipe: Callable[[], VolumeRecipe], cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def made() -> tuple[object, ...]:
+        one = recipe()
+        one.check_burr(Burr(3.0))
+        corners = grid_of(one).corners()
+        above = [*corners.mean(axis=0)[:2], corners[:, 2].max() + 1]
+        found = one.specimen(entry=above, axis=(0, 0, -1))
+        bone, masses = one.bone(), [found.bone.mass_of(i) for i in range(len(found.bone.tissues or ()))]
+        return bone.digest(), found.bone.digest(), bone.mass, masses, found.made, one.notes(), one.plain()
+
+    first = made()
+    assert len(list(cache.iterdir())) == 1
+
+    def none(*_: object) -> None:
+        raise AssertionError("a volume is read")
+
+    monkeypatch.setattr("burrlab.bone.recipe.read_volume", none)
+    monkeypatch.setattr("burrlab.bone.recipe.labels_of", none)
+    assert made() == first
+
+
+def test_a_kept_bone_of_other_files_or_a_damaged_one_is_made_anew(cache: Path) -> None:
+    recipe = KEPT[1]
+    first, [kept] = recipe().bone().digest(), list(cache.iterdir())
+    for damage in (lambda content: content[:-1], lambda content: content[:700] + b"x" + content[701:]):
+        kept.write_bytes(damage(kept.read_bytes()))
+        assert recipe().bone().digest() == first
+    before, content = Path("ct.nrrd").stat(), Path("ct.nrrd").read_bytes()
+    inode = before.st_ino
+    Path("ct.nrrd").write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    os.utime("ct.nrrd", ns=(before.st_atime_ns, before.st_mtime_ns))
+    now = Path("ct.nrrd").stat()
+    assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, inode)
+    with pytest.raises(ValueError, match="compressed data"):  # its checksum is wrong by now
+        recipe().bone()
+    Path("ct.nrrd").unlink()
+    Path("ct.nrrd").write_bytes(content)  # another file of the same content
+    assert recipe()._kept is not None
+    assert recipe().bone().digest() == first
+
+
+def test_a_session_needs_no_cache(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cache.write_text("no folder")
+    first = KEPT[0]().bone().digest()
+    cache.unlink()
+    monkeypatch.setattr("burrlab.common.cache.MOST", 1)  # there is no room
+    assert KEPT[0]().bone().digest() == first
+    assert list(cache.iterdir()) == []

@@ -6,9 +6,12 @@ import contextlib
 import io
 import json
 import logging
+import os
 import re
+import signal
 import subprocess
 import sys
+import threading
 import time
 from typing import Any
 
@@ -18,7 +21,8 @@ import pytest
 import burrlab
 from burrlab import Burr, VelocityCurve, VoxelBone, descend, fit, force_sweep, materials
 from burrlab.cli.main import main
-from burrlab.common.progress import foretold, reporter
+from burrlab.common.check import refuse
+from burrlab.common.progress import doing, foretold, reporter, stoppable
 
 Material, bone, burr = burrlab.Material, materials["bone"], Burr(3.0)
 block = VoxelBone.block((8, 8, 3), 0.2, origin=(-4, -4, -3))
@@ -314,6 +318,27 @@ def test_long_work_says_how_long_once(monkeypatch, caplog: pytest.LogCaptureFixt
     assert caplog.messages == [
         "descent at dt = 0.001 ms, voxel = 0.1 mm: about 38 s more; progress=True shows a bar, Ctrl-C ends it"
     ]
+
+
+def test_work_without_parts_says_what_is_done(monkeypatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr("burrlab.common.progress.LONG", 0.05)
+    with doing("all of it"), doing("a part"):
+        time.sleep(0.5)
+    with doing("short"):
+        pass
+    assert caplog.messages == ["a part: 0 s so far; Ctrl-C ends it"]
+
+
+def test_an_interrupt_does_not_wait_for_a_library() -> None:
+    begin, ended = time.monotonic(), threading.Event()
+    threading.Timer(0.1, os.kill, [os.getpid(), signal.SIGINT]).start()
+    with pytest.raises(KeyboardInterrupt):
+        stoppable(lambda: ended.wait(20.0))
+    assert time.monotonic() - begin < 10.0
+    ended.set()
+    assert stoppable(lambda: 3) == 3
+    with pytest.raises(ValueError, match="as of the work"):
+        stoppable(lambda: refuse(True, "as of the work"))
 
 
 def test_fine_voxels_say_how_long_before_they_begin(monkeypatch, caplog: pytest.LogCaptureFixture) -> None:

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from tick_scenes import assert_same_sums
 
+import burrlab._core as _core
 from burrlab import materials
-from burrlab._core import Material, Tissue, Tissues, VoxelBone
+from burrlab._core import Burr, BurrContact, Material, Tissue, Tissues, VoxelBone
 from burrlab.bone.snapshot import load_bone, save_bone
 
 BONE = materials["bone"]
@@ -133,3 +134,31 @@ def numbered(numbers: np.ndarray) -> VoxelBone:
 def test_refused(make: Callable[[], object], match: str) -> None:
     with pytest.raises(ValueError, match=match):
         make()
+
+
+def test_a_packed_bone_is_the_same() -> None:
+    bone, given = tissue_bone()
+    faint = bone.read((0, 0, 0), bone.shape).copy()
+    faint[:8, :, 8:], faint[8:, :, 8:] = 7, 0  # uniform bricks
+    bone.write(faint)
+    plain = VoxelBone(faint, (0.1, 0.2, 0.3), (1, 2, 3))
+    for one in (bone, plain):
+        levels, numbers = _core.pack_bone(one)
+        again = _core.unpack_bone(one.shape, one.spacing, one.origin, levels, one.tissues, numbers)
+        center = np.array(one.origin) + 0.5 * np.array(one.spacing) * one.shape[::-1]
+        for burred in (one, again):
+            assert burred.removed == 0
+            BurrContact(burred, Burr(1.2), BONE, seed=1).step(center, dt=1.0)
+        if one.tissues is not None:
+            assert_same_sums(again, given)
+        assert (again.digest(), again.mass, again.removed > 0) == (one.digest(), one.mass, True)
+    levels, numbers = _core.pack_bone(bone)
+    strange = numbers.copy()
+    strange[-1] = 3
+    for wrong, message in (
+        (numbers[:-1], "packed bricks must fill the shape"),
+        (numbers[:3], "packed bricks must fill the shape"),
+        (strange, "every tissue number must be below 3"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            _core.unpack_bone(bone.shape, bone.spacing, bone.origin, levels, bone.tissues, wrong)

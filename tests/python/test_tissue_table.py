@@ -101,6 +101,9 @@ def test_a_label_volume_gives_names_and_colours() -> None:
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int32, np.float32])
 def test_counts_of_labels(kind: type) -> None:
     assert label_counts(np.array([[[0, 3], [3, 200]]], kind)) == {0: 1, 3: 2, 200: 1}
+    if kind in (np.int32, np.float32):
+        far = np.array([[[0, 3]], [[3, 70_000]], [[70_000, 200]]], kind)
+        assert list(label_counts(far).items()) == [(0, 1), (3, 2), (200, 1), (70_000, 2)]
 
 
 def test_a_file_gives_the_table_back(tmp_path: Path) -> None:

@@ -100,6 +100,15 @@ def test_the_voxels_are_those_that_lost_half_of_their_bone(made):
     assert (color[:, 4] == 255).all()
 
 
+def test_an_interrupted_export_leaves_no_file(made, tmp_path):
+    def stop(done: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        burrlab.export_volumetric_drilling(made[1], tmp_path / "export.hdf5", progress=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_session_that_removed_nothing(tmp_path):
     file = tmp_path / "session.h5"
     burrlab.TraceWriter(file, FakeReader(), small_bone(), tools(), seed=1).stop()

@@ -38,6 +38,14 @@ class Tiles {
   std::uint8_t* first_ = nullptr;
 };
 
+/// Bricks in few bytes: the level of each, whether it has a tile, and these tiles.
+std::vector<std::uint8_t> pack(const std::vector<std::uint8_t>& level,
+                               const std::vector<const std::uint8_t*>& tile);
+/// Where each brick's tile lies among packed bytes; null for a uniform brick, whose level is packed[brick].
+/// Throws unless these are the bytes of so many bricks.
+std::vector<const std::uint8_t*> packed_tiles(const std::uint8_t* packed, std::size_t size,
+                                              std::size_t bricks);
+
 /// Which bricks hold bone: one bit per brick in 64-bit words of 4^3 bricks (a block), and one bit per block
 /// in words of 4^3 blocks. A walk skips empty space in steps of 32 and of 128 voxels.
 class Occupancy {

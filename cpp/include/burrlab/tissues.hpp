@@ -58,6 +58,9 @@ class TissueMap {
 
   /// Numbers (z, y, x) into the table; throws if one is not in the table.
   TissueMap(const Index3& shape, const std::uint8_t* numbers, const Tissues& table);
+  /// With the numbers that `packed` returned; throws as above, or if they do not fill the shape.
+  TissueMap(const Index3& shape, const std::uint8_t* packed, std::size_t size, const Tissues& table);
+  std::vector<std::uint8_t> packed() const;  ///< numbers in few bytes, by `pack`
 
   const Tissues& table() const { return table_; }
   const Index3& shape() const { return shape_; }
@@ -76,6 +79,7 @@ class TissueMap {
   std::size_t hierarchy_bytes() const { return number_.size() * (sizeof number_[0] + sizeof present_[0]); }
 
  private:
+  TissueMap(const Index3& shape, const Tissues& table);
   bool mixed(std::size_t brick) const { return (present_[brick] & (present_[brick] - 1)) != 0; }
 
   Index3 shape_, bricks_;

@@ -44,6 +44,9 @@ class VoxelBone {
   VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin);
   /// The same level in every voxel.
   VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin);
+  /// A bone with the levels that `packed` returned; throws if they do not fill the shape.
+  VoxelBone(const Index3& shape, const std::uint8_t* packed, std::size_t size, const Vec3& spacing,
+            const Vec3& origin);
   VoxelBone(const VoxelBone& other);
   VoxelBone(VoxelBone&&) = default;
   VoxelBone& operator=(VoxelBone&&) = default;
@@ -62,6 +65,8 @@ class VoxelBone {
   /// Copy of the box that begins at `start` (z, y, x); throws if the box leaves the volume.
   Levels read(const Index3& start, const Index3& shape, bool pristine) const;
   void read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const;
+
+  Levels packed() const;  ///< pristine levels in few bytes, by `pack`
 
   /// Throws unless the box lies inside the volume.
   void check_box(const Index3& start, const Index3& shape) const;

@@ -13,6 +13,7 @@ from scipy import ndimage
 from burrlab._core import Burr, ScriptedDevice
 from burrlab.bone.phantom.phantom import Phantom
 from burrlab.common.check import refuse
+from burrlab.common.progress import doing, stoppable
 from burrlab.common.table import by_value
 
 Floats = NDArray[np.float64]
@@ -62,6 +63,7 @@ class BurrPath:
         return center, self.on[row]
 
 
+@doing("planning a path")
 def mastoidectomy_path(
     phantom: Phantom,
     burr: Burr,
@@ -163,10 +165,12 @@ class _Plan:
         origin[0] -= pad * spacing[0]
         above = ~np.logical_or.accumulate(target | bone, axis=2)
         zyx = spacing[::-1]
-        room = (
-            ndimage.distance_transform_edt(np.pad(target | above, 1), sampling=zyx)[1:-1, 1:-1, 1:-1] - radius
-        )
-        cuts = ndimage.distance_transform_edt(~(target & bone), sampling=zyx) < radius
+
+        def distance(mask: Mask) -> Floats:
+            return stoppable(lambda: ndimage.distance_transform_edt(mask, sampling=zyx))
+
+        room = distance(np.pad(target | above, 1))[1:-1, 1:-1, 1:-1] - radius
+        cuts = distance(~(target & bone)) < radius
         x = np.flatnonzero(target.any(axis=(0, 1)))
         edge = origin[0] + spacing[0] * x
         return cls(room, cuts & (room > 0), spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)

@@ -14,6 +14,7 @@ from burrlab.bone.image import LabelVolume
 from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, drawing
+from burrlab.common.progress import doing
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table
 
@@ -139,6 +140,7 @@ _CODEC = Codec(
 )  # fmt: skip
 
 
+@doing("comparing with a target")
 def compare_with_target(
     bone: VoxelBone, target: NDArray[Any] | LabelVolume, *, onto: bool = False
 ) -> TargetComparison:

@@ -31,6 +31,7 @@ from burrlab.bone.header import Header, medical, plain_name
 from burrlab.bone.image import Array, Volume, checked_direction, point_text
 from burrlab.common.check import DEFLATE, check_memory, refuse
 from burrlab.common.files import check_folder, new_folder
+from burrlab.common.progress import doing
 from burrlab.common.records import in_one_line
 
 #: Relative difference allowed between the distances of slices: headers are rounded.
@@ -95,7 +96,10 @@ def read_dicom(
     columns, rows = slices[0].size
     spacing = np.array([*slices[0].spacing, apart])
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
-    values = np.stack([_values(s, (rows, columns)) for s in slices])
+    planes = [_values(s, (rows, columns)) for s in slices]
+    values = np.empty((len(planes), rows, columns), np.result_type(*{plane.dtype for plane in planes}))
+    for k, plane in enumerate(planes):
+        values[k] = plane
     notes = _notes(slices, others)
     files = tuple(s.name for s in slices)
     return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values
@@ -392,6 +396,7 @@ def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
     return ctypes.c_void_p(opened(ctypes.byref(text), ctypes.byref(size))), text, size
 
 
+@doing("writing slices")
 def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
     """Writes a series of CT slices into a new folder, which appears when it is complete.
 

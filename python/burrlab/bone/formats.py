@@ -32,6 +32,7 @@ from burrlab.bone.header import (
 from burrlab.bone.image import Colour, LabelVolume, Volume, checked_direction
 from burrlab.common.check import check_memory, first_bytes, refuse, shown
 from burrlab.common.files import check_folder, new_part
+from burrlab.common.progress import doing, stoppable
 
 
 @dataclass(frozen=True)
@@ -139,6 +140,7 @@ def read_labels(
     )  # fmt: skip
 
 
+@doing("reading a volume")
 def _read(
     path: VolumePath, spacing: float | ArrayLike | None, series: str | None, most: int = 1
 ) -> tuple[str, Header, NDArray[Any]]:
@@ -232,6 +234,7 @@ def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
         raise ValueError(f"{name}: the values are cut short, or no numbers ({error})") from None
 
 
+@doing("writing a volume")
 def write_volume(
     path: str | os.PathLike[str], volume: Volume | LabelVolume, *, compress: bool = True
 ) -> None:
@@ -312,7 +315,8 @@ def new_volume(
             image.SetDirection(volume.direction.ravel().tolist())
             for key, text in fields.items():
                 image.SetMetaData(key, text)
-            sitk.WriteImage(image, str(part), useCompression=compress and not ending.startswith(".nii"))
+            packed = compress and not ending.startswith(".nii")
+            stoppable(lambda: sitk.WriteImage(image, str(part), useCompression=packed))
         except (RuntimeError, TypeError, KeyError) as error:
             raise ValueError(f"{target}: values of {values.dtype} cannot be written as {ending}") from error
         with part.open("rb") as written:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, ClassVar, Self, cast
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, surface_along, unit_vector
 from burrlab.common.check import check_bone, check_memory, real, refuse, require_type, scalar
+from burrlab.common.progress import doing
 from burrlab.common.table import object_html
 
 #: Corners of a box: 0 or 1 for its two ends along (x, y, z).
@@ -173,6 +174,7 @@ class OnGrid(ABC):
         note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
         return self._moved(kept, note, origin=origin)
 
+    @doing("resampling a volume")
     def resample(self, spacing: float | ArrayLike) -> Self:
         """The volume with another voxel spacing, over the same field of view.
 
@@ -344,14 +346,17 @@ def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[An
 def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) -> NDArray[np.float32]:
     old = values.shape[axis]
     edges = np.minimum(np.arange(count + 1) * ratio, old)
-    moved = np.moveaxis(values, axis, 0)
-    total = np.zeros((old + 1, *moved.shape[1:]))
-    np.cumsum(moved, axis=0, out=total[1:], dtype=np.float64)
     whole = np.minimum(edges.astype(int), old - 1)
     part = (edges - whole).reshape(-1, 1, 1)
-    at_edge = total[whole] + part * (total[whole + 1] - total[whole])
-    means = np.diff(at_edge, axis=0) / np.diff(edges).reshape(-1, 1, 1)
-    return np.asarray(np.moveaxis(means, 0, axis), dtype=np.float32)
+    found = np.empty([count if k == axis else side for k, side in enumerate(values.shape)], np.float32)
+    for rows in slabs(values.shape, axis):
+        moved = np.moveaxis(values[rows], axis, 0)
+        total = np.zeros((old + 1, *moved.shape[1:]))
+        np.cumsum(moved, axis=0, out=total[1:], dtype=np.float64)
+        at_edge = total[whole] + part * (total[whole + 1] - total[whole])
+        means = np.diff(at_edge, axis=0) / np.diff(edges).reshape(-1, 1, 1)
+        found[rows] = np.moveaxis(means, 0, axis)
+    return found
 
 
 def _neighbours(
@@ -365,6 +370,18 @@ def _neighbours(
 
 #: Planes of voxels that are filled at a time, one layer of bricks.
 SLAB = 8
+
+
+def slabs(shape: tuple[int, ...], axis: int) -> Iterator[tuple[slice, slice, slice]]:
+    """Indices of slabs of `SLAB` planes that hold whole lines along an axis, for work line by line.
+
+    The work needs little memory besides, and Ctrl-C does not wait for it.
+    """
+    every = slice(None)
+    across = 1 if axis == 0 else 0
+    for k in range(0, shape[across], SLAB):
+        rows = slice(k, k + SLAB)
+        yield (every, rows, every) if across else (rows, every, every)
 
 
 def empty_bone(shape: tuple[int, ...], spacing: Array, origin: Array) -> VoxelBone:
@@ -483,7 +500,10 @@ class OccupancyMap:
             least = int(np.iinfo(values.dtype).min)
             whole = np.arange(least, int(np.iinfo(values.dtype).max) + 1, dtype=np.float64)
             entries = store(self._linear(whole))
-            return np.asarray(entries[values.astype(np.int32) - least])
+            mapped = np.empty(values.shape, kind)
+            for out, part in zip(mapped, values, strict=True) if values.ndim == 3 else [(mapped, values)]:
+                out[...] = entries[part.astype(np.int32) - least]
+            return mapped
         found = np.empty(values.shape, dtype=kind)
         flat, out = values.reshape(-1), found.reshape(-1)
         for first in range(0, flat.size, 1 << 22):  # in parts: limits the memory of float64
@@ -567,6 +587,7 @@ class Volume(OnGrid):
     def _repr_html_(self) -> str:
         return object_html(self)
 
+    @doing("making bone of grey values")
     def to_bone(
         self,
         mapping: OccupancyMap | float,
@@ -646,18 +667,36 @@ class Volume(OnGrid):
             As `to_bone`.
         """
         chosen = occupancy_map(mapping, solid)
-        bone = self.to_bone(chosen, spacing=spacing)
-        made = {
-            "path": self.path,
-            "map": chosen.text,
-            "volume_spacing_mm": self.spacing.tolist(),
-            "voxel_mm": list(bone.spacing),
-            "origin_mm": self.origin.tolist(),
-            "direction": self.direction.tolist(),
-            "notes": list(self.notes),
-        }
-        of = f"{self.path}, whose grey values are {self.values.min():g} to {self.values.max():g}"
-        return specimen_in(self, bone, entry, axis, made, f"map {chosen.text}", of=of)
+        return grey_specimen(self, self.to_bone(chosen, spacing=spacing), chosen, entry, axis, lambda: self)
+
+
+def grey_specimen(
+    grid: OnGrid,
+    bone: VoxelBone,
+    mapping: OccupancyMap,
+    entry: Vector,
+    axis: Vector,
+    whole: Callable[[], Volume],
+) -> Specimen:
+    """Specimen of a bone that a map made of a grey volume, whose voxels are looked at for a message alone.
+
+    Errors as `Volume.specimen`.
+    """
+    made = {
+        "path": grid.path,
+        "map": mapping.text,
+        "volume_spacing_mm": grid.spacing.tolist(),
+        "voxel_mm": list(bone.spacing),
+        "origin_mm": grid.origin.tolist(),
+        "direction": grid.direction.tolist(),
+        "notes": list(grid.notes),
+    }
+
+    def of() -> str:
+        values = whole().values
+        return f"{grid.path}, whose grey values are {values.min():g} to {values.max():g}"
+
+    return specimen_in(grid, bone, entry, axis, made, f"map {mapping.text}", of=of)
 
 
 def specimen_in(
@@ -668,7 +707,7 @@ def specimen_in(
     made: dict[str, Any],
     how: str,
     *,
-    of: str = "",
+    of: Callable[[], str] | None = None,
 ) -> Specimen:
     """Specimen of a bone on a volume's voxel axes, with an axis in the volume's own coordinates.
 
@@ -689,7 +728,7 @@ def specimen_in(
     if surface is None:
         raise ValueError(
             f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in "
-            f"{of or grid.path}; " + _place(grid, at)
+            f"{of() if of else grid.path}; " + _place(grid, at)
         )
     refuse(
         np.array_equal(surface, start),
@@ -777,6 +816,7 @@ class LabelVolume(OnGrid):
             colours[int(label)] = (r, g, b)
         object.__setattr__(self, "colours", colours)
 
+    @doing("bringing labels on the voxels of a volume")
     def on(self, volume: OnGrid) -> LabelVolume:
         """The labels on the voxels of a volume: each voxel gets the label at its centre, 0 if there is none.
 

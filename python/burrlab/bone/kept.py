@@ -56,6 +56,7 @@ from burrlab.bone.slices import (
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
 from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_folder, write_synced
+from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
 
 KIND = "burrlab drilled volume"
@@ -179,7 +180,8 @@ def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap |
     density, pristine = bone.density, bone.pristine
     lost = density < pristine
     if isinstance(like, LabelVolume):
-        lost[lost] = 2 * density[lost].astype(np.int64) < pristine[lost]
+        at = np.nonzero(lost)
+        lost[at] = 2 * density[at].astype(np.int64) < pristine[at]
         return Changes(lost, np.zeros(np.count_nonzero(lost)))
     assert mapping is not None
     was, greys = like.values[lost].astype(np.float64), grey_of_levels(mapping)
@@ -553,6 +555,7 @@ class DrilledVolume:
         return read(self.path, spacing=self.bone.spacing)
 
 
+@doing("writing a half-drilled volume")
 def save_drilled(
     path: str | os.PathLike[str],
     bone: VoxelBone,
@@ -649,6 +652,7 @@ def save_drilled(
         other.unlink(missing_ok=True)
 
 
+@doing("reading a half-drilled volume")
 def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     """The bone of a volume that `save_drilled` wrote, in its exact state.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
@@ -18,16 +19,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates
 
-from burrlab._core import Burr, Tissues, VoxelBone
+from burrlab._core import Burr, Material, Tissues, VoxelBone
+from burrlab.bone.cached import WORTH, entry_of, keep_bone, kept_bone, kept_grid
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, checked_point, occupancy_map, specimen_in
+from burrlab.bone.image import (
+    LabelVolume,
+    OccupancyMap,
+    OnGrid,
+    Volume,
+    checked_point,
+    grey_specimen,
+    occupancy_map,
+    specimen_in,
+)
 from burrlab.bone.kept import DrilledVolume, load_drilled
 from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, stack_of
 from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
-from burrlab.bone.tissues import EMPTY, LabelledBone, labelled_bone, placed_on
+from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
+from burrlab.common.cache import Entry, Kept
 from burrlab.common.check import refuse, scalar
+from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
@@ -118,6 +131,10 @@ class _FileRecipe(BoneRecipe):
         return moved
 
     @abstractmethod
+    def _grid(self) -> OnGrid:
+        """See `grid_of`."""
+
+    @abstractmethod
     def _voxel(self) -> ArrayLike:
         """Spacing of the bone (x, y, z) [mm]."""
 
@@ -132,6 +149,38 @@ class _FileRecipe(BoneRecipe):
                 f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {widest:g} mm, got "
                 f"{burr.radius:g} mm; --voxel {enough} (voxel={enough}) makes finer ones"
             )
+
+
+def grid_of(recipe: _FileRecipe) -> OnGrid:
+    """Geometry of a recipe's volume, for points in its own coordinates; the voxels may be missing."""
+    return recipe._grid()
+
+
+class _CachedRecipe(_FileRecipe):
+    """A recipe whose bone is kept for the next start if it is large."""
+
+    @abstractmethod
+    def _on(self) -> OnGrid:
+        """The volume itself."""
+
+    @property
+    @abstractmethod
+    def _entry(self) -> Entry:
+        """Where the bone is kept."""
+
+    @cached_property
+    def _kept(self) -> Kept | None:
+        return self._entry.find()
+
+    def _kept_bone(self) -> VoxelBone | None:
+        try:
+            return None if self._kept is None else kept_bone(self._kept)
+        except UNREADABLE:
+            self.__dict__["_kept"] = None
+            return None
+
+    def _grid(self) -> OnGrid:
+        return self._on() if self._kept is None else kept_grid(self._kept)
 
 
 def whole_number(number: Any, most: int) -> int:
@@ -157,7 +206,7 @@ def _points_of(mapping: OccupancyMap) -> list[Any]:
 
 
 @dataclass(frozen=True)
-class VolumeRecipe(_FileRecipe):
+class VolumeRecipe(_CachedRecipe):
     """A grey volume from a file, the part of it that is kept, and how it becomes bone.
 
     Parameters
@@ -227,6 +276,7 @@ class VolumeRecipe(_FileRecipe):
 
     @cached_property
     def _whole(self) -> Volume:
+        self._entry.look()
         if is_stack(self.path):
             found = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
         elif self.transpose:
@@ -239,11 +289,14 @@ class VolumeRecipe(_FileRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions and steps in reading the volume; errors as `volume`."""
-        return self.volume().notes
+        return self._grid().notes
 
     def bone(self) -> VoxelBone:
         """The bone; errors as `volume` and `Volume.to_bone`."""
-        return self.volume().to_bone(self.mapping, spacing=self.voxel)
+        if (bone := self._kept_bone()) is None:
+            bone = self.volume().to_bone(self.mapping, spacing=self.voxel)
+            keep_bone(self._entry, bone, self.volume(), self.volume().notes)
+        return bone
 
     def like(self) -> Volume:
         """The volume on the voxels of the bone, for `save_drilled`."""
@@ -251,17 +304,25 @@ class VolumeRecipe(_FileRecipe):
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
-        found = self.volume().specimen(self.mapping, entry=entry, axis=axis, spacing=self.voxel)
+        bone = self.bone()
+        found = grey_specimen(self._grid(), bone, self.mapping, entry, axis, self.volume)
         return replace(found, made={**found.made, "recipe": self.plain()})
 
+    _on = volume
+
+    @cached_property
+    def _entry(self) -> Entry:
+        return entry_of(self.plain(), [self.path])
+
     def _voxel(self) -> ArrayLike:
-        return self.volume().spacing if self.voxel is None else self.voxel
+        return self._grid().spacing if self.voxel is None else self.voxel
 
 
-def within(recipe: VolumeRecipe, low: Vector, high: Vector) -> VolumeRecipe:
-    """The recipe with a crop; its volume is not read again."""
-    made = replace(recipe, crop=(_triple(low), _triple(high)))
-    made.__dict__["_whole"] = recipe._whole
+def altered(recipe: VolumeRecipe, **changes: Any) -> VolumeRecipe:
+    """The recipe with another crop or voxel; its volume is not read again."""
+    made = replace(recipe, **changes)
+    made.__dict__.update({name: own for name, own in recipe.__dict__.items() if name == "_whole"})
+    made._entry.look(recipe._entry)
     return made
 
 
@@ -274,6 +335,7 @@ def absolute(path: str | os.PathLike[str]) -> str:
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
 
 
+@doing("cutting a block")
 def cut_block(
     recipe: VolumeRecipe, size: Sequence[float], voxel: float, *, entry: Vector, axis: Vector
 ) -> VoxelBone:
@@ -328,7 +390,7 @@ def cut_block(
 
 
 @dataclass(frozen=True)
-class LabelledRecipe(_FileRecipe):
+class LabelledRecipe(_CachedRecipe):
     """Labels from a file, their table of tissues, and the grey volume that they belong to, if any.
 
     Parameters
@@ -440,11 +502,11 @@ class LabelledRecipe(_FileRecipe):
 
     def bone(self) -> VoxelBone:
         """A copy of the bone; errors as `made`."""
-        return self.made().bone.copy()
+        return self._kept_bone() or self.made().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions in making the bone; errors as `made`."""
-        return self.made().notes
+        return self.made().notes if self._kept is None else self._grid().notes
 
     @property
     def mapping(self) -> OccupancyMap | None:
@@ -459,20 +521,35 @@ class LabelledRecipe(_FileRecipe):
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
-        grid = self._labels if self.grey is None else self.grey.volume()
-        made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.made().notes)}
+        grid = self._grid()
+        made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
         if self.grey is None:
             widest = float(max(*grid.spacing, *(self.voxel or ())))
             made["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
         return specimen_in(grid, self.bone(), entry, axis, made, f"labels of {self.labels}")
 
     def _voxel(self) -> ArrayLike:
-        if self.grey is not None:
-            return self.grey._voxel()
-        return self._labels.spacing if self.voxel is None else self.voxel
+        given = self.voxel if self.grey is None else self.grey.voxel
+        return self._grid().spacing if given is None else given
+
+    def _on(self) -> OnGrid:
+        return self._labels if self.grey is None else self.grey.volume()
+
+    @cached_property
+    def _entry(self) -> Entry:
+        if self.grey is None:
+            return entry_of(self.plain(), [self.labels])
+        return entry_of(self.plain(), [self.labels, self.grey.path]).look(self.grey._entry)
 
     @cached_property
     def _made(self) -> LabelledBone:
+        if (bone := self._kept_bone()) is not None:
+            return LabelledBone(bone, self._grid().notes)
+        made = self._new()
+        keep_bone(self._entry, made.bone, self._on(), made.notes)
+        return made
+
+    def _new(self) -> LabelledBone:
         labels = self._labels
         if self.grey is None:
             options: dict[str, Any] = {"spacing": self.voxel, "smooth": self.smooth, "empty": self.empty}
@@ -492,15 +569,35 @@ class LabelledRecipe(_FileRecipe):
 
     @cached_property
     def _read(self) -> LabelVolume:
+        self._entry.look()
         return labels_of(
             self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues,
             transpose=self.transpose, ranking=self.ranking,
         )  # fmt: skip
 
 
-def keep_labels(recipe: LabelledRecipe, labels: LabelVolume) -> None:
-    """Spares the recipe to read its labels: `labels_of` has read them, `usual` ones if they are slices."""
-    recipe.__dict__["_read"] = labels
+def usual_tissues(
+    path: str, material: Material, **options: Any
+) -> tuple[Tissues, Callable[[LabelledRecipe], object]]:
+    """The default table of labels, and what spares their recipe to read them again; options of `labels_of`.
+
+    Errors as `labels_of` and `default_tissues`.
+    """
+    bone = [getattr(material, name) for name in ("name", "c_e", "alpha", "source")]
+    entry = entry_of(["tissues", absolute(path), *bone, material.shape.name, options], [absolute(path)])
+    with contextlib.suppress(*UNREADABLE):
+        if (kept := entry.find()) is not None:
+            return tissues_from_json(kept.told["tissues"]), lambda recipe: None
+    labels = labels_of(path, usual=True, **options)
+    tissues = default_tissues(labels, material=material)
+    if labels.labels.size >= WORTH:
+        entry.keep({"tissues": tissues_to_json(tissues)})
+
+    def give(recipe: LabelledRecipe) -> None:
+        recipe.__dict__["_read"] = labels
+        recipe._entry.look(entry)
+
+    return tissues, give
 
 
 def labels_of(
@@ -602,6 +699,9 @@ class DrilledRecipe(_FileRecipe):
         before = f"{self.path} has been burred for {self.tick} ticks before"
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
         return (before, *(note for note in notes if assumed([note])))
+
+    def _grid(self) -> OnGrid:
+        return self.like()
 
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`; ValueError for a bone without one."""

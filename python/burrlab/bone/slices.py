@@ -28,6 +28,7 @@ from burrlab.bone.image import Colour, LabelVolume, Volume
 from burrlab.bone.specimen import checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, refuse, shown
+from burrlab.common.progress import doing, stoppable
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # PNG specification, 11.2.2 IHDR: name and channels.
@@ -437,8 +438,8 @@ class Palette:
         said = f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
         if not (len(guessed) and rest.any()):
             return f"{said}; {np.count_nonzero(rest)} others are there"
-        surface = np.argwhere(rest & ~binary_erosion(rest))
-        far = np.asarray(cKDTree(surface * apart).query(guessed * apart)[0])
+        surface = np.argwhere(rest & ~stoppable(lambda: binary_erosion(rest)))
+        far = np.asarray(stoppable(lambda: cKDTree(surface * apart).query(guessed * apart)[0]))
         return f"{said}: up to {far.max():.3g} mm from the rest of it, {np.count_nonzero(far > 1)} of them beyond 1 mm"
 
 
@@ -712,6 +713,7 @@ def read_stack(
     return stack_of(path, spacing, palette, unknown, unit, transpose, ranking)
 
 
+@doing("reading slices")
 def stack_of(
     path: str | os.PathLike[str],
     spacing: float | ArrayLike | None,

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from burrlab._core import Material, Tissue, Tissues, VoxelBone, __version__
 from burrlab.common.check import DEFLATE, check_memory, check_packed, refuse
 from burrlab.common.files import attributes, check_heap, check_walk, new_hdf5, new_part, put_attributes
+from burrlab.common.progress import doing
 from burrlab.common.records import in_one_line
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; without tissues a bone is written as 1
 
 
+@doing("writing a bone")
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
     """Writes a bone and its tick index to an HDF5 file.
 
@@ -77,6 +79,7 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
         part.replace(path)
 
 
+@doing("reading a bone")
 def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
     """The bone of a file and its tick index.
 
@@ -231,17 +234,22 @@ def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: 
 
 def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
     """Writes a bone into a group: `density`, and `pristine` and `tissue` if needed, (z, y, x) uint8."""
-    density, pristine = bone.density, bone.pristine
     packed: dict[str, Any] = {
         "chunks": tuple(min(64, side) for side in bone.shape),
         "compression": "gzip",
         "compression_opts": 1,
     }
-    group.create_dataset("density", data=density, **packed)
-    if not np.array_equal(density, pristine):
-        group.create_dataset("pristine", data=pristine, **packed)
+
+    def put(name: str, values: Any) -> None:
+        kept = group.create_dataset(name, values.shape, np.uint8, **packed)
+        for k in range(0, len(values), 64):  # chunk by chunk: Ctrl-C does not wait for all
+            kept[k : k + 64] = values[k : k + 64]
+
+    put("density", bone.density)
+    if bone.removed > 0:
+        put("pristine", bone.pristine)
     if bone.tissues is not None:
-        group.create_dataset("tissue", data=bone.tissue_numbers, **packed)
+        put("tissue", bone.tissue_numbers)
         put_attributes(group, {"tissues": tissues_to_json(bone.tissues)})
     put_attributes(group, {
         "spacing_mm": bone.spacing, "origin_mm": bone.origin, "digest": bone.digest(), "tick": np.uint64(tick),

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import correlate1d, maximum_filter
+from scipy.ndimage import correlate1d, maximum_filter1d
 from scipy.special import ndtr
 
 import burrlab.common.table as csv_text
@@ -30,10 +31,12 @@ from burrlab.bone.image import (
     Volume,
     check_same_geometry,
     empty_bone,
+    slabs,
 )
 from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.check import refuse, shown
+from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.common.table import Column, Table
 
@@ -242,19 +245,20 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
             f"{said}labels must be whole numbers: this is a grey volume, or was interpolated",
         )
         values = whole.astype(np.int64)
-    if values.dtype.itemsize > 2 or values.dtype.kind != "u":
-        found, counts = np.unique(values, return_counts=True)
-    else:
-        every = np.zeros(1 << (8 * values.dtype.itemsize), np.int64)
-        for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
-            every += np.bincount(plane, minlength=every.size)
-        found = np.flatnonzero(every)
-        counts = every[found]
-    if found.size and found[0] < 0:
-        raise ValueError(
-            f"{said}labels must be zero or positive, got {int(found[0])}: is this a grey volume?"
-        )
-    return dict(zip(found.tolist(), counts.tolist(), strict=True))
+    least = int(values.min()) if values.size else 0
+    if least < 0:
+        raise ValueError(f"{said}labels must be zero or positive, got {least}: is this a grey volume?")
+    every, large = np.zeros(1 << 16, np.int64), Counter[int]()
+    for plane in values.reshape(len(values) or 1, -1):  # bincount works in int64: plane by plane
+        if plane.max(initial=0) < every.size:
+            counts = np.bincount(plane.astype(np.int64))
+            every[: counts.size] += counts
+        else:
+            kinds, counts = np.unique(plane, return_counts=True)
+            large.update(dict(zip(kinds.tolist(), counts.tolist(), strict=True)))
+    for label in np.flatnonzero(every).tolist():
+        large[label] += int(every[label])
+    return dict(sorted(large.items()))
 
 
 def _named(
@@ -528,6 +532,7 @@ class LabelledBone:
     notes: tuple[str, ...] = ()
 
 
+@doing("making bone of labels")
 def labelled_bone(
     source: Volume | NDArray[np.uint8] | None,
     labels: LabelVolume,
@@ -738,10 +743,15 @@ def _smoothed(
     weights = [_gaussian(width / side) for side in apart]
     part = (full > 0).astype(np.float32)
     for axis in range(3):  # whole numbers up to 2^24: exact on every machine
-        correlate1d(part, weights[axis], axis, output=part, mode="reflect")
+        for rows in slabs(part.shape, axis):
+            correlate1d(part[rows], weights[axis], axis, output=part[rows], mode="reflect")
     owner = np.where(full > 0, numbers + np.uint8(1), np.uint8(0))
     for _ in range(max(map(len, weights)) // 2):
-        np.copyto(owner, maximum_filter(owner, 3), where=owner == 0)
+        near = owner.copy()
+        for axis in range(3):
+            for rows in slabs(near.shape, axis):
+                maximum_filter1d(near[rows], 3, axis, output=near[rows])
+        np.copyto(owner, near, where=owner == 0)
     held = np.array([True, *(tissue.critical for tissue in tissues)])
     levels, found = np.empty_like(full), numbers.copy()
     before, after = np.zeros(len(tissues)), np.zeros(len(tissues))

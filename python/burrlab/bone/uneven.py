@@ -11,6 +11,7 @@ from scipy import special
 from burrlab._core import Burr
 from burrlab.bone.specimen import Specimen, Vector, block_below_plane
 from burrlab.common.check import real, refuse
+from burrlab.common.progress import doing
 from burrlab.common.study import stored_as
 
 Floats = NDArray[np.float64]
@@ -147,6 +148,7 @@ class BoneField:
         powers = rho[..., None] ** np.arange(1, 33)
         return np.asarray(powers @ np.array(power) / sum(power))
 
+    @doing("making uneven bone")
     def levels(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, seed: int) -> NDArray[np.uint8]:
         """Levels of the bone at the points of a grid.
 

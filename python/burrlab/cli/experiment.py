@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import logging
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -21,8 +22,10 @@ from burrlab.cli.options import (
     save_figure,
     say,
     show_line,
+    working,
 )
 from burrlab.common.check import refuse
+from burrlab.common.progress import LOG
 from burrlab.psychophysics.analysis import Analysis, analyse
 from burrlab.psychophysics.observer import SimulatedSubject
 from burrlab.psychophysics.protocol import Protocol, template
@@ -109,9 +112,8 @@ def _power(options: Options) -> int:
     protocol = Protocol.read(options.config)
     subjects = len(protocol.subjects)
     for name, design in protocol.tasks.items():
-        show_line(f"task {name}: simulating")
-        power = design.power(subjects)
-        show_line("")
+        with working(f"task {name}: simulating"):
+            power = design.power(subjects)
         print(f"task {name}\n{power}\n", flush=True)
     return 0
 
@@ -139,14 +141,14 @@ def _analyse(options: Options) -> int:
         raise ValueError(f"--plot: {figures} is no folder")
     for name in ("json", "tsv"):
         _check_apart(name, getattr(options, name), options.config)
-    analysis = analyse(
-        options.config, incomplete=options.incomplete,
-        progress=lambda task, subject: show_line(f"task {task}, subject {subject}"),
-    )  # fmt: skip
-    if options.tsv is not None:
-        analysis.to_tsv(options.tsv)
-    drawn = 0 if figures is None else _draw(analysis, figures)
-    show_line("")
+    with working("analysis"):
+        analysis = analyse(
+            options.config, incomplete=options.incomplete,
+            progress=lambda task, subject: show_line(f"task {task}, subject {subject}"),
+        )  # fmt: skip
+        if options.tsv is not None:
+            analysis.to_tsv(options.tsv)
+        drawn = 0 if figures is None else _draw(analysis, figures)
     report = analysis.report(width=shutil.get_terminal_size().columns if sys.stdout.isatty() else None)
     if figures is not None:
         report += f"\n\n{drawn} figures are in {figures}: task-NAME_FIGURE.png"
@@ -225,9 +227,8 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
             if not options.simulated:
                 return _sit_down(stack, at)
             for at in sittings:
-                show_line(f"simulated subject {at.subject}")
-                given = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
-                show_line("")
+                with working(f"simulated subject {at.subject}"):
+                    given = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
                 print(f"simulated subject {at.subject}: {given} trials answered")
     except DeviceLost as error:
         if options.simulated:
@@ -242,6 +243,8 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
 
 def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
     seat = stack.enter_context(TerminalSeat())
+    stack.callback(LOG.setLevel, LOG.level)
+    LOG.setLevel(logging.ERROR)  # the log would go to the subject's screen
     try:
         answered = sitting.run(lambda task: seat)
     except (DeviceLost, KeyboardInterrupt):  # the experimenter sees the reason and the next step

@@ -22,13 +22,13 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Material, Shape, shape_names
 from burrlab.bone.image import OccupancyMap, resampled_shape
-from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, keep_labels, labels_of, within
+from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, altered, grid_of, usual_tissues
 from burrlab.bone.slices import is_stack
 from burrlab.bone.specimen import Specimen
-from burrlab.bone.tissues import default_tissues, read_tissues
+from burrlab.bone.tissues import read_tissues
 from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
-from burrlab.common.progress import Progress, duration
+from burrlab.common.progress import EACH, LONG, Progress, doing, duration
 from burrlab.common.table import Column, Problem, Table, not_negative
 from burrlab.descent.descent import reach
 
@@ -313,7 +313,18 @@ def show_line(line: str) -> None:
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
-_FIRST, _EACH = 2.0, 10.0  # time until the first line of progress, and between two, without a terminal [s]
+@contextlib.contextmanager
+def working(text: str) -> Iterator[None]:
+    """Shows on a terminal what is done; elsewhere it is logged if it takes long."""
+    show_line(text)
+    try:
+        with contextlib.nullcontext() if sys.stderr.isatty() else doing(text):
+            yield
+    finally:
+        show_line("")
+
+
+_FIRST, _EACH = LONG, EACH  # time until the first line of progress, and between two, without a terminal [s]
 
 
 def on_terminal() -> Progress:
@@ -506,10 +517,9 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         "unit": options.unit,
         "transpose": transpose if is_stack(options.labels) else None,
     }
-    labels = None
+    give: Callable[[LabelledRecipe], object] | None = None
     if options.tissues is None:
-        labels = labels_of(options.labels, spacing=own, usual=True, **stack)
-        tissues = default_tissues(labels, material=material)
+        tissues, give = usual_tissues(options.labels, material, spacing=own, **stack)
     else:
         tissues = read_tissues(options.tissues, material=material)
     alone = (
@@ -519,8 +529,8 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
         smooth=options.smooth,
     )  # fmt: skip
-    if labels is not None:
-        keep_labels(recipe, labels)
+    if give is not None:
+        give(recipe)
     if burr is not None:
         recipe.check_burr(burr)
     return recipe
@@ -560,13 +570,13 @@ def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Re
     grey = recipe.grey if isinstance(recipe, LabelledRecipe) else recipe
     if grey is None or grey.voxel is None or grey.crop is not None:
         return recipe
-    volume, voxel = grey.volume(), np.array(grey.voxel)
+    volume, voxel = grid_of(grey), np.array(grey.voxel)
     if np.allclose(voxel, volume.spacing, rtol=1e-9, atol=0):
         return recipe
     with contextlib.suppress(ValueError):
         resampled_shape(volume.shape, volume.spacing, voxel)
         return recipe
-    whole = volume.specimen(grey.mapping, entry=options.entry, axis=options.axis)
+    whole = altered(grey, voxel=None).specimen(entry=options.entry, axis=options.axis)
     stop = burr.radius / 3 if options.stop is None else options.stop
     ends = [volume.patient_point(center) for center in reach(whole, burr, stop)]
     around = burr.radius + 2 * max(*volume.spacing, *voxel)
@@ -575,7 +585,7 @@ def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Re
         f"at {voxel.min():g} mm the whole volume has too many voxels, so it is cropped to what the descent can "
         f"reach (--crop={','.join(f'{x:g}' for x in low)}:{','.join(f'{x:g}' for x in high)})"
     )
-    grey = within(grey, low, high)
+    grey = altered(grey, crop=(low, high))
     return grey if isinstance(recipe, VolumeRecipe) else replace(recipe, grey=grey)
 
 

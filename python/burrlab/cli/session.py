@@ -45,6 +45,7 @@ from burrlab.cli.options import (
     seed,
     show_line,
     whole,
+    working,
 )
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere
@@ -264,13 +265,11 @@ def _replica(options: Options) -> int:
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
-    show_line(f"making the bone of the session at {host}, port {port}, and what it watches")
-    try:
-        replica = follow(host, port, volume=options.volume)
-    except FileNotFoundError as error:
-        raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
-    finally:
-        show_line("")
+    with working(f"making the bone of the session at {host}, port {port}, and what it watches"):
+        try:
+            replica = follow(host, port, volume=options.volume)
+        except FileNotFoundError as error:
+            raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
     say(f"following {host}, port {port}")
     interrupted, told = False, 0
     effects = start_effects(options, replica)

@@ -10,7 +10,7 @@ import numpy as np
 from burrlab._core import Nozzle, VoxelBone
 from burrlab.bone.header import assumed
 from burrlab.bone.materials import materials
-from burrlab.bone.recipe import DrilledRecipe
+from burrlab.bone.recipe import DrilledRecipe, grid_of
 from burrlab.cli.options import (
     JSON,
     LABELS,
@@ -197,7 +197,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
     assert recipe is not None
     bone = recipe.bone()
     if options.entry is not None and Path(options.bone or "").suffix.lower() not in (".h5", ".hdf5"):
-        grid = recipe.like()
+        grid = grid_of(recipe)
         options.entry = tuple(grid.bone_point(options.entry).tolist())
         if options.axis is not None:
             options.axis = tuple((grid.direction.T @ np.asarray(options.axis)).tolist())

@@ -146,7 +146,11 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
         check_packed(size, left, name)
     check_memory(size if packed else min(size, left), f"{name}: the file")
     if not packed:
-        return np.fromfile(file, np.uint8, min(size, left)), b""
+        plain = np.empty(min(size, left), np.uint8)
+        have = 0
+        while taken := file.readinto(plain[have : have + (1 << 26)]):  # type: ignore[attr-defined]
+            have += taken
+        return plain[:have], b""
     values, have, rest = np.empty(size, np.uint8), 0, b""
     stream, chunk = zlib.decompressobj(32 + zlib.MAX_WBITS), b""
     while len(rest) <= _BEHIND:

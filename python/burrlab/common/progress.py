@@ -1,13 +1,16 @@
-"""Progress of long work: a function of the user, a bar on standard error, or a note in the log."""
+"""Progress of long work: a function of the user, a bar on standard error, or a note in the log; and Ctrl-C."""
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import logging
+import threading
 import time
 import warnings
-from collections.abc import Callable
-from typing import TypeAlias
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from typing import TypeAlias, TypeVar
 
 from tqdm import tqdm
 
@@ -15,12 +18,18 @@ from tqdm import tqdm
 Progress: TypeAlias = Callable[[float], object] | bool
 
 LOG = logging.getLogger("burrlab")
-LONG = 10.0  # time left that is worth a note [s] (ours)
+LONG, EACH = 2.0, 10.0  # work that is worth a note, and the time between two notes [s] (ours)
+Made = TypeVar("Made")
 
 
 def reporter(progress: Progress | None, what: str) -> Callable[[float], object]:
-    """A function that takes the fraction done; TypeError unless `progress` is callable, True, False or None."""
-    if progress is None or progress is False:
+    """A function that takes the fraction done; TypeError unless `progress` is callable, True, False or None.
+
+    None: long work says in the log how long it takes; False: it says nothing.
+    """
+    if progress is None:
+        return foretold(what)
+    if progress is False:
         return lambda done: None
     if progress is True:
         bar = tqdm(total=100, desc=what, leave=False, bar_format="{l_bar}{bar}| {elapsed}<{remaining}")
@@ -65,7 +74,7 @@ def foretold(what: str) -> Callable[[float], None]:
             begun, before = first[0]
             left = (now - begun) * (1.0 - done) / (done - before)
             first.append((now, done))  # once
-            if left > LONG:
+            if now - begun + left > LONG:
                 LOG.warning(
                     "%s: about %s more; progress=True shows a bar, Ctrl-C ends it", what, duration(left)
                 )
@@ -73,3 +82,48 @@ def foretold(what: str) -> Callable[[float], None]:
             first.append((now, done))
 
     return follow
+
+
+_doing: list[str] = []
+
+
+@contextlib.contextmanager
+def doing(what: str) -> Iterator[None]:
+    """Logs what is done if it takes long, for work that cannot say which part is done; also as a decorator.
+
+    Within another one, its text stands instead of the other's. Threads log nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    begun, ended = time.monotonic(), threading.Event()
+
+    def tell() -> None:
+        wait = LONG
+        while not ended.wait(wait):
+            for now in _doing[-1:]:  # none at the very end
+                LOG.warning("%s: %s so far; Ctrl-C ends it", now, duration(time.monotonic() - begun))
+            wait = EACH
+
+    _doing.append(what)
+    if len(_doing) == 1:
+        threading.Thread(target=tell, daemon=True).start()
+    try:
+        yield
+    finally:
+        ended.set()
+        _doing.pop()
+
+
+def stoppable(work: Callable[[], Made]) -> Made:
+    """Result of a call that does not look at signals. It runs in a thread, so that Ctrl-C does not wait for it."""
+    made: Future[Made] = Future()
+
+    def run() -> None:
+        try:
+            made.set_result(work())
+        except BaseException as error:
+            made.set_exception(error)
+
+    threading.Thread(target=run, daemon=True).start()
+    return made.result()

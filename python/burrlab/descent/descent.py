@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, BurrContact, ForceController, Material
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, half_space
 from burrlab.common.check import check_positive, refuse, require_tool, require_type, scalar, seed_or_new
-from burrlab.common.progress import LOG, LONG, Progress, duration, foretold, reporter
+from burrlab.common.progress import LOG, LONG, Progress, duration, reporter
 from burrlab.common.provenance import provenance
 from burrlab.descent.result import Descent, Series, evaluate
 from burrlab.descent.rig import Rig, RigReading, VirtualRig
@@ -127,7 +127,7 @@ def descend(
     refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
 
     about = f"descent at dt = {dt:g} ms, voxel = {voxel} mm"
-    report = foretold(about) if progress is None else reporter(progress, "descent")
+    report = reporter(progress, about if progress is None else "descent")
 
     def interrupted(immersion: float) -> bool:
         report(min(max(immersion / stop, 0.0), 1.0))

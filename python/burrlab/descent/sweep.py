@@ -15,7 +15,7 @@ import numpy as np
 from burrlab._core import Burr, Material
 from burrlab.bone.specimen import Specimen, Vector
 from burrlab.common.check import real, refuse, require_tool, seed_or_new, whole
-from burrlab.common.progress import Progress, foretold, reporter
+from burrlab.common.progress import Progress, reporter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, Study, cancel_event, stored_as
 from burrlab.descent.descent import descend
@@ -207,7 +207,7 @@ def force_sweep(
     order = sorted(range(len(items)), key=lambda i: items[i].force)
     study = Study(run_item, [items[i] for i in order], executor=executor, store=store)
     with suppress(KeyboardInterrupt):
-        told = foretold("sweep") if progress is None else reporter(progress, "descents")
+        told = reporter(progress, "sweep" if progress is None else "descents")
         for done in enumerate(study, start=1):
             if progress is not None or done[0] >= (os.cpu_count() or 1):  # the first ones ran side by side
                 told(done[0] / len(items))

@@ -13,6 +13,7 @@ import numpy as np
 
 from burrlab._core import Burr, Shape
 from burrlab.common.check import nearest, real, refuse, require_type, seed_or_new, shown
+from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.hypotheses import Point
@@ -38,6 +39,7 @@ _CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
 _LONGEST = 1000  # evaluations
 
 
+@doing("fit")
 def fit(
     data: Data | Sequence[Data],
     burr: Burr | None = None,

@@ -192,7 +192,7 @@ def anatomy_report(
     TypeError
         If `trace` is not a trace.
     """
-    report = reporter(progress, "replay")
+    report, own = reporter(progress, "replay"), None if callable(progress) else progress
     check_trace(trace)
     bone = trace.bone()
     tissues = bone.tissues
@@ -200,12 +200,12 @@ def anatomy_report(
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
         try:
-            watch = Watch(bone, progress=progress is True, **options_of(trace.watch))
+            watch = Watch(bone, progress=own, **options_of(trace.watch))
         except UNREADABLE as error:
             said = in_one_line(repr(error))
             raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
     elif watch is None and critical_structures(bone):
-        watch = Watch(bone, progress=progress is True)
+        watch = Watch(bone, progress=own)
     executor = executor_of(trace, bone)
     core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
     executor.set_watch(core)

@@ -221,26 +221,33 @@ def export_volumetric_drilling(
     stamps = start + trace.time()
     pose = np.hstack([center, np.tile(_NO_TURN, (len(trace), 1))])
     grid = _Grid.of(trace)
-    with new_hdf5(path) as file:
+    opened = False
+    try:
+        with new_hdf5(path) as file:
+            opened = True
 
-        def group(name: str) -> h5py.Group:
-            return file.create_group(_NEW[name] if layout == "new" else name)
+            def group(name: str) -> h5py.Group:
+                return file.create_group(_NEW[name] if layout == "new" else name)
 
-        if layout == "new":
-            file.create_group("vision_data/intermittent_data")  # empty in the simulator's files too
-        about = group("metadata")
-        volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
-        volume.attrs["units"] = "mm^3, millimeters cubed"
-        about.create_dataset("README", data=_README)
-        _write_data(group("data"), trace, grid, pose, stamps)
-        drill = group("high_frequency_poses/mastoidectomy_drill")
-        _put(drill, time_stamp=stamps, pose=pose)
-        wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
-        _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
-        whole = np.int64 if layout == "new" else np.int32
-        size = np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole)
-        _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
-        _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
+            if layout == "new":
+                file.create_group("vision_data/intermittent_data")  # empty in the simulator's files too
+            about = group("metadata")
+            volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
+            volume.attrs["units"] = "mm^3, millimeters cubed"
+            about.create_dataset("README", data=_README)
+            _write_data(group("data"), trace, grid, pose, stamps)
+            drill = group("high_frequency_poses/mastoidectomy_drill")
+            _put(drill, time_stamp=stamps, pose=pose)
+            wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
+            _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
+            whole = np.int64 if layout == "new" else np.int32
+            size = np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole)
+            _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
+            _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
+    except BaseException:
+        if opened:  # incomplete
+            Path(path).unlink(missing_ok=True)
+        raise
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from burrlab.bone.header import told_notes
 from burrlab.bone.snapshot import open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
 from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
+from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
 from burrlab.common.table import dataframe
 
@@ -371,6 +372,7 @@ def check_trace(trace: Trace) -> None:
         raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
 
 
+@doing("reading a trace")
 def load_trace(path: str | os.PathLike[str]) -> Trace:
     """The trace in a file: of a session that ended, was killed, or still runs.
 

@@ -17,6 +17,7 @@ from burrlab.view.camera import Viewpoint
 BLOCK = 32  # voxels along an edge
 _MARGIN = 2  # voxels around a block that its vertices and normals depend on
 _BRICK = 8
+_AT_A_TIME = 256  # blocks: Ctrl-C does not wait for all
 
 Block = tuple[int, int, int]  # (z, y, x)
 
@@ -115,10 +116,12 @@ def surface_blocks(
         wanted = list(itertools.product(range(nz), range(ny), range(nx)))
     else:
         wanted = [(int(z), int(y), int(x)) for z, y, x in blocks]
-    made = _core.extract_surface(bone, np.array(wanted, np.int64).reshape(-1, 3), level)
-    return {
-        block: SurfaceBlock(*arrays) for block, arrays in zip(wanted, made, strict=True) if len(arrays[0])
-    }
+    found = {}
+    for k in range(0, len(wanted), _AT_A_TIME):
+        some = wanted[k : k + _AT_A_TIME]
+        made = _core.extract_surface(bone, np.array(some, np.int64).reshape(-1, 3), level)
+        found.update({block: SurfaceBlock(*arrays) for block, arrays in zip(some, made, strict=True)})
+    return {block: one for block, one in found.items() if len(one.points)}
 
 
 def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:

@@ -1,0 +1,139 @@
+"""Keeps what takes long to make of files, in a folder that may be emptied at any time."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import mmap
+import os
+import time
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from burrlab.common.files import new_part
+from burrlab.common.records import UNREADABLE
+
+FOLDER = "BURRLAB_CACHE"  # environment variable: the folder; empty: nothing is kept
+MOST = 4 << 30  # of all that is kept [bytes]; what was not used for longest goes first (ours)
+_SETTLED = 2.0  # after a file's last change [s]: another one shows in its times on any file system (ours)
+_CHECK = 9  # bytes of the checksum of all that follows: eight digits and the end of a line
+
+
+class Kept(NamedTuple):
+    """What `Entry.keep` was given."""
+
+    told: dict[str, Any]
+    parts: list[memoryview]
+
+
+class Entry:
+    """The place of a result that follows from settings and files.
+
+    Parameters
+    ----------
+    settings : object
+        All that the result depends on besides the contents of the files, ready for JSON.
+    files : sequence of str
+    """
+
+    def __init__(self, settings: object, files: Sequence[str]) -> None:
+        text = json.dumps(settings, sort_keys=True).encode("utf-8", "surrogateescape")
+        self._name = f"{hashlib.sha256(text).hexdigest()[:32]}.kept"
+        self._names, self._files = tuple(files), dict[str, tuple[int, ...]]()
+
+    @property
+    def _path(self) -> Path | None:
+        folder = _folder() if self._names else None
+        return None if folder is None else folder / self._name
+
+    def look(self, before: Entry | None = None) -> Self:
+        """Looks at the files, once, to be called before they are read; or as another entry found them before."""
+        known = {} if before is None else before.look()._files
+        self._files = {name: known.get(name) or self._files.get(name) or _state(name) for name in self._names}
+        return self
+
+    def find(self) -> Kept | None:
+        """What was kept, mapped into memory; None unless it is whole and the files hold what they held."""
+        try:
+            if (path := self.look()._path) is None:
+                return None
+            with path.open("rb") as file:
+                mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            whole = memoryview(mapped)
+            if int(bytes(whole[:_CHECK]), 16) != zlib.crc32(whole[_CHECK:]):
+                return None
+            end = mapped.find(b"\n", _CHECK)
+            told, files, sizes = json.loads(bytes(whole[_CHECK:end]))
+            if list(files) != list(self._files) or not all(map(self._same, files, files.values())):
+                return None
+            ends = [sum(sizes[: k + 1]) + end + 1 for k in range(len(sizes))]
+            with contextlib.suppress(OSError):
+                os.utime(path)  # it was used
+            return Kept(told, [whole[last - size : last] for last, size in zip(ends, sizes, strict=True)])
+        except (OSError, *UNREADABLE):
+            return None
+
+    def keep(self, told: dict[str, Any], parts: Sequence[Any] = ()) -> None:
+        """Keeps a result, with arrays of bytes; nothing if a file may have changed meanwhile, or without room."""
+        with contextlib.suppress(OSError):
+            if (path := self._path) is None:
+                return
+            files = {name: [*state, _digest(name)] for name, state in self._files.items()}
+            if any(state != _state(name) or not _settled(state) for name, state in self._files.items()):
+                return
+            head = json.dumps([told, files, [len(part) for part in parts]]).encode() + b"\n"
+            check = 0
+            for content in (head, *parts):
+                check = zlib.crc32(content, check)
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with new_part(path) as part:
+                with part.open("wb") as file:
+                    file.writelines((b"%08x\n" % check, head, *parts))
+                part.replace(path)
+            _make_room(path.parent)
+
+    def _same(self, name: str, known: Sequence[Any]) -> bool:
+        unchanged = os.name == "posix" and list(self._files[name]) == known[:-1]
+        return unchanged or _digest(name) == known[-1]
+
+
+def _folder() -> Path | None:
+    told = os.environ.get(FOLDER)
+    if told is not None:
+        return Path(told) if told else None
+    with contextlib.suppress(RuntimeError):  # no home
+        return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "burrlab"
+    return None
+
+
+def _state(name: str) -> tuple[int, ...]:
+    """What differs after a file was written to, even if its size and time were set back; empty without a file.
+
+    Outside POSIX the last number is the time at which the file was made.
+    """
+    with contextlib.suppress(OSError):
+        found = os.stat(name)
+        return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+    return ()
+
+
+def _settled(state: tuple[int, ...]) -> bool:
+    return bool(state) and state[-1] < time.time_ns() - 1e9 * _SETTLED
+
+
+def _digest(name: str) -> str:
+    with open(name, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _make_room(folder: Path) -> None:
+    """Removes what was not used for longest, also what a killed process left half-written."""
+    files = [(path, path.stat()) for path in folder.glob("*.kept*")]
+    left = sum(state.st_size for _, state in files)
+    for path, state in sorted(files, key=lambda one: one[1].st_mtime):
+        if left > MOST:
+            path.unlink(missing_ok=True)
+            left -= state.st_size

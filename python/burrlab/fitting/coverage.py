@@ -21,7 +21,7 @@ from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import Domain, lowest, profile
+from burrlab.fitting.profile import Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import separately_identified
 from burrlab.measured.curve import VelocityCurve
@@ -342,14 +342,13 @@ def replicate(item: CoverageItem) -> Floats:
     best = lowest(likelihood, domain).point
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
-    found = profile(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
+    found = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
     tables = (found.intervals["c_e"], found.intervals["alpha"], found.identified.intervals)
     ends = [_ends(table[level]) for table in tables for level in LEVELS]
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - found.base, float(at.minus2(item.alpha)[0]) - found.base]
-    limits = [calibration.limit(level) for level in LEVELS.values()]
     apart = float(separately_identified(found.intervals["c_e"]["95"]))
-    return np.concatenate([np.ravel(ends), [found.identified.exponent], rises, limits, [apart]])
+    return np.concatenate([np.ravel(ends), [found.identified.exponent], rises, [*found.joint.values()], [apart]])
 
 
 def _ends(interval: Interval) -> tuple[float, float]:

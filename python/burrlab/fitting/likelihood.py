@@ -307,6 +307,15 @@ class Slices:
     floor: float
     log: bool
 
+    def joined(self, other: Slices, places: Rows) -> Slices:
+        """The slices at some places of these and then of others."""
+        columns = {
+            name: np.take(np.concatenate([mine.T, getattr(other, name).T], axis=-1), places, axis=-1).T
+            for name, mine in vars(self).items()
+            if isinstance(mine, np.ndarray)
+        }
+        return replace(self, **columns)
+
     @property
     def best_alpha(self) -> Floats:
         """alpha [1/ms] of the lowest -2 log L."""

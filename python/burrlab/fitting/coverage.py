@@ -316,9 +316,11 @@ class CoverageItem:
 
 
 @lru_cache(maxsize=8)
-def _template(experiment: ExperimentPlan, shape: str) -> tuple[Observations, MeanFieldModel]:
+def _template(experiment: ExperimentPlan, shape: str) -> tuple[Likelihood, Domain]:
+    """The likelihood and domain of every data set, its outcomes 1."""
     o = experiment.observations()
-    return o, MeanFieldModel(o, Shape(shape))
+    made = Likelihood(o, "relative", MeanFieldModel(o, Shape(shape)))
+    return made, Domain.of(made, bounds_of(o, None), {})
 
 
 def replicate(item: CoverageItem) -> Floats:
@@ -331,14 +333,13 @@ def replicate(item: CoverageItem) -> Floats:
         rises of -2 log L at the true c_e and at the true (c_e, alpha); the joint region's limits by level; 1
         if separately identified.
     """
-    o, model = _template(item.experiment, item.shape)
+    template, domain = _template(item.experiment, item.shape)
+    o, model = template.observations, template.model
     z = np.random.default_rng([item.seed, item.replicate]).standard_normal(len(o))
     n = len(o.force)
     velocity = item.alpha * model.unit(item.c_e) * np.exp(item.scatter * z[:n])
     pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
-    drawn = o.with_outcomes(velocity, pressed)
-    likelihood = Likelihood(drawn, "relative", model)
-    domain = Domain.of(likelihood, bounds_of(drawn, None), {})
+    likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", model)
     best = lowest(likelihood, domain).point
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
@@ -424,8 +425,8 @@ def coverage_study(
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
         refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
     seed = seed_or_new(seed)
-    o, model = _template(experiment, material.shape.name)
-    lost = ~np.isfinite(model.unit(material.c_e))
+    template, _ = _template(experiment, material.shape.name)
+    o, lost = template.observations, ~np.isfinite(template.model.unit(material.c_e))
     first = int(np.argmax(lost))
     refuse(
         lost.any(),

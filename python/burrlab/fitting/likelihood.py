@@ -44,12 +44,12 @@ class MeanFieldModel:
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
-        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
-        ratio = np.empty((*stiffness.shape[:-1], len(self._radius)))
+        stiffness = np.asarray(c_e, dtype=np.float64)
+        unit = np.empty((len(self._radius), stiffness.size))  # row by row: the spline is faster so
         for start, end, pressure, rows, inverse in self._groups:
-            distinct = np.asarray(self._curve.velocity_ratio(pressure / stiffness, start, end))
-            ratio[..., rows] = distinct[..., inverse]
-        return PER_SECOND * self._radius * ratio
+            unit[rows] = self._curve.velocity_ratio(pressure[:, None] / stiffness.ravel(), start, end)[inverse]
+        unit *= (PER_SECOND * self._radius)[:, None]
+        return np.ascontiguousarray(unit.T).reshape(*stiffness.shape, len(unit))
 
 
 #: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
@@ -121,6 +121,8 @@ class Likelihood:
         o = self.observations
         if self.log:
             raw = np.log(o.velocity) - np.log(unit) - np.log(alpha)
+            if not self._runs:
+                return np.asfortranarray(raw)  # as below: a sum over rows then adds one after another
             means = [raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
             return np.concatenate([raw[..., self._single], *means], axis=-1)
         sigma = o.sigma if self.known else 1.0

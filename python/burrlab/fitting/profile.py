@@ -106,6 +106,7 @@ class Walk:
         clipped = self.low > 0 or np.isfinite(self.high)
         self.minus2 = self.slices.minus2(self.alpha) if clipped else self.slices.profile
         self.minus2 = np.where(np.isfinite(self.minus2), self.minus2, np.inf)
+        self._bands: dict[float, tuple[Floats, Floats]] = {}
 
     def _with(self, likelihood: Likelihood, c_e: Floats) -> Slices:
         """The slices at each c_e, which rises; the likelihood is asked for those that the walk lacks."""
@@ -117,11 +118,12 @@ class Walk:
 
     def band(self, target: float) -> tuple[Floats, Floats]:
         """Lowest and highest alpha below a target; NaN where none."""
-        lower, upper = self.slices.alpha_below(target)
-        inside = self.minus2 <= target
-        lower, upper = np.maximum(lower, self.low), np.minimum(upper, self.high)
-        inside &= lower <= upper
-        return np.where(inside, lower, np.nan), np.where(inside, upper, np.nan)
+        if target not in self._bands:
+            lower, upper = self.slices.alpha_below(target)
+            lower, upper = np.maximum(lower, self.low), np.minimum(upper, self.high)
+            inside = (self.minus2 <= target) & (lower <= upper)
+            self._bands[target] = np.where(inside, lower, np.nan), np.where(inside, upper, np.nan)
+        return self._bands[target]
 
 
 @dataclass(frozen=True)
@@ -321,21 +323,19 @@ def _valleys(y: Floats) -> list[int]:
 def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
     """A walk that is closer at its lowest point and wherever its rise crosses a limit."""
     walk = Walk(likelihood, domain, domain.grid)
-    part, limits = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1), list(dict.fromkeys(limits))
-    last = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
+    part, rises = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1), np.unique(limits)[:, None]
+    end = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
     for _ in range(3):
-        c_e = walk.c_e
-        i = int(np.argmin(walk.minus2))
-        inside = walk.minus2 - walk.minus2[i]
-        edges = {i - 1, i}
-        for limit in limits:
-            crossing = np.flatnonzero(np.diff(inside <= limit))
-            edges |= set(crossing.tolist())
-        left = np.array([k for k in edges if 0 <= k < len(c_e) - 1])
+        c_e, i = walk.c_e, int(np.argmin(walk.minus2))
+        inside = walk.minus2 - walk.minus2[i] <= rises
+        near = (inside[:, 1:] != inside[:, :-1]).any(axis=0)
+        near[max(i - 1, 0) : i + 1] = True
+        left = np.flatnonzero(near)
         finer = np.exp(np.log(c_e[left, None]) + np.log(c_e[left + 1] / c_e[left])[:, None] * part)
-        low, high = np.minimum(np.array([c_e[inside <= limit][[0, -1]] for limit in limits]).T, last)
+        first, last = inside.argmax(axis=1), len(c_e) - 1 - inside[:, ::-1].argmax(axis=1)
+        low, high = np.minimum(c_e[first], end), np.minimum(c_e[last], end)
         across = np.geomspace(low[high > low], high[high > low], _ACROSS)
-        c_e = np.unique(
+        c_e = np.sort(
             np.concatenate([c_e, finer.ravel(), across.ravel(), np.clip([best], domain.low, domain.high)])
         )
         walk = Walk(likelihood, domain, c_e[np.append(np.diff(np.log(c_e)) > _APART, True)], walk)
@@ -374,7 +374,8 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
     x, low, high = _band(walk, target)
 
     def width(p: float) -> float:
-        return float(np.max(high - p * x) - np.min(low - p * x))
+        along = p * x
+        return float((high - along).max() - (low - along).min())
 
     if not np.isfinite(low).all():  # alpha reaches 0: no width to minimise
         return ridge

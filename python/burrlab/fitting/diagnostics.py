@@ -308,6 +308,10 @@ class _Kept:
         """See `burrlab.fitting.likelihood.Model`."""
         return self.model.unit(c_e)[..., self.keep]
 
+    def log_unit(self, c_e: ArrayLike) -> Floats:
+        """See `burrlab.fitting.likelihood.Model`."""
+        return self.model.log_unit(c_e)[..., self.keep]
+
 
 @dataclass(frozen=True)
 class Plausibility:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
@@ -316,11 +317,11 @@ class CoverageItem:
 
 
 @lru_cache(maxsize=8)
-def _template(experiment: ExperimentPlan, shape: str) -> tuple[Likelihood, Domain]:
-    """The likelihood and domain of every data set, its outcomes 1."""
+def _template(experiment: ExperimentPlan, shape: str, c_e: float) -> tuple[Likelihood, Domain, Floats]:
+    """The likelihood of every data set, its outcomes 1; its domain, and the velocities at c_e and alpha = 1 /ms."""
     o = experiment.observations()
     made = Likelihood(o, "relative", MeanFieldModel(o, Shape(shape)))
-    return made, Domain.of(made, bounds_of(o, None), {})
+    return made, Domain.of(made, bounds_of(o, None), {}), made.model.unit(c_e)
 
 
 def replicate(item: CoverageItem) -> Floats:
@@ -333,13 +334,13 @@ def replicate(item: CoverageItem) -> Floats:
         rises of -2 log L at the true c_e and at the true (c_e, alpha); the joint region's limits by level; 1
         if separately identified.
     """
-    template, domain = _template(item.experiment, item.shape)
-    o, model = template.observations, template.model
+    template, domain, unit = _template(item.experiment, item.shape, item.c_e)
+    o = template.observations
     z = np.random.default_rng([item.seed, item.replicate]).standard_normal(len(o))
     n = len(o.force)
-    velocity = item.alpha * model.unit(item.c_e) * np.exp(item.scatter * z[:n])
+    velocity = item.alpha * unit * np.exp(item.scatter * z[:n])
     pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
-    likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", model)
+    likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", template.model)
     best = lowest(likelihood, domain).point
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
@@ -386,7 +387,7 @@ def coverage_study(
     seed : int, optional
         None draws one, which the result records. Data set k depends on (seed, k) alone.
     executor : concurrent.futures.Executor, optional
-        Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
+        One thread by default, because a fit holds the GIL; a process pool is faster.
     store : Store or path, optional
         Keeps every data set's outcome, so that an interrupted study resumes.
     progress : callable or True, optional
@@ -425,8 +426,8 @@ def coverage_study(
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
         refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
     seed = seed_or_new(seed)
-    template, _ = _template(experiment, material.shape.name)
-    o, lost = template.observations, ~np.isfinite(template.model.unit(material.c_e))
+    template, _, unit = _template(experiment, material.shape.name, material.c_e)
+    o, lost = template.observations, ~np.isfinite(unit)
     first = int(np.argmax(lost))
     refuse(
         lost.any(),
@@ -447,7 +448,8 @@ def coverage_study(
         for k in range(n)
     ]
     told = counter(progress, "fits")
-    outcomes = run_items(replicate, items, executor=executor, store=store, progress=told, chunk=_CHUNK)
+    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
+        outcomes = run_items(replicate, items, executor=workers, store=store, progress=told, chunk=_CHUNK)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(

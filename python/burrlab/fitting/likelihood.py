@@ -57,7 +57,7 @@ class MeanFieldModel:
         stiffness = np.asarray(c_e, dtype=np.float64)
         made = np.empty((self._n, stiffness.size))
         for start, end, pressure, radius, rows, inverse in self._groups:
-            ratio = self._curve.velocity_ratio(pressure[:, None] / stiffness.ravel(), start, end)
+            ratio = self._curve.ratio_of(pressure[:, None] / stiffness.ravel(), start, end)
             made[rows] = function(PER_SECOND * radius[:, None] * ratio)[inverse]
         return made.T.reshape(*stiffness.shape, self._n)
 
@@ -135,7 +135,9 @@ class Likelihood:
         return (o.velocity - alpha * unit) / sigma
 
     def _log_residuals(self, log_unit: Floats, alpha: float = 1.0) -> Floats:
-        raw = np.log(self.observations.velocity) - log_unit - np.log(alpha)
+        raw = np.log(self.observations.velocity) - log_unit
+        if alpha != 1.0:
+            raw -= np.log(alpha)
         if not self._runs:
             return np.asfortranarray(raw)  # as below: a sum over rows then adds one after another
         raw = np.ascontiguousarray(raw)
@@ -179,8 +181,9 @@ class Likelihood:
                 r = self._log_residuals(self.model.log_unit(stiffness))
                 if self.kind == "student":
                     return StudentSlices.of(stiffness, r, self.floor)
-                m, B = r.mean(axis=-1), np.full(len(stiffness), float(self.n))
-                A = np.sum((r - m[:, None]) ** 2, axis=-1)
+                m, B = r.sum(axis=-1) / self.n, np.full(len(stiffness), float(self.n))
+                r -= m[:, None]
+                A = np.sum(np.square(r, out=r), axis=-1)
             else:
                 unit = self.model.unit(stiffness)
                 sigma = self.observations.sigma if self.known else 1.0

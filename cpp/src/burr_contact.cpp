@@ -111,10 +111,10 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
   const double tolerance = 1e-5 * force;                     // far below the noise of erosion
   const double finest = 1e-6 * bone_->spacing().minCoeff();  // positions are multiples of 2^-20 voxel
   const double coarsest_step = 0.25 * bone_->spacing().minCoeff();
-  Contact felt_last;
+  Contact felt_there;
   const auto axial = [&](double s) {
-    felt_last = probe(start + s * axis);
-    return -felt_last.force.dot(axis);
+    felt_there = probe(start + s * axis);
+    return -felt_there.force.dot(axis);
   };
 
   HeldDescent descent;
@@ -164,13 +164,14 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
       descent.reached = true;
       return descent;
     }
-    const double removed = erode(start + s * axis, dt);  // the probe of s was the last
+    TickSums sums;  // of the erosion alone: s was probed last
+    tick_.erode(*bone_, start + s * axis, steps_of(dt), tick++, &sums);
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
-    descent.force.push_back(-felt_last.force.dot(axis));
-    descent.removed.push_back(removed);
-    descent.ambiguous += felt_last.ambiguous;
-    descent.faint += felt_last.faint;
+    descent.force.push_back(-felt_there.force.dot(axis));
+    descent.removed.push_back(static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0));
+    descent.ambiguous += felt_there.ambiguous;
+    descent.faint += felt_there.faint;
   }
   return descent;
 }

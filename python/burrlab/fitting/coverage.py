@@ -350,7 +350,9 @@ def replicate(item: CoverageItem) -> Floats:
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - found.base, float(at.minus2(item.alpha)[0]) - found.base]
     apart = float(separately_identified(found.intervals["c_e"]["95"]))
-    return np.concatenate([np.ravel(ends), [found.identified.exponent], rises, [*found.joint.values()], [apart]])
+    return np.concatenate(
+        [np.ravel(ends), [found.identified.exponent], rises, [*found.joint.values()], [apart]]
+    )
 
 
 def _ends(interval: Interval) -> tuple[float, float]:

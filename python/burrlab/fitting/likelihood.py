@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -194,7 +194,7 @@ class Likelihood:
             other = np.zeros(len(stiffness))
             if self.n_within:
                 within = self.within_residuals(self.model.unit(stiffness))
-                other += self._minus2(np.sum(within ** 2, axis=-1), self.n_within)
+                other += self._minus2(np.sum(within**2, axis=-1), self.n_within)
         if len(self.observations.pressed):
             S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
             other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
@@ -329,7 +329,7 @@ class Slices:
 
     def joined(self, other: Slices, places: Rows) -> Slices:
         """The slices at some places of these and then of others."""
-        columns = {
+        columns: dict[str, Any] = {
             name: np.take(np.concatenate([mine.T, getattr(other, name).T], axis=-1), places, axis=-1).T
             for name, mine in vars(self).items()
             if isinstance(mine, np.ndarray)

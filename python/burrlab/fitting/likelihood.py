@@ -57,7 +57,7 @@ class MeanFieldModel:
         stiffness = np.asarray(c_e, dtype=np.float64)
         made = np.empty((self._n, stiffness.size))
         for start, end, pressure, radius, rows, inverse in self._groups:
-            ratio = self._curve.ratio_of(pressure[:, None] / stiffness.ravel(), start, end)
+            ratio = self._curve.velocity_ratio(pressure[:, None] / stiffness.ravel(), start, end)
             made[rows] = function(PER_SECOND * radius[:, None] * ratio)[inverse]
         return made.T.reshape(*stiffness.shape, self._n)
 

@@ -302,13 +302,10 @@ class MasterCurve:
         ValueError
             If a phi is not positive or the window is not in order.
         """
-        return self.ratio_of(positive("phi", phi), start, stop)[()]
-
-    def ratio_of(self, phi: Floats, start: float | None, stop: float | None) -> Floats:
-        """`velocity_ratio` of phi that are known to be above 0."""
         spline = _window_spline(self._name, start, stop)
+        phi = positive("phi", phi)
         ratio = np.exp(spline.log_ratio(np.log(np.minimum(phi, spline.end))))
-        return np.where(phi < spline.end, ratio, np.nan)
+        return np.where(phi < spline.end, ratio, np.nan)[()]
 
     def local_slope(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None

@@ -111,7 +111,11 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
   const double tolerance = 1e-5 * force;                     // far below the noise of erosion
   const double finest = 1e-6 * bone_->spacing().minCoeff();  // positions are multiples of 2^-20 voxel
   const double coarsest_step = 0.25 * bone_->spacing().minCoeff();
-  const auto axial = [&](double s) { return -probe(start + s * axis).force.dot(axis); };
+  Contact felt_there;
+  const auto axial = [&](double s) {
+    felt_there = probe(start + s * axis);
+    return -felt_there.force.dot(axis);
+  };
 
   HeldDescent descent;
   double s = from, last_advance = finest;
@@ -160,13 +164,14 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
       descent.reached = true;
       return descent;
     }
-    const Contact contact = this->step(start + s * axis, &steps_of(dt));
+    TickSums sums;  // of the erosion alone: s was probed last
+    tick_.erode(*bone_, start + s * axis, steps_of(dt), tick++, &sums);
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
-    descent.force.push_back(-contact.force.dot(axis));
-    descent.removed.push_back(contact.removed);
-    descent.ambiguous += contact.ambiguous;
-    descent.faint += contact.faint;
+    descent.force.push_back(-felt_there.force.dot(axis));
+    descent.removed.push_back(static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0));
+    descent.ambiguous += felt_there.ambiguous;
+    descent.faint += felt_there.faint;
   }
   return descent;
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -200,7 +200,7 @@ def bootstrap(
     seed : int, optional
         None draws one, which the result records.
     executor : concurrent.futures.Executor, optional
-        Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
+        One thread by default, because a fit holds the GIL; a process pool is faster.
     store : Store or path, optional
         Keeps every replicate, so that an interrupted study resumes.
     progress : callable or True, optional
@@ -256,7 +256,9 @@ def bootstrap(
         for k in range(n)
     ]
     told = counter(progress, "fits")
-    made = run_items(replicate, items, executor=executor, store=store, progress=told)
+    with ThreadPoolExecutor(1) as alone:  # a fit holds the interpreter: more threads only wait
+        workers = alone if executor is None else executor
+        made = run_items(replicate, items, executor=workers, store=store, progress=told)
     ends = np.array(made)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
@@ -21,7 +21,7 @@ from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import Domain, lowest, profile
+from burrlab.fitting.profile import Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import separately_identified
 from burrlab.measured.curve import VelocityCurve
@@ -313,9 +313,11 @@ class CoverageItem:
 
 
 @lru_cache(maxsize=8)
-def _template(experiment: ExperimentPlan, shape: str) -> tuple[Observations, MeanFieldModel]:
+def _template(experiment: ExperimentPlan, shape: str, c_e: float) -> tuple[Likelihood, Domain, Floats]:
+    """The likelihood of every data set, its outcomes 1; its domain, and the velocities at c_e and alpha = 1 /ms."""
     o = experiment.observations()
-    return o, MeanFieldModel(o, Shape(shape))
+    made = Likelihood(o, "relative", MeanFieldModel(o, Shape(shape)))
+    return made, Domain.of(made, bounds_of(o, None), {}), made.model.unit(c_e)
 
 
 def replicate(item: CoverageItem) -> Floats:
@@ -328,25 +330,25 @@ def replicate(item: CoverageItem) -> Floats:
         rises of -2 log L at the true c_e and at the true (c_e, alpha); the joint region's limits by level; 1
         if separately identified.
     """
-    o, model = _template(item.experiment, item.shape)
+    template, domain, unit = _template(item.experiment, item.shape, item.c_e)
+    o = template.observations
     z = np.random.default_rng([item.seed, item.replicate]).standard_normal(len(o))
     n = len(o.force)
-    velocity = item.alpha * model.unit(item.c_e) * np.exp(item.scatter * z[:n])
+    velocity = item.alpha * unit * np.exp(item.scatter * z[:n])
     pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
-    drawn = o.with_outcomes(velocity, pressed)
-    likelihood = Likelihood(drawn, "relative", model)
-    domain = Domain.of(likelihood, bounds_of(drawn, None), {})
+    likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", template.model)
     best = lowest(likelihood, domain).point
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
-    found = profile(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
+    found = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
     tables = (found.intervals["c_e"], found.intervals["alpha"], found.identified.intervals)
     ends = [_ends(table[level]) for table in tables for level in LEVELS]
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - found.base, float(at.minus2(item.alpha)[0]) - found.base]
-    limits = [calibration.limit(level) for level in LEVELS.values()]
     apart = float(separately_identified(found.intervals["c_e"]["95"]))
-    return np.concatenate([np.ravel(ends), [found.identified.exponent], rises, limits, [apart]])
+    return np.concatenate(
+        [np.ravel(ends), [found.identified.exponent], rises, [*found.joint.values()], [apart]]
+    )
 
 
 def _ends(interval: Interval) -> tuple[float, float]:
@@ -383,7 +385,7 @@ def coverage_study(
     seed : int, optional
         None draws one, which the result records. Data set k depends on (seed, k) alone.
     executor : concurrent.futures.Executor, optional
-        Threads over the cores by default; a process pool is faster, because a fit holds the GIL.
+        One thread by default, because a fit holds the GIL; a process pool is faster.
     store : Store or path, optional
         Keeps every data set's outcome, so that an interrupted study resumes.
     progress : callable or True, optional
@@ -422,8 +424,8 @@ def coverage_study(
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
         refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
     seed = seed_or_new(seed)
-    o, model = _template(experiment, material.shape.name)
-    lost = ~np.isfinite(model.unit(material.c_e))
+    template, _, unit = _template(experiment, material.shape.name, material.c_e)
+    o, lost = template.observations, ~np.isfinite(unit)
     first = int(np.argmax(lost))
     refuse(
         lost.any(),
@@ -444,7 +446,9 @@ def coverage_study(
         for k in range(n)
     ]
     told = counter(progress, "fits")
-    outcomes = run_items(replicate, items, executor=executor, store=store, progress=told)
+    with ThreadPoolExecutor(1) as alone:  # a fit holds the interpreter: more threads only wait
+        workers = alone if executor is None else executor
+        outcomes = run_items(replicate, items, executor=workers, store=store, progress=told)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(

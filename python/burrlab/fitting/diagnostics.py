@@ -15,7 +15,7 @@ from burrlab.fitting.hypotheses import POOR, HypothesisTest, Point, judged
 from burrlab.fitting.intervals import Interval
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
 from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import Domain, Walk, lowest, profile
+from burrlab.fitting.profile import Domain, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 
@@ -293,7 +293,7 @@ def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, fl
         return np.nan, np.nan, Interval(None, None)
     best = lowest(rest, domain).point
     total, scatters, shares = rest.information(*best)
-    found = profile(rest, Calibration(scatters, total, shares), domain, best, 0.0)
+    found = ranges(rest, Calibration(scatters, total, shares), domain, best, 0.0)
     return *best, found.intervals["c_e"]["95"]
 
 
@@ -307,6 +307,10 @@ class _Kept:
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `burrlab.fitting.likelihood.Model`."""
         return self.model.unit(c_e)[..., self.keep]
+
+    def log_unit(self, c_e: ArrayLike) -> Floats:
+        """See `burrlab.fitting.likelihood.Model`."""
+        return self.model.log_unit(c_e)[..., self.keep]
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ the rows of indentations a third. A scatter is estimated unless sigma is given.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,30 +26,40 @@ class Model(Protocol):
     def unit(self, c_e: ArrayLike) -> Floats:
         """Velocity [mm/s] at alpha = 1 /ms, shape of c_e and (n,); NaN where c_e leaves no window."""
 
+    def log_unit(self, c_e: ArrayLike) -> Floats:
+        """Logarithm of `unit`."""
+
 
 class MeanFieldModel:
     """Predictions by the scaling law v = alpha R Psi(phi, window; f) (docs/model.md, section 5).
 
-    Rows are grouped by window, and each distinct F/R^2 is looked up once.
+    Rows are grouped by window, and each distinct F/R^2 and R is looked up once.
     """
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
-        self._radius = observations.radius
-        self._curve = MasterCurve(shape)
-        self._groups: list[tuple[float | None, float | None, Floats, Rows, Rows]] = []
-        pressure = observations.force / observations.radius**2
+        self._n, self._curve = len(observations.force), MasterCurve(shape)
+        self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
+        both = np.stack([observations.force / observations.radius**2, observations.radius])
         for (start, end), rows in observations.by_window().items():
-            distinct, inverse = np.unique(pressure[rows], return_inverse=True)
-            self._groups.append((start, end, distinct, rows, inverse))
+            (pressure, radius), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
+            self._groups.append((start, end, pressure, radius, rows, inverse))
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
-        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
-        ratio = np.empty((*stiffness.shape[:-1], len(self._radius)))
-        for start, end, pressure, rows, inverse in self._groups:
-            distinct = np.asarray(self._curve.velocity_ratio(pressure / stiffness, start, end))
-            ratio[..., rows] = distinct[..., inverse]
-        return PER_SECOND * self._radius * ratio
+        return np.ascontiguousarray(self._rows(c_e, np.asarray))
+
+    def log_unit(self, c_e: ArrayLike) -> Floats:
+        """See `Model`."""
+        return self._rows(c_e, np.log)
+
+    def _rows(self, c_e: ArrayLike, function: Callable[[Floats], Floats]) -> Floats:
+        """A function of the velocity of each row, made once for equal rows; row after row in memory."""
+        stiffness = np.asarray(c_e, dtype=np.float64)
+        made = np.empty((self._n, stiffness.size))
+        for start, end, pressure, radius, rows, inverse in self._groups:
+            ratio = self._curve.velocity_ratio(pressure[:, None] / stiffness.ravel(), start, end)
+            made[rows] = function(PER_SECOND * radius[:, None] * ratio)[inverse]
+        return made.T.reshape(*stiffness.shape, self._n)
 
 
 #: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
@@ -120,11 +130,19 @@ class Likelihood:
         """Residuals of the rows that depend on alpha: curves' rows, then the runs' means; last axis (n,)."""
         o = self.observations
         if self.log:
-            raw = np.log(o.velocity) - np.log(unit) - np.log(alpha)
-            means = [raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
-            return np.concatenate([raw[..., self._single], *means], axis=-1)
+            return self._log_residuals(np.log(unit), alpha)
         sigma = o.sigma if self.known else 1.0
         return (o.velocity - alpha * unit) / sigma
+
+    def _log_residuals(self, log_unit: Floats, alpha: float = 1.0) -> Floats:
+        raw = np.log(self.observations.velocity) - log_unit
+        if alpha != 1.0:
+            raw -= np.log(alpha)
+        if not self._runs:
+            return np.asfortranarray(raw)  # as below: a sum over rows then adds one after another
+        raw = np.ascontiguousarray(raw)
+        means = [raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
+        return np.concatenate([raw[..., self._single], *means], axis=-1)
 
     def within_residuals(self, unit: Floats) -> Floats:
         """Deviations of the segments from their run's mean, over `run_scatter`; independent of alpha."""
@@ -159,14 +177,15 @@ class Likelihood:
         """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
         with np.errstate(invalid="ignore"):
-            unit = self.model.unit(stiffness)
-            if self.kind == "student":
-                return StudentSlices.of(stiffness, self.velocity_residuals(unit), self.floor)
             if self.log:
-                r = self.velocity_residuals(unit)
-                m, B = r.mean(axis=-1), np.full(len(stiffness), float(self.n))
-                A = np.sum((r - m[:, None]) ** 2, axis=-1)
+                r = self._log_residuals(self.model.log_unit(stiffness))
+                if self.kind == "student":
+                    return StudentSlices.of(stiffness, r, self.floor)
+                m, B = r.sum(axis=-1) / self.n, np.full(len(stiffness), float(self.n))
+                r -= m[:, None]
+                A = np.sum(np.square(r, out=r), axis=-1)
             else:
+                unit = self.model.unit(stiffness)
                 sigma = self.observations.sigma if self.known else 1.0
                 u, v = unit / sigma, self.observations.velocity / sigma
                 B = np.sum(u**2, axis=-1)
@@ -174,7 +193,8 @@ class Likelihood:
                 A = np.sum((v - m[:, None] * u) ** 2, axis=-1)
             other = np.zeros(len(stiffness))
             if self.n_within:
-                other += self._minus2(np.sum(self.within_residuals(unit) ** 2, axis=-1), self.n_within)
+                within = self.within_residuals(self.model.unit(stiffness))
+                other += self._minus2(np.sum(within**2, axis=-1), self.n_within)
         if len(self.observations.pressed):
             S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
             other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
@@ -306,6 +326,15 @@ class Slices:
     known: bool
     floor: float
     log: bool
+
+    def joined(self, other: Slices, places: Rows) -> Slices:
+        """The slices at some places of these and then of others."""
+        columns: dict[str, Any] = {
+            name: np.take(np.concatenate([mine.T, getattr(other, name).T], axis=-1), places, axis=-1).T
+            for name, mine in vars(self).items()
+            if isinstance(mine, np.ndarray)
+        }
+        return replace(self, **columns)
 
     @property
     def best_alpha(self) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
@@ -314,10 +314,16 @@ class Calibration:
         direction : ndarray, shape (2,), optional
             Gradient of one quantity over (log c_e, log alpha); None is for both parameters jointly.
         """
+        return self.limits({"": level}, direction)[""]
+
+    def limits(self, levels: Mapping[str, float], direction: Floats | None = None) -> dict[str, float]:
+        """The limit of each level; see `limit`."""
         wider = (1 + self.monte_carlo) * self.inflation
         if direction is None:
-            return float(-2 * np.log1p(-level) * self._joint_inflation() * wider)
-        return self.threshold(direction).limit(level) * wider
+            joint = self._joint_inflation()
+            return {name: float(-2 * np.log1p(-level) * joint * wider) for name, level in levels.items()}
+        threshold = self.threshold(direction)
+        return {name: threshold.limit(level) * wider for name, level in levels.items()}
 
     def probability(self, rise: float, direction: Floats | None = None) -> float:
         """p-value of a rise of -2 log L: the inverse of `limit`."""

@@ -94,30 +94,81 @@ class Domain:
 
 
 class Walk:
-    """Points along c_e, with alpha kept inside the domain."""
+    """Points along c_e, with alpha kept inside the domain; `known` is a walk that has some of them."""
 
-    def __init__(self, likelihood: Likelihood, domain: Domain, c_e: Floats) -> None:
-        self.slices: Slices = likelihood.at(c_e)
+    def __init__(
+        self, likelihood: Likelihood, domain: Domain, c_e: Floats, known: Walk | None = None
+    ) -> None:
+        self.slices: Slices = likelihood.at(c_e) if known is None else known._with(likelihood, c_e)
         self.c_e = c_e
         self.low, self.high = domain.alpha
         self.alpha = np.clip(self.slices.best_alpha, max(self.low, 1e-300), self.high)
         clipped = self.low > 0 or np.isfinite(self.high)
         self.minus2 = self.slices.minus2(self.alpha) if clipped else self.slices.profile
         self.minus2 = np.where(np.isfinite(self.minus2), self.minus2, np.inf)
+        self._bands: dict[float, tuple[Floats, Floats]] = {}
+
+    def _with(self, likelihood: Likelihood, c_e: Floats) -> Slices:
+        """The slices at each c_e, which rises; the likelihood is asked for those that the walk lacks."""
+        place = np.searchsorted(self.c_e, c_e)
+        new = self.c_e[np.minimum(place, len(self.c_e) - 1)] != c_e
+        place[new] = len(self.c_e) + np.arange(np.count_nonzero(new))
+        if new.any():  # with the last point: NumPy sums over one point in another order than over several
+            return self.slices.joined(likelihood.at(np.append(c_e[new], c_e[-1])), place)
+        return self.slices.joined(self.slices, place)
 
     def band(self, target: float) -> tuple[Floats, Floats]:
         """Lowest and highest alpha below a target; NaN where none."""
-        lower, upper = self.slices.alpha_below(target)
-        inside = self.minus2 <= target
-        lower, upper = np.maximum(lower, self.low), np.minimum(upper, self.high)
-        inside &= lower <= upper
-        return np.where(inside, lower, np.nan), np.where(inside, upper, np.nan)
+        if target not in self._bands:
+            lower, upper = self.slices.alpha_below(target)
+            lower, upper = np.maximum(lower, self.low), np.minimum(upper, self.high)
+            inside = (self.minus2 <= target) & (lower <= upper)
+            self._bands[target] = np.where(inside, lower, np.nan), np.where(inside, upper, np.nan)
+        return self._bands[target]
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Intervals by quantity and level, and what they come from; see `Profile`."""
+
+    walk: Walk
+    base: float
+    limits: Mapping[str, float]
+    joint: Mapping[str, float]  #: level -> rise that bounds the joint region
+    intervals: Mapping[str, Mapping[str, Interval]]
+    identified: Combination
+
+
+def ranges(
+    likelihood: Likelihood, calibration: Calibration, domain: Domain, best: tuple[float, float], ridge: float
+) -> Ranges:
+    """Intervals, from a walk along c_e that is closer where a level is crossed; see `profile`."""
+    limits, joint, of_alpha = (calibration.limits(LEVELS, direction) for direction in (C_E, None, ALPHA))
+    walk = close_walk(likelihood, domain, best[0], [*limits.values(), *joint.values(), *of_alpha.values()])
+    base = float(walk.minus2.min())
+    last = float(walk.minus2[-1]) - base
+    open_above = {name: last <= limit and not domain.high_hard for name, limit in limits.items()}
+    intervals = {
+        "c_e": {name: _range_of_c_e(walk, domain, base + limit) for name, limit in limits.items()},
+        "alpha": {name: _range_of_alpha(walk, domain, base + limit) for name, limit in of_alpha.items()},
+    }
+    exponent = ridge if open_above["95"] else _exponent(walk, base + of_alpha["95"], ridge)
+    along = calibration.limits(LEVELS, np.array([-exponent, 1.0]))
+    combination = Combination(
+        exponent,
+        best[1] / best[0] ** exponent,
+        {
+            name: _range_of_combination(walk, exponent, base + limit, open_above[name] and exponent != ridge)
+            for name, limit in along.items()
+        },
+    )
+    return Ranges(walk, base, limits, joint, intervals, combination)
 
 
 def profile(
     likelihood: Likelihood, calibration: Calibration, domain: Domain, best: tuple[float, float], ridge: float
 ) -> Profile:
-    """Intervals, regions and curves, from a walk along c_e that is closer where a level is crossed.
+    """Intervals, regions and curves.
 
     Parameters
     ----------
@@ -127,33 +178,9 @@ def profile(
     ridge : float
         Exponent of the ridge, 4 (k + 1)/3 for an f with a zero of order k.
     """
-    limits = {name: calibration.limit(level, C_E) for name, level in LEVELS.items()}
-    joint = {name: calibration.limit(level) for name, level in LEVELS.items()}
-    of_alpha = [calibration.limit(level, ALPHA) for level in LEVELS.values()]
-    walk = close_walk(likelihood, domain, best[0], [*limits.values(), *joint.values(), *of_alpha])
-    base = float(walk.minus2.min())
+    found = ranges(likelihood, calibration, domain, best, ridge)
+    walk, base, joint = found.walk, found.base, found.joint
     rise = walk.minus2 - base
-
-    def reach(direction: Floats, level: str) -> float:
-        return base + calibration.limit(LEVELS[level], direction)
-
-    open_above = {name: bool(rise[-1] <= limit) and not domain.high_hard for name, limit in limits.items()}
-    intervals = {
-        "c_e": {name: _range_of_c_e(walk, domain, base + limit) for name, limit in limits.items()},
-        "alpha": {name: _range_of_alpha(walk, domain, reach(ALPHA, name)) for name in LEVELS},
-    }
-    exponent = ridge if open_above["95"] else _exponent(walk, reach(ALPHA, "95"), ridge)
-    along = np.array([-exponent, 1.0])
-    combination = Combination(
-        exponent,
-        best[1] / best[0] ** exponent,
-        {
-            name: _range_of_combination(
-                walk, exponent, reach(along, name), open_above[name] and exponent != ridge
-            )
-            for name in LEVELS
-        },
-    )
     alphas = _alphas(walk, base, max(joint.values()))
     table = np.array([_lowest(np.log(walk.c_e), walk.slices.minus2(alpha)) for alpha in alphas]) - base
     shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
@@ -163,9 +190,9 @@ def profile(
         best_alpha=walk.alpha[shown],
         alpha=alphas,
         alpha_rise=np.maximum(table, 0.0),
-        limits=limits,
-        intervals=intervals,
-        identified=combination,
+        limits=found.limits,
+        intervals=found.intervals,
+        identified=found.identified,
         regions={name: _region(walk, domain, base + limit) for name, limit in joint.items()},
         at_infinity=np.nan if domain.high_hard else float(rise[-1]),
         base=base,
@@ -296,26 +323,24 @@ def _valleys(y: Floats) -> list[int]:
 
 def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
     """A walk that is closer at its lowest point and wherever its rise crosses a limit."""
-    c_e = domain.grid
-    part = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1)
+    walk = Walk(likelihood, domain, domain.grid)
+    part, rises = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1), np.unique(limits)[:, None]
+    end = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
     for _ in range(3):
-        walk = Walk(likelihood, domain, c_e)
-        i = int(np.argmin(walk.minus2))
-        inside = walk.minus2 - walk.minus2[i]
-        edges = {i - 1, i}
-        for limit in limits:
-            crossing = np.flatnonzero(np.diff(inside <= limit))
-            edges |= set(crossing.tolist())
-        left = np.array([k for k in edges if 0 <= k < len(c_e) - 1])
+        c_e, i = walk.c_e, int(np.argmin(walk.minus2))
+        inside = walk.minus2 - walk.minus2[i] <= rises
+        near = (inside[:, 1:] != inside[:, :-1]).any(axis=0)
+        near[max(i - 1, 0) : i + 1] = True
+        left = np.flatnonzero(near)
         finer = np.exp(np.log(c_e[left, None]) + np.log(c_e[left + 1] / c_e[left])[:, None] * part)
-        last = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
-        ends = [np.minimum(c_e[inside <= limit][[0, -1]], last) for limit in limits]
-        across = [np.geomspace(low, high, _ACROSS) for low, high in ends if high > low]
-        c_e = np.unique(
-            np.concatenate([c_e, finer.ravel(), *across, np.clip([best], domain.low, domain.high)])
+        first, last = inside.argmax(axis=1), len(c_e) - 1 - inside[:, ::-1].argmax(axis=1)
+        low, high = np.minimum(c_e[first], end), np.minimum(c_e[last], end)
+        across = np.geomspace(low[high > low], high[high > low], _ACROSS)
+        c_e = np.sort(
+            np.concatenate([c_e, finer.ravel(), across.ravel(), np.clip([best], domain.low, domain.high)])
         )
-        c_e = c_e[np.append(np.diff(np.log(c_e)) > _APART, True)]
-    return Walk(likelihood, domain, c_e)
+        walk = Walk(likelihood, domain, c_e[np.append(np.diff(np.log(c_e)) > _APART, True)], walk)
+    return walk
 
 
 def _range_of_c_e(walk: Walk, domain: Domain, target: float) -> Interval:
@@ -350,7 +375,8 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
     x, low, high = _band(walk, target)
 
     def width(p: float) -> float:
-        return float(np.max(high - p * x) - np.min(low - p * x))
+        along = p * x
+        return float((high - along).max() - (low - along).min())
 
     if not np.isfinite(low).all():  # alpha reaches 0: no width to minimise
         return ridge

@@ -218,6 +218,10 @@ class VoxelModel:
         inside = (x >= -1e-9) & np.isfinite(deviation)
         return np.where(inside, self._mean_field.unit(stiffness) * np.exp(deviation), np.nan)
 
+    def log_unit(self, c_e: ArrayLike) -> Floats:
+        """See `burrlab.fitting.likelihood.Model`."""
+        return np.log(self.unit(c_e))
+
 
 def model_of(
     observations: Observations, shape: Shape, table: VoxelTable | None

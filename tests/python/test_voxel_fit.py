@@ -53,6 +53,13 @@ def test_resumes_and_any_executor_gives_the_same(sparse, tmp_path):
     assert n < len(store) < 3 * n  # only a third replicate is new
 
 
+def test_the_best_point_may_lie_at_the_edge_of_the_window():
+    """There a difference over c_e has a velocity on one side only."""
+    found = voxel_fit(curve_of([1.4, 2.6, 3.55], scatter=0.05, repeats=2, seed=3))
+    assert np.isfinite(found.evidence.information).all()
+    assert found.evidence.monte_carlo > 0
+
+
 def test_beyond_the_table_the_last_value_holds(sparse):
     table, model = sparse.table, sparse.likelihood.model
     c_e = [table.high, 3 * table.high]

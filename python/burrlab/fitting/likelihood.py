@@ -272,14 +272,16 @@ class Likelihood:
         steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
         hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
         stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
+        around = self.residuals(stiffness, alpha)
+        if not all(np.isfinite(r[0]).all() for _, _, r, _ in around):  # the edge of a voxel table's window
+            stiffness[0] = c_e
+            around = self.residuals(stiffness, alpha)
         width = float(np.log(stiffness[2] / stiffness[0]))
         # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
         doubling = np.log(2) if self.log else 1.0
         tables = []
         twice = self.residuals(c_e, 2 * alpha)
-        for (name, known, r, n), (_, _, r_twice, _) in zip(
-            self.residuals(stiffness, alpha), twice, strict=True
-        ):
+        for (name, known, r, n), (_, _, r_twice, _) in zip(around, twice, strict=True):
             J = np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1)
             tables.append((name, known, J, r[1], n))
         return tables

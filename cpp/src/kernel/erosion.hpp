@@ -121,15 +121,16 @@ BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned 
   return load(each);
 }
 
-/// Takes from every unit the loss given by its mean lambda and by U. `mixed`: constants are by tissue.
+/// Takes from every unit the loss given by its mean lambda and by U. `mixed`: constants are by tissue. In two
+/// loops: the CPU's scheduler holds the waiting operations of few rows, so short chains overlap better.
 template <bool doubling, bool mixed>
-inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
+inline void lose(const Sphere& at, const Brick& brick, const Constants& c, Steps& steps, int count) {
   const Float c1 = set(ErodedFraction::c1), c2 = set(ErodedFraction::c2), c3 = set(ErodedFraction::c3);
   const TissueTables* tables = brick.tissues;
   const int doublings = mixed ? tables->most_doublings : brick.doublings;
   std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {
-    const auto& step = steps.row[i];
+    auto& step = steps.row[i];
     const std::uint8_t* tissue = brick.tissue + (mixed ? 8 * step.unit : 0);
     const Float y =
         (mixed ? pick(tables->fraction_scale, tissue, tables->few) : c.fraction_scale) * load(step.f);
@@ -140,7 +141,12 @@ inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const
     } else if (doubling) {
       for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
     }
-    const Float scaled = load(step.mass) * eroded;  // Eq. 4 over the tick: lambda = M (1 - exp(-alpha f dt))
+    store(step.f, eroded);
+  }
+  for (int i = 0; i < count; ++i) {
+    const auto& step = steps.row[i];
+    // Eq. 4 over the tick: lambda = M (1 - exp(-alpha f dt))
+    const Float scaled = load(step.mass) * load(step.f);
     const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
     Integer lost = high16(sum);
     if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))

@@ -2,20 +2,31 @@
 // differ in the last bit between CPUs and releases. frexp, ldexp and rint are exact.
 #pragma once
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 
 namespace burrlab::portable {
 
-/// e^x, relative error below 1e-15 for |x| < 700.
-inline double exp(double x) {
-  if (x < -745.0) return 0.0;
+/// e^x of each, relative error below 1e-15 for |x| < 700; side by side, as each is a long chain of divisions.
+template <std::size_t n>
+inline std::array<double, n> exp(const std::array<double, n>& x) {
   constexpr double ln2_high = 0.693147180369123816490, ln2_low = 1.90821492927058770002e-10;
-  const double n = std::rint(x * 1.44269504088896338700);
-  const double r = (x - n * ln2_high) - n * ln2_low;  // |r| <= ln(2)/2
-  double sum = 1.0;
-  for (int k = 16; k >= 1; --k) sum = 1.0 + sum * r / k;
-  return std::ldexp(sum, static_cast<int>(n));
+  std::array<double, n> twos, r, sum;
+  for (std::size_t i = 0; i < n; ++i) {
+    const double at = std::max(x[i], -746.0);
+    twos[i] = std::rint(at * 1.44269504088896338700);
+    r[i] = (at - twos[i] * ln2_high) - twos[i] * ln2_low;  // |r| <= ln(2)/2
+    sum[i] = 1.0;
+  }
+  for (int k = 16; k >= 1; --k)
+    for (std::size_t i = 0; i < n; ++i) sum[i] = 1.0 + sum[i] * r[i] / k;
+  for (std::size_t i = 0; i < n; ++i)
+    sum[i] = x[i] < -745.0 ? 0.0 : std::ldexp(sum[i], static_cast<int>(twos[i]));
+  return sum;
 }
+inline double exp(double x) { return exp(std::array<double, 1>{x})[0]; }
 
 /// Natural logarithm of x > 0, relative error below 1e-15.
 inline double log(double x) {

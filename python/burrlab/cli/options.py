@@ -342,8 +342,10 @@ def on_terminal() -> Progress:
         last = done
         if now >= following and 0 < done < 1:
             following = now + _EACH
-            left = duration((now - begin) / done * (1 - done))
-            print(f"{done:.0%} done, about {left} more", file=sys.stderr, flush=True)
+            more = f", about {duration((now - begin) / done * (1 - done))} more" if done >= 0.01 else ""
+            print(
+                f"{done:.0%} done{more}", file=sys.stderr, flush=True
+            )  # the first part tells little of the rest
 
     return follow
 

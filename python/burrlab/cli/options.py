@@ -342,10 +342,9 @@ def on_terminal() -> Progress:
         last = done
         if now >= following and 0 < done < 1:
             following = now + _EACH
-            more = f", about {duration((now - begin) / done * (1 - done))} more" if done >= 0.01 else ""
-            print(
-                f"{done:.0%} done{more}", file=sys.stderr, flush=True
-            )  # the first part tells little of the rest
+            left = f", about {duration((now - begin) / done * (1 - done))} more"
+            # the first hundredth tells little of the rest
+            print(f"{done:.0%} done{left if done >= 0.01 else ''}", file=sys.stderr, flush=True)
 
     return follow
 

@@ -96,9 +96,10 @@ class Child:
                 told = "".join(traceback.format_exception(error))[-5000:]
         sys.stdout.flush()
         if os.fstat(1).st_size:
-            told = os.pread(1, 5000, 0).decode(errors="replace")
-            name = "said-" + re.sub(r"[\W\d]+", "-", told)[:40].strip("-")
+            text = re.sub(r".* so far; Ctrl-C ends it\n", "", os.pread(1, 5000, 0).decode(errors="replace"))
             os.ftruncate(1, 0)
+            if text:  # but for a line of long work
+                told, name = text, "said-" + re.sub(r"[\W\d]+", "-", text)[:40].strip("-")
         self.left -= time.monotonic() - begun
         os.pwrite(self.state, STATE.pack(self.number, 0.0, self.left), 0)
         return name, told

@@ -1,4 +1,5 @@
-"""Where the time of a tick goes, by step: samples of the clock in the tick's own code.
+"""Where the time of a tick goes, by step: samples of the clock in the tick's own code, in the quietest of several
+turns.
 
     python tests/bench/steps.py before=OLD/burrlab_bench.so now=build/burrlab_bench.so --png docs/tick_steps.png
 
@@ -107,7 +108,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("libraries", nargs="+", metavar="NAME=LIBRARY")
     parser.add_argument("--png", type=Path, metavar="FILE")
-    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--turns", type=int, default=7)
     options = parser.parse_args()
     libraries = [tuple(text.split("=", 1)) for text in options.libraries]
     figure = new_figure(7.0, 4.2)
@@ -117,15 +118,17 @@ def main() -> None:
         turns = [
             [sampled(Path(library), path, scene) for path, _, library in bars] for _ in range(options.turns)
         ]
+        quietest = [min(of_bar, key=lambda times: sum(times.values())) for of_bar in zip(*turns, strict=True)]
         bottom = np.zeros(len(bars))
         for k, step in enumerate(STEPS):
-            height = np.median([[bar[step] for bar in turn] for turn in turns], axis=0)
+            height = [times[step] for times in quietest]
             print(f"{scene:<8} {step:<28}", *(f"{one:8.1f}" for one in height), "us")
             axes.bar(range(len(bars)), height, bottom=bottom, label=step, color=f"C{k}")
             bottom += height
-        axes.set_xticks(range(len(bars)), [f"{path.upper()}\n{name}" for path, name, _ in bars])
+        axes.set_xticks(range(len(bars)), [f"{path[3:]}\n{name}" for path, name, _ in bars], fontsize=8)
         axes.set_title(f"{scene}, R = 5 mm, 0.1 mm", fontsize=10)
         axes.set_ylabel("time of a tick, median [µs]")
+        axes.set_xlabel("AVX")
         tidy(axes)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles[::-1], labels[::-1], loc="outside right center", fontsize=8, frameon=False)

@@ -51,13 +51,13 @@ _WAY = "--entry=-7.6,9.5,-3.5 --axis 0.918,-0.147,0.369 --force 1 --seed 1"
 _COMMAND = "from burrlab.cli import main; assert not main({!r}.split())"
 _LABELS = """
 import burrlab
-from burrlab.bone.recipe import LabelledRecipe, keep_labels, labels_of
-from burrlab.bone.tissues import default_tissues
-labels = labels_of("labels.seg.nrrd", usual=True)
-recipe = LabelledRecipe("labels.seg.nrrd", default_tissues(labels))
-keep_labels(recipe, labels)
+from burrlab.bone.recipe import LabelledRecipe, usual_tissues
+tissues, give = usual_tissues("labels.seg.nrrd", burrlab.materials["bone"])
+recipe = LabelledRecipe("labels.seg.nrrd", tissues)
+give(recipe)
 bone = recipe.bone()
 """
+_KEEPING = "import os; os.environ['BURRLAB_CACHE'] = 'kept'"
 _NRRD = """
 import nrrd
 nrrd.read("{}.nrrd")
@@ -83,6 +83,7 @@ WAITS = (
         "import glob, numpy, PIL.Image; [numpy.array(PIL.Image.open(p)) for p in sorted(glob.glob('png/*'))]",
     ),
     Wait("labels of an NRRD into bone", _LABELS, "the file read by pynrrd", _NRRD.format("labels.seg")),
+    Wait("the same, started again", _KEEPING + _LABELS, "the first start", _LABELS),
     Wait(
         "a watch of 15 structures", _LABELS + """
 import numpy
@@ -172,7 +173,10 @@ def make(folder: Path) -> None:
 def spent(program: str, folder: Path) -> float:
     """CPU time of a Python program and its children [s]."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    run = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True)
+    alone = {**os.environ, "BURRLAB_CACHE": ""}  # nothing is kept from one run to the next
+    run = subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, env=alone
+    )
     if run.returncode:
         raise RuntimeError(f"{program}\n{run.stderr}")
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

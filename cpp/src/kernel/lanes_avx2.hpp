@@ -156,26 +156,23 @@ inline std::int64_t total(Wide a) {
 
 /// The table's entry for each lane's number. Without gathers, which are slow on some CPUs.
 inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
-#ifdef __AVX512VL__
   const __m256i n = load_row(numbers).v;
+#ifdef __AVX512VL__
   const auto two = [&](int at) {
     return _mm256_permutex2var_ps(_mm256_loadu_ps(table + at), n, _mm256_loadu_ps(table + at + 8));
   };
-  if (few) return {two(0)};
-  const __mmask8 odd = _mm256_test_epi32_mask(n, _mm256_set1_epi32(16));
-  const __m256 low = _mm256_mask_blend_ps(odd, two(0), two(16)),
-               high = _mm256_mask_blend_ps(odd, two(32), two(48));
-  return {_mm256_mask_blend_ps(_mm256_test_epi32_mask(n, _mm256_set1_epi32(32)), low, high)};
 #else
-  if (!few) {
-    const auto at = [&](int i) { return table[numbers[i]]; };
-    return {_mm256_setr_ps(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7))};
-  }
-  const __m256i n = load_row(numbers).v;
-  const __m256 low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table), n);
-  const __m256 high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table + 8), n);
-  return {_mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(n, 28)))};  // by bit 3
+  const auto two = [&](int at) {
+    const __m256 low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table + at), n);
+    const __m256 high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table + at + 8), n);
+    return _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(n, 28)));  // by bit 3
+  };
 #endif
+  if (few) return {two(0)};
+  const __m256 odd = _mm256_castsi256_ps(_mm256_slli_epi32(n, 27)),
+               upper = _mm256_castsi256_ps(_mm256_slli_epi32(n, 26));  // bits 4 and 5
+  return {_mm256_blendv_ps(_mm256_blendv_ps(two(0), two(16), odd), _mm256_blendv_ps(two(32), two(48), odd),
+                           upper)};
 }
 inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool few) {
   return {_mm256_castps_si256(pick(reinterpret_cast<const float*>(table), numbers, few).v)};

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -259,13 +260,17 @@ def test_ctrl_c_stops_a_run() -> None:
     bone = block()
     contact = contact_on(bone)
     path = np.tile(wandering_path(1000), (400, 1))
-    timer = threading.Timer(0.1, _thread.interrupt_main)
-    timer.start()
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            contact.run(path, 0.01)
-    finally:
-        timer.join()
+
+    def interrupt() -> None:
+        while contact.tick == 0:
+            time.sleep(0.001)
+        _thread.interrupt_main()
+
+    thread = threading.Thread(target=interrupt)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt):
+        contact.run(path, 0.01)
+    thread.join()
     assert 0 < contact.tick < len(path)
     again = block()
     contact_on(again).run(path[: contact.tick], 0.01)

@@ -26,21 +26,12 @@
 namespace burrlab {
 namespace {
 
-/// The lower 8 levels.
+/// The lower 8 levels of a register.
 inline void store_low_row(std::uint8_t* row, __m128i levels) {
 #if defined(__GNUC__) && !defined(BURRLAB_WATCHED_BY_SANITIZER)
   asm(BURRLAB_VECTOR_STORE "movq %1, %0" : "=m"(*reinterpret_cast<SharedRow*>(row)) : "v"(levels));
 #else
   store_row(row, static_cast<std::uint64_t>(_mm_cvtsi128_si64(levels)));
-#endif
-}
-
-/// The upper 8 levels.
-inline void store_high_row(std::uint8_t* row, __m128i levels) {
-#if defined(__GNUC__) && !defined(BURRLAB_WATCHED_BY_SANITIZER)
-  asm(BURRLAB_VECTOR_STORE "movhps %1, %0" : "=m"(*reinterpret_cast<SharedRow*>(row)) : "v"(levels));
-#else
-  store_low_row(row, _mm_unpackhi_epi64(levels, levels));
 #endif
 }
 

@@ -6,6 +6,7 @@
 #include "burrlab/tick.hpp"
 
 #include <algorithm>
+#include <bitset>
 #include <cmath>
 #include <cstring>
 
@@ -25,6 +26,9 @@ Scheme parse_scheme(const std::string& name) {
   if (name == "cell") return Scheme::cell;
   throw std::invalid_argument("scheme must be layer or cell, got '" + name + "'");
 }
+
+// Whether a brick holds more tissues than are summed one by one in the time of a visit.
+static bool many(std::uint64_t tissues) { return std::bitset<64>(tissues).count() > 6; }
 
 // The voxel nearest to the centre, the rest of the position, and the bricks that the sphere may touch.
 struct Tick::Placement {
@@ -144,10 +148,9 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
 
   const auto at_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x, bool whole) {
     const std::size_t number = bone.brick_number(z, y, x);
-    const std::uint8_t* numbers = map ? map->tile(number) : nullptr;  // null: one tissue
+    // null where all voxels have the same K and alpha
+    const std::uint8_t* numbers = map && map->varies(number) ? map->tile(number) : nullptr;
     const std::size_t tissue = map ? map->number(number) : 0;
-    alignas(64) std::uint8_t before[brick_voxels];
-    if (eroding && numbers) std::memcpy(before, bone.tile(number), brick_voxels);
     kernel::Brick brick;
     brick.tissue = numbers;
     brick.tissues = &tables;
@@ -167,13 +170,13 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     brick.columns_in_slab = columns_in_slab;
     brick.faint = bone.has_faint(number);
     kernel::Sums found{};
-    if (summing && whole && !brick.faint) {  // wholly inside
+    if (summing && whole && !brick.faint && !(numbers && many(map->present(number)))) {  // wholly inside
       const BrickSums& stored = bone.sums(number);
       found.mass = std::int64_t{256} * stored.mass;
       found.x = std::int64_t{256} * stored.x;
       found.y = std::int64_t{256} * stored.y;
       found.z = std::int64_t{256} * stored.z;
-      if (numbers) found.stiffness = std::int64_t{256} * kernel_->weigh(bone.tile(number), numbers, tables);
+      if (numbers) found.stiffness = std::int64_t{256} * map->weigh(number, bone.tile(number), stored.mass);
       if (eroding) erode_only[numbers != nullptr](sphere, brick, found);
     } else {
       visit[numbers != nullptr](sphere, brick, found);
@@ -188,11 +191,13 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     }
     if (eroding)
       sums.lost += eroded->close({z, y, x}, number,
-                                 {found.after_mass, found.after_x, found.after_y, found.after_z}, before);
+                                 {found.after_mass, found.after_x, found.after_y, found.after_z});
   };
 
   walk_bricks(bone.occupancy(), ball, at_brick, [&](std::int64_t z, std::int64_t y, std::int64_t x) {
-    prefetch(bone.tile(bone.brick_number(z, y, x)));
+    const std::size_t number = bone.brick_number(z, y, x);
+    prefetch(bone.tile(number));
+    if (map && map->tile(number)) prefetch(map->tile(number));
   });
   return sums;
 }

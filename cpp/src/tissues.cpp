@@ -5,6 +5,7 @@
 #include <cstring>
 #include <set>
 
+#include "brick_walk.hpp"
 #include "burrlab/check.hpp"
 #include "kernel/kernel.hpp"
 
@@ -28,6 +29,10 @@ Tissues::Tissues(std::vector<Tissue> tissues, const Material& material)
     require_not_negative("alpha of '" + tissue.name + "'", tissue.alpha);
     stiffness_[i] = static_cast<std::int32_t>(std::rint(tissue.c_e * quanta));
   }
+  for (std::size_t i = 0; i < size(); ++i)
+    for (std::size_t j = 0; j < size(); ++j)
+      if (stiffness_[i] == stiffness_[j] && tissues_[i].alpha == tissues_[j].alpha)
+        alike_[i] |= std::uint64_t{1} << j;
 }
 
 std::int32_t Tissues::largest_stiffness() const {
@@ -111,8 +116,31 @@ void TissueMap::read(const Index3& start, const Index3& shape, std::uint8_t* out
   }
 }
 
-void TissueMap::add(std::size_t brick, const std::uint8_t* levels, int sign, Sums& sums) const {
-  kernel::current_kernel().add_by_tissue(levels, tiles_.tile(brick), present_[brick], sign, sums.data());
+// Calls take(number, levels of that tissue). The first voxel's tissue has what the others leave.
+template <class Take>
+void TissueMap::by_tissue(std::size_t brick, const std::uint8_t* levels, std::int64_t sum, Take take) const {
+  const auto sum_where = kernel::current_kernel().sum_where;
+  std::uint64_t others = present_[brick] & ~(std::uint64_t{1} << number_[brick]);
+  for (; others; others &= others - 1) {
+    const auto number = static_cast<std::uint8_t>(lowest_bit(others));
+    const std::int64_t here = sum_where(levels, tiles_.tile(brick), number);
+    take(number, here);
+    sum -= here;
+  }
+  take(number_[brick], sum);
+}
+
+void TissueMap::add(std::size_t brick, const std::uint8_t* levels, std::int64_t sum, int sign,
+                    Sums& sums) const {
+  by_tissue(brick, levels, sum,
+            [&](std::size_t number, std::int64_t here) { sums[number] += sign * here; });
+}
+
+std::int64_t TissueMap::weigh(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const {
+  std::int64_t weighed = 0;
+  by_tissue(brick, levels, sum,
+            [&](std::size_t number, std::int64_t here) { weighed += table_.stiffness(number) * here; });
+  return weighed;
 }
 
 }  // namespace burrlab

@@ -288,26 +288,18 @@ std::uint8_t* VoxelBone::open(std::size_t brick) {
     std::memcpy(pristine_.tile(brick), tile(brick), brick_voxels);
     state_[brick] |= saved;
   }
+  if (tissues_) tissues_->add(brick, tile(brick), sums_[brick].mass, -1, tissue_sums_.present);
   return density_.tile(brick);
 }
 
-std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now,
-                              std::uint8_t* before) {
+std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now) {
+  if (tissues_) tissues_->add(brick, tile(brick), now.mass, 1, tissue_sums_.present);
   const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
   if (lost == 0) return 0;
   sums_[brick] = now;
   state_[brick] |= eroded | changed;
   level_sum_ -= lost;
   if (now.mass == 0) occupancy_.set(at, false);
-  if (tissues_) {
-    if (tissues_->tile(brick)) {
-      const std::uint8_t* after = tile(brick);
-      for (int i = 0; i < brick_voxels; ++i) before[i] = static_cast<std::uint8_t>(before[i] - after[i]);
-      tissues_->add(brick, before, -1, tissue_sums_.present);
-    } else {
-      tissue_sums_.present[tissues_->number(brick)] -= lost;
-    }
-  }
   return lost;
 }
 
@@ -374,16 +366,12 @@ void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
   alignas(64) std::uint8_t levels[brick_voxels];
   load_shared_tile(levels, from.tile(brick));
   if (std::memcmp(levels, tile(brick), brick_voxels) == 0) return;
-  const bool mixed = tissues_ && tissues_->tile(brick);
-  if (mixed) tissues_->add(brick, tile(brick), -1, tissue_sums_.present);
-  if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] -= sums_[brick].mass;
   level_sum_ -= sums_[brick].mass;
   std::memcpy(open(brick), levels, brick_voxels);
   state_[brick] |= eroded | changed;
   sums_[brick] = sum_brick(tile(brick));
   level_sum_ += sums_[brick].mass;
-  if (mixed) tissues_->add(brick, tile(brick), 1, tissue_sums_.present);
-  if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] += sums_[brick].mass;
+  if (tissues_) tissues_->add(brick, tile(brick), sums_[brick].mass, 1, tissue_sums_.present);
   occupancy_.set(place(brick), sums_[brick].mass > 0);
 }
 
@@ -412,25 +400,11 @@ double VoxelBone::removed_of(std::size_t tissue) const {
 // Adds the brick's levels to the sums of its tissues, or subtracts them.
 void VoxelBone::count_tissues(std::size_t brick, int sign) {
   if (!tissues_) return;
-  if (!tissues_->tile(brick)) {
-    const std::size_t tissue = tissues_->number(brick);
-    tissue_sums_.present[tissue] += sign * std::int64_t(sums_[brick].mass);
-    tissue_sums_.pristine[tissue] += sign * pristine_mass(place(brick), brick);
-    return;
-  }
-  if (!(state_[brick] & eroded)) {
-    TissueMap::Sums both{};
-    tissues_->add(brick, tile(brick), sign, both);
-    for (std::size_t i = 0; i < tissues_->table().size(); ++i) {
-      tissue_sums_.present[i] += both[i];
-      tissue_sums_.pristine[i] += both[i];
-    }
-    return;
-  }
+  const Index3 at = place(brick);
   alignas(64) std::uint8_t pristine[brick_voxels];
-  copy_pristine(place(brick), brick, pristine);
-  tissues_->add(brick, tile(brick), sign, tissue_sums_.present);
-  tissues_->add(brick, pristine, sign, tissue_sums_.pristine);
+  if (tissues_->tile(brick)) copy_pristine(at, brick, pristine);
+  tissues_->add(brick, tile(brick), sums_[brick].mass, sign, tissue_sums_.present);
+  tissues_->add(brick, pristine, pristine_mass(at, brick), sign, tissue_sums_.pristine);
 }
 
 }  // namespace burrlab

@@ -83,6 +83,7 @@ Core* core_new(const std::int64_t* shape, const std::uint8_t* pristine, const st
     auto bone =
         std::make_shared<VoxelBone>(index3(shape), std::move(levels), Vec3::Constant(spacing), vec3(origin));
     if (density) bone->restore(density);
+    bone->touch();  // as a session does before its first tick
     return new Core(std::move(bone), Burr(radius), Material("bone", c_e, alpha, Shape::parabolic(), ""), seed,
                     layer ? Scheme::layer : Scheme::cell, path, tick);
   });
@@ -98,14 +99,14 @@ Core* core_clone(const Core* core, const char* path) {
 
 void core_free(Core* core) { delete core; }
 
-// Gives the bone `count` tissues with the values of its material, so that it is carved as without. The first
-// `critical` are watched.
+// Gives the bone `count` tissues of different c_e and its material's alpha, so that it is carved as without. The
+// first `critical` are watched.
 int core_set_tissues(Core* core, const std::uint8_t* numbers, int count, int critical) {
   return guarded([&] {
     const Material& material = core->contact->material();
     std::vector<Tissue> rows;
     for (int i = 0; i < count; ++i)
-      rows.push_back({std::to_string(i), i, material.c_e, material.alpha, {}, i < critical, false, false});
+      rows.push_back({std::to_string(i), i, material.c_e + i, material.alpha, {}, i < critical, false, false});
     core->bone->set_tissues(
         std::make_shared<TissueMap>(core->bone->shape(), numbers, Tissues(rows, material)));
     core->watch.reset();

@@ -203,7 +203,7 @@ class Core:
         return positions[:done].copy(), float(seconds[0])
 
     def set_tissues(self, numbers: Levels, count: int, *, watched: int = 0) -> None:
-        """Sets `count` tissues with the burr's material; ticks query distances to the first `watched`."""
+        """Sets `count` tissues of different c_e and the burr's alpha; ticks query distances to the first `watched`."""
         self.native.check(self.library.core_set_tissues(self.handle, address(numbers), count, watched))
 
     def density(self) -> Levels:

@@ -63,10 +63,10 @@ def test_shapes(scheme: str, shape: str) -> None:
 @pytest.mark.parametrize("rates", [(0.087,), (0.0, 0.0625), (0.3, 0.087), (2.0, 0.0), (40.0, 0.1)], ids=str)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_rates(scheme: str, rates: tuple[float, ...]) -> None:
-    """Rates with and without doublings, and of zero; faint levels are counted too."""
-    for kind in ("random", "bricks"):
+    """Rates with and without doublings, and of zero; faint levels are counted too. Tissues may be alike."""
+    for kind, stiffnesses in (("random", 5), ("random", 1), ("random", 2), ("bricks", 5)):
         scene = scene_of(scheme, "parabolic", fill="faint", size=(17, 25, 31))
-        assert check_scene(scene, tissues_of(kind, scene.size, 5, rates)) > 0.0
+        assert check_scene(scene, tissues_of(kind, scene.size, 5, rates, stiffnesses)) > 0.0
 
 
 def test_a_tissue_that_does_not_erode_stays() -> None:
@@ -87,11 +87,12 @@ def test_any_scene_equals_reference(scene: Scene, kind: str, count: int) -> None
     event(f"erodes: {removed > 0.0}")
 
 
+@pytest.mark.parametrize("kind", ["halves", "random"])
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_probe_then_erode_is_a_step(scheme: str) -> None:
-    """The sphere covers whole bricks, which another routine weighs by tissue."""
+def test_probe_then_erode_is_a_step(scheme: str, kind: str) -> None:
+    """The sphere covers whole bricks, which are weighed by tissue if they hold few."""
     scene = scene_of(scheme, "parabolic", size=(48, 48, 48), ratio=18.0, fill="random")
-    tissues = tissues_of("random", scene.size, 16, (0.087, 0.3))
+    tissues = tissues_of(kind, scene.size, 16, (0.087, 0.3))
     cores, reference = on_every_path(scene, tissues)
     for center in scene.centers()[:2]:
         expected: Any = reference.step(center, scene.dt)

@@ -92,10 +92,11 @@ def numbers_of(kind: str, size: tuple[int, ...], count: int) -> NDArray[np.uint8
 
 
 def tissues_of(
-    kind: str, size: tuple[int, ...], count: int, rates: tuple[float, ...] = RATES
+    kind: str, size: tuple[int, ...], count: int, rates: tuple[float, ...] = RATES, stiffnesses: int = 64
 ) -> ReferenceTissues:
     c_e = np.random.default_rng(count).uniform(0.2, 5.0, count)
     c_e[-1] = 1000.0
+    c_e = c_e[-1 - np.arange(count) % stiffnesses % count]
     alpha = [rates[i % len(rates)] for i in range(count)]
     return ReferenceTissues(numbers_of(kind, size, count), c_e.tolist(), alpha)
 

@@ -43,11 +43,14 @@ class Tissues {
   /// `stiffness` by number, `most` of them; zeros from `size()` on.
   const std::int32_t* stiffnesses() const { return stiffness_.data(); }
   std::int32_t largest_stiffness() const;
+  /// Bit i: tissue i has the same stiffness and alpha.
+  std::uint64_t alike(std::size_t number) const { return alike_[number]; }
 
  private:
   std::vector<Tissue> tissues_;
   Material material_;
   std::array<std::int32_t, most> stiffness_{};
+  std::array<std::uint64_t, most> alike_{};
 };
 
 /// Tissue numbers of a bone: one per voxel, or one per brick that is uniform. Never changes, so copies of a
@@ -73,14 +76,21 @@ class TissueMap {
   std::uint8_t number(std::size_t brick) const { return number_[brick]; }  ///< of the first voxel
   /// Bit i: the brick holds tissue i.
   std::uint64_t present(std::size_t brick) const { return present_[brick]; }
-  /// Adds sign times the levels of a mixed brick, aligned to a cache line, to the sums of its tissues.
-  void add(std::size_t brick, const std::uint8_t* levels, int sign, Sums& sums) const;
+  /// Whether the brick's tissues differ in stiffness or alpha.
+  bool varies(std::size_t brick) const { return present_[brick] & ~table_.alike(number_[brick]); }
+  // Of a brick's levels, aligned to a cache line and read if it is mixed, with their sum:
+  /// Adds sign times those of each tissue to its sum.
+  void add(std::size_t brick, const std::uint8_t* levels, std::int64_t sum, int sign, Sums& sums) const;
+  /// Sum of K q.
+  std::int64_t weigh(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const;
 
   std::size_t hierarchy_bytes() const { return number_.size() * (sizeof number_[0] + sizeof present_[0]); }
 
  private:
   TissueMap(const Index3& shape, const Tissues& table);
   bool mixed(std::size_t brick) const { return (present_[brick] & (present_[brick] - 1)) != 0; }
+  template <class Take>
+  void by_tissue(std::size_t brick, const std::uint8_t* levels, std::int64_t sum, Take take) const;
 
   Index3 shape_, bricks_;
   Tissues table_;

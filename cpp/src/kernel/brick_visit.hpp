@@ -186,37 +186,6 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   }
 }
 
-inline std::int64_t weigh(const std::uint8_t* tile, const std::uint8_t* tissue, const TissueTables& tables) {
-  Wide sum = wide_zero();
-  for (unsigned unit = 0; unit < units; ++unit) {
-    const unsigned at = 8 * unit;
-    sum = add_product(sum, load_row(tile + at), pick(tables.stiffness, tissue + at, tables.few));
-  }
-  return total(sum);
-}
-
-inline void add_by_tissue(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present,
-                          int sign, std::int64_t* sums) {
-  static constexpr Slabs all{{0, 64, 128, 192, 256, 320, 384, 448}, 8};
-  Slabs filled{};
-  for (const unsigned at : all.at) {
-    std::uint64_t row, any = 0;
-    for (unsigned y = 0; y < 8; ++y) {
-      memcpy(&row, tile + at + 8 * y, sizeof row);
-      any |= row;
-    }
-    filled.at[filled.count] = at;
-    filled.count += any != 0;
-  }
-  for (; present; present &= present - 1) {
-    const unsigned number = lowest(present);
-    const auto which = static_cast<std::uint8_t>(number);
-    const std::uint32_t sum = filled.count == all.count ? sum_where(tile, tissue, which, all)  // unrolled
-                                                        : sum_where(tile, tissue, which, filled);
-    sums[number] += sign * std::int64_t(sum);
-  }
-}
-
 }  // namespace
 
 #define BURRLAB_BY_TISSUES(layer, isotropic, summing, eroding) \
@@ -229,7 +198,6 @@ inline void add_by_tissue(const std::uint8_t* tile, const std::uint8_t* tissue, 
   }
 #define BURRLAB_KERNEL(name)                                                                              \
   {name,          {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
-   sum_levels,    weigh,                                                                                  \
-   add_by_tissue, draw_field}
+   sum_levels,    sum_where,     draw_field}
 
 }  // namespace burrlab::kernel

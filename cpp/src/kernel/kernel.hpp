@@ -60,7 +60,7 @@ struct Brick {
   int x, y, z;                    // first voxel, from the voxel nearest to the centre
   std::uint32_t column;           // number of its first column
   std::uint32_t columns_in_slab;  // from one z to the next
-  const std::uint8_t* tissue;     // 512 numbers, or null if all are equal: then
+  const std::uint8_t* tissue;     // 512 numbers, or null if all have the same K,
   float fraction_scale;           // its a_k
   int doublings;                  // and k
   const TissueTables* tissues;    // if `tissue` is not null
@@ -73,12 +73,6 @@ struct Sums {
   std::uint32_t after_mass, after_x, after_y, after_z;  // side by side, for vector stores
 };
 
-/// The z-slabs of a tile that hold anything, by the offset of their first voxel.
-struct Slabs {
-  unsigned at[8];
-  int count;
-};
-
 enum Pass : int { moments, erosion, both };
 
 using Visit = void (*)(const Sphere&, const Brick&, Sums&);
@@ -88,11 +82,8 @@ struct Kernel {
   const char* name;
   Visit visit[3][2][2][2];                       // [pass][layer][isotropic][several tissues]
   void (*sum)(const std::uint8_t* tile, Sums&);  // the four `after` sums
-  /// Sum of K q over a brick of several tissues.
-  std::int64_t (*weigh)(const std::uint8_t* tile, const std::uint8_t* tissue, const TissueTables&);
-  /// Adds sign times the levels of a tile to the sums of its tissues, the bits of `present`.
-  void (*add_by_tissue)(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present, int sign,
-                        std::int64_t* sums);
+  /// Sum of the levels of a tile where the tissue has this number.
+  std::uint32_t (*sum_where)(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint8_t number);
   /// U of a slab of a brick, (y, x); for tests.
   void (*draw)(const Draws&, std::uint32_t column, std::uint16_t* out);
 };

@@ -178,17 +178,14 @@ inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool
   return {_mm256_castps_si256(pick(reinterpret_cast<const float*>(table), numbers, few).v)};
 }
 
-inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
-                               const Slabs& slabs) {
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
   const __m256i which = _mm256_set1_epi8(static_cast<char>(number)), zero = _mm256_setzero_si256();
   __m256i sum = zero;
-  for (int i = 0; i < slabs.count; ++i) {
-    for (unsigned at = slabs.at[i]; at < slabs.at[i] + 64; at += 32) {
-      const __m256i here =
-          _mm256_cmpeq_epi8(_mm256_load_si256(reinterpret_cast<const __m256i*>(numbers + at)), which);
-      const __m256i levels = _mm256_load_si256(reinterpret_cast<const __m256i*>(tile + at));
-      sum = _mm256_add_epi64(sum, _mm256_sad_epu8(_mm256_and_si256(here, levels), zero));
-    }
+  for (unsigned at = 0; at < 512; at += 32) {
+    const __m256i here =
+        _mm256_cmpeq_epi8(_mm256_load_si256(reinterpret_cast<const __m256i*>(numbers + at)), which);
+    const __m256i levels = _mm256_load_si256(reinterpret_cast<const __m256i*>(tile + at));
+    sum = _mm256_add_epi64(sum, _mm256_sad_epu8(_mm256_and_si256(here, levels), zero));
   }
   return static_cast<std::uint32_t>(total({sum}));
 }

@@ -168,14 +168,11 @@ inline auto pick(const Value* table, const std::uint8_t* numbers, bool) {
   return load(each);
 }
 
-inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
-                               const Slabs& slabs) {
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
   uint16x8_t sum = vdupq_n_u16(0);  // a lane at most 32 * 510
-  for (int i = 0; i < slabs.count; ++i) {
-    for (unsigned at = slabs.at[i]; at < slabs.at[i] + 64; at += 16) {
-      const uint8x16_t here = vceqq_u8(vld1q_u8(numbers + at), vdupq_n_u8(number));
-      sum = vpadalq_u8(sum, vandq_u8(here, vld1q_u8(tile + at)));
-    }
+  for (unsigned at = 0; at < 512; at += 16) {
+    const uint8x16_t here = vceqq_u8(vld1q_u8(numbers + at), vdupq_n_u8(number));
+    sum = vpadalq_u8(sum, vandq_u8(here, vld1q_u8(tile + at)));
   }
   return vaddlvq_u16(sum);
 }

@@ -192,11 +192,9 @@ inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool
 }
 
 /// Sum of the levels of a tile with this number.
-inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
-                               const Slabs& slabs) {
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
   std::uint32_t sum = 0;
-  for (int i = 0; i < slabs.count; ++i)
-    for (unsigned at = slabs.at[i]; at < slabs.at[i] + 64; ++at) sum += numbers[at] == number ? tile[at] : 0u;
+  for (unsigned at = 0; at < 512; ++at) sum += numbers[at] == number ? tile[at] : 0u;
   return sum;
 }
 

@@ -191,17 +191,14 @@ inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
   return {four(numbers), four(numbers + 4)};
 }
 
-inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
-                               const Slabs& slabs) {
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
   const __m128i which = _mm_set1_epi8(static_cast<char>(number)), zero = _mm_setzero_si128();
   __m128i sum = zero;
-  for (int i = 0; i < slabs.count; ++i) {
-    for (unsigned at = slabs.at[i]; at < slabs.at[i] + 64; at += 16) {
-      const __m128i here =
-          _mm_cmpeq_epi8(_mm_load_si128(reinterpret_cast<const __m128i*>(numbers + at)), which);
-      const __m128i levels = _mm_load_si128(reinterpret_cast<const __m128i*>(tile + at));
-      sum = _mm_add_epi64(sum, _mm_sad_epu8(_mm_and_si128(here, levels), zero));
-    }
+  for (unsigned at = 0; at < 512; at += 16) {
+    const __m128i here =
+        _mm_cmpeq_epi8(_mm_load_si128(reinterpret_cast<const __m128i*>(numbers + at)), which);
+    const __m128i levels = _mm_load_si128(reinterpret_cast<const __m128i*>(tile + at));
+    sum = _mm_add_epi64(sum, _mm_sad_epu8(_mm_and_si128(here, levels), zero));
   }
   return static_cast<std::uint32_t>(total({sum}));
 }

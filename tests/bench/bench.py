@@ -9,6 +9,7 @@ difference in one bit ends the run with an error. --waits prints where a researc
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 import time
@@ -78,12 +79,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="small scenes, few ticks: does it run?")
     parser.add_argument("--waits", action="store_true", help="where a researcher waits, instead of ticks")
     options = parser.parse_args()
+    native = Native(options.library)
     if options.waits:
-        for line in waits.lines(options.out / "waits"):
+        folder = options.out / "waits"
+        for line in itertools.chain(waits.lines(folder), waits.longest_ticks(folder, native)):
             print(line, flush=True)
         return
     begun = time.perf_counter()
-    native = Native(options.library)
     say("Equal to the reference, bit for bit?")
     comparisons = check_all(native)
     say(f"yes, in {comparisons} comparisons\nScenes:")

@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from native import Burring, Core, Native
 from PIL import Image
 
 import burrlab
 from burrlab.anatomy import temporal_bone
 from burrlab.bone.formats import write_volume
 from burrlab.bone.image import LabelVolume, Volume
+from burrlab.bone.recipe import LabelledRecipe, usual_tissues
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING
 
 SIDE, VOXEL = 512, 0.1  # voxels along an edge; [mm]
@@ -196,6 +198,31 @@ def first_text(program: str, folder: Path) -> float:
     os.close(controller)
     os.close(terminal)
     return seconds
+
+
+def longest_ticks(folder: Path, native: Native) -> Iterator[str]:
+    """Lines on ticks of a burr of 5 mm at places among the structures, each the first one there: the 99th percentile
+    over the median of the plain loop at the same places. Tissues differ in c_e."""
+    tissues, give = usual_tissues(folder / "labels.seg.nrrd", burrlab.materials["bone"])
+    recipe = LabelledRecipe(folder / "labels.seg.nrrd", tissues)
+    give(recipe)
+    bone, burring = recipe.bone(), Burring(VOXEL, 5.0)
+    p, numbers, edge = bone.density, bone.tissue_numbers, int(burring.radius / VOXEL) + 4
+    inner = numbers[edge:-edge, edge:-edge, edge:-edge]
+    random, structure = np.random.default_rng(1), np.argwhere(inner > 1) + edge  # behind air and bone
+    places = VOXEL * (random.choice(structure, 200)[:, ::-1] + random.uniform(size=(200, 3)))
+    plain, _ = native.plain_run(p.copy(), p, burring, 0, places[:25])
+    for path in native.cpu_paths[1:]:  # not scalar
+        turns = []
+        for _ in range(7):
+            core = Core.of(native, p, burring, path)
+            core.set_tissues(numbers, len(tissues))
+            turns.append(core.run(places).seconds)
+        each = 1e6 * np.min(turns, axis=0)  # what the neighbours on this machine cost is left out
+        yield (
+            f"tick among structures, {path:<8} median {np.median(each):.0f} us, 99 % {np.quantile(each, 0.99):.0f} us, "
+            f"{1e-6 * np.quantile(each, 0.99) / plain.median:.3f} of the plain loop's median"
+        )
 
 
 def lines(folder: Path, turns: int = 3) -> Iterator[str]:

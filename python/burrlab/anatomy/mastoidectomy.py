@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from contourpy import contour_generator
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from burrlab._core import Burr, ScriptedDevice
 from burrlab.bone.phantom.phantom import Phantom
@@ -167,7 +167,7 @@ class _Plan:
         zyx = spacing[::-1]
 
         def distance(mask: Mask) -> Floats:
-            return stoppable(lambda: ndimage.distance_transform_edt(mask, sampling=zyx))
+            return stoppable(lambda: scipy.ndimage.distance_transform_edt(mask, sampling=zyx))
 
         room = distance(np.pad(target | above, 1))[1:-1, 1:-1, 1:-1] - radius
         cuts = distance(~(target & bone)) < radius
@@ -194,7 +194,7 @@ class _Plan:
         for line in contour_generator(z=self.room[:, :, k]).lines(0.0):
             at = np.asarray(line)[:, ::-1]  # (z, y), as indices
             nearest = np.rint(at).astype(int)
-            cut = ndimage.binary_dilation(self.cuts[:, :, k])[tuple(nearest.T)]
+            cut = scipy.ndimage.binary_dilation(self.cuts[:, :, k])[tuple(nearest.T)]
             out += [self._places(k, at[a:b]) for a, b in _runs(cut)]
         return out
 

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import distance_transform_edt
 
 from burrlab._core import AnatomyWatch, StructureDistance, StructureSearch, VoxelBone
 from burrlab.common.check import real, refuse, scalar
@@ -90,7 +90,7 @@ def _field(
 
 def _estimate(empty: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Distance of each node to the nearest that is not empty [mm]; slice by slice, to save memory."""
-    nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(empty, return_distances=False, return_indices=True)
     estimate = np.empty(empty.shape, np.float32)
     y, x = np.ogrid[: empty.shape[1], : empty.shape[2]]
     for z in range(len(estimate)):

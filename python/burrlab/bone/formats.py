@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from burrlab.bone.dicom import dicom_files, is_dicom, read_dicom
 from burrlab.bone.header import (
@@ -410,13 +410,13 @@ def segment_fields(
     described = sorted({*names, *colours} - {0})
     if not described:
         return {}
-    boxes = ndimage.find_objects(labels, max((n for n in described if n < 1 << 16), default=1))
+    boxes = scipy.ndimage.find_objects(labels, max((n for n in described if n < 1 << 16), default=1))
     fields = {
         "Segmentation_ContainedRepresentationNames": "Binary labelmap|",
         "Segmentation_SourceRepresentation": "Binary labelmap", "Segmentation_ReferenceImageExtentOffset": "0 0 0",
     }  # fmt: skip
     for i, label in enumerate(described):
-        far = ndimage.find_objects((labels == label).view(np.uint8)) if label >= 1 << 16 else []
+        far = scipy.ndimage.find_objects((labels == label).view(np.uint8)) if label >= 1 << 16 else []
         box = next(iter(far or boxes[label - 1 : label]), None)
         ends = [(0, -1)] * 3 if box is None else [(along.start, along.stop - 1) for along in box[::-1]]
         fields |= {

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any, ClassVar, Self, cast
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, Material, Tissues, VoxelBone
 from burrlab.bone.cached import WORTH, entry_of, keep_bone, kept_bone, kept_grid
@@ -382,7 +382,7 @@ def cut_block(
         points = np.concatenate([plane, np.full((y, x, 1), k * apart)], axis=-1) + first
         places = (found.surface + points @ turn.T - origin) / scale
         out[k] = np.rint(
-            map_coordinates(
+            scipy.ndimage.map_coordinates(
                 levels, np.moveaxis(places[..., ::-1], -1, 0), output=float, order=1, mode="grid-constant"
             )
         )

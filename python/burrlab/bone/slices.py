@@ -16,10 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import binary_erosion
-from scipy.spatial import cKDTree
-from scipy.spatial.distance import cdist
 
 from burrlab._core import Tissues
 from burrlab.bone.dicom import holds_dicom
@@ -396,7 +394,7 @@ class Palette:
     def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Nearest of these labels for each colour, and its distance."""
         own = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
-        apart = cdist(own, [self.colours[label] for label in labels])
+        apart = scipy.spatial.distance.cdist(own, [self.colours[label] for label in labels])
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
@@ -438,8 +436,8 @@ class Palette:
         said = f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
         if not (len(guessed) and rest.any()):
             return f"{said}; {np.count_nonzero(rest)} others are there"
-        surface = np.argwhere(rest & ~stoppable(lambda: binary_erosion(rest)))
-        far = np.asarray(stoppable(lambda: cKDTree(surface * apart).query(guessed * apart)[0]))
+        surface = np.argwhere(rest & ~stoppable(lambda: scipy.ndimage.binary_erosion(rest)))
+        far = np.asarray(stoppable(lambda: scipy.spatial.cKDTree(surface * apart).query(guessed * apart)[0]))
         return f"{said}: up to {far.max():.3g} mm from the rest of it, {np.count_nonzero(far > 1)} of them beyond 1 mm"
 
 

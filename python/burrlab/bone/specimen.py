@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
 from burrlab.common.check import check_bone, real, refuse, require_tool, scalar
@@ -209,7 +209,7 @@ def surface_along(
     low = np.maximum(np.floor(first) - 1, 0).astype(int)
     high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
     levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())
-    occupancy = map_coordinates(
+    occupancy = scipy.ndimage.map_coordinates(
         levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
     )
     solid = np.flatnonzero(occupancy >= scalar(level, "level"))

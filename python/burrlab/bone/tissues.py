@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import correlate1d, maximum_filter1d
 from scipy.special import ndtr
 
 import burrlab.common.table as csv_text
@@ -744,13 +744,13 @@ def _smoothed(
     part = (full > 0).astype(np.float32)
     for axis in range(3):  # whole numbers up to 2^24: exact on every machine
         for rows in slabs(part.shape, axis):
-            correlate1d(part[rows], weights[axis], axis, output=part[rows], mode="reflect")
+            scipy.ndimage.correlate1d(part[rows], weights[axis], axis, output=part[rows], mode="reflect")
     owner = np.where(full > 0, numbers + np.uint8(1), np.uint8(0))
     for _ in range(max(map(len, weights)) // 2):
         near = owner.copy()
         for axis in range(3):
             for rows in slabs(near.shape, axis):
-                maximum_filter1d(near[rows], 3, axis, output=near[rows])
+                scipy.ndimage.maximum_filter1d(near[rows], 3, axis, output=near[rows])
         np.copyto(owner, near, where=owner == 0)
     held = np.array([True, *(tissue.critical for tissue in tissues)])
     levels, found = np.empty_like(full), numbers.copy()

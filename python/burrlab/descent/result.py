@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
@@ -110,7 +110,9 @@ class Descent(Tabular):
             return np.full(n, np.nan)
         span = min(51, n if n % 2 else n - 1)
         return np.asarray(
-            savgol_filter(self.immersion, span, 1, deriv=1, delta=float(self.time[1] - self.time[0]))
+            scipy.signal.savgol_filter(
+                self.immersion, span, 1, deriv=1, delta=float(self.time[1] - self.time[0])
+            )
         )
 
     @property
@@ -185,7 +187,9 @@ class Descent(Tabular):
             if not self.series.exact and len(t) > 2 * 51:
                 # The rig reads positions in steps; a slope over more samples smooths their ripple.
                 span = max(51, len(t) // 8) | 1
-                slope = savgol_filter(self.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
+                slope = scipy.signal.savgol_filter(
+                    self.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0])
+                )
                 bottom.plot(t, slope, color=look["color"], linewidth=1.6, label=f"over {span} samples")
             for axes in (top, middle, bottom):
                 axes.axvspan(t[0], t[-1], color="0.93", zorder=0)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
@@ -171,7 +171,7 @@ class Scatter:
         check_positive("sd", sd)
         refuse(n_dof < 1, f"n_dof must be at least 1, got {n_dof}")
         refuse(self.pooled_n_dof < 1, "compare needs a force with at least two velocities, got none")
-        ratio = stats.f(n_dof, self.pooled_n_dof)
+        ratio = scipy.stats.f(n_dof, self.pooled_n_dof)
         at = (sd / self.pooled) ** 2
         p = float(min(1.0, 2 * min(ratio.cdf(at), ratio.sf(at))))
         if p >= 1 - CONFIDENCE:
@@ -357,7 +357,7 @@ def _interval(sd: float, n_dof: int) -> tuple[float, float]:
     if n_dof < 1:
         return float("nan"), float("nan")
     tail = (1 - CONFIDENCE) / 2
-    law = stats.chi2(n_dof)
+    law = scipy.stats.chi2(n_dof)
     return float(sd * np.sqrt(n_dof / law.isf(tail))), float(sd * np.sqrt(n_dof / law.ppf(tail)))
 
 

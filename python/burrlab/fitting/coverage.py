@@ -10,8 +10,8 @@ from html import escape
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import stats
 
 from burrlab._core import Material, Shape
 from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, shown, whole
@@ -122,7 +122,7 @@ class Share:
         """95 % interval of the probability."""
         if not self.n:
             return 0.0, 1.0
-        found = stats.binomtest(self.k, self.n).proportion_ci(0.95, method="exact")
+        found = scipy.stats.binomtest(self.k, self.n).proportion_ci(0.95, method="exact")
         return float(found.low), float(found.high)
 
     def __str__(self) -> str:

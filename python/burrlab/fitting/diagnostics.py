@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
@@ -278,7 +278,7 @@ def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Float
     leverage, below = np.sum(basis**2, axis=1), max(n - p - 1, 1)
     free = np.maximum(1 - leverage, 1e-9)
     variance = np.ones(n) if known else np.maximum((r @ r - r**2 / free) / below, 0.0) + floor
-    limit = stats.norm.isf(0.025 / n) if known else stats.t.isf(0.025 / n, below)
+    limit = scipy.stats.norm.isf(0.025 / n) if known else scipy.stats.t.isf(0.025 / n, below)
     return leverage, r / np.sqrt(variance * free), float(limit)
 
 
@@ -367,9 +367,9 @@ def plausibility(
         return calibration.probability(max(rise, 0.0)) if np.isfinite(rise) else 0.0
 
     inside, off = p_of(), _off(likelihood, point)
-    line = stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
+    line = scipy.stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
     # upper end of the slope's 95 % interval
-    slope = float(line.slope + stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
+    slope = float(line.slope + scipy.stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
     said = []
     if slope < 0:
         said.append("the velocity falls with the force")

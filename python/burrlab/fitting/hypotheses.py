@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Calibration, Floats
@@ -49,7 +49,7 @@ def p_text(p: float) -> str:
 
 def judged(statistic: float, *freedom: float) -> tuple[float, str]:
     """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
-    p = float((stats.f if len(freedom) > 1 else stats.chi2).sf(statistic, *freedom))
+    p = float((scipy.stats.f if len(freedom) > 1 else scipy.stats.chi2).sf(statistic, *freedom))
     told = ", ".join(f"{one:.3g}" if isinstance(one, float) else f"{one}" for one in freedom)
     number = f"F({told}) = {statistic:.3g}" if len(freedom) > 1 else f"chi-square {statistic:.3g} of {told}"
     return p, f"{number}, {p_text(p)}"

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
@@ -291,7 +291,7 @@ class Likelihood:
         tables = self.residuals(c_e, alpha)
         if self.kind == "student":
             s = np.sqrt(_scale2(tables[0][2], 1e-30))
-            total = float(np.sum(stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
+            total = float(np.sum(scipy.stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
         else:
             total = sum(self._normal(r, n, known) for _, known, r, n in tables)
         o = self.observations

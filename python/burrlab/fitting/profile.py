@@ -13,8 +13,8 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import brentq, minimize_scalar
 
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.likelihood import Likelihood, Slices
@@ -293,7 +293,7 @@ def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum
         def height(c_e: float) -> float:
             return float(Walk(likelihood, domain, np.array([c_e])).minus2[0]) - lowest.minus2 - FLAT
 
-        begin = brentq(height, float(c_e[first - 1]), begin, rtol=1e-9)
+        begin = scipy.optimize.brentq(height, float(c_e[first - 1]), begin, rtol=1e-9)
     there = Walk(likelihood, domain, np.array([begin]))
     return replace(lowest, c_e=begin, alpha=float(there.alpha[0]), minus2=float(there.minus2[0]))
 
@@ -380,7 +380,9 @@ def _exponent(walk: Walk, target: float, ridge: float) -> float:
 
     if not np.isfinite(low).all():  # alpha reaches 0: no width to minimise
         return ridge
-    return float(minimize_scalar(width, bounds=(0.0, _LONGEST_EXPONENT * ridge), method="bounded").x)
+    return float(
+        scipy.optimize.minimize_scalar(width, bounds=(0.0, _LONGEST_EXPONENT * ridge), method="bounded").x
+    )
 
 
 def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded: bool) -> Interval:

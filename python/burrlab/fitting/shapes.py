@@ -9,9 +9,8 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
-from scipy.optimize import brentq, minimize_scalar
 
 from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import refuse
@@ -63,7 +62,7 @@ class FamilyCurve(MasterCurve):
         self._weights = np.array(
             [np.prod((k - nodes[o]) / (node - nodes[o])) for node, o in zip(nodes, others, strict=True)]
         )
-        self._splines: dict[tuple[float | None, float | None], tuple[float, PPoly]] = {}
+        self._splines: dict[tuple[float | None, float | None], tuple[float, scipy.interpolate.PPoly]] = {}
 
     def velocity_ratio(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None
@@ -71,7 +70,7 @@ class FamilyCurve(MasterCurve):
         """See `MasterCurve.velocity_ratio`."""
         if (start, stop) not in self._splines:
             end, x, coefficients = _pieces(start, stop)
-            poly = PPoly(np.tensordot(self._weights, coefficients, axes=1), x)
+            poly = scipy.interpolate.PPoly(np.tensordot(self._weights, coefficients, axes=1), x)
             self._splines[start, stop] = end, poly
         end, poly = self._splines[start, stop]
         phi = positive("phi", phi)
@@ -120,7 +119,7 @@ class PowerFamily:
         heights = [self.lowest(k).minus2 for k in NODES]
         i = int(np.argmin(heights))
         ends = NODES[max(i - 1, 0)], NODES[min(i + 1, len(NODES) - 1)]
-        found = minimize_scalar(
+        found = scipy.optimize.minimize_scalar(
             lambda k: self.lowest(float(k)).minus2, bounds=ends, method="bounded", options={"xatol": 1e-4}
         )
         k = float(found.x) if found.fun < heights[i] else NODES[i]
@@ -171,7 +170,7 @@ class PowerFamily:
             outer = outer if (edge - outer) * step > 0 else edge
             if rise(outer) <= limit:
                 return None
-            return float(brentq(lambda x: rise(x) - limit, inner, outer, xtol=1e-4))
+            return float(scipy.optimize.brentq(lambda x: rise(x) - limit, inner, outer, xtol=1e-4))
 
         intervals = {
             name: Interval(end(NODES[0], limit), end(NODES[-1], limit)) for name, limit in limits.items()

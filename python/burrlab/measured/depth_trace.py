@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 import burrlab.common.table as table
 from burrlab.common.check import refuse, shown
@@ -435,4 +435,4 @@ def slope_error(time: Floats, immersion: Floats) -> float:
 
 def _form(x: Floats, rho: float) -> float:
     """sum_ij x_i rho^|i-j| x_j"""
-    return float(2 * (x @ lfilter([1.0], [1.0, -rho], x)) - x @ x)
+    return float(2 * (x @ scipy.signal.lfilter([1.0], [1.0, -rho], x)) - x @ x)

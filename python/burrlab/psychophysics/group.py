@@ -14,11 +14,9 @@ from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 from scipy.special import gammaln, ndtr, stdtr
-from scipy.stats import binom
-from scipy.stats import t as student
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.rules import (
@@ -158,8 +156,8 @@ def _rates_of_number(rule: Rule, d_prime: float, signals: int, noises: int) -> t
 def _number_of_answers(hit: Floats, false_alarm: Floats, signals: int, noises: int) -> Floats:
     """Probability of each number of answers, one row for each pair of rates."""
     length = signals + noises + 1
-    of_signals = binom.pmf(np.arange(signals + 1), signals, hit[:, None])
-    of_noises = binom.pmf(np.arange(noises + 1), noises, false_alarm[:, None])
+    of_signals = scipy.stats.binom.pmf(np.arange(signals + 1), signals, hit[:, None])
+    of_noises = scipy.stats.binom.pmf(np.arange(noises + 1), noises, false_alarm[:, None])
     spectrum = np.fft.rfft(of_signals, length) * np.fft.rfft(of_noises, length)
     return np.asarray(np.fft.irfft(spectrum, length))
 
@@ -363,7 +361,7 @@ def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> S
     if not error > 0.0:  # one value, or no scatter
         return SubjectTest(name, None, None, None, side)
     t = mean / error
-    p = 2.0 * student.sf(abs(t), freedom) if side == "two-sided" else student.sf(t, freedom)
+    p = 2.0 * scipy.stats.t.sf(abs(t), freedom) if side == "two-sided" else scipy.stats.t.sf(t, freedom)
     return SubjectTest(name, t, freedom, float(p), side)
 
 
@@ -509,7 +507,7 @@ class Group:
             return 0.0
         if self.excess(math.inf) >= -1e-9:
             return math.inf
-        return float(brentq(self.excess, 0.0, 20.0, xtol=1e-10))
+        return float(scipy.optimize.brentq(self.excess, 0.0, 20.0, xtol=1e-10))
 
     def upper(self, error: float) -> float:
         """The upper bound of d': all larger d' are rejected at this one-sided error rate."""
@@ -694,7 +692,7 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     sem = float(np.std(scores, ddof=1)) / math.sqrt(len(counts)) if len(counts) > 1 else None
     interval = None
     if sem is not None:
-        wide = float(student.ppf(0.5 + 0.5 * level, len(counts) - 1)) * sem
+        wide = float(scipy.stats.t.ppf(0.5 + 0.5 * level, len(counts) - 1)) * sem
         interval = (max(0.0, mean - wide), min(scale, mean + wide))
     tests = (t_test(above if trials else scores - 0.5), sign_flip_test(above))
     return GroupScore(len(counts), trials, mean, sem, 0.5 * scale, interval, level, tests)
@@ -764,6 +762,6 @@ def _difference(
     """The difference with its interval by the first test, which is a t test."""
     interval, test = None, tests[0]
     if test.statistic and test.freedom:
-        wide = abs(mean / test.statistic) * float(student.ppf(0.5 + 0.5 * level, test.freedom))
+        wide = abs(mean / test.statistic) * float(scipy.stats.t.ppf(0.5 + 0.5 * level, test.freedom))
         interval = (mean - wide, mean + wide)
     return ScoreDifference(mean, interval, level, paired, n, tests)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy
 from scipy.special import stdtr
-from scipy.stats import binom
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.group import (
@@ -49,8 +49,8 @@ class Observer:
         self.hit, self.false_alarm = ((1.0 - lapse) * rate + 0.5 * lapse for rate in rates)
         self.half = trials // 2
         k = np.arange(self.half + 1)
-        of_signals = binom.pmf(k, self.half, self.hit)
-        of_noises = binom.pmf(k, self.half, 1.0 - self.false_alarm)
+        of_signals = scipy.stats.binom.pmf(k, self.half, self.hit)
+        of_noises = scipy.stats.binom.pmf(k, self.half, 1.0 - self.false_alarm)
         self.scores: Floats = np.convolve(of_signals, of_noises)
 
     def from_score(self, score: int | None) -> float:
@@ -73,7 +73,7 @@ class Observer:
 
 def critical_score(trials: int, level: float) -> tuple[int | None, float]:
     """The lowest score that guessing reaches with a probability of at most `level`, and that probability."""
-    reached = binom.sf(np.arange(-1, trials), trials, 0.5)  # P(score >= k)
+    reached = scipy.stats.binom.sf(np.arange(-1, trials), trials, 0.5)  # P(score >= k)
     # equal but for rounding counts as equal
     enough = np.nonzero(reached <= level * (1.0 + 1e-12))[0]
     return (int(enough[0]), float(reached[enough[0]])) if len(enough) else (None, 0.0)

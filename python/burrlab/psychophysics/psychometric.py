@@ -13,9 +13,9 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
 from scipy.special import entr
-from scipy.stats import beta, chi2
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled
@@ -167,7 +167,9 @@ def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level:
     found = posterior.summary(level)
     near, far = found["interval"]
     # True where a likelihood interval would extend beyond the grid
-    low, high = (density > math.exp(-0.5 * float(chi2.ppf(level, 1))) for density in found["at_ends"])
+    low, high = (
+        density > math.exp(-0.5 * float(scipy.stats.chi2.ppf(level, 1))) for density in found["at_ends"]
+    )
     return PosteriorThreshold(
         level=math.exp(side * found["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
         credible=level, difference=found["threshold"], slope=found["slope"], lapse=found["lapse"],
@@ -290,9 +292,11 @@ class PsychometricFit(Result):
         span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), **styled(style, color=POSITION, linewidth=1.4))
         # Clopper and Pearson's intervals. beta's parameters must be above 0 at shares of 0 and 1 too.
-        low = np.where(correct == 0, 0.0, beta.ppf(tail, np.maximum(correct, 0.5), trials - correct + 1))
+        low = np.where(
+            correct == 0, 0.0, scipy.stats.beta.ppf(tail, np.maximum(correct, 0.5), trials - correct + 1)
+        )
         wrong = np.maximum(trials - correct, 0.5)
-        high = np.where(correct == trials, 1.0, beta.ppf(1 - tail, correct + 1, wrong))
+        high = np.where(correct == trials, 1.0, scipy.stats.beta.ppf(1 - tail, correct + 1, wrong))
         bars = x.size <= _MOST_BARS
         if bars:
             ax.vlines(x, low, high, color=REFERENCE, linewidth=0.9)

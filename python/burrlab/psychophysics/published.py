@@ -9,10 +9,9 @@ from functools import cached_property, lru_cache
 from typing import TypeAlias, cast
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
-from scipy.stats import binom, chi2
-from scipy.stats import t as student
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.group import check_level, finite_values, probability_text
@@ -148,7 +147,7 @@ def group_score_from(
     corners = [
         (mean + a * rounding - chance) / (sem + b * rounding) for a in (-1.0, 1.0) for b in (-1.0, 1.0)
     ]
-    wide = float(student.ppf(0.5 + 0.5 * level, freedom)) * sem
+    wide = float(scipy.stats.t.ppf(0.5 + 0.5 * level, freedom)) * sem
     interval = (max(0.0, mean - wide), min(float(trials), mean + wide))
     p = mean / trials
     noise, spread = trials * p * (1.0 - p), sem * math.sqrt(n)
@@ -161,7 +160,7 @@ def group_score_from(
         n=n,
         trials=trials,
         t=t,
-        p_value=float(student.sf(t, freedom)),
+        p_value=float(scipy.stats.t.sf(t, freedom)),
         t_range=(min(corners), max(corners)),
         interval=interval,
         level=level,
@@ -200,7 +199,7 @@ def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: in
 def _spread_p(spread: float, noise: float, n: int) -> float:
     if noise == 0.0:  # only at a mean of 0 or of all trials
         return 0.0
-    return float(chi2.sf((n - 1) * spread**2 / noise, n - 1))
+    return float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
 
 
 _QUANTILES = 2000
@@ -295,8 +294,10 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
     refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     n, mean, sem = len(x), float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
     refuse(sem == 0.0, "values must differ, got the same one for all")
-    p_value = float(max(student.sf((mean + delta) / sem, n - 1), student.cdf((mean - delta) / sem, n - 1)))
-    wide = float(student.ppf(level, n - 1)) * sem
+    p_value = float(
+        max(scipy.stats.t.sf((mean + delta) / sem, n - 1), scipy.stats.t.cdf((mean - delta) / sem, n - 1))
+    )
+    wide = float(scipy.stats.t.ppf(level, n - 1)) * sem
     low, high = 0.0, 1.0
     while _power(high, n, level) < WANTED_POWER:
         high *= 2.0
@@ -319,7 +320,7 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
 
 def _power(delta: float, n: int, level: float) -> float:
     """Mean over a sample's standard error s of P(|mean| < delta - t s) at mean 0, in true standard errors."""
-    room = delta - float(student.ppf(level, n - 1)) * _errors(n)
+    room = delta - float(scipy.stats.t.ppf(level, n - 1)) * _errors(n)
     return float(np.mean(np.where(room > 0.0, 2.0 * ndtr(room) - 1.0, 0.0)))
 
 
@@ -327,7 +328,7 @@ def _power(delta: float, n: int, level: float) -> float:
 def _errors(n: int) -> Floats:
     """Quantiles of the ratio of a sample's standard error to the true one."""
     steps = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-    errors = np.sqrt(chi2.ppf(steps, n - 1) / (n - 1))
+    errors = np.sqrt(scipy.stats.chi2.ppf(steps, n - 1) / (n - 1))
     errors.flags.writeable = False
     return np.asarray(errors)
 
@@ -379,9 +380,9 @@ class SelectionEffect:
     @property
     def expected(self) -> float:
         """Expected mean score of the selected subjects."""
-        reaching = binom.sf(np.arange(self.trials), self.trials, self.chance)
+        reaching = scipy.stats.binom.sf(np.arange(self.trials), self.trials, self.chance)
         m = np.arange(self.of + 1)
-        share = binom.pmf(m, self.of, reaching[:, None])
+        share = scipy.stats.binom.pmf(m, self.of, reaching[:, None])
         return float((share * np.minimum(m, self.kept)).sum() / self.kept)
 
     @property
@@ -398,13 +399,13 @@ class SelectionEffect:
     @cached_property
     def distribution(self) -> NDArray[np.float64]:
         """Probability of each sum of the selected subjects' scores, 0 to kept x trials."""
-        p = binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
+        p = scipy.stats.binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
         m = np.arange(self.of + 1)
         # Joint probability of M_t (rows) and the sum of min(kept, M_t) over scores from t up (columns)
         found = np.zeros((len(m), self.kept * self.trials + 1))
         found[0, 0] = 1.0
         for t in range(self.trials, 0, -1):
             at_t = p[t] / max(p[: t + 1].sum(), _LEAST)  # P(score t), given a score of at most t
-            found = binom.pmf(m[:, None] - m, self.of - m, at_t) @ found
+            found = scipy.stats.binom.pmf(m[:, None] - m, self.of - m, at_t) @ found
             found = np.stack([np.roll(row, min(self.kept, n)) for n, row in enumerate(found)])
         return np.asarray(found.sum(axis=0))

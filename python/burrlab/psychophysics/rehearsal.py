@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
@@ -518,7 +518,7 @@ def noise_for_score(
     low, high = 0.01, 50.0
     if difference == 0.0 or excess(low) >= 0.0 or excess(high) <= 0.0:
         return None
-    return float(abs(difference) / brentq(excess, low, high))
+    return float(abs(difference) / scipy.optimize.brentq(excess, low, high))
 
 
 def _differences(

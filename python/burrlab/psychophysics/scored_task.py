@@ -10,8 +10,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeAlias, TypeVar, cast
 
 import numpy as np
+import scipy
 from matplotlib.ticker import FixedLocator, MaxNLocator
-from scipy import stats
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, drawing
@@ -524,7 +524,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         counts = np.bincount(scores, minlength=trials + 1)
         look = {"width": 0.9, "color": FORCE, "alpha": 0.75, "label": f"subjects, n = {n}", **style}
         ax.bar(score, counts, **look)
-        expected = n * stats.binom.pmf(score, trials, 0.5)
+        expected = n * scipy.stats.binom.pmf(score, trials, 0.5)
         ax.stairs(expected, np.arange(trials + 2) - 0.5, color=REFERENCE, linewidth=1.2, baseline=None,
                   label="expected of chance performers")  # fmt: skip
         top = max(counts.max(), expected.max())

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, gammaln, xlogy
-from scipy.stats import binomtest, hypergeom
 
 from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
@@ -444,7 +444,7 @@ def score_interval(counts: Counts, level: float = 0.95) -> tuple[float, float]:
     0.555 0.997
     """
     check_level(level)
-    interval = binomtest(counts.score, counts.trials).proportion_ci(level, method="exact")
+    interval = scipy.stats.binomtest(counts.score, counts.trials).proportion_ci(level, method="exact")
     return float(interval.low), float(interval.high)
 
 
@@ -459,7 +459,7 @@ def binomial_test(counts: Counts) -> float:
     >>> print(f"{binomial_test(Counts('abx', hits=5, signals=5, false_alarms=1, noises=5)):.4f}")
     0.0107
     """
-    return float(binomtest(counts.score, counts.trials, 0.5, alternative="greater").pvalue)
+    return float(scipy.stats.binomtest(counts.score, counts.trials, 0.5, alternative="greater").pvalue)
 
 
 def check_level(level: float) -> None:
@@ -573,7 +573,7 @@ def _check(
     for (n, trials), (m, others) in rows:
         if trials + others:
             low, high = max(0, n + m - others), min(trials, n + m)
-            own = hypergeom.pmf(np.arange(low, high + 1), trials + others, n + m, trials)
+            own = scipy.stats.hypergeom.pmf(np.arange(low, high + 1), trials + others, n + m, trials)
             probabilities, least = np.convolve(probabilities, own), least + low
     table = np.array(rows).sum(axis=0)
     observed = probabilities[table[0, 0] - least]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
@@ -103,8 +103,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
             return None
         side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
-        mean, error = float(values.mean()), float(stats.sem(values))
-        wide = float(stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
+        mean, error = float(values.mean()), float(scipy.stats.sem(values))
+        wide = float(scipy.stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
         found = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
         return found[0], found[1], found[2]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import butter, sosfiltfilt
 
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.check import refuse
@@ -236,8 +236,10 @@ def _uniform(time: Array, center: Array, period: float) -> tuple[Array, Array]:
     at = time[0] + grid * np.arange(count)
     raw = np.column_stack([np.interp(at, time, center[:, axis]) for axis in range(3)])
     cutoff = min(CUTOFF, 0.4 / grid)  # below half the sampling rate
-    low_pass = butter(2, cutoff, fs=1.0 / grid, output="sos")
-    return at, sosfiltfilt(low_pass, raw, axis=0, padlen=min(count - 1, round(3.0 / (cutoff * grid))))
+    low_pass = scipy.signal.butter(2, cutoff, fs=1.0 / grid, output="sos")
+    return at, scipy.signal.sosfiltfilt(
+        low_pass, raw, axis=0, padlen=min(count - 1, round(3.0 / (cutoff * grid)))
+    )
 
 
 def _motion(center: Array, time: Array) -> tuple[Array, Array, float]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from burrlab._core import Burr, Material, shape_kappa
 
@@ -93,7 +93,7 @@ def settled_immersion(immersion: Array, force: Array, setpoint: float, *, span: 
     if len(force) < span:
         return None
     half = span // 2
-    mean = uniform_filter1d(force, span)[half : len(force) - half]
+    mean = scipy.ndimage.uniform_filter1d(force, span)[half : len(force) - half]
     outside = np.flatnonzero(np.abs(mean - setpoint) > SETTLED_BAND * setpoint)
     first = int(outside[-1]) + 1 if outside.size else 0
     return float(immersion[first + half]) if first < len(mean) else None

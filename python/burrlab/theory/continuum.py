@@ -14,8 +14,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline, PPoly
 
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
@@ -370,8 +370,8 @@ class _WindowSpline:
     """log Psi over log phi for one window, linear below the first break; `end` is phi = stop^1.5."""
 
     end: float
-    log_ratio: PPoly
-    slope: PPoly
+    log_ratio: scipy.interpolate.PPoly
+    slope: scipy.interpolate.PPoly
 
 
 @lru_cache(maxsize=64)
@@ -394,15 +394,15 @@ def _window_spline(shape: str, start: float | None, stop: float | None) -> _Wind
         poly = _branch(shape, low, end, start, stop)
     else:
         left, right = _branch(shape, low, kink, start, stop), _branch(shape, kink, end, start, stop)
-        poly = PPoly(np.hstack([left.c, right.c]), np.concatenate([left.x, right.x[1:]]))
+        poly = scipy.interpolate.PPoly(np.hstack([left.c, right.c]), np.concatenate([left.x, right.x[1:]]))
     # a straight line as the first piece, which PPoly extrapolates
     value, slope = float(poly(poly.x[0])), float(poly(poly.x[0], 1))
     first = np.array([[0.0], [0.0], [slope], [value - slope]])
-    poly = PPoly(np.hstack([first, poly.c]), np.concatenate([[poly.x[0] - 1], poly.x]))
+    poly = scipy.interpolate.PPoly(np.hstack([first, poly.c]), np.concatenate([[poly.x[0] - 1], poly.x]))
     return _WindowSpline(end, poly, poly.derivative())
 
 
-def _branch(shape: str, low: float, high: float, start: float, stop: float) -> PPoly:
+def _branch(shape: str, low: float, high: float, start: float, stop: float) -> scipy.interpolate.PPoly:
     """Spline from phi = low to high; left of the kink the thin-layer law continues it to smaller phi.
 
     Knots in the middle are descents shared by all windows. Both ends have their own knots, more of them close
@@ -420,7 +420,7 @@ def _branch(shape: str, low: float, high: float, start: float, stop: float) -> P
         smaller = low * np.geomspace(1e-3, 1, 24, endpoint=False)
         y = np.append(y[0] + _log_thin_ratio(shape, smaller, low, y[0], start, stop), y)
         x = np.append(np.log(smaller), x)
-    return CubicSpline(x, y)
+    return scipy.interpolate.CubicSpline(x, y)
 
 
 def _log_thin_ratio(shape: str, phi: Floats, low: float, y: float, start: float, stop: float) -> Floats:

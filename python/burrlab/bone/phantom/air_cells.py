@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy import special
-from scipy.spatial import cKDTree
 
 from burrlab.bone.phantom.shapes import FAR, Floats, Grid, Singles
 from burrlab.common.check import refuse
@@ -183,7 +183,9 @@ def _block_edges(places: Floats) -> list[slice]:
 def _owners(sites: Floats, weights: Floats, points: Floats) -> NDArray[np.int64]:
     # A power distance is a Euclidean one to sites lifted into a fourth dimension.
     lifted = np.column_stack([sites, np.sqrt(weights.max() - weights)])
-    return np.asarray(cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))[1])
+    return np.asarray(
+        scipy.spatial.cKDTree(lifted).query(np.column_stack([points, np.zeros(len(points))]))[1]
+    )
 
 
 def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) -> Honeycomb:

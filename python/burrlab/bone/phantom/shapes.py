@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import PchipInterpolator
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -76,7 +76,9 @@ class Tube:
         corners = np.asarray(points, dtype=float)
         at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
         fine = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
-        curve = np.column_stack([PchipInterpolator(at, corners[:, axis])(fine) for axis in range(3)])
+        curve = np.column_stack(
+            [scipy.interpolate.PchipInterpolator(at, corners[:, axis])(fine) for axis in range(3)]
+        )
         radii = np.broadcast_to(np.asarray(radius, dtype=float), at.shape)
         return cls(curve, np.interp(fine, at, radii))
 

@@ -1,7 +1,9 @@
 // A device moves a burr and feels its force: a haptic device, a simulated hand, a recording, a network peer.
 #pragma once
 
+#include <array>
 #include <atomic>
+#include <cstdint>
 #include <limits>
 #include <string>
 
@@ -13,8 +15,11 @@ namespace burrlab {
 struct DeviceReading {
   Vec3 position = Vec3::Zero();  ///< of the burr's centre, bone frame [mm]
   Vec3 velocity = Vec3::Zero();  ///< [mm/s]
-  bool on = false;               ///< the burr turns
-  double age = 0.0;              ///< of the position [ms]
+  /// Unit quaternion (w, x, y, z) that turns directions of the tool into those of the bone; 1 if unknown.
+  std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};
+  std::uint32_t buttons = 0;  ///< bit i: button i is pressed
+  bool on = false;            ///< the burr turns
+  double age = 0.0;           ///< of the position [ms]
   enum class Status {
     ok,
     waiting,   ///< no position yet: no tick is executed

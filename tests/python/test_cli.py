@@ -122,7 +122,7 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize("modules", [3, 150, 800])
+@pytest.mark.parametrize("modules", [3, 150, 400])
 def test_ctrl_c_while_modules_load_is_no_traceback(modules):
     """Ctrl-C comes at the n-th import, the first of which is the package."""
     program = [sys.executable, "-c", AT_AN_IMPORT, str(modules)]

@@ -7,10 +7,10 @@ namespace {
 
 using Flags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
 
-void require_table(const char* name, const Reals& array, py::ssize_t rows) {
-  if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != 3)
-    throw std::invalid_argument(std::string(name) + " must have shape (n, 3), one row for each of the " +
-                                std::to_string(rows) + " rows");
+void require_table(const char* name, const Reals& array, py::ssize_t rows, py::ssize_t columns = 3) {
+  if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != columns)
+    throw std::invalid_argument(std::string(name) + " must have shape (n, " + std::to_string(columns) +
+                                "), one row for each of the " + std::to_string(rows) + " rows");
 }
 
 template <class Array>
@@ -35,17 +35,26 @@ std::shared_ptr<ScriptedDevice> scripted(const Reals& time, const Reals& positio
 }
 
 std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<Reals>& velocity,
-                                     const std::optional<Flags>& on, const std::optional<Places>& k) {
+                                     const std::optional<Flags>& on, const std::optional<Places>& k,
+                                     const std::optional<Reals>& orientation,
+                                     const std::optional<Places>& buttons) {
   const py::ssize_t n = position.ndim() > 0 ? position.shape(0) : 0;
   require_table("position", position, n);
   if (velocity) require_table("velocity", *velocity, n);
   if (on) require_column("on", *on, n);
   if (k) require_column("k", *k, n);
+  if (orientation) require_table("orientation", *orientation, n, 4);
+  if (buttons) require_column("buttons", *buttons, n);
   std::vector<ReplayDevice::Tick> ticks;
   for (py::ssize_t i = 0; i < n; ++i) {
     if (k && (k->at(i) < 1 || k->at(i) > most_periods)) refuse("k", "1 to 8", double(k->at(i)));
+    if (buttons && (buttons->at(i) < 0 || buttons->at(i) > 255))
+      refuse("buttons", "0 to 255", double(buttons->at(i)));
     ticks.push_back({row_of(position, i), velocity ? row_of(*velocity, i) : Vec3(Vec3::Zero()),
                      on ? on->at(i) : true, k ? std::uint32_t(k->at(i)) : 1u});
+    if (orientation)
+      for (int j = 0; j < 4; ++j) ticks.back().orientation[std::size_t(j)] = orientation->at(i, j);
+    if (buttons) ticks.back().buttons = std::uint8_t(buttons->at(i));
   }
   return std::make_shared<ReplayDevice>(std::move(ticks));
 }
@@ -190,14 +199,19 @@ on : array_like of bool, shape (n,), optional
     Whether the burr turned; default True.
 k : array_like of int, shape (n,), optional
     Periods that each tick stood for, 1 to 8; kept only: the loop counts its own.
+orientation : array_like, shape (n, 4), optional
+    Unit quaternions (w, x, y, z) that turn directions of the tool into those of the bone; default 1.
+buttons : array_like of int, shape (n,), optional
+    Bit i is button i; default 0.
 
 Raises
 ------
 ValueError
-    If there is no tick, a number is not finite, k is out of range, or shapes do not fit.
+    If there is no tick, a number is not finite, k or buttons are out of range, an orientation is not of
+    length 1, or shapes do not fit.
 )")
       .def(py::init(&replay), "position"_a, "velocity"_a = py::none(), "on"_a = py::none(),
-           "k"_a = py::none())
+           "k"_a = py::none(), "orientation"_a = py::none(), "buttons"_a = py::none())
       .def("__len__", [](const ReplayDevice& d) { return d.ticks().size(); })
       .def_property_readonly("next", &ReplayDevice::next, "Number of the next tick")
       .def_property_readonly(

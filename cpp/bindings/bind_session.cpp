@@ -49,8 +49,8 @@ py::array execute(TickExecutor& executor, const py::array& array) {
 }
 
 void bind_executor(py::module_& m) {
-  PYBIND11_NUMPY_DTYPE(BurrRecord, center, radius, material, on, touching, ambiguous, unused, force,
-                       penetration, removed, sent, device_position, device_velocity, age);
+  PYBIND11_NUMPY_DTYPE(BurrRecord, center, radius, material, on, touching, ambiguous, buttons, force,
+                       penetration, removed, sent, device_position, device_velocity, age, orientation);
   PYBIND11_NUMPY_DTYPE(TickRecord, index, k, burrs, time, cpu_time, burr);
   m.attr("record_dtype") = py::dtype::of<TickRecord>();
   m.attr("most_periods") = most_periods;
@@ -112,8 +112,13 @@ ValueError
              return std::make_shared<MailboxDevice>(lost_after, name);
            }),
            py::kw_only(), "lost_after"_a = 100.0, "name"_a = "mailbox")
-      .def("put", &MailboxDevice::put, "position"_a, "velocity"_a = Vec3::Zero().eval(), "on"_a = true,
-           "Sets the newest position (x, y, z) [mm], velocity [mm/s] and switch. ValueError if not finite.")
+      .def(
+          "put", &MailboxDevice::put, "position"_a, "velocity"_a = Vec3::Zero().eval(), "on"_a = true,
+          "orientation"_a = DeviceReading().orientation, "buttons"_a = std::uint8_t(0),
+          "Sets the newest position (x, y, z) [mm], velocity [mm/s], switch, orientation and buttons. The "
+          "orientation is a unit quaternion (w, x, y, z) that turns directions of the tool into those of the "
+          "bone; bit i of the buttons is button i. ValueError if a number is not finite, or the quaternion "
+          "not of length 1.")
       .def_property_readonly("force", &MailboxDevice::force, "(3,) last sent by the loop [N]; a copy");
 }
 

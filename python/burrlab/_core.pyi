@@ -418,7 +418,14 @@ class Device(metaclass=_Pybind11Type):
 
 class MailboxDevice(Device):
     def __init__(self, *, lost_after: float = 100.0, name: str = "mailbox") -> None: ...
-    def put(self, position: _Vector, velocity: _Vector = ..., on: bool = True) -> None: ...
+    def put(
+        self,
+        position: _Vector,
+        velocity: _Vector = ...,
+        on: bool = True,
+        orientation: ArrayLike = ...,
+        buttons: int = 0,
+    ) -> None: ...
     @property
     def force(self) -> NDArray[np.float64]: ...
 
@@ -473,6 +480,8 @@ class ReplayDevice(Device):
         velocity: ArrayLike | None = None,
         on: ArrayLike | None = None,
         k: ArrayLike | None = None,
+        orientation: ArrayLike | None = None,
+        buttons: ArrayLike | None = None,
     ) -> None: ...
     def __len__(self) -> int: ...
     @property

@@ -21,6 +21,15 @@ void ends() {
     CHECK(run.loop->failed() && run.loop->counts().ticks == 10);
     CHECK(run.loop->reason() == "device 0 gave a position or velocity that is not finite");
   }
+  for (const double w : {0.0, 1.1, std::nan("")}) {
+    Run run(virtual_clock(1000));
+    run.device->what = [w](int n, DeviceReading& r) {
+      if (n == 10) r.orientation[0] = w;
+    };
+    run.to_end();
+    CHECK(run.loop->failed() && run.loop->counts().ticks == 10);
+    CHECK(run.loop->reason() == "device 0 gave an orientation that is not a quaternion of length 1");
+  }
   {
     Run run(virtual_clock(1000));
     run.device->what = [](int n, DeviceReading& r) {

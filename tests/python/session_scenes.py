@@ -55,6 +55,7 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
             b["removed"] = round(met.removed / 0.2**3 * 255)
             b["sent"], b["device_position"] = met.force * 0.5, at
             b["device_velocity"], b["age"] = (1.0, 2.0, 3.0), 0.25
+            b["orientation"], b["buttons"] = (np.cos(i), 0.0, 0.6 * np.sin(i), 0.8 * np.sin(i)), i % 4
     return records
 
 

@@ -24,12 +24,13 @@ def say(kind, data):
     return _core.encode_ndarray_uint8(f"burrlab_{kind}", data)
 
 
-def hello(version=1, session=5, digest=DIGEST):
+def hello(version=2, session=5, digest=DIGEST):
     return say("hello", struct.pack(">IQQ32s", version, session, 0, digest) + b"{}")
 
 
 def tick(index=0, k=1, burrs=1, x=0.0, radius=TOOL["radius_mm"], material=0, on=1, removed=0, last=0):
     values = [index, k, burrs, 0.0, last, x, 0.0, 9.0, radius, material, on, 0.0, 0.0, 0.0, 0.0, removed]
+    values += [1.0, 0.0, 0.0, 0.0, 0]  # orientation, buttons
     return _core.encode_ndarray_float64("burrlab_tick", np.array(values, dtype=float))
 
 
@@ -94,7 +95,7 @@ def test_a_leader_that_behaves():
     [
         ([tick()], "the hello was lost"),
         ([hello(digest=b"0" * 32)], "the hello is not that of this session"),
-        ([hello(version=2)], "the hello is not that of this session"),
+        ([hello(version=1)], "the hello is not that of this session"),
         ([hello(), tick(1)], "ticks were lost"),
         ([hello(), tick(), tick()], "ticks were lost"),
         ([hello(), tick(k=9)], "a message could not be read"),

@@ -18,7 +18,7 @@ from burrlab.session.network import follow
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 NEWTON = (0x0B << 54) | (1 << 50)
-WORD = struct.pack(">IIQQ32s", 1, 1, 1, 0, b"0" * 32)  # protocol, holds, session, tick, digest
+WORD = struct.pack(">IIQQ32s", 2, 1, 1, 0, b"0" * 32)  # protocol, holds, session, tick, digest
 
 
 def connect(leader, receive_buffer=None):
@@ -32,7 +32,7 @@ def connect(leader, receive_buffer=None):
 
 def replica_word(leader, holds, tick):
     digest = leader.follower.digests[0][1]
-    word = struct.pack(">IIQQ32s", 1, holds, leader.publisher.session, tick, digest.encode())
+    word = struct.pack(">IIQQ32s", 2, holds, leader.publisher.session, tick, digest.encode())
     return _core.encode_ndarray_uint8("burrlab_replica", word)
 
 
@@ -136,7 +136,7 @@ def test_replica_is_told_what_the_protocol_says():
             names.append(name)
             if name == "burrlab_tick":
                 assert message.value[0] == next_tick
-                assert message.value.shape == (16,)
+                assert message.value.shape == (21,)
                 next_tick += 1
             elif name == "burrlab_end":
                 tick, told, failed = struct.unpack(">Q32sI", message.value[:44])
@@ -187,7 +187,7 @@ def test_replica_that_leaves_without_a_word_is_awaited(says_so):
         (b"\xff" * 58, "framing_lost"),
         (b"GET / HTTP/1.1\r\n" * 10, "framing_lost"),
         (_core.encode_ndarray_uint8("burrlab_replica", b"\0" * 55), "bad_words"),
-        (_core.encode_ndarray_uint8("burrlab_replica", struct.pack(">I", 2) + WORD[4:]), "bad_words"),
+        (_core.encode_ndarray_uint8("burrlab_replica", struct.pack(">I", 1) + WORD[4:]), "bad_words"),
         (
             _core.encode_ndarray_uint8("burrlab_replica", WORD[:4] + struct.pack(">I", 9) + WORD[8:]),
             "bad_words",

@@ -153,3 +153,57 @@ def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
     """The path is absolute, as a replica seldom runs in the leader's folder."""
     monkeypatch.chdir(tmp_path)
     assert volume_recipe("here.nrrd", 0, 1)["path"] == str(tmp_path / "here.nrrd")
+
+
+def rotations(quaternions):
+    """Rotation matrices (n, 3, 3) of unit quaternions (w, x, y, z)."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def test_orientation_and_buttons_survive_the_way(tmp_path):
+    """From a device to a trace and a replica to the bit, over TRANSFORM to another session as float32."""
+    random = np.random.default_rng(1)
+    turned = random.normal(size=(3000, 4))
+    turned /= np.linalg.norm(turned, axis=1)[:, None] * np.where(turned[:, :1] < 0, -1, 1)  # w >= 0
+    buttons = random.integers(0, 256, 3000)
+    place = np.tile([0.0, 0.0, 2.9], (3000, 1))
+    device = burrlab.ReplayDevice(place, orientation=turned, buttons=buttons)
+    tool = burrlab.Burr(3.0), burrlab.materials["bone"]
+    path = tmp_path / "turned.h5"
+    with burrlab.Session(
+        make_bone(BLOCK), tool, device, seed=1, source=BLOCK, publish=0, record=path, realtime=False
+    ) as session:
+        replica = follow("127.0.0.1", session.port)
+        seen = {}
+        onward = burrlab.IgtlDevice(
+            "127.0.0.1", session.port, device_name="burrlab_burr_0", lost_after=1000.0
+        )
+        with burrlab.Session(
+            make_bone(BLOCK), tool, onward, seed=1, record=tmp_path / "onward.h5", realtime=False
+        ):
+            while not session.wait(0.01):
+                if (newest := replica.take()["newest"]) is not None:
+                    seen[int(newest["index"])] = newest["burr"][0].copy()
+    replica.stop()
+    trace, far = burrlab.load_trace(path), burrlab.load_trace(tmp_path / "onward.h5")
+    np.testing.assert_array_equal(trace.array("orientation"), turned[: len(trace)])
+    np.testing.assert_array_equal(trace.array("buttons"), buttons[: len(trace)])
+    assert len(seen) > 20
+    for tick, burr in seen.items():
+        assert burr["orientation"].tolist() == turned[tick].tolist()
+        assert burr["buttons"] == buttons[tick]
+    came = rotations(far.array("orientation"))
+    sent = rotations(turned).astype(np.float32)
+    apart = np.abs(came[::50, None] - sent).max(axis=(2, 3)).min(axis=1)
+    assert len(apart) > 5
+    assert apart.max() < 1e-6
+    with pytest.raises(ValueError, match="length of orientation must be 1, got 0"):
+        burrlab.MailboxDevice().put((0, 0, 0), orientation=(0, 0, 0, 0))
+    with pytest.raises(ValueError, match="length of orientation must be 1, got nan"):
+        burrlab.ReplayDevice(place, orientation=turned * np.nan)

@@ -37,7 +37,7 @@ def assert_holds(trace, records):
         "center_mm": "center", "radius_mm": "radius", "material": "material", "on": "on", "touching": "touching",
         "ambiguous": "ambiguous", "force_N": "force", "penetration_mm": "penetration", "removed_levels": "removed",
         "sent_force_N": "sent", "device_position_mm": "device_position",
-        "device_velocity_mm_s": "device_velocity", "age_ms": "age",
+        "device_velocity_mm_s": "device_velocity", "age_ms": "age", "orientation": "orientation", "buttons": "buttons",
     }  # fmt: skip
     assert set(columns) == set(BURR_DTYPE.names)
     for burr in range(trace.burrs):

@@ -72,7 +72,7 @@ def test_poses_are_metres_and_forces_newtons(made):
     file, trace, records, _ = made
     pose = file["high_frequency_poses/mastoidectomy_drill/pose"]
     np.testing.assert_allclose(pose[:, :3] * 1000, records["burr"]["center"][:, 0], rtol=1e-14)
-    np.testing.assert_array_equal(pose[:, 3:], np.tile([0, 0, 0, 1], (TICKS, 1)))
+    np.testing.assert_array_equal(pose[:, 3:], records["burr"]["orientation"][:, 0, [1, 2, 3, 0]])
     wrench = file["drill_force_feedback/wrench"]
     np.testing.assert_array_equal(wrench[:, :3], records["burr"]["sent"][:, 0])
     assert not wrench[:, 3:].any()

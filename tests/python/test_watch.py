@@ -238,13 +238,12 @@ def test_tissues_without_a_watch_are_counted(tmp_path) -> None:
     assert anatomy_report(trace).removed == report.removed
 
 
-def test_a_bone_without_tissues_has_the_old_format(tmp_path) -> None:
+def test_a_bone_without_tissues_has_no_watch(tmp_path) -> None:
     path = tmp_path / "old.h5"
     bone = burrlab.VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
     down = straight([(0, 0, 2), (0, 0, 0.8)], [0, 0.1])
     session = ran(path, bone=bone, watch=None, devices=down, duration=0.1)
     with h5py.File(path) as file:
-        assert file.attrs["format_version"] == 1
         assert "watch" not in file
         assert "watch" not in json.loads(file["note"][()])
     assert session.report().anatomy is None

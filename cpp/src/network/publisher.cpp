@@ -21,8 +21,8 @@ using replica_protocol::Word;
 
 namespace {
 
-constexpr std::size_t largest_head = 130, largest_burr = 88;  // of a tick's message, either version [bytes]
-constexpr std::size_t largest_pose = 260, poses_kept = 1024;  // of one burr; ticks
+constexpr std::size_t largest_head = 130, largest_burr = 128;  // of a tick's message, either version [bytes]
+constexpr std::size_t largest_pose = 260, poses_kept = 1024;   // of one burr; ticks
 constexpr int send_buffer = 8192;  // of standard peers: small, so that a slow one gets no old poses [bytes]
 constexpr std::size_t most_states = 4;           // of the bone in memory at once
 constexpr std::int64_t state_pause = 100000000;  // between two of them [ns]
@@ -162,7 +162,7 @@ void Publisher::on_tick(const TickRecord& record) {
     const Vec3 center(burr.center[0], burr.center[1], burr.center[2]);
     if (openigtlink::is_plausible(center)) {
       envelope.device_name = burr_name[i];
-      encode_transform(scratch_, envelope, openigtlink::to_ras(center));
+      encode_transform(scratch_, envelope, openigtlink::to_ras(center, burr.orientation));
     } else {
       ++status_.out_of_range;
     }

@@ -25,7 +25,7 @@ constexpr std::string_view names[] = {"",
                                       "burrlab_bricks",
                                       "burrlab_idle",
                                       "burrlab_end"};
-constexpr std::size_t tick_head = 5, tick_burr = 11;  // numbers
+constexpr std::size_t tick_head = 5, tick_burr = 16;  // numbers
 
 openigtlink::Envelope envelope(Kind kind, int header_version) {
   openigtlink::Envelope envelope;
@@ -111,6 +111,8 @@ void encode(Bytes& out, int header_version, const TickMessage& tick) {
     for (const double f : burr.force) *at++ = f;
     *at++ = burr.penetration;
     *at++ = double(burr.removed);
+    for (const double q : burr.orientation) *at++ = q;
+    *at++ = double(burr.buttons);
   }
   openigtlink::encode_ndarray_float64(out, envelope(Kind::tick, header_version), values,
                                       std::size_t(at - values));
@@ -139,6 +141,9 @@ bool decode(const Message& message, TickMessage& tick) {
     for (double& f : burr.force) f = *at++;
     burr.penetration = *at++;
     if (!whole(*at++, double(exact), burr.removed)) return false;
+    for (double& q : burr.orientation)
+      if (!std::isfinite(q = *at++)) return false;
+    if (!whole(*at++, 255.0, burr.buttons)) return false;
   }
   return true;
 }

@@ -103,13 +103,11 @@ void TransformReader::take(const Message& message) {
     return;
   }
   NetworkPose pose{};
-  for (int row = 0; row < 3; ++row) {
-    pose.position[row] = position[row];
-    for (int column = 0; column < 3; ++column) {
-      const double value = transform.rotation[3 * row + column];
-      pose.rotation[3 * row + column] = (row == 2) == (column == 2) ? value : 0.0 - value;
-    }
-  }
+  openigtlink::Rows rotation;
+  std::copy_n(transform.rotation.begin(), 9, rotation.data());
+  rotation = openigtlink::turned(rotation);
+  std::copy_n(rotation.data(), 9, pose.rotation.begin());
+  for (int axis = 0; axis < 3; ++axis) pose.position[axis] = position[axis];
   pose.timestamp = message.header.timestamp;
   pose.arrival = std::uint64_t(steady_now());
   pose.count = ++accepted_;
@@ -144,7 +142,8 @@ void IgtlDevice::take(const NetworkPose& pose) {
   else if (last_.count && pose.arrival - last_.arrival > std::uint64_t(1e9 * longest_step))
     velocity_.setZero();  // two poses at the same time keep the last velocity
   last_ = pose;
-  put(position, velocity_, pose.on != 0);
+  const auto rotation = Eigen::Map<const openigtlink::Rows>(pose.rotation.data());
+  put(position, velocity_, pose.on != 0, openigtlink::orientation_of(rotation));
 }
 
 }  // namespace burrlab

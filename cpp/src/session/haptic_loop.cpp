@@ -236,11 +236,17 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
       halt_devices();
       return end(who() + " gave a position or velocity that is not finite", true), false;
     }
+    if (!is_unit(reading.orientation)) {
+      halt_devices();
+      return end(who() + " gave an orientation that is not a quaternion of length 1", true), false;
+    }
     BurrRecord& burr = record_.burr[i];
     set(burr.center, reading.position);
     set(burr.device_position, reading.position);
     set(burr.device_velocity, reading.velocity);
     burr.age = reading.age;
+    burr.orientation = reading.orientation;
+    burr.buttons = reading.buttons;
     burr.on = reading.on;
   }
   if (waiting || couplings_.empty()) return true;

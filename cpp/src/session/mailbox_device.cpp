@@ -19,13 +19,17 @@ MailboxDevice::MailboxDevice(double lost_after, std::string name, DeviceModel mo
   require_positive("lost_after", lost_after);
 }
 
-void MailboxDevice::put(const Vec3& position, const Vec3& velocity, bool on) {
+void MailboxDevice::put(const Vec3& position, const Vec3& velocity, bool on,
+                        const std::array<double, 4>& orientation, std::uint8_t buttons) {
   Letter letter{};
   for (int axis = 0; axis < 3; ++axis) {
     require_finite("position", letter.position[axis] = position[axis]);
     require_finite("velocity", letter.velocity[axis] = velocity[axis]);
   }
+  require_unit("orientation", orientation);
+  letter.orientation = orientation;
   letter.on = on;
+  letter.buttons = buttons;
   letter.time = now();
   in_.put(letter);
 }
@@ -53,6 +57,8 @@ DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
     reading.position[axis] = last_.position[axis];
     reading.velocity[axis] = last_.velocity[axis];
   }
+  reading.orientation = last_.orientation;
+  reading.buttons = last_.buttons;
   reading.on = last_.on != 0;
   const std::uint64_t here = now();
   reading.age = here > last_.time ? 1e-6 * double(here - last_.time) : 0.0;

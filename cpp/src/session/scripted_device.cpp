@@ -57,6 +57,7 @@ ReplayDevice::ReplayDevice(std::vector<Tick> ticks) : ticks_(std::move(ticks)) {
   for (const Tick& tick : ticks_) {
     for (const double x : tick.position) require_finite("position", x);
     for (const double v : tick.velocity) require_finite("velocity", v);
+    require_unit("orientation", tick.orientation);
     if (tick.k < 1 || tick.k > std::uint32_t(most_periods)) refuse("k", "1 to 8", tick.k);
   }
 }
@@ -70,6 +71,8 @@ DeviceReading ReplayDevice::read(double, std::uint64_t) noexcept {
   }
   reading.position = ticks_[i].position;
   reading.velocity = ticks_[i].velocity;
+  reading.orientation = ticks_[i].orientation;
+  reading.buttons = ticks_[i].buttons;
   reading.on = ticks_[i].on;
   next_.store(i + 1, std::memory_order_release);
   return reading;

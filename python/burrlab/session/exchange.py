@@ -156,7 +156,7 @@ _NEW = {
 _README = """All positions are in metres unless specified otherwise.
 Quaternions are [qx, qy, qz, qw].
 Poses are T_world_obj; the world is the bone's own frame (voxel axes, LPS).
-Written by burrlab from a trace: no camera, no images, no orientation of the drill (its quaternion is 0, 0, 0, 1).
+Written by burrlab from a trace: no camera and no images. The quaternion of a drill whose device gave none is 0, 0, 0, 1.
 """
 _OWN_AXES = "They count along the axes of the bone, which was not made of slices."
 _STACK_AXES = "Of the slices that the bone was made of: x is the pixel's column, y its row counted from the lowest, z the slice, all from 0."
@@ -209,8 +209,8 @@ def export_volumetric_drilling(
     lowest, slice. If the slices were read with `transpose`, the volume's pose turns these axes into the
     bone's. Otherwise the two are mirror images, which no pose can express. For any other bone the indices
     are its own (x, y, z). A trace does not hold stereo images, depth, segmentation, camera poses,
-    intrinsics, extrinsics, baseline, torques (written as zeros) or the drill's orientation. `burr_size` is
-    the diameter in whole millimetres, as there.
+    intrinsics, extrinsics, baseline or torques (written as zeros). `burr_size` is the diameter in whole
+    millimetres, as there.
     """
     check_trace(trace)
     refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")
@@ -219,7 +219,7 @@ def export_volumetric_drilling(
     center = trace.array("center_mm", burr) / 1000.0
     start = float(trace.provenance["started_unix_s"])
     stamps = start + trace.time()
-    pose = np.hstack([center, np.tile(_NO_TURN, (len(trace), 1))])
+    pose = np.hstack([center, np.roll(trace.array("orientation", burr), -1, axis=1)])  # w last
     grid = _Grid.of(trace)
     opened = False
     try:

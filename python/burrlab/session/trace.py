@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-FORMAT, FORMAT_VERSION = "burrlab trace", 2  # 2: with tissues; a trace without them is written as 1
+FORMAT, FORMAT_VERSION = "burrlab trace", 3  # 2: with tissues; 3: with orientation and buttons
 ENDED_LENGTH = 400  # bytes of the sentence that says why recording ended
 
 #: Name and type of a column of the file, and field of a record.
@@ -43,16 +43,18 @@ _BURR = [
     ("removed_levels", "<i8", (), "removed"), ("sent_force_N", "<f8", (3,), "sent"),
     ("device_position_mm", "<f8", (3,), "device_position"),
     ("device_velocity_mm_s", "<f8", (3,), "device_velocity"), ("age_ms", "<f8", (), "age"),
+    ("orientation", "<f8", (4,), "orientation"), ("buttons", "u1", (), "buttons"),
 ]  # fmt: skip
 BURR_COLUMNS = tuple(name for name, *_ in _BURR)
 TICK_COLUMNS = tuple(name for name, *_ in _TICK)
 BURR_DTYPE = np.dtype([(name, kind, shape) for name, kind, shape, _ in _BURR])
+_BEFORE_3 = np.dtype([column[:3] for column in _BURR[:-2]])
 DIGEST_DTYPE = np.dtype([("tick", "<u8"), ("digest", "S32")])
 
 
-def row_dtype(burrs: int) -> np.dtype[Any]:
+def row_dtype(burrs: int, burr: np.dtype[Any] = BURR_DTYPE) -> np.dtype[Any]:
     """Type of a row of `ticks`: a tick, and a compound for each of its burrs."""
-    return np.dtype([(name, kind) for name, kind, _ in _TICK] + [("burr", BURR_DTYPE, (burrs,))])
+    return np.dtype([(name, kind) for name, kind, _ in _TICK] + [("burr", burr, (burrs,))])
 
 
 def to_rows(records: NDArray[np.void], burrs: int) -> NDArray[np.void]:
@@ -70,10 +72,12 @@ def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]
     burrs = rows.dtype["burr"].shape[0]
     records = np.zeros(len(rows), dtype)
     records["burrs"] = burrs
+    records["burr"]["orientation"][..., 0] = 1.0
     for name, _, key in _TICK:
         records[key] = rows[name]
     for name, _, _, key in _BURR:
-        records["burr"][key][:, :burrs] = rows["burr"][name]
+        if name in (rows["burr"].dtype.names or ()):
+            records["burr"][key][:, :burrs] = rows["burr"][name]
     return records
 
 
@@ -115,7 +119,7 @@ def create(
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:
         now = time.time()
         put_attributes(file, {
-            "format": FORMAT, "format_version": 1 if bone.tissues is None else FORMAT_VERSION, **provenance(),
+            "format": FORMAT, "format_version": FORMAT_VERSION, **provenance(),
             "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
             "seed": np.uint64(seed), "scheme": scheme, "period_ms": period, "loop_rate_Hz": 1000.0 / period,
             "first_tick": np.uint64(first_tick), "burrs": len(tools), "initial_digest": bone.digest(),
@@ -305,7 +309,7 @@ class Trace:
 
         Returns
         -------
-        ndarray, shape (n,) or (n, 3)
+        ndarray, shape (n,), (n, 3) or, of the orientation, (n, 4)
 
         Raises
         ------
@@ -315,13 +319,19 @@ class Trace:
         refuse(not 0 <= burr < self.burrs, f"burr must be an index below {self.burrs}, got {burr}")
         if name in TICK_COLUMNS:
             return self.ticks[name]
-        if name in BURR_COLUMNS:
+        if name in (self.ticks["burr"].dtype.names or ()):
             return self.ticks["burr"][name][:, burr]
+        if name in BURR_COLUMNS:  # recorded before there were orientation and buttons
+            missing = np.zeros(len(self), BURR_DTYPE[name])
+            missing[..., :1] = name == "orientation"
+            missing.flags.writeable = False
+            return missing
         names = ", ".join(TICK_COLUMNS + BURR_COLUMNS)
         raise ValueError(f"name must be one of {names}, got '{name}'")
 
     def to_dataframe(self, burr: int = 0) -> pandas.DataFrame:
-        """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit.
+        """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit, the
+        orientation has _w, _x, _y, _z.
 
         Raises
         ------
@@ -335,6 +345,9 @@ class Trace:
             values = self.array(name, burr)
             if values.ndim == 1:
                 columns[name] = values
+                continue
+            if name == "orientation":
+                columns.update({f"{name}_{part}": values[:, i] for i, part in enumerate("wxyz")})
                 continue
             unit = "mm_s" if name.endswith("_mm_s") else name.rsplit("_", 1)[1]
             stem = name.removesuffix(f"_{unit}")
@@ -376,7 +389,7 @@ def check_trace(trace: Trace) -> None:
 def load_trace(path: str | os.PathLike[str]) -> Trace:
     """The trace in a file: of a session that ended, was killed, or still runs.
 
-    All rows are read into memory, about 200 bytes a tick and burr.
+    All rows are read into memory, about 230 bytes a tick and burr.
 
     Raises
     ------
@@ -436,7 +449,7 @@ def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.vo
         f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}",
     )
     refuse(
-        table.dtype != row_dtype(burrs),
+        table.dtype not in (row_dtype(burrs), row_dtype(burrs, _BEFORE_3)),
         f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has",
     )
     ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)

@@ -10,7 +10,7 @@
 
 namespace burrlab::replica_protocol {
 
-constexpr std::uint32_t version = 1;
+constexpr std::uint32_t version = 2;              ///< 2: with orientation and buttons
 constexpr std::size_t digest_digits = 32;         ///< hexadecimal digits of a bone's digest
 constexpr std::size_t brick_bytes = 4 + 2 * 512;  ///< number, q, p
 constexpr std::size_t bricks_a_message = 60;
@@ -45,7 +45,8 @@ struct Hello {
 };
 
 struct TickMessage {
-  TickRecord record;              ///< index, k, burrs, time; per burr the first two blocks
+  TickRecord record;              ///< index, k, burrs, time; per burr the first two blocks,
+                                  ///< orientation and buttons
   std::uint64_t digest_tick = 0;  ///< of the last digest sent before this tick
 };
 

@@ -17,9 +17,9 @@ struct DeviceReading {
   Vec3 velocity = Vec3::Zero();  ///< [mm/s]
   /// Unit quaternion (w, x, y, z) that turns directions of the tool into those of the bone; 1 if unknown.
   std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};
-  std::uint32_t buttons = 0;  ///< bit i: button i is pressed
-  bool on = false;            ///< the burr turns
-  double age = 0.0;           ///< of the position [ms]
+  std::uint8_t buttons = 0;  ///< bit i: button i is pressed
+  bool on = false;           ///< the burr turns
+  double age = 0.0;          ///< of the position [ms]
   enum class Status {
     ok,
     waiting,   ///< no position yet: no tick is executed

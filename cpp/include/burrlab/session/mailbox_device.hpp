@@ -15,8 +15,10 @@ class MailboxDevice : public Device {
   /// lost_after [ms]; `name` for the report. Without a first position the device is awaited, not lost.
   explicit MailboxDevice(double lost_after = 100.0, std::string name = "mailbox", DeviceModel model = {});
 
-  /// Sets position [mm], velocity [mm/s] and switch; throws if not finite.
-  void put(const Vec3& position, const Vec3& velocity, bool on);
+  /// Sets position [mm], velocity [mm/s], switch, orientation and buttons (DeviceReading); throws if a number
+  /// is not finite or the orientation is not of length 1.
+  void put(const Vec3& position, const Vec3& velocity, bool on,
+           const std::array<double, 4>& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0);
   Vec3 force() const;      ///< last sent by the loop; 0 after `halt` [N]
   bool has_value() const;  ///< there was a `put`
 
@@ -30,7 +32,8 @@ class MailboxDevice : public Device {
  private:
   struct Letter {
     std::array<double, 3> position, velocity;
-    std::uint64_t on;
+    std::array<double, 4> orientation;
+    std::uint8_t on, buttons, padding[6];
     std::uint64_t time;  // steady clock [ns]; 0: none yet
   };
   Latest<Letter> in_;

@@ -20,15 +20,16 @@ struct BurrRecord {
 
   std::uint8_t touching = 0;      ///< bone inside the sphere
   std::uint8_t ambiguous = 0;     ///< the contact has no direction
-  std::uint8_t unused = 0;        ///< 0
+  std::uint8_t buttons = 0;       ///< bit i: button i is pressed; for analysis only
   std::array<double, 3> force{};  ///< of the model, before limits and coupling [N]
   double penetration = 0.0;       ///< h [mm]
   std::int64_t removed = 0;       ///< [levels]
 
-  std::array<double, 3> sent{};             ///< force sent to the device [N]
-  std::array<double, 3> device_position{};  ///< [mm]
-  std::array<double, 3> device_velocity{};  ///< [mm/s]
-  double age = 0.0;                         ///< of the position [ms]
+  std::array<double, 3> sent{};                           ///< force sent to the device [N]
+  std::array<double, 3> device_position{};                ///< [mm]
+  std::array<double, 3> device_velocity{};                ///< [mm/s]
+  double age = 0.0;                                       ///< of the position [ms]
+  std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};  ///< DeviceReading::orientation
 };
 
 struct TickRecord {
@@ -43,6 +44,6 @@ struct TickRecord {
 };
 
 static_assert(std::is_trivially_copyable_v<TickRecord> && sizeof(TickRecord) % 8 == 0);
-static_assert(sizeof(BurrRecord) == 160 && sizeof(TickRecord) == 32 + 2 * 160);
+static_assert(sizeof(BurrRecord) == 192 && sizeof(TickRecord) == 32 + 2 * 192);
 
 }  // namespace burrlab

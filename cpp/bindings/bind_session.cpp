@@ -15,6 +15,7 @@ SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, con
 
 namespace {
 
+using Frame = std::tuple<double, std::array<double, 4>, Vec3, int>;
 using Records = py::array_t<TickRecord, py::array::c_style>;
 
 std::vector<TickRecord> to_records(const py::array& array) {
@@ -195,25 +196,31 @@ void bind_haptic_loop(py::module_& m) {
       "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
       "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
       "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
-      "device and burr [N/mm]; without it the burr is at the device. ValueError if there is not one device "
-      "per burr, the rate is above 10 kHz or, on the wall clock, below 2 per `stall_limit`, or a limit or "
-      "the coupling is not positive.")
+      "device and burr [N/mm]; without it the burr is at the device. `frames`: (scale, rotation (w, x, y, "
+      "z), "
+      "offset [mm], clutch) of each device, see `DeviceFrame`; none by default. ValueError if there is not "
+      "one "
+      "device per burr, the rate is above 10 kHz or, on the wall clock, below 2 per `stall_limit`, a limit "
+      "or "
+      "the coupling is not positive, or a frame is not one.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,
-                       std::optional<double> coupling) {
+                       std::optional<double> coupling, const std::vector<Frame>& frames) {
              if (!executor) throw std::invalid_argument("executor must be a TickExecutor, got None");
              if (cpu < -1) refuse("cpu", "-1 or the number of a CPU", cpu);
              LoopSettings settings{wall_clock, {}, stall_limit, ring, ticks, force_limit, slew_limit};
              settings.realtime.priority = settings.realtime.lock_memory = realtime;
              settings.realtime.cpu = cpu;
              if (coupling) require_positive("coupling", settings.coupling = *coupling);
+             for (const auto& [scale, rotation, offset, clutch] : frames)
+               settings.frames.push_back({scale, rotation, offset, clutch});
              return std::make_shared<HapticLoop>(std::move(executor), std::move(devices), settings);
            }),
            "executor"_a, "devices"_a, py::kw_only(), "wall_clock"_a = true, "realtime"_a = true, "cpu"_a = -1,
            "stall_limit"_a = defaults.stall_limit, "ring"_a = defaults.ring, "ticks"_a = 0,
            "force_limit"_a = defaults.force_limit, "slew_limit"_a = defaults.slew_limit,
-           "coupling"_a = py::none())
+           "coupling"_a = py::none(), "frames"_a = std::vector<Frame>())
       .def("start", &HapticLoop::start, no_gil,
            "Starts the thread. ValueError the second time, or if the bone or a device is in use.")
       .def("stop", &HapticLoop::stop, "reason"_a = "stopped", no_gil,

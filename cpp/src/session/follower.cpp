@@ -189,9 +189,11 @@ StabilityReport Follower::stability(std::size_t burr) const {
   const double spring = loop_->settings().coupling;
   Tool tool = setup.tools[burr];
   if (at.c_e > 0.0) tool.material.c_e = at.c_e;  // with tissues: of those it touches
+  const auto& frames = loop_->settings().frames;
+  const double scale = frames.empty() ? 1.0 : frames[burr].scale;  // the hand meets more force a mm
   const auto report_of = [&](double k) {
-    return stability_report(at.force, k, tool, loop_->devices()[burr]->model(), setup.period, at.age, 0.0,
-                            spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
+    return stability_report(at.force, scale * k, tool, loop_->devices()[burr]->model(), setup.period, at.age, 0.0,
+                            spring > 0.0 ? scale * spring : std::numeric_limits<double>::infinity());
   };
   // Where a thin wall gives way the force falls on the way in: no spring, and no limit.
   StabilityReport report = report_of(std::max(at.stiffness, 0.0));

@@ -46,6 +46,10 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
   record_.burrs = std::uint32_t(devices_.size());
   guards_.assign(devices_.size(), ForceGuard(settings.force_limit, settings.slew_limit));
   if (settings.coupling != 0.0) couplings_.assign(devices_.size(), VirtualCoupling(settings.coupling));
+  if (!settings.frames.empty() && settings.frames.size() != devices_.size())
+    refuse("number of frames", "one a device, " + std::to_string(devices_.size()),
+           double(settings.frames.size()));
+  for (const DeviceFrame& frame : settings.frames) frames_.emplace_back(frame);
   observers_.resize(devices_.size());
 }
 
@@ -223,7 +227,7 @@ void HapticLoop::run() {
 bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting) {
   using Status = DeviceReading::Status;
   for (std::size_t i = 0; i < devices_.size(); ++i) {
-    const DeviceReading reading = devices_[i]->read(time, periods);
+    DeviceReading reading = devices_[i]->read(time, periods);
     const auto who = [i] { return "device " + std::to_string(i); };
     if (reading.status == Status::finished) return end(who() + " has come to its end", false), false;
     if (reading.status == Status::lost) {
@@ -240,6 +244,7 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
       halt_devices();
       return end(who() + " gave an orientation that is not a quaternion of length 1", true), false;
     }
+    if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
     BurrRecord& burr = record_.burr[i];
     set(burr.center, reading.position);
     set(burr.device_position, reading.position);
@@ -263,14 +268,16 @@ bool HapticLoop::send_forces() {
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     BurrRecord& burr = record_.burr[i];
     if (couplings_.empty()) wanted_[i] = to_vector(burr.force);
+    if (!frames_.empty() && frames_[i].held()) wanted_[i].setZero();
     if (!finite(wanted_[i]) || !finite(to_vector(burr.force))) {
       halt_devices();
       return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
     }
     const Vec3 sent = guards_[i].apply(wanted_[i], record_.k * executor_->setup().period);
-    devices_[i]->write(sent);
+    devices_[i]->write(frames_.empty() ? sent : frames_[i].to_device(sent));
     set(burr.sent, sent);
-    observers_[i].update(to_vector(burr.device_position), sent);
+    const double scale = frames_.empty() ? 1.0 : frames_[i].scale();
+    observers_[i].update(to_vector(burr.device_position) / scale, sent);
     energy_[i].store(observers_[i].energy(), std::memory_order_relaxed);
     most_energy_[i].store(observers_[i].most(), std::memory_order_relaxed);
   }

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "burrlab/copy_under.hpp"
-#include "burrlab/session/device.hpp"
+#include "burrlab/session/device_frame.hpp"
 #include "burrlab/session/force_guard.hpp"
 #include "burrlab/session/histogram.hpp"
 #include "burrlab/session/passivity_observer.hpp"
@@ -29,6 +29,7 @@ struct LoopSettings {
   double force_limit = ForceGuard::default_limit;  ///< [N]
   double slew_limit = ForceGuard::default_slew;    ///< [N/ms]
   double coupling = 0.0;                           ///< spring between device and burr [N/mm]; 0: none
+  std::vector<DeviceFrame> frames{};               ///< one a device; empty: the devices' positions are the bone's
 };
 
 /// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines without a tick. `dropped`: periods
@@ -104,7 +105,8 @@ class HapticLoop {
   std::shared_ptr<RecordRing> ring_;
   std::vector<std::weak_ptr<const RecordReader>> readers_;
   TickRecord record_;
-  std::vector<ForceGuard> guards_;  // one per burr, as the next two
+  std::vector<ForceGuard> guards_;  // one per burr, as the next three
+  std::vector<FramedDevice> frames_;  // or none
   std::vector<VirtualCoupling> couplings_;
   std::vector<PassivityObserver> observers_;
   std::array<Vec3, most_burrs> wanted_;  // forces before the guards

@@ -1,0 +1,39 @@
+#include "burrlab/session/device_frame.hpp"
+
+#include <Eigen/Geometry>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+Eigen::Quaterniond to_quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
+
+}  // namespace
+
+FramedDevice::FramedDevice(const DeviceFrame& frame)
+    : frame_(frame),
+      rotation_(to_quaternion(frame.rotation).normalized().toRotationMatrix()),
+      offset_(frame.offset) {
+  require_positive("scale of a frame", frame.scale);
+  require_unit("rotation of a frame", frame.rotation);
+  for (const double x : frame.offset) require_finite("offset of a frame", x);
+  if (frame.clutch < -1 || frame.clutch > 7) refuse("clutch", "-1 or a button, 0 to 7", frame.clutch);
+}
+
+void FramedDevice::apply(DeviceReading& reading) noexcept {
+  const Vec3 turned = frame_.scale * (rotation_ * reading.position);
+  held_ = frame_.clutch >= 0 && (reading.buttons >> frame_.clutch & 1);
+  if (held_) {
+    if (begun_) offset_ = last_ - turned;
+    reading.on = false;
+  }
+  reading.velocity = held_ ? Vec3::Zero().eval() : (frame_.scale * (rotation_ * reading.velocity)).eval();
+  reading.position = held_ && begun_ ? last_ : (turned + offset_).eval();
+  const Eigen::Quaterniond tool = to_quaternion(frame_.rotation) * to_quaternion(reading.orientation);
+  reading.orientation = {tool.w(), tool.x(), tool.y(), tool.z()};
+  last_ = reading.position;
+  begun_ = true;
+}
+
+}  // namespace burrlab

@@ -190,7 +190,7 @@ StabilityReport Follower::stability(std::size_t burr) const {
   Tool tool = setup.tools[burr];
   if (at.c_e > 0.0) tool.material.c_e = at.c_e;  // with tissues: of those it touches
   const auto report_of = [&](double k) {
-    return stability_report(at.force, k, tool, loop_->devices()[burr]->model(), setup.period, at.age, 0.0,
+    return stability_report(at.force, k, tool, loop_->model(burr), setup.period, at.age, 0.0,
                             spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
   };
   // Where a thin wall gives way the force falls on the way in: no spring, and no limit.

@@ -65,15 +65,18 @@ struct Demand {
     direction = Vec3(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)).normalized();
     noise = random() % 3 == 0 ? size : 0.0;
     flips = random() % 4 == 0;
+    spin = random() % 3 == 0 ? std::pow(10.0, uniform(-4.0, 0.0)) : 0.0;
   }
   Vec3 next() {
     if (random() % 200 == 0) turn();
     if (random() % 500 == 0) return Vec3(std::nan(""), INFINITY, 1.0);
     if (flips) direction = -direction;
+    const Vec3 d = direction;
+    direction = (d + spin * Vec3(d[1] - d[2], d[2] - d[0], d[0] - d[1])).normalized();
     return size * direction + noise * Vec3(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
   }
   std::mt19937& random;
-  double limit, size = 0.0, noise = 0.0;
+  double limit, size = 0.0, noise = 0.0, spin = 0.0;
   Vec3 direction;
   bool flips = false;
 };
@@ -85,13 +88,14 @@ void check_limits_of_a_model() {
   double nearest = 0.0;
   std::uint64_t held = 0, ramped = 0;
   for (int session = 0; session < 10000; ++session) {
+    const double period = random() % 2 ? 1.0 : 0.25, hold = random() % 2 ? 100.0 : 8.0;
     Demand demand(random, std::pow(10.0, std::uniform_real_distribution<double>(0.0, 1.6)(random)));
     GuardLimits limits{demand.limit};
-    limits.slew = demand.limit * std::pow(10.0, demand.uniform(-2.5, 0.0));
-    limits.window = std::pow(10.0, demand.uniform(-0.2, 1.5));
+    limits.slew = demand.limit * std::pow(10.0, demand.uniform(-3.0, 0.0));
+    const double reserve = std::pow(10.0, demand.uniform(-2.0, -0.01));
+    limits.window = 1e-3 * (hold + limits.force / limits.slew) / reserve;
     if (random() % 8) limits.continuous = demand.limit * demand.uniform(0.05, 1.1);
     if (random() % 3) limits.ramp = demand.uniform(0.01, 1.0);
-    const double period = random() % 2 ? 1.0 : 0.25, hold = 100.0;
     ForceGuard guard(limits, hold);
     const double most = limits.continuous * limits.continuous * (1.0 + 1e-12);
     const auto decayed = [&](double mean, double square, double time) {
@@ -116,6 +120,7 @@ void check_limits_of_a_model() {
       CHECK(sent.allFinite() && force <= limits.force * (1.0 + 1e-12));
       CHECK((sent - last).norm() <= limits.slew * dt + 1e-12 * limits.force);
       CHECK(decayed(mean, force * force, 0.0) <= most && decayed(mean, force * force, hold) <= most);
+      CHECK(guard.mean_square() + reserve * (force * force - guard.mean_square()) <= most);  // the guard's rule
       CHECK(std::isinf(most) || mean <= guard.mean_square() * (1.0 + 1e-12));
       if (limits.ramp > 0.0)
         CHECK(force <= limits.force * (touched < 0.0 ? 0.0 : 1e-3 * (time - touched) / limits.ramp) + 1e-9);

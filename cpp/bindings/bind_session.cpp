@@ -196,20 +196,31 @@ void bind_haptic_loop(py::module_& m) {
       "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
       "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
       "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
-      "device and burr [N/mm]; without it the burr is at the device. `frames`: (scale, rotation (w, x, y, "
-      "z), "
-      "offset [mm], clutch) of each device, see `DeviceFrame`; none by default. ValueError if there is not "
-      "one "
-      "device per burr, the rate is above 10 kHz or, on the wall clock, below 2 per `stall_limit`, a limit "
-      "or "
-      "the coupling is not positive, or a frame is not one.")
+      "device and burr [N/mm]; without it the burr is at the device. `guards`, one a burr: (force limit [N], "
+      "slew limit [N/ms], continuous limit [N] or inf, its window [s], ramp [s]). `models`, one a burr: "
+      "(damping [N s/m], encoder step [mm], friction [N]), nan where unknown, for what a device does not say "
+      "itself. The session ends, with zero force, when a force of `stop_force` [N] is wanted or a button of "
+      "the mask `stop_buttons` is pressed. `frames`, one a device: (scale, rotation (w, x, y, z), offset "
+      "[mm], "
+      "clutch), see `DeviceFrame`. ValueError if there is not one device per burr, the rate is above 10 kHz "
+      "or, "
+      "on the wall clock, below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame is "
+      "none.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,
-                       std::optional<double> coupling, const std::vector<Frame>& frames) {
+                       std::optional<double> coupling, const std::vector<std::array<double, 5>>& guards,
+                       const std::vector<std::array<double, 3>>& models, double stop_force,
+                       std::uint32_t stop_buttons, const std::vector<Frame>& frames) {
              if (!executor) throw std::invalid_argument("executor must be a TickExecutor, got None");
              if (cpu < -1) refuse("cpu", "-1 or the number of a CPU", cpu);
-             LoopSettings settings{wall_clock, {}, stall_limit, ring, ticks, force_limit, slew_limit};
+             LoopSettings settings{wall_clock, {}, stall_limit, ring, ticks, {force_limit, slew_limit}};
+             for (const auto& [force, slew, continuous, window, ramp] : guards)
+               settings.guards.push_back({force, slew, continuous, window, ramp});
+             for (const auto& [damping, encoder_step, friction] : models)
+               settings.models.push_back({damping, encoder_step, friction});
+             settings.stop_force = stop_force;
+             settings.stop_buttons = stop_buttons;
              settings.realtime.priority = settings.realtime.lock_memory = realtime;
              settings.realtime.cpu = cpu;
              if (coupling) require_positive("coupling", settings.coupling = *coupling);
@@ -219,8 +230,9 @@ void bind_haptic_loop(py::module_& m) {
            }),
            "executor"_a, "devices"_a, py::kw_only(), "wall_clock"_a = true, "realtime"_a = true, "cpu"_a = -1,
            "stall_limit"_a = defaults.stall_limit, "ring"_a = defaults.ring, "ticks"_a = 0,
-           "force_limit"_a = defaults.force_limit, "slew_limit"_a = defaults.slew_limit,
-           "coupling"_a = py::none(), "frames"_a = std::vector<Frame>())
+           "force_limit"_a = defaults.guard.force, "slew_limit"_a = defaults.guard.slew,
+           "coupling"_a = py::none(), "guards"_a = py::list(), "models"_a = py::list(),
+           "stop_force"_a = defaults.stop_force, "stop_buttons"_a = 0, "frames"_a = py::list())
       .def("start", &HapticLoop::start, no_gil,
            "Starts the thread. ValueError the second time, or if the bone or a device is in use.")
       .def("stop", &HapticLoop::stop, "reason"_a = "stopped", no_gil,

@@ -61,6 +61,8 @@ from burrlab.measured.synthetic import synthetic_indentation as synthetic_indent
 from burrlab.measured.synthetic import synthetic_trace as synthetic_trace
 from burrlab.session.exchange import export_volumetric_drilling as export_volumetric_drilling
 from burrlab.session.exchange import read_script as read_script
+from burrlab.session.limits import DeviceLimits as DeviceLimits
+from burrlab.session.limits import device_limits as device_limits
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
 from burrlab.session.metrics import session_metrics as session_metrics
 from burrlab.session.recorder import TraceWriter as TraceWriter

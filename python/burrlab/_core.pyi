@@ -585,6 +585,10 @@ class HapticLoop(metaclass=_Pybind11Type):
         force_limit: float = 8.0,
         slew_limit: float = 1.0,
         coupling: float | None = None,
+        guards: Sequence[Sequence[float]] = [],
+        models: Sequence[Sequence[float]] = [],
+        stop_force: float = ...,
+        stop_buttons: int = 0,
     ) -> None: ...
     def start(self) -> None: ...
     def stop(self, reason: str = "stopped") -> None: ...

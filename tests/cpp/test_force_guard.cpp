@@ -54,6 +54,109 @@ void check_whatever_comes() {
   CHECK_THROWS(ForceGuard(1.0, std::nan("")), "slew limit must be positive and finite");
 }
 
+// One session's forces: steps, turns, trembling, noise and nonsense; late ticks, and devices that come back.
+struct Demand {
+  explicit Demand(std::mt19937& random, double limit) : random(random), limit(limit) { turn(); }
+  double uniform(double low, double high) {
+    return std::uniform_real_distribution<double>(low, high)(random);
+  }
+  void turn() {
+    size = limit * std::pow(10.0, uniform(-2.0, 1.0)) * double(random() % 4 != 0);
+    direction = Vec3(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)).normalized();
+    noise = random() % 3 == 0 ? size : 0.0;
+    flips = random() % 4 == 0;
+    spin = random() % 3 == 0 ? std::pow(10.0, uniform(-4.0, 0.0)) : 0.0;
+  }
+  Vec3 next() {
+    if (random() % 200 == 0) turn();
+    if (random() % 500 == 0) return Vec3(std::nan(""), INFINITY, 1.0);
+    if (flips) direction = -direction;
+    const Vec3 d = direction;
+    direction = (d + spin * Vec3(d[1] - d[2], d[2] - d[0], d[0] - d[1])).normalized();
+    return size * direction + noise * Vec3(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
+  }
+  std::mt19937& random;
+  double limit, size = 0.0, noise = 0.0, spin = 0.0;
+  Vec3 direction;
+  bool flips = false;
+};
+
+// No sent force exceeds peak, slew, continuous limit or ramp, in 10 000 sessions of 500 to 2000 ticks. The mean
+// square is followed here with the exponential function itself, to the end of the longest hold of each force.
+void check_limits_of_a_model() {
+  std::mt19937 random(11);
+  double nearest = 0.0;
+  std::uint64_t held = 0, ramped = 0;
+  for (int session = 0; session < 10000; ++session) {
+    const double period = random() % 2 ? 1.0 : 0.25, hold = random() % 2 ? 100.0 : 8.0;
+    Demand demand(random, std::pow(10.0, std::uniform_real_distribution<double>(0.0, 1.6)(random)));
+    GuardLimits limits{demand.limit};
+    limits.slew = demand.limit * std::pow(10.0, demand.uniform(-3.0, 0.0));
+    const double reserve = std::pow(10.0, demand.uniform(-2.0, -0.01));
+    limits.window = 1e-3 * (hold + limits.force / limits.slew) / reserve;
+    if (random() % 8) limits.continuous = demand.limit * demand.uniform(0.05, 1.1);
+    if (random() % 3) limits.ramp = demand.uniform(0.01, 1.0);
+    ForceGuard guard(limits, hold);
+    const double most = limits.continuous * limits.continuous * (1.0 + 1e-12);
+    const auto decayed = [&](double mean, double square, double time) {
+      return square + (mean - square) * std::exp(-1e-3 * time / limits.window);
+    };
+    Vec3 last = Vec3::Zero();
+    double mean = 0.0, time = 0.0, work = 0.0, touched = -1.0;
+    const int ticks = 500 + int(random() % 1500);
+    for (int tick = 0; tick < ticks; ++tick) {
+      if (random() % 1000 == 0) {
+        guard.reset();
+        last.setZero();
+        touched = -1.0;
+      }
+      const double dt = random() % 50 == 0 ? demand.uniform(0.0, hold) : period;
+      mean = decayed(mean, last.squaredNorm(), dt);
+      work += last.squaredNorm() * dt;
+      time += dt;
+      const Vec3 wanted = demand.next(), sent = guard.apply(wanted, dt);
+      if (touched < 0.0 && wanted.allFinite() && wanted.norm() > 0.0) touched = time;
+      const double force = sent.norm();
+      CHECK(sent.allFinite() && force <= limits.force * (1.0 + 1e-12));
+      CHECK((sent - last).norm() <= limits.slew * dt + 1e-12 * limits.force);
+      CHECK(decayed(mean, force * force, 0.0) <= most && decayed(mean, force * force, hold) <= most);
+      CHECK(guard.mean_square() + reserve * (force * force - guard.mean_square()) <= most);  // the guard's rule
+      CHECK(std::isinf(most) || mean <= guard.mean_square() * (1.0 + 1e-12));
+      if (limits.ramp > 0.0)
+        CHECK(force <= limits.force * (touched < 0.0 ? 0.0 : 1e-3 * (time - touched) / limits.ramp) + 1e-9);
+      const double free = wanted.allFinite() ? std::min(wanted.norm(), limits.force) : 0.0;
+      if (touched >= 0.0 && time - touched < 1e3 * limits.ramp)
+        ramped += force < 0.99 * free;
+      else
+        held += force < 0.99 * free && mean > 0.9 * most;
+      nearest = std::max(nearest, mean / most);
+      last = sent;
+    }
+    const double plain = std::sqrt(work / time), all = std::sqrt(1.0 + 1e3 * limits.window / time);
+    CHECK(plain <= limits.continuous * all * (1.0 + 1e-9));
+  }
+  CHECK(nearest > 0.999 && held > 100000 && ramped > 100000);  // the limits were reached
+}
+
+// A force that is wanted for long falls to the continuous limit, not to zero, and one below is never touched.
+void check_continuous_limit_holds_level() {
+  GuardLimits limits{3.3, 1.0, 0.88};
+  ForceGuard guard(limits), gentle(limits);
+  double least = 9.0, since = 0.0;
+  for (int i = 0; i < 120000; ++i) {
+    const double force = guard.apply(Vec3(0.0, 3.0, 4.0), 1.0).norm();
+    if (force > 3.2) since = i;
+    if (i > 10) least = std::min(least, force);
+    if (i > 10) CHECK(gentle.apply(Vec3(0.0, 0.0, 0.88), 1.0)[2] == 0.88);
+    else gentle.apply(Vec3(0.0, 0.0, 0.88), 1.0);
+  }
+  CHECK(since > 500 && since < 800 && least > 0.879);  // 10 s ln(F^2/(F^2 - c^2)) = 0.74 s at 3.3 N
+  CHECK_THROWS(ForceGuard(GuardLimits{3.3, 1.0, std::nan("")}), "continuous limit must be positive");
+  CHECK_THROWS(ForceGuard(GuardLimits{3.3, 1.0, 0.88, -1.0}), "window must be positive and finite");
+  CHECK_THROWS(ForceGuard(GuardLimits{3.3, 1.0, 0.88, 0.1}), "window must be at least a stall");
+  CHECK_THROWS(ForceGuard(GuardLimits{3.3, 1.0, 0.88, 10.0, std::nan("")}), "ramp must be from 0");
+}
+
 // A sampled spring k, pressed in at v and let out again. The force lags by half a period, so a full stroke
 // gives k v T over its length, 2 x (k v T x depth)/2.
 void check_energy_of_sampling() {
@@ -83,6 +186,8 @@ int main() {
   check_limit_keeps_direction();
   check_slew();
   check_whatever_comes();
+  check_limits_of_a_model();
+  check_continuous_limit_holds_level();
   check_energy_of_sampling();
   return check::report();
 }

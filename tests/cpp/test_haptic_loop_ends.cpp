@@ -51,6 +51,61 @@ void ends() {
   }
 }
 
+/// A user's rules end the session within the tick, its record complete and no force sent.
+void stops() {
+  {
+    LoopSettings settings = virtual_clock(1000);
+    settings.stop_buttons = 0b100;
+    Run run(settings);
+    run.device->what = [](int n, DeviceReading& r) { r.buttons = n < 20 ? 0b011 : 0b110; };
+    run.to_end();
+    CHECK(!run.loop->failed() && run.loop->reason() == "a stop button of device 0 was pressed");
+    CHECK(run.loop->counts().ticks == 20 && run.device->last == Vec3::Zero());
+  }
+  LoopSettings settings = virtual_clock(1000);
+  settings.stop_force = 0.5;
+  Run run(settings);
+  run.device->what = [](int n, DeviceReading& r) { r.position[2] = 1.5 - 0.001 * n; };
+  RecordReader reader(run.loop->ring());
+  run.to_end();
+  CHECK(!run.loop->failed() && run.loop->reason() == "the force of burr 0 reached 0.5 N");
+  CHECK(run.device->last == Vec3::Zero());
+  TickRecord record;
+  std::uint64_t ticks = 0;
+  for (; reader.next(record) == RecordReader::Result::record; ++ticks) {
+    const bool last = ticks + 1 == run.loop->counts().ticks;
+    const Vec3 force = to_vector(record.burr[0].force);
+    CHECK((force.norm() >= 0.5) == last && (to_vector(record.burr[0].sent).norm() == 0.0 || !last));
+  }
+  CHECK(ticks > 1 && ticks == run.loop->counts().ticks && ticks == run.loop->executor()->tick());
+  settings.stop_force = std::nan("");
+  CHECK_THROWS(Run{settings}, "stop_force must be positive");
+  settings = virtual_clock(10);
+  settings.guards.resize(2);
+  CHECK_THROWS(Run{settings}, "number of guards must be one a burr, 1, got 2");
+}
+
+/// A device that is gone for a while feels no force meanwhile, and its force grows from zero again.
+void comes_back() {
+  LoopSettings settings = virtual_clock(400);
+  settings.guards = {GuardLimits{4.0, 1.0, std::numeric_limits<double>::infinity(), 10.0, 0.1}};
+  Run run(settings);
+  std::vector<double> felt;
+  run.device->what = [&](int n, DeviceReading& r) {
+    felt.push_back(run.device->last.norm());
+    r.on = false;
+    r.position = Vec3(0.0, 0.0, 0.9);
+    if (n >= 200 && n < 230) r.status = DeviceReading::Status::waiting;
+  };
+  run.to_end();
+  const double pressed = felt[199];
+  CHECK(pressed > 1.0 && felt.size() == 430);
+  for (int n = 0; n < 430; ++n) {  // the reading of n shows the force of the tick before
+    const int since = n <= 200 ? n - 1 : n <= 230 ? 0 : n - 231;
+    CHECK_NEAR(felt[n], std::min(std::max(0.04 * since, 0.0), pressed), 1e-12);
+  }
+}
+
 /// The loop hangs in a device: the force is zero before the device returns.
 void stall() {
   Run run(LoopSettings{});
@@ -145,6 +200,8 @@ void long_stall_limit() {
 
 int main() {
   ends();
+  stops();
+  comes_back();
   stall();
   device_that_does_not_start();
   zero_before_stop();

@@ -192,7 +192,7 @@ StabilityReport Follower::stability(std::size_t burr) const {
   const auto& frames = loop_->settings().frames;
   const double scale = frames.empty() ? 1.0 : frames[burr].scale;  // the hand meets more force a mm
   const auto report_of = [&](double k) {
-    return stability_report(at.force, scale * k, tool, loop_->devices()[burr]->model(), setup.period, at.age, 0.0,
+    return stability_report(at.force, scale * k, tool, loop_->model(burr), setup.period, at.age, 0.0,
                             spring > 0.0 ? scale * spring : std::numeric_limits<double>::infinity());
   };
   // Where a thin wall gives way the force falls on the way in: no spring, and no limit.

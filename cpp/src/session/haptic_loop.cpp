@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <exception>
+#include <sstream>
 
 #include "burrlab/check.hpp"
 
@@ -44,11 +45,19 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
   if (settings.wall_clock && executor_->setup().period > 0.5 * settings.stall_limit)
     refuse("period", "at most half the limit of a stall on the wall clock", executor_->setup().period);
   record_.burrs = std::uint32_t(devices_.size());
-  guards_.assign(devices_.size(), ForceGuard(settings.force_limit, settings.slew_limit));
+  if (!(settings.stop_force > 0.0)) refuse("stop_force", "positive", settings.stop_force);
+  const auto one_a_burr = [this](const char* what, std::size_t count) {
+    if (count && count != devices_.size())
+      refuse(std::string("number of ") + what, "one a burr, " + std::to_string(devices_.size()),
+             double(count));
+  };
+  one_a_burr("guards", settings.guards.size());
+  one_a_burr("models", settings.models.size());
+  const double hold = settings.stall_limit + executor_->setup().period;
+  for (std::size_t i = 0; i < devices_.size(); ++i)
+    guards_.emplace_back(settings.guards.empty() ? settings.guard : settings.guards[i], hold);
   if (settings.coupling != 0.0) couplings_.assign(devices_.size(), VirtualCoupling(settings.coupling));
-  if (!settings.frames.empty() && settings.frames.size() != devices_.size())
-    refuse("number of frames", "one a device, " + std::to_string(devices_.size()),
-           double(settings.frames.size()));
+  one_a_burr("frames", settings.frames.size());
   for (const DeviceFrame& frame : settings.frames) frames_.emplace_back(frame);
   observers_.resize(devices_.size());
 }
@@ -136,6 +145,16 @@ LoopCounts HapticLoop::counts() const {
 EnergyGiven HapticLoop::energy(std::size_t burr) const {
   if (burr >= devices_.size()) refuse("burr", "below " + std::to_string(devices_.size()), double(burr));
   return {energy_[burr].load(std::memory_order_relaxed), most_energy_[burr].load(std::memory_order_relaxed)};
+}
+
+DeviceModel HapticLoop::model(std::size_t burr) const {
+  DeviceModel model = devices_[burr]->model();
+  if (settings_.models.empty()) return model;
+  const DeviceModel& known = settings_.models[burr];
+  if (std::isnan(model.damping)) model.damping = known.damping;
+  if (std::isnan(model.encoder_step)) model.encoder_step = known.encoder_step;
+  if (std::isnan(model.friction)) model.friction = known.friction;
+  return model;
 }
 
 void HapticLoop::halt_devices() noexcept {
@@ -235,6 +254,10 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
       end(who() + " was lost: its last position is " + std::to_string(int(reading.age)) + " ms old", true);
       return false;
     }
+    if (reading.buttons & settings_.stop_buttons) {
+      halt_devices();
+      return end("a stop button of " + who() + " was pressed", false), false;
+    }
     waiting |= reading.status == Status::waiting;
     if (!finite(reading.position) || !finite(reading.velocity)) {
       halt_devices();
@@ -264,7 +287,16 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
   return true;
 }
 
-bool HapticLoop::send_forces() {
+/// While one device waits, none pulls; then the ramps begin anew.
+void HapticLoop::rest_devices() noexcept {
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    devices_[i]->write(Vec3::Zero());
+    guards_[i].reset();
+  }
+}
+
+/// dt [ms] is the time since the last forces. False if the session ends at once.
+bool HapticLoop::send_forces(double dt) {
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     BurrRecord& burr = record_.burr[i];
     if (couplings_.empty()) wanted_[i] = to_vector(burr.force);
@@ -273,7 +305,11 @@ bool HapticLoop::send_forces() {
       halt_devices();
       return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
     }
-    const Vec3 sent = guards_[i].apply(wanted_[i], record_.k * executor_->setup().period);
+    if (stopper_ == most_burrs && wanted_[i].norm() >= settings_.stop_force) stopper_ = i;
+  }
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    BurrRecord& burr = record_.burr[i];
+    const Vec3 sent = stopper_ == most_burrs ? guards_[i].apply(wanted_[i], dt) : Vec3(Vec3::Zero());
     devices_[i]->write(frames_.empty() ? sent : frames_[i].to_device(sent));
     set(burr.sent, sent);
     const double scale = frames_.empty() ? 1.0 : frames_[i].scale();
@@ -288,13 +324,18 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
   const std::int64_t cpu_start = thread_cpu_now();
   bool waiting = false;
   if (!read_devices(periods, time, waiting)) return false;
-  if (waiting) return true;
+  if (waiting) {
+    if (ticks_.load(std::memory_order_relaxed) > 0) rest_devices();
+    return true;
+  }
   const auto k = std::uint32_t(std::min<std::uint64_t>(periods, most_periods));
   record_.index = executor_->tick();
   record_.k = k;
   record_.time = time;
   executor_->execute(record_);
-  if (!send_forces()) return false;
+  // Guards with a memory count all the time for which a force was held, also beyond k periods.
+  const double since = settings_.guards.empty() ? double(k) : double(periods);
+  if (!send_forces(since * executor_->setup().period)) return false;
   record_.cpu_time = 1e-3 * double(thread_cpu_now() - cpu_start);
   ring_->push(record_);
   constexpr auto relaxed = std::memory_order_relaxed;
@@ -303,7 +344,10 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
   if (k > 1) late_.store(late_.load(relaxed) + 1, relaxed);
   missed_.store(missed_.load(relaxed) + periods - 1, relaxed);
   dropped_.store(dropped_.load(relaxed) + periods - k, relaxed);
-  return true;
+  if (stopper_ == most_burrs) return true;
+  std::ostringstream reason;
+  reason << "the force of burr " << stopper_ << " reached " << settings_.stop_force << " N";
+  return end(reason.str(), false), false;
 }
 
 // On a virtual clock nothing is lost because of a slow reader.

@@ -128,6 +128,13 @@ def _not_negative(text: str) -> float:
     return value
 
 
+@parsed_by
+def _nearness(text: str) -> tuple[str, float]:
+    name, _, distance = text.rpartition(":")
+    refuse(not name, f"must be TISSUE:MM, got '{text}'")
+    return name, _not_negative(distance)
+
+
 _LIMITS = {
     "approach": ("MM", "distance of the burr's surface at which an approach is told [mm], default 2"),
     "touch": ("MM", "and a touch [mm], default 0"),
@@ -183,6 +190,8 @@ def _session(options: Options) -> int:
     session = burrlab.Session(
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
+        limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
+        stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
         header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
         watch=watch, on_message=say, wall_clock=not options.virtual_clock,
@@ -427,6 +436,20 @@ SESSION_COMMANDS = (
         option("--seed", "default: drawn and recorded", type=seed),
         option("--force-limit", "of the force sent [N], default 8", type=positive, default=8.0),
         option("--slew-limit", "of its change [N/ms], default 1", type=positive, default=1.0),
+        option(
+            "--model", "of the device, whose force limits hold too; given twice, one a device; see "
+                       "docs/stability.md", action="append", metavar="MODEL",
+        ),
+        option(
+            "--ramp", "time over which the allowed force grows at the first contact [s], default 1 with "
+                      "--model", type=_not_negative, metavar="S",
+        ),
+        option("--stop-at-force", "end the session when a force reaches this [N]", type=positive, metavar="N"),
+        option(
+            "--stop-within", "end it when a burr comes so near to a watched structure [mm], as often as "
+                             "needed", action="append", type=_nearness, metavar="TISSUE:MM",
+        ),
+        option("--stop-button", "end it at this button of a device, 0 the first", type=whole, metavar="INDEX"),
         option("--coupling", "spring between device and burr [N/mm], default none", type=positive),
         flag("--virtual-clock", "ticks as fast as possible, for devices that need no clock (scripted, hand)"),
         flag("--no-realtime", "do not ask for real-time priority and locked memory"),

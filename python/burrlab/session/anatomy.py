@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import burrlab._core as _core
 from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
-from burrlab.anatomy.events import EVENT_DTYPE, AnatomyEvent, Watched
+from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport, nothing_watched
 from burrlab.anatomy.watch import Watch, critical_structures, options_of
 from burrlab.common.progress import Progress, reporter
@@ -62,6 +62,12 @@ class SessionAnatomy:
         if self.watch is None:
             return nothing_watched(self._burrs, removed)
         return Watched.of(self._follower.watched(known), removed)
+
+    def closest(self, structure: str) -> NDArray[np.float64]:
+        """(burrs,) least distance of each burr's surface to a watched structure so far [mm]."""
+        assert self.watch is not None
+        doses = self._follower.watched(self._told)["doses"].view(DOSE_DTYPE)
+        return np.asarray(doses["closest_mm"][:, self.watch.structures.index(structure)])
 
     def news(self) -> tuple[NDArray[np.void], list[str]]:
         """(events since the last call, sentences about them). An "away" event has no sentence."""

@@ -14,6 +14,7 @@ from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels
 from burrlab.common.records import Codec
+from burrlab.session.limits import DeviceLimits
 from burrlab.session.recorder import TraceWriter
 
 if TYPE_CHECKING:
@@ -48,7 +49,8 @@ class SessionReport:
     follower : dict
         tick, behind [ticks], most_behind_s, rebuilds, differing, first_difference.
     stability : list of dict
-        One a burr: see `Follower.stability`.
+        One a burr: see `Follower.stability`; with a model of a device also `model` and
+        `model_stiffness_N_per_mm`, which it renders stably.
     energy : list of (float, float)
         One a burr: energy given to the hand minus taken from it, and the largest so far [mJ].
     network, recording : dict
@@ -86,6 +88,7 @@ class SessionReport:
         messages: Sequence[str],
         anatomy: AnatomyReport | None = None,
         notes: Sequence[str] = (),
+        limits: Sequence[DeviceLimits] = (),
     ) -> SessionReport:
         """The present report of these parts."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
@@ -101,7 +104,7 @@ class SessionReport:
             histograms={name: h.counts for name, h in found.items()},
             edges=found["jitter"].edges,
             follower=follower.status,
-            stability=[follower.stability(burr) for burr in burrs],
+            stability=[{**follower.stability(burr), **_against(burr, limits)} for burr in burrs],
             energy=[loop.energy(burr) for burr in burrs],
             network={} if publisher is None else publisher.status,
             recording=recording,
@@ -152,6 +155,11 @@ class SessionReport:
                 f"  burr {burr}: {at['force_N']:.2f} N, contact stiffness {at['stiffness_N_per_mm']:.3g} "
                 f"N/mm; {limit}"
             )
+            if "model" in at:
+                lines.append(
+                    f"  burr {burr}: {at['model']} renders {at['model_stiffness_N_per_mm']:.3g} N/mm stably; "
+                    f"the contact is {at['stiffness_N_per_mm'] / at['model_stiffness_N_per_mm']:.2f} of that"
+                )
             lines.append(f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ")
         for name in ("network", "recording"):
             part = getattr(self, name)
@@ -194,6 +202,13 @@ class SessionReport:
                 axes.text(0.5, 0.5, "not measured", ha="center", transform=axes.transAxes)
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
         return all_axes
+
+
+def _against(burr: int, limits: Sequence[DeviceLimits]) -> dict[str, Any]:
+    """The stiffness that the burr's device renders, if it is known."""
+    if burr >= len(limits) or limits[burr].stiffness is None:
+        return {}
+    return {"model": limits[burr].model, "model_stiffness_N_per_mm": limits[burr].stiffness}
 
 
 def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import contextlib
 import json
+import math
 import os
 import threading
 import weakref
@@ -23,11 +24,12 @@ from burrlab._core import (
     VoxelBone,
 )
 from burrlab.anatomy.report import AnatomyReport
-from burrlab.anatomy.watch import Watch
+from burrlab.anatomy.watch import MARGIN, Watch, check_structure
 from burrlab.bone.header import told_notes
-from burrlab.common.check import refuse, require_type, scalar, seed_or_new, whole
+from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
+from burrlab.session.limits import DeviceLimits, device_limits
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
@@ -39,6 +41,7 @@ _EXACT = 2**53  # ticks are told to replicas as float64
 _LEAST_RATE = 20.0  # [Hz], so that a stall differs from a period
 _COARSE = 7.5  # voxels a radius; with fewer a message says so
 _LOOK = 0.05  # [s] between two rounds of the housekeeping thread
+_RAMP = 1.0  # [s], ours
 _PATIENCE = 2.0  # [s], before devices without a position are reported
 
 
@@ -67,6 +70,19 @@ class Session:
         a device ends.
     force_limit, slew_limit : float
         Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
+    limits : str or DeviceLimits, or a list of them, optional
+        Model of the devices (`device_limits`), one or one a burr, None for one without: its peak force and
+        continuous force limit the force sent too, and reports compare the contact's stiffness with its.
+    ramp : float, optional
+        Time over which the allowed force grows from zero at the first contact, and again after a device was
+        gone [s]. Default: 1 with `limits`, ours; otherwise none.
+    stop_at_force : float, optional
+        The session ends in the tick in which a burr's force, before its limits, reaches this [N].
+    stop_within : {name: float}, optional
+        The session ends when a burr's surface comes so near to a watched structure [mm]. It is seen by a
+        second thread, some milliseconds later; on the wall clock only.
+    stop_button : int, optional
+        Number of a device's button that ends the session, before the tick in which it is pressed.
     coupling : float, optional
         Stiffness of a spring between device and burr [N/mm]. Default: the burr is where the device is.
     record : path, optional
@@ -100,7 +116,7 @@ class Session:
     ------
     ValueError
         If there is not one device a burr, a number is out of range, the source is not JSON, or the watch is
-        of another bone.
+        of another bone, a model is unknown, or a rule to stop is not of a watched structure.
     TypeError
         If a tool is not (Burr, Material), or a device is no Device.
     FileExistsError
@@ -133,6 +149,11 @@ class Session:
         duration: float | None = None,
         force_limit: float = 8.0,
         slew_limit: float = 1.0,
+        limits: str | DeviceLimits | Sequence[str | DeviceLimits | None] | None = None,
+        ramp: float | None = None,
+        stop_at_force: float | None = None,
+        stop_within: Mapping[str, float] | None = None,
+        stop_button: int | None = None,
         coupling: float | None = None,
         record: str | os.PathLike[str] | None = None,
         publish: int | None = None,
@@ -159,6 +180,13 @@ class Session:
         slew_limit = scalar(slew_limit, "slew_limit")
         coupling = None if coupling is None else scalar(coupling, "coupling")
         duration = None if duration is None else scalar(duration, "duration")
+        self._limits = _limits_of(limits, len(self.tools))
+        ramp = (0.0 if limits is None else _RAMP) if ramp is None else scalar(ramp, "ramp")
+        if stop_at_force is not None:
+            check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
+        if stop_button is not None:
+            stop_button = whole("stop_button", stop_button, 32, "32")
+        self._stop_within = _nearness(stop_within, watch, wall_clock)
         refuse(not rate > 0, f"rate must be positive, got {rate!r}")
         refuse(
             wall_clock and rate < _LEAST_RATE,
@@ -176,10 +204,16 @@ class Session:
         self._largest_spacing = max(start.spacing)
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
+        guards = [
+            (min(force_limit, one.peak_force or math.inf), slew_limit, one.continuous_force or math.inf, one.window, ramp)
+            for one in self._limits
+        ] if ramp or limits is not None else []  # fmt: skip
         self._loop = HapticLoop(
             self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
             cpu=-1 if cpu is None else whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
             force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
+            guards=guards, models=[(x.damping or math.nan, x.encoder_step or math.nan, x.friction or math.nan) for x in self._limits],
+            stop_force=stop_at_force or math.inf, stop_buttons=0 if stop_button is None else 1 << stop_button,
         )  # fmt: skip
         ticks_a_digest = max(1, round(digest_every * rate))
         self._follower = Follower(self._loop, digest_every=ticks_a_digest)
@@ -196,6 +230,19 @@ class Session:
             force_limit_N=force_limit, slew_limit_N_per_ms=slew_limit, coupling_N_per_mm=coupling, wall_clock=wall_clock,
             **watching,
         )  # fmt: skip
+        rules = {
+            "limits": None if limits is None else [{"model": one.model, **one.numbers()} for one in self._limits],
+            "ramp_s": ramp or None, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
+            "stop_button": stop_button,
+        }  # fmt: skip
+        self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
+        self._rules = _told(guards, self._limits, rate) + [
+            f"the session stops {text}" for text in (
+                *([] if stop_at_force is None else [f"at a force of {stop_at_force:g} N"]),
+                *(f"within {nearest:g} mm of {name}" for name, nearest in self._stop_within.items()),
+                *([] if stop_button is None else [f"at button {stop_button}"]),
+            )
+        ]  # fmt: skip
         self.messages: list[str] = []
         self._on_message = on_message
         self._publisher: Publisher | None = None
@@ -242,6 +289,8 @@ class Session:
                 self._writer.start()
             self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
+            for rule in self._rules:
+                self._say(rule)
             for note in self._loop.realtime_notes:
                 if "not granted" in note or "not available" in note:
                     self._say(note)
@@ -332,7 +381,7 @@ class Session:
         """The report of the session so far."""
         return SessionReport.of(
             self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
-            told_notes(self.provenance["source"]),
+            told_notes(self.provenance["source"]), self._limits,
         )  # fmt: skip
 
     def anatomy(self) -> AnatomyReport:
@@ -368,17 +417,24 @@ class Session:
 
     def _keep_house(self) -> None:
         """Serves the parts while the loop runs, then ends them."""
-        waited, well = 0.0, True
-        while not self._loop.wait(_LOOK):
+        waited, due, well = 0.0, _LOOK, True
+        look = _LOOK / 10 if self._stop_within else _LOOK
+        while not self._loop.wait(look):
             try:
+                self._stop_if_near()
+                waited += look
+                if waited < due:
+                    continue
+                due += _LOOK
                 self._hand_digests()
                 self._tell_of_anatomy()
-                if self._loop.counts.ticks == 0 and waited < _PATIENCE <= waited + _LOOK:
+                if self._loop.counts.ticks == 0 and waited - _LOOK < _PATIENCE <= waited:
                     self._say("no tick yet: the devices have not given a first position")
-                waited += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)
             except Exception as error:  # the end of the session needs this thread
+                if self._stop_within:
+                    self._loop.stop(f"the distance to stop within is unknown: {error!r}")
                 if well:
                     self._say(f"the session goes on without warnings: {error!r}")
                 well = False
@@ -407,6 +463,13 @@ class Session:
             if self._publisher is not None and self._loop.started:
                 self._publisher.finish(reason, failed=self._loop.failed)
 
+    def _stop_if_near(self) -> None:
+        for name, limit in self._stop_within.items():
+            closest = self._anatomy.closest(name)
+            if closest.min() <= limit:
+                burr = int(closest.argmin())
+                self._loop.stop(f"burr {burr} came within {limit:g} mm of {name}: {closest[burr]:.2f} mm")
+
     def _warn_of_stiffness(self, burr: int) -> None:
         at = self._follower.stability(burr)
         if not at["warning"] or burr in self._warned:
@@ -434,6 +497,49 @@ class Session:
                 self._writer.set_watched(self._anatomy.watched())
         for sentence in sentences:
             self._say(sentence)
+
+
+def _limits_of(given: Any, burrs: int) -> list[DeviceLimits]:
+    """One a burr; ValueError for an unknown model or another number of them."""
+    several = isinstance(given, Sequence) and not isinstance(given, str)
+    found = list(given) if several else [given] * burrs
+    refuse(len(found) != burrs, f"limits must be one a burr, {burrs}, got {len(found)}")
+    found = [device_limits[one] if isinstance(one, str) else one or DeviceLimits("no model") for one in found]
+    for one in found:
+        require_type("limits", one, DeviceLimits, "device_limits['touch']")
+    return found
+
+
+def _nearness(given: Mapping[str, float] | None, watch: Watch | None, wall_clock: bool) -> dict[str, float]:
+    if given is None:
+        return {}
+    require_type("stop_within", given, Mapping, "{'facial nerve': 1.0}")
+    if watch is None or not wall_clock:
+        raise ValueError("stop_within must be used with a watch and on the wall clock")
+    found = {name: scalar(limit, f"stop_within of {name}") for name, limit in given.items()}
+    for name, limit in found.items():
+        check_structure(name, watch.structures)
+        refuse(
+            not 0 <= limit <= MARGIN, f"stop_within of {name} must be from 0 to {MARGIN:g} mm, got {limit!r}"
+        )
+    return found
+
+
+def _told(guards: Sequence[Sequence[float]], limits: Sequence[DeviceLimits], rate: float) -> list[str]:
+    """What holds, a sentence a burr."""
+    told = []
+    for burr, ((force, slew, continuous, window, ramp), one) in enumerate(zip(guards, limits, strict=False)):
+        held = (
+            "no continuous limit is known"
+            if math.isinf(continuous)
+            else f"RMS over {window:g} s {continuous:g} N"
+        )
+        fast = one.rate is not None and rate > one.rate
+        told.append(
+            f"burr {burr}: {one.model}: force at most {force:g} N, its change {slew:g} N/ms, {held}, ramp {ramp:g} s"
+            + (f"; the loop's {rate:g} Hz are more than its {one.rate:g}" if fast else "")
+        )
+    return told
 
 
 _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -21,15 +22,18 @@
 namespace burrlab {
 
 struct LoopSettings {
-  bool wall_clock = true;                          ///< false: one period after another, as fast as possible
-  RealtimeRequest realtime{};                      ///< used with the wall clock
-  double stall_limit = 100.0;                      ///< the session stops after this time without a tick [ms]
-  double ring = 60.0;                              ///< time of records kept for readers [s]
-  std::uint64_t ticks = 0;                         ///< after which the session ends; 0: it runs until `stop`
-  double force_limit = ForceGuard::default_limit;  ///< [N]
-  double slew_limit = ForceGuard::default_slew;    ///< [N/ms]
-  double coupling = 0.0;                           ///< spring between device and burr [N/mm]; 0: none
-  std::vector<DeviceFrame> frames{};               ///< one a device; empty: the devices' positions are the bone's
+  bool wall_clock = true;             ///< false: one period after another, as fast as possible
+  RealtimeRequest realtime{};         ///< used with the wall clock
+  double stall_limit = 100.0;         ///< the session stops after this time without a tick [ms]
+  double ring = 60.0;                 ///< time of records kept for readers [s]
+  std::uint64_t ticks = 0;            ///< after which the session ends; 0: it runs until `stop`
+  GuardLimits guard{};                ///< of each burr without an own one in `guards`
+  double coupling = 0.0;              ///< spring between device and burr [N/mm]; 0: none
+  std::vector<DeviceFrame> frames{};  ///< one a device; empty: the devices' positions are the bone's
+  std::vector<GuardLimits> guards{};  ///< one a burr, or none
+  std::vector<DeviceModel> models{};  ///< one a burr, or none: what a device does not say itself
+  double stop_force = std::numeric_limits<double>::infinity();  ///< the session ends when it is wanted [N]
+  std::uint32_t stop_buttons = 0;                               ///< bits of buttons that end the session
 };
 
 /// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines without a tick. `dropped`: periods
@@ -80,6 +84,7 @@ class HapticLoop {
   std::uint64_t first_tick() const { return first_tick_; }  ///< index of the ring's record 0
   const LoopSettings& settings() const { return settings_; }
   const std::vector<std::shared_ptr<Device>>& devices() const { return devices_; }
+  DeviceModel model(std::size_t burr) const;  ///< of the device, completed by the settings
   /// On a virtual clock, makes the loop wait for this reader, while it exists, instead of overrunning it.
   void wait_for(std::shared_ptr<const RecordReader> reader);
 
@@ -88,7 +93,8 @@ class HapticLoop {
   void watch();
   bool tick(std::uint64_t periods, double time);  // false: the session ends
   bool read_devices(std::uint64_t periods, double time, bool& waiting);
-  bool send_forces();
+  bool send_forces(double dt);
+  void rest_devices() noexcept;
   void end(const std::string& reason, bool failed);
   void make_room();
   void claim_devices();
@@ -105,11 +111,12 @@ class HapticLoop {
   std::shared_ptr<RecordRing> ring_;
   std::vector<std::weak_ptr<const RecordReader>> readers_;
   TickRecord record_;
-  std::vector<ForceGuard> guards_;  // one per burr, as the next three
+  std::vector<ForceGuard> guards_;    // one per burr, as the next three
   std::vector<FramedDevice> frames_;  // or none
   std::vector<VirtualCoupling> couplings_;
   std::vector<PassivityObserver> observers_;
   std::array<Vec3, most_burrs> wanted_;  // forces before the guards
+  std::size_t stopper_ = most_burrs;     // burr whose force ends the session, with this tick
 
   Histogram jitter_, lateness_, tick_time_, wall_time_;
   std::atomic<std::uint64_t> ticks_{0}, late_{0}, missed_{0}, dropped_{0};

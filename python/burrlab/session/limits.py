@@ -1,0 +1,153 @@
+"""What haptic devices give, by model, with the source of each number."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from burrlab.common.check import nearest, refuse
+
+_UNITS = {
+    "peak_force": "N", "continuous_force": "N", "stiffness": "N_per_mm", "damping": "N_s_per_m", "friction": "N",
+    "encoder_step": "mm", "rate": "Hz", "workspace": "mm", "window": "s",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DeviceLimits:
+    """What a model of a haptic device gives, for `Session(..., limits=...)`. None: no public source gives it.
+
+    Parameters
+    ----------
+    model : str
+    peak_force : float, optional
+        Largest force [N].
+    continuous_force : float, optional
+        Force that it gives for as long as one likes [N]. A session keeps the RMS over `window` below it.
+    stiffness : float, optional
+        Stiffest spring that it renders stably, at 1 kHz [N/mm].
+    damping, friction, encoder_step : float, optional
+        Of the device without a hand: viscous damping [N s/m], Coulomb friction [N], step of a position [mm].
+    rate : float, optional
+        Fastest loop [Hz].
+    workspace : tuple of float, optional
+        Width, height and depth of a box, or the diameter of a sphere [mm].
+    window : float
+        Time constant of the exponential window of the continuous force [s]. The default is ours: no source
+        states one.
+    sources : mapping
+        {name of a number: its source}
+
+    Raises
+    ------
+    ValueError
+        If a number is neither None nor positive and finite.
+
+    Examples
+    --------
+    >>> import dataclasses
+    >>> from burrlab import device_limits
+    >>> touch = device_limits["touch"]
+    >>> touch.peak_force, touch.continuous_force, touch.friction
+    (3.3, 0.88, None)
+    >>> mine = dataclasses.replace(touch, friction=0.2)  # measured by yourself
+    """
+
+    model: str
+    peak_force: float | None = None
+    continuous_force: float | None = None
+    stiffness: float | None = None
+    damping: float | None = None
+    friction: float | None = None
+    encoder_step: float | None = None
+    rate: float | None = None
+    workspace: tuple[float, ...] | None = None
+    window: float = 10.0
+    sources: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in _UNITS:
+            value = getattr(self, name)
+            if value is None and name != "window":
+                continue
+            for one in value if isinstance(value, tuple) else (value,):
+                good = isinstance(one, int | float) and not isinstance(one, bool) and 0 < one < math.inf
+                refuse(not good, f"{name} must be positive and finite, or None, got {one!r}")
+
+    def numbers(self) -> dict[str, Any]:
+        """The numbers that are known, by name with unit."""
+        known = {f"{name}_{unit}": getattr(self, name) for name, unit in _UNITS.items()}
+        return {name: value for name, value in known.items() if value is not None}
+
+
+_SOURCES = {
+    "a": "CHAI3D 3.2.0, src/devices/CPhantomDevices.cpp, https://github.com/chai3d/chai3d",
+    "b": "the device's answer to HD_NOMINAL_MAX_CONTINUOUS_FORCE, noted in two public programs (a ROS 2 node for the "
+         "Geomagic Touch; 'Demo for Force-Feedback of Tactile Testbed')",
+    "c": "'3D Systems Touch X', a public note of 9 April 2026 that quotes the data sheets of 3D Systems and SensAble; "
+         "these were not read",
+    "d": "CHAI3D 3.2.0, src/devices/CDeltaDevices.cpp, by its authors and Force Dimension, "
+         "https://github.com/chai3d/chai3d: largest continuous force",
+    "e": "H3D API wiki, page Novint_Falcon, 2021, https://github.com/SenseGraphics/h3dapi/wiki/Novint_Falcon: "
+         "above 400 dpi, 4 x 4 x 4 inches",
+    "f": "Novint Technologies, information of 28 May 2008: motors are updated 1000 times a second",
+    "g": "'Specifications' of the Inverse3, a public product page, 2026; 4 N in 80 % of the workspace",
+}  # fmt: skip
+_COLUMNS = ("peak_force", "continuous_force", "stiffness", "encoder_step", "rate", "workspace")
+# A letter is the number's source.
+_TABLE = """
+touch         3.3a  0.88b  0.4a  0.055c   1000c  160x120x70c
+phantom_omni  3.3a  0.88c  0.7a  0.055c   1000c  160x120x70c
+touch_x       7.9a  1.75c  1a    0.023c   1000c  160x120x120c
+premium_1.5   8.5a  1.4c   0.8a  0.03c    1000c  381x267x191c
+premium_3.0   22a   -      1a    -        -      500a
+omega.3       12d   12d    5d    -        -      150d
+omega.6       12d   12d    5d    -        -      150d
+omega.7       12d   12d    5d    -        -      150d
+sigma.7       12d   12d    4d    -        -      150d
+lambda.7      12d   12d    8d    -        -      225d
+delta.3       20d   20d    5d    -        -      300d
+falcon        8d    -      3d    0.0635e  1000f  101.6x101.6x101.6e
+inverse3      10g   -      1g    0.01g    4000g  460x510x230g
+"""
+
+
+def _of_row(row: str) -> DeviceLimits:
+    model, *cells = row.split()
+    known = {name: cell for name, cell in zip(_COLUMNS, cells, strict=True) if cell != "-"}
+    values: dict[str, Any] = {name: tuple(map(float, cell[:-1].split("x"))) for name, cell in known.items()}
+    values = {name: value if name == "workspace" else value[0] for name, value in values.items()}
+    return DeviceLimits(model, **values, sources={name: _SOURCES[cell[-1]] for name, cell in known.items()})
+
+
+class KnownLimits(Mapping[str, DeviceLimits]):
+    """Limits by model, read-only; printed as the table of docs/stability.md."""
+
+    def __init__(self) -> None:
+        self._models = {one.model: one for one in map(_of_row, _TABLE.strip().splitlines())}
+
+    def __getitem__(self, model: str) -> DeviceLimits:
+        if model not in self._models:
+            raise ValueError(f"model must be one of {', '.join(self)}, got {model!r}{nearest(model, self)}")
+        return self._models[model]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._models)
+
+    def __len__(self) -> int:
+        return len(self._models)
+
+    def __repr__(self) -> str:
+        heads = (f"{name} [{_UNITS[name]}]".replace("_per_", "/").replace("_", " ") for name in _COLUMNS)
+        lines = [f"| model | {' | '.join(heads)} |", "|---" * (len(_COLUMNS) + 1) + "|"]
+        for row in _TABLE.strip().splitlines():
+            model, *cells = row.split()
+            cells = [cell if cell == "-" else f"{cell[:-1]} ({cell[-1]})" for cell in cells]
+            lines.append(f"| {model} | {' | '.join(cells)} |")
+        return "\n".join([*lines, "", *(f"({letter}) {text}." for letter, text in _SOURCES.items())])
+
+
+#: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.
+device_limits = KnownLimits()

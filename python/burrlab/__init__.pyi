@@ -59,10 +59,11 @@ from burrlab.measured.indentation import Indentation as Indentation
 from burrlab.measured.synthetic import synthetic_curve as synthetic_curve
 from burrlab.measured.synthetic import synthetic_indentation as synthetic_indentation
 from burrlab.measured.synthetic import synthetic_trace as synthetic_trace
+from burrlab.session.devices import DeviceFrame as DeviceFrame
+from burrlab.session.devices import DeviceLimits as DeviceLimits
+from burrlab.session.devices import device_limits as device_limits
 from burrlab.session.exchange import export_volumetric_drilling as export_volumetric_drilling
 from burrlab.session.exchange import read_script as read_script
-from burrlab.session.limits import DeviceLimits as DeviceLimits
-from burrlab.session.limits import device_limits as device_limits
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
 from burrlab.session.metrics import session_metrics as session_metrics
 from burrlab.session.recorder import TraceWriter as TraceWriter

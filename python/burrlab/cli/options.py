@@ -188,7 +188,7 @@ def chosen_material(options: Options) -> Material:
 
 
 #: Options whose values may begin with a minus.
-SIGNED = ("--entry", "--axis", "--map", "--crop")
+SIGNED = ("--entry", "--axis", "--map", "--crop", "--offset", "--rotation")
 #: Options that say where a descent begins.
 PLACE = ("entry", "axis")
 #: Options that apply to labels only.

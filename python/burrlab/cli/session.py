@@ -44,6 +44,7 @@ from burrlab.cli.options import (
     say,
     seed,
     show_line,
+    vector,
     whole,
     working,
 )
@@ -51,6 +52,7 @@ from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere
 from burrlab.effects.companion import Companion
 from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
+from burrlab.session.devices import DeviceFrame
 from burrlab.session.exchange import export_volumetric_drilling, parse_address, parse_device
 from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
@@ -135,6 +137,21 @@ def _nearness(text: str) -> tuple[str, float]:
     return name, _not_negative(distance)
 
 
+@parsed_by
+def _quaternion(text: str) -> tuple[float, ...]:
+    parts = tuple(map(float, text.split(","))) if text.count(",") == 3 else ()
+    refuse(len(parts) != 4, f"must be W,X,Y,Z, got '{text}'")
+    return parts
+
+
+def _frame(device: Device, options: Options, place: Mapping[str, Any]) -> DeviceFrame:
+    start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, ServoDevice) else (0.0, 0.0, 0.0)
+    return DeviceFrame(
+        options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0),
+        tuple(start if options.offset is None else options.offset), options.clutch,
+    )  # fmt: skip
+
+
 _LIMITS = {
     "approach": ("MM", "distance of the burr's surface at which an approach is told [mm], default 2"),
     "touch": ("MM", "and a touch [mm], default 0"),
@@ -188,7 +205,7 @@ def _session(options: Options) -> int:
         say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
-        start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
+        start.bone, frames=[_frame(device, options, start.place) for device in devices], tools=[(burr, start.material)] * len(devices), devices=devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
         stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,
@@ -450,6 +467,19 @@ SESSION_COMMANDS = (
                              "needed", action="append", type=_nearness, metavar="TISSUE:MM",
         ),
         option("--stop-button", "end it at this button of a device, 0 the first", type=whole, metavar="INDEX"),
+        option("--scale", "motion of the burr over that of the device, default 1", type=positive, metavar="S"),
+        option(
+            "--rotation", "unit quaternion that turns the device's axes into the bone's", type=_quaternion,
+            metavar="W,X,Y,Z",
+        ),
+        option(
+            "--offset", "place of the device's origin [mm]; default 0,0,0, of a touch or omega the place where a "
+                        "simulated hand starts", type=vector, metavar="X,Y,Z",
+        ),
+        option(
+            "--clutch", "button, 0 the first, that while held leaves the burr where it is", type=whole,
+            metavar="INDEX",
+        ),
         option("--coupling", "spring between device and burr [N/mm], default none", type=positive),
         flag("--virtual-clock", "ticks as fast as possible, for devices that need no clock (scripted, hand)"),
         flag("--no-realtime", "do not ask for real-time priority and locked memory"),

@@ -14,7 +14,7 @@ from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels
 from burrlab.common.records import Codec
-from burrlab.session.limits import DeviceLimits
+from burrlab.session.devices import DeviceLimits
 from burrlab.session.recorder import TraceWriter
 
 if TYPE_CHECKING:

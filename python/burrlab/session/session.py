@@ -29,7 +29,7 @@ from burrlab.bone.header import told_notes
 from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
-from burrlab.session.limits import DeviceLimits, device_limits
+from burrlab.session.devices import DeviceFrame, DeviceLimits, device_limits
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
@@ -70,6 +70,8 @@ class Session:
         a device ends.
     force_limit, slew_limit : float
         Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
+    frames : DeviceFrame or list of them, optional
+        Where the devices stand, one or one a burr. Default: their positions are the bone's.
     limits : str or DeviceLimits, or a list of them, optional
         Model of the devices (`device_limits`), one or one a burr, None for one without: its peak force and
         continuous force limit the force sent too, and reports compare the contact's stiffness with its.
@@ -149,6 +151,7 @@ class Session:
         duration: float | None = None,
         force_limit: float = 8.0,
         slew_limit: float = 1.0,
+        frames: DeviceFrame | Sequence[DeviceFrame] | None = None,
         limits: str | DeviceLimits | Sequence[str | DeviceLimits | None] | None = None,
         ramp: float | None = None,
         stop_at_force: float | None = None,
@@ -181,11 +184,16 @@ class Session:
         coupling = None if coupling is None else scalar(coupling, "coupling")
         duration = None if duration is None else scalar(duration, "duration")
         self._limits = _limits_of(limits, len(self.tools))
+        if isinstance(frames, DeviceFrame):
+            frames = [frames] * len(self.tools)
+        stands = _listed(
+            frames or [], lambda one: isinstance(one, DeviceFrame), "frames must be DeviceFrames"
+        )
         ramp = (0.0 if limits is None else _RAMP) if ramp is None else scalar(ramp, "ramp")
         if stop_at_force is not None:
             check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
         if stop_button is not None:
-            stop_button = whole("stop_button", stop_button, 32, "32")
+            stop_button = whole("stop_button", stop_button, 8, "8")
         self._stop_within = _nearness(stop_within, watch, wall_clock)
         refuse(not rate > 0, f"rate must be positive, got {rate!r}")
         refuse(
@@ -214,6 +222,7 @@ class Session:
             force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
             guards=guards, models=[(x.damping or math.nan, x.encoder_step or math.nan, x.friction or math.nan) for x in self._limits],
             stop_force=stop_at_force or math.inf, stop_buttons=0 if stop_button is None else 1 << stop_button,
+            frames=[(x.scale, x.rotation, x.offset, -1 if x.clutch is None else x.clutch) for x in stands],
         )  # fmt: skip
         ticks_a_digest = max(1, round(digest_every * rate))
         self._follower = Follower(self._loop, digest_every=ticks_a_digest)
@@ -233,7 +242,7 @@ class Session:
         rules = {
             "limits": None if limits is None else [{"model": one.model, **one.numbers()} for one in self._limits],
             "ramp_s": ramp or None, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
-            "stop_button": stop_button,
+            "stop_button": stop_button, "frames": [asdict(one) for one in stands] or None,
         }  # fmt: skip
         self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
         self._rules = _told(guards, self._limits, rate) + [

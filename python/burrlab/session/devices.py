@@ -1,18 +1,68 @@
-"""What haptic devices give, by model, with the source of each number."""
+"""Haptic devices: where they stand beside the bone, and what models give, with the source of each number."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from burrlab.common.check import nearest, refuse
+from burrlab.common.check import check_positive, nearest, refuse, scalar, whole
 
 _UNITS = {
     "peak_force": "N", "continuous_force": "N", "stiffness": "N_per_mm", "damping": "N_s_per_m", "friction": "N",
     "encoder_step": "mm", "rate": "Hz", "workspace": "mm", "window": "s",
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DeviceFrame:
+    """Where a device stands, so that a small workspace reaches a bone: scale x rotation x device + offset.
+
+    Forces are turned back to the device's axes and not scaled: a scale of 2 doubles the stiffness that the hand
+    meets.
+
+    Parameters
+    ----------
+    scale : float
+        Motion of the burr over that of the device.
+    rotation : (w, x, y, z)
+        Unit quaternion that turns directions of the device into those of the bone.
+    offset : (x, y, z)
+        Place of the device's origin, bone frame [mm].
+    clutch : int, optional
+        Number of a button, 0 to 7. While it is held the burr stands still, off and without force, and the device
+        moves on; then the burr goes on from where it stood.
+
+    Raises
+    ------
+    ValueError
+        If the scale is not positive, the rotation not of length 1, the offset not finite, or the clutch no button.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> half = 0.5**0.5
+    >>> frame = burrlab.DeviceFrame(scale=0.5, rotation=(half, half, 0, 0), clutch=1)  # y of the device is z here
+    """
+
+    scale: float = 1.0
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    clutch: int | None = None
+
+    def __post_init__(self) -> None:
+        check_positive("scale", scalar(self.scale, "scale"))
+        for name, count in (("rotation", 4), ("offset", 3)):
+            given = getattr(self, name)
+            good = isinstance(given, Iterable) and not isinstance(given, str) and len(tuple(given)) == count
+            refuse(not good, f"{name} must be {count} numbers, got {given!r}")
+            object.__setattr__(self, name, tuple(scalar(one, name) for one in given))
+        length = math.hypot(*self.rotation)
+        refuse(not abs(length - 1.0) < 1e-3, f"rotation must be a quaternion of length 1, got {length:g}")
+        refuse(not all(map(math.isfinite, self.offset)), f"offset must be finite, got {self.offset}")
+        if self.clutch is not None:
+            whole("clutch", self.clutch, 8, "8")
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -172,6 +173,10 @@ def _of_row(row: str) -> DeviceLimits:
     return DeviceLimits(model, **values, sources={name: _SOURCES[cell[-1]] for name, cell in known.items()})
 
 
+def _wrapped(letter: str, text: str) -> str:
+    return textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
+
+
 class KnownLimits(Mapping[str, DeviceLimits]):
     """Limits by model, read-only; printed as the table of docs/stability.md."""
 
@@ -196,7 +201,7 @@ class KnownLimits(Mapping[str, DeviceLimits]):
             model, *cells = row.split()
             cells = [cell if cell == "-" else f"{cell[:-1]} ({cell[-1]})" for cell in cells]
             lines.append(f"| {model} | {' | '.join(cells)} |")
-        return "\n".join([*lines, "", *(f"({letter}) {text}." for letter, text in _SOURCES.items())])
+        return "\n".join([*lines, "", *map(_wrapped, _SOURCES, _SOURCES.values())])
 
 
 #: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.

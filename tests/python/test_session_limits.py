@@ -1,0 +1,199 @@
+"""Limits of devices, the ramp, and rules that stop a session."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+import re
+import signal
+import threading
+
+import numpy as np
+import pytest
+from anatomy_scenes import nerve_bone, straight, tool
+from command_line import refusal, result
+from conftest import ROOT
+
+import burrlab
+from burrlab import DeviceLimits, _core, device_limits
+from burrlab.anatomy.watch import Watch
+
+TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
+
+
+def session(device=None, **options):
+    bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    options = {"seed": 1, "wall_clock": False, **options}
+    return burrlab.Session(bone, TOOL, device or burrlab.HandDevice((0, 0, 3.1), push=4.0), **options)
+
+
+def recorded(path, **options):
+    """The session at its end, and its trace."""
+    with session(record=path, **options) as run:
+        assert run.wait(30)
+    return run, burrlab.load_trace(path)
+
+
+def test_every_number_has_a_source_and_the_page_has_the_table():
+    for model, limits in device_limits.items():
+        known = {name for name in limits.sources if getattr(limits, name) is not None}
+        assert {f.name for f in dataclasses.fields(limits) if getattr(limits, f.name) is not None} == {
+            *known, "model", "window", "sources",
+        }, model  # fmt: skip
+        assert limits.peak_force >= (limits.continuous_force or 0) > -1
+        assert limits.damping is limits.friction is None  # found in no public source
+    assert str(device_limits) in (ROOT / "docs" / "stability.md").read_text()
+
+
+def test_limits_that_bind_nothing_change_no_bit(tmp_path):
+    _, plain = recorded(tmp_path / "a.h5", duration=2.0)
+    _, wide = recorded(tmp_path / "b.h5", duration=2.0, limits=DeviceLimits("wide", 99, 99), ramp=0)
+    for name in ("sent_force_N", "device_position_mm", "removed_levels"):
+        np.testing.assert_array_equal(plain.array(name), wide.array(name))
+    assert plain.digests == wide.digests
+    assert "limits" not in plain.note
+
+
+def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "burrlab.session.session.HapticLoop", _core.HapticLoop
+    )  # with its own limit of a stall
+    still = burrlab.ScriptedDevice([0.0, 8.0], [[0, 0, 2.0]] * 2, on=[False, False])
+    run, trace = recorded(tmp_path / "touch.h5", device=still, limits="touch", ramp=0.05)
+    sent, wanted = (np.linalg.norm(trace.array(f"{name}force_N"), axis=1) for name in ("sent_", ""))
+    steps = np.linalg.norm(np.diff(trace.array("sent_force_N"), axis=0, prepend=0), axis=1)
+    assert wanted.max() > 3.3
+    assert 3.0 < sent.max() <= 3.3 + 1e-12
+    assert steps.max() <= 1 + 1e-12
+    assert (sent <= 3.3 / 50 * np.arange(len(sent)) + 1e-12).all()  # 50 ms from the first tick on
+    mean, most = 0.0, 0.0
+    for force in sent:
+        mean = force**2 + (mean - force**2) * math.exp(-1e-4)
+        most = max(most, mean)
+    assert 0.99 * 0.88**2 < most <= 0.88**2 + 1e-12
+    assert 0.88 < sent[1000:].min() < 0.8801  # it falls towards the continuous force, not to zero
+    assert run.messages[0] == (
+        "burr 0: touch: force at most 3.3 N, its change 1 N/ms, RMS over 10 s 0.88 N, ramp 0.05 s"
+    )
+    assert trace.note["limits"] == [{"model": "touch", **{k: list(v) if isinstance(v, tuple) else v for k, v in
+                                     device_limits["touch"].numbers().items()}}]  # fmt: skip
+    assert trace.note["ramp_s"] == 0.05
+    assert burrlab.replay(trace).equal
+    assert re.search(
+        r"burr 0: touch renders 0\.4 N/mm stably; the contact is \d+\.\d\d of that", str(run.report())
+    )
+
+
+def test_the_stability_report_knows_the_model():
+    own = dataclasses.replace(device_limits["touch"], damping=5.0, friction=0.055, rate=500.0)
+    path = np.array([[0, 0, 3.1], [0, 0, 2.9]], float)
+    with session(burrlab.ScriptedDevice([0.0, 0.2], path, on=[False, False]), limits=own) as run:
+        run.wait()
+    at = run.report().stability[0]
+    assert at["limit_N_per_mm"] == pytest.approx(2.0)  # 2 x 0.055 N/0.055 mm, below 10 of the damping
+    assert run.messages[0].endswith("; the loop's 1000 Hz are more than its 500")
+    with session(limits=own, duration=0.1) as run:  # the hand states its own, and has no encoder's step
+        run.wait()
+    assert run.report().stability[0]["limit_N_per_mm"] == pytest.approx(10.0)
+
+
+def test_two_burrs_have_their_own_limits():
+    bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    still = [burrlab.ScriptedDevice([0, 1.5], [[x, 0, 2.2]] * 2, on=[False] * 2) for x in (-5, 5)]
+    with burrlab.Session(bone, [TOOL] * 2, still, wall_clock=False, limits=["touch", None], ramp=0.2) as run:
+        run.wait()
+    sent = np.linalg.norm(run.follower.take(run.follower.view())["newest"]["burr"]["sent"], axis=1)
+    assert sent[0] < 1.2 < 1.5 < sent[1]
+    assert run.messages[1].startswith("burr 1: no model: force at most 8 N, its change 1 N/ms, no continuous")
+
+
+def test_a_force_stops_the_session_in_its_tick(tmp_path):
+    run, trace = recorded(tmp_path / "stop.h5", duration=5.0, stop_at_force=1.5)
+    wanted, sent = (np.linalg.norm(trace.array(f"{name}force_N"), axis=1) for name in ("", "sent_"))
+    assert (run.reason, run.failed) == ("the force of burr 0 reached 1.5 N", False)
+    assert wanted[-1] >= 1.5 > wanted[:-1].max()
+    assert sent[-1] == 0 < sent[-2]
+    assert burrlab.replay(trace).equal
+    assert trace.note["stop_at_force_N"] == 1.5
+
+
+def test_nearness_stops_the_session(tmp_path):
+    """The burr comes down on the nerve at 5 mm/s, with z = -1 at its top; it is seen within 40 ms here."""
+    bone = nerve_bone()
+    watch = Watch(bone, structures=["nerve"])
+    device = straight([(0, 0, 1.2), (0, 0, -0.8)], [0.0, 0.4], on=[True, True])
+    path = tmp_path / "near.h5"
+    with burrlab.Session(
+        bone, tool(), device, watch=watch, stop_within={"nerve": 0.5}, record=path, realtime=False
+    ) as run:
+        assert run.wait(20)
+    assert re.fullmatch(r"burr 0 came within 0\.5 mm of nerve: 0\.\d\d mm", run.reason)
+    assert not run.failed
+    assert "the session stops within 0.5 mm of nerve" in run.messages
+    trace = burrlab.load_trace(path)
+    distance = watch.distance(trace.array("center_mm"), "nerve", radius=1.0)
+    late = len(distance) - 1 - np.flatnonzero(distance <= 0.5)[0]
+    assert 0 <= late < 150  # ticks of 1 ms, on a loaded machine
+    assert trace.note["stop_within_mm"] == {"nerve": 0.5}
+
+
+def test_ctrl_c_stops_a_session_at_once():
+    said = []
+
+    def interrupt():
+        said.append(run.ticks)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    run, timer = session(wall_clock=True, realtime=False), threading.Timer(0.5, interrupt)
+    timer.start()
+    with pytest.raises(KeyboardInterrupt), run:
+        run.wait(60)
+    assert run.reason == "stopped by KeyboardInterrupt"
+    assert run.ticks - said[0] < 100  # 1 or 2 on an idle machine
+
+
+def test_options_of_the_command(capsys):
+    hand = ("session", "--device", "hand", "--voxel", "0.5", "--virtual-clock", "--duration", "2")
+    told = result(capsys, *hand, "--model", "touch_x", "--ramp", "0.5", "--stop-at-force", "0.3")
+    assert told["state"] == "the force of burr 0 reached 0.3 N"
+    assert told["provenance"]["limits"][0]["continuous_force_N"] == 1.75
+    assert told["provenance"]["ramp_s"] == 0.5
+    assert told["stability"][0]["model"] == "touch_x"
+    assert "did you mean 'touch_x'?" in refusal(capsys, *hand, "--model", "touchx")
+    assert "must be TISSUE:MM, got 'nerve'" in refusal(capsys, *hand, "--stop-within", "nerve")
+    assert "must be used with a watch" in refusal(capsys, *hand, "--stop-within", "nerve:1")
+
+
+def near(**distances):
+    bone = nerve_bone()
+    watch = Watch(bone, structures=["nerve"])
+    burrlab.Session(bone, tool(), burrlab.HandDevice(), watch=watch, stop_within=distances)
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "told"),
+    [
+        *((lambda options=options: session(**options), error, told) for options, error, told in [
+            ({"limits": "tuch"}, ValueError, "model must be one of touch, .*, got 'tuch'; did you mean 'touch'"),
+            ({"limits": ["touch"] * 2}, ValueError, "limits must be one a burr, 1, got 2"),
+            ({"limits": 3.3}, TypeError, "limits must be a DeviceLimits, such as"),
+            ({"ramp": -1.0}, ValueError, "ramp must be from 0 and below 1e6 s, got -1"),
+            ({"ramp": math.nan}, ValueError, "ramp must be from 0 and below 1e6 s, got nan"),
+            ({"stop_at_force": 0.0}, ValueError, r"stop_at_force must be positive and finite, got 0\.0"),
+            ({"stop_button": 32}, ValueError, "stop_button must be a whole number from 0 and below 32"),
+            ({"stop_within": 1.0}, TypeError, "stop_within must be a Mapping"),
+            ({"limits": DeviceLimits("slow", 3, 1, window=0.05)}, ValueError, "window must be at least a stall"),
+        ]),
+        *((lambda numbers=numbers: DeviceLimits("own", **numbers), ValueError, told) for numbers, told in [
+            ({"window": -1.0}, r"window must be positive and finite, or None, got -1\.0"),
+            ({"peak_force": math.nan}, "peak_force must be positive and finite, or None, got nan"),
+            ({"workspace": (1.0, "2")}, "workspace must be positive and finite, or None, got '2'"),
+        ]),
+        (lambda: near(sinus=1.0), ValueError, "structure must be one of nerve, got 'sinus'"),
+        (lambda: near(nerve=-1.0), ValueError, r"stop_within of nerve must be from 0 to 15 mm, got -1\.0"),
+    ],
+)  # fmt: skip
+def test_refusals(make, error, told):
+    with pytest.raises(error, match=told):
+        make()

@@ -151,6 +151,8 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     // null where all voxels have the same K and alpha
     const std::uint8_t* numbers = map && map->varies(number) ? map->tile(number) : nullptr;
     const std::size_t tissue = map ? map->number(number) : 0;
+    alignas(64) std::uint8_t before[brick_voxels];
+    if (eroding && map && map->tile(number)) std::memcpy(before, bone.tile(number), brick_voxels);
     kernel::Brick brick;
     brick.tissue = numbers;
     brick.tissues = &tables;
@@ -191,7 +193,7 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     }
     if (eroding)
       sums.lost += eroded->close({z, y, x}, number,
-                                 {found.after_mass, found.after_x, found.after_y, found.after_z});
+                                 {found.after_mass, found.after_x, found.after_y, found.after_z}, before);
   };
 
   walk_bricks(bone.occupancy(), ball, at_brick, [&](std::int64_t z, std::int64_t y, std::int64_t x) {

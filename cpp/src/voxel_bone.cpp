@@ -288,18 +288,23 @@ std::uint8_t* VoxelBone::open(std::size_t brick) {
     std::memcpy(pristine_.tile(brick), tile(brick), brick_voxels);
     state_[brick] |= saved;
   }
-  if (tissues_) tissues_->add(brick, tile(brick), sums_[brick].mass, -1, tissue_sums_.present);
   return density_.tile(brick);
 }
 
-std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now) {
-  if (tissues_) tissues_->add(brick, tile(brick), now.mass, 1, tissue_sums_.present);
+std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now,
+                              std::uint8_t* before) {
   const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
   if (lost == 0) return 0;
   sums_[brick] = now;
   state_[brick] |= eroded | changed;
   level_sum_ -= lost;
   if (now.mass == 0) occupancy_.set(at, false);
+  if (tissues_) {
+    const std::uint8_t* after = tile(brick);
+    if (tissues_->tile(brick))
+      for (int i = 0; i < brick_voxels; ++i) before[i] = static_cast<std::uint8_t>(before[i] - after[i]);
+    tissues_->add(brick, before, lost, -1, tissue_sums_.present);
+  }
   return lost;
 }
 
@@ -366,6 +371,7 @@ void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
   alignas(64) std::uint8_t levels[brick_voxels];
   load_shared_tile(levels, from.tile(brick));
   if (std::memcmp(levels, tile(brick), brick_voxels) == 0) return;
+  if (tissues_) tissues_->add(brick, tile(brick), sums_[brick].mass, -1, tissue_sums_.present);
   level_sum_ -= sums_[brick].mass;
   std::memcpy(open(brick), levels, brick_voxels);
   state_[brick] |= eroded | changed;

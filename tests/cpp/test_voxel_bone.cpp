@@ -27,7 +27,7 @@ VoxelBone some_bone() { return VoxelBone(shape, some_levels(), spacing, origin);
 void erode(VoxelBone& bone, std::size_t voxel, int levels) {
   std::uint8_t* tile = bone.open(0);
   tile[voxel] = static_cast<std::uint8_t>(tile[voxel] - levels);
-  CHECK(bone.close({0, 0, 0}, 0, burrlab::sum_brick(tile)) == levels);
+  CHECK(bone.close({0, 0, 0}, 0, burrlab::sum_brick(tile), nullptr) == levels);
 }
 
 void check_construction() {

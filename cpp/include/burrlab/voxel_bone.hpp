@@ -129,11 +129,11 @@ class VoxelBone {
   std::uint8_t pristine_level(std::size_t brick) const { return level_[brick]; }
   /// Whether a brick holds pristine levels 1..31, where the scheme `layer` errs.
   bool has_faint(std::size_t brick) const { return state_[brick] & faint; }
-  /// The levels of a brick, to be eroded in place, until `close` out of the tissues' sums. Saves the pristine
-  /// ones first if needed.
+  /// The levels of a brick, to be eroded in place. Saves the pristine ones first if needed.
   std::uint8_t* open(std::size_t brick);
-  /// To be called after the erosion of a brick, with its sums `now`. Returns the levels lost.
-  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now);
+  /// To be called after the erosion of a brick, with its sums `now`. A brick of several tissues also needs
+  /// its levels `before`, aligned to a cache line; they become each voxel's loss. Returns the levels lost.
+  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, std::uint8_t* before);
 
  private:
   enum State : std::uint8_t {

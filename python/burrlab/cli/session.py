@@ -8,7 +8,7 @@ import json
 import math
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -144,12 +144,20 @@ def _quaternion(text: str) -> tuple[float, ...]:
     return parts
 
 
-def _frame(device: Device, options: Options, place: Mapping[str, Any]) -> DeviceFrame:
-    start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, ServoDevice) else (0.0, 0.0, 0.0)
-    return DeviceFrame(
-        options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0),
-        tuple(start if options.offset is None else options.offset), options.clutch,
-    )  # fmt: skip
+def _frames(devices: Sequence[Device], options: Options, place: Mapping[str, Any]) -> list[DeviceFrame] | None:
+    """Of each device; None where the options say nothing and no device has axes of its own."""
+    asked = (options.scale, options.rotation, options.offset, options.clutch)
+    if not any(isinstance(one, ServoDevice) for one in devices) and asked == (None,) * 4:
+        return None
+
+    def of(device: Device) -> DeviceFrame:
+        start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, ServoDevice) else (0.0, 0.0, 0.0)
+        offset = tuple(start if options.offset is None else options.offset)
+        return DeviceFrame(
+            options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0), offset, options.clutch
+        )
+
+    return [of(device) for device in devices]
 
 
 _LIMITS = {
@@ -205,7 +213,7 @@ def _session(options: Options) -> int:
         say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
-        start.bone, frames=[_frame(device, options, start.place) for device in devices], tools=[(burr, start.material)] * len(devices), devices=devices, seed=options.seed, rate=options.rate, tick=start.tick,
+        start.bone, frames=_frames(devices, options, start.place), tools=[(burr, start.material)] * len(devices), devices=devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
         stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,

@@ -197,3 +197,45 @@ def near(**distances):
 def test_refusals(make, error, told):
     with pytest.raises(error, match=told):
         make()
+
+
+# --- Where a device stands ----------------------------------------------------------------------------------
+
+
+def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
+    path = np.column_stack([np.zeros(400), np.linspace(0.0, 1.0, 400), np.full(400, 1.45)])
+    device = burrlab.ReplayDevice(path, velocity=np.tile([0.0, 2.0, 0.0], (400, 1)))
+    half = 0.5**0.5
+    frame = burrlab.DeviceFrame(2.0, rotation=(half, 0, 0, -half), offset=(1, 0, 0))
+    run, trace = recorded(tmp_path / "a.h5", device=device, frames=frame)
+    there = np.column_stack([1 + 2 * path[:, 1], 0 * path[:, 0], 2 * path[:, 2]])
+    np.testing.assert_allclose(trace.array("center_mm"), there, atol=1e-12)
+    np.testing.assert_allclose(trace.array("device_velocity_mm_s"), np.tile([4.0, 0, 0], (400, 1)), atol=1e-12)
+    assert trace.array("sent_force_N")[:, 2].max() > 0.1
+    assert run.provenance["frames"] == trace.note["frames"]
+    assert trace.note["frames"][0]["scale"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"scale": 0.0}, "scale must be positive"), ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 0"),
+        ({"rotation": (math.nan, 0, 0, 0)}, "rotation must be a quaternion of length 1, got nan"),
+        ({"rotation": (1, 0, 0)}, "rotation must be 4 numbers, got (1, 0, 0)"), ({"offset": (0, 0, math.inf)}, "offset must be finite"),
+        ({"clutch": 8}, "clutch must be a whole number from 0 and below 8, got 8"),
+    ],
+)  # fmt: skip
+def test_a_frame_that_is_none(given, said):
+    with pytest.raises(ValueError, match=re.escape(said)):
+        burrlab.DeviceFrame(**given)
+
+
+def test_a_frame_from_the_command_line(tmp_path):
+    script = tmp_path / "down.csv"
+    script.write_text("time_s,x_mm,y_mm,z_mm\n0,0,0,3.5\n0.2,0,0,3\n")
+    asked = ["session", "--device", f"scripted:{script}", "--virtual-clock", "--seed", "1", "--json", "-"]
+    plain = result(*asked)
+    moved = result(*asked, "--scale", "1", "--rotation", "1,0,0,0", "--offset", "-0,0,0.5", "--clutch", "0")
+    assert "frames" not in plain["provenance"]
+    assert moved["provenance"]["frames"][0]["offset"] == [0.0, 0.0, 0.5]
+    assert "must be W,X,Y,Z, got '1,0,0'" in refusal(*asked, "--rotation", "1,0,0")

@@ -37,8 +37,8 @@ int dhdGetPositionAndOrientationFrame(double *x, double *y, double *z, double (*
   pthread_mutex_lock(&guard);
   const Device d = devices[(int)id];
   pthread_mutex_unlock(&guard);
-  const double angle = d.turn * acos(-1.0) / 180.0, c = cos(angle), s = sin(angle);
-  const double rows[3][3] = {{c, -s, 0}, {s, c, 0}, {0, 0, 1}};
+  const double angle = d.turn * acos(-1.0) / 180.0, c = d.size * cos(angle), s = d.size * sin(angle);
+  const double rows[3][3] = {{c, -s, 0}, {s, c, 0}, {0, 0, d.size}};
   memcpy(rotation, rows, sizeof rows);
   *x = 1e-3 * d.x, *y = 1e-3 * d.y, *z = 1e-3 * d.z;
   return failed(id) ? -1 : d.frozen != 0; /* 1: the time guard */
@@ -51,7 +51,6 @@ unsigned dhdGetButtonMask(char id) { return (unsigned)stub_get("buttons", id); }
 int dhdSetForce(double x, double y, double z, char id) {
   pthread_mutex_lock(&guard);
   take_force(&devices[(int)id], x, y, z);
-  devices[(int)id].cycles += 1;
   pthread_mutex_unlock(&guard);
   return failed(id) ? -1 : 2; /* 2: a motor is saturated, no error */
 }

@@ -62,11 +62,7 @@ void hdBeginFrame(unsigned handle) {
   const double code = stub_get("error", (int)handle - 10);
   if (code) push_error((unsigned)code);
 }
-void hdEndFrame(unsigned handle) {
-  pthread_mutex_lock(&guard);
-  device_of(handle)->cycles += 1;
-  pthread_mutex_unlock(&guard);
-}
+void hdEndFrame(unsigned handle) { current = handle; }
 void hdGetIntegerv(unsigned what, int *values) {
   if (what == 0x2000) *values = (int)stub_get("buttons", (int)current - 10);
   if (what == 0x2555) *values = 4;
@@ -75,8 +71,8 @@ void hdGetDoublev(unsigned what, double *values) {
   pthread_mutex_lock(&guard);
   const Device d = *device_of(current);
   pthread_mutex_unlock(&guard);
-  const double angle = d.turn * acos(-1.0) / 180.0, c = cos(angle), s = sin(angle);
-  const double transform[16] = {c, s, 0, 0, -s, c, 0, 0, 0, 0, 1, 0, d.x, d.y, d.z, 1}; /* by columns */
+  const double angle = d.turn * acos(-1.0) / 180.0, c = d.size * cos(angle), s = d.size * sin(angle);
+  const double transform[16] = {c, s, 0, 0, -s, c, 0, 0, 0, 0, d.size, 0, d.x, d.y, d.z, 1}; /* by columns */
   const double velocity[3] = {d.vx, d.vy, d.vz};
   if (what == 0x2052) memcpy(values, transform, sizeof transform);
   if (what == 0x2051) memcpy(values, velocity, sizeof velocity);

@@ -6,24 +6,23 @@
 
 enum { DEVICES = 2 };
 
-/* x, y, z [mm]; vx, vy, vz [mm/s]; turn: about z [degree]; rate [Hz]. error: code of every call from now on;
-   frozen: no new position; uncalibrated: 1 the library can calibrate it, 2 by hand. cycles: whole servo cycles;
-   most: largest force ever sent [N]; open, force_on: 0 or 1. */
+/* x, y, z [mm]; vx, vy, vz [mm/s]; turn: about z [degree]; size: factor of the rotation matrix, 1 if it is right;
+   rate of the servo [Hz]. error: code of every call from now on; frozen: no new position; uncalibrated: 1 the library
+   can calibrate it, 2 by hand. cycles: whole servo cycles; open, force_on: 0 or 1. */
 typedef struct {
-  double x, y, z, vx, vy, vz, turn, buttons, error, frozen, uncalibrated, rate;
-  double fx, fy, fz, most, cycles, open, force_on;
+  double x, y, z, vx, vy, vz, turn, size, buttons, error, frozen, uncalibrated, rate;
+  double fx, fy, fz, cycles, open, force_on;
 } Device;
 
-#define START {0, 0, 5, 0, 0, 0, 0, 0, 0, 0, 0, 1000, 0, 0, 0, 0, 0, 0, 0}
-static const Device start_state = START;
+#define START {.z = 5, .size = 1, .rate = 1000}
 static Device devices[DEVICES] = {START, START};
 static pthread_mutex_t guard = PTHREAD_MUTEX_INITIALIZER;
 
 static double *field(const char *name, int i) {
   Device *d = &devices[i];
 #define FIELD(n) if (strcmp(name, #n) == 0) return &d->n;
-  FIELD(x) FIELD(y) FIELD(z) FIELD(vx) FIELD(vy) FIELD(vz) FIELD(turn) FIELD(buttons) FIELD(error) FIELD(frozen)
-  FIELD(uncalibrated) FIELD(rate) FIELD(fx) FIELD(fy) FIELD(fz) FIELD(most) FIELD(cycles) FIELD(open)
+  FIELD(x) FIELD(y) FIELD(z) FIELD(vx) FIELD(vy) FIELD(vz) FIELD(turn) FIELD(size) FIELD(buttons) FIELD(error) FIELD(frozen)
+  FIELD(uncalibrated) FIELD(rate) FIELD(fx) FIELD(fy) FIELD(fz) FIELD(cycles) FIELD(open)
   FIELD(force_on)
   return 0;
 }
@@ -41,21 +40,9 @@ double stub_get(const char *name, int device) {
   return value;
 }
 
-/* All but what the program has open. */
-void stub_reset(void) {
-  pthread_mutex_lock(&guard);
-  for (int i = 0; i < DEVICES; ++i) {
-    const double open = devices[i].open;
-    devices[i] = start_state;
-    devices[i].open = open;
-  }
-  pthread_mutex_unlock(&guard);
-}
-
 static void take_force(Device *d, double x, double y, double z) {
-  const double size = sqrt(x * x + y * y + z * z);
   d->fx = x, d->fy = y, d->fz = z;
-  if (!(size <= d->most)) d->most = size;
+  d->cycles += 1;
 }
 
 static void wait_period(struct timespec *next, double rate) {

@@ -162,7 +162,8 @@ void bind_servo(py::module_& m) {
                                                                 "A device that a vendor's library drives.")
       .def_property_readonly("fault", &ServoDevice::fault,
                              "Why the device was lost, in one sentence; empty without a fault of the device")
-      .def_property_readonly("hardware", &ServoDevice::hardware, "The model, as the vendor's library names it")
+      .def_property_readonly("hardware", &ServoDevice::hardware,
+                             "The model, as the vendor's library names it")
       .def_property_readonly("library", &ServoDevice::library, "File of the vendor's library");
   py::class_<TouchDevice, ServoDevice, std::shared_ptr<TouchDevice>>(
       m, "TouchDevice", R"(A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).
@@ -200,7 +201,8 @@ force zero.
              const ServoSettings settings = servo_settings(lost_after, on_button);
              return without_gil([&] { return std::make_shared<TouchDevice>(name, settings, library); });
            }),
-           "name"_a = "", py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(), "library"_a = "");
+           "name"_a = "", py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
+           "library"_a = "");
   py::class_<OmegaDevice, ServoDevice, std::shared_ptr<OmegaDevice>>(
       m, "OmegaDevice", R"(An Omega, Delta, Sigma or Falcon, over Force Dimension's library libdhd.
 
@@ -232,10 +234,11 @@ The device is open while this object lives. Its servo runs during a session, up 
 of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
 force zero. The library adds the force that carries the device's own weight.
 )")
-      .def(py::init([](int index, double lost_after, std::optional<int> on_button, const std::string& library) {
-             const ServoSettings settings = servo_settings(lost_after, on_button);
-             return without_gil([&] { return std::make_shared<OmegaDevice>(index, settings, library); });
-           }),
+      .def(py::init(
+               [](int index, double lost_after, std::optional<int> on_button, const std::string& library) {
+                 const ServoSettings settings = servo_settings(lost_after, on_button);
+                 return without_gil([&] { return std::make_shared<OmegaDevice>(index, settings, library); });
+               }),
            "index"_a = 0, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(), "library"_a = "")
       .def_static("count", &OmegaDevice::count, "library"_a = "", no_gil,
                   "Number of devices that the library finds. ValueError as above for the library.");

@@ -52,7 +52,8 @@ struct Touch {
   static constexpr const char* source = LIBHD;
   static constexpr double error = 0x0302;
   static constexpr const char* failed = "touch failed: HD_COMM_ERROR (error 770)";
-  static std::shared_ptr<ServoDevice> open(const Stub& stub, int device = 0, const ServoSettings& settings = {}) {
+  static std::shared_ptr<ServoDevice> open(const Stub& stub, int device = 0,
+                                           const ServoSettings& settings = {}) {
     return std::make_shared<TouchDevice>(device ? "Left" : "", settings, stub.file);
   }
 };
@@ -61,7 +62,8 @@ struct Omega {
   static constexpr const char* source = LIBDHD;
   static constexpr double error = 2;
   static constexpr const char* failed = "omega:0 failed: communication error (error 2)";
-  static std::shared_ptr<ServoDevice> open(const Stub& stub, int device = 0, const ServoSettings& settings = {}) {
+  static std::shared_ptr<ServoDevice> open(const Stub& stub, int device = 0,
+                                           const ServoSettings& settings = {}) {
     return std::make_shared<OmegaDevice>(device, settings, stub.file);
   }
 };
@@ -202,7 +204,8 @@ void refusals() {
   hd.set("uncalibrated", 2);
   dhd.set("uncalibrated", 1);
   CHECK_THROWS(TouchDevice("", {}, hd.file), "touch must be calibrated: put the stylus into its inkwell");
-  CHECK_THROWS(OmegaDevice(0, {}, dhd.file), "omega:0 must be calibrated: put its pole into the calibration pit");
+  CHECK_THROWS(OmegaDevice(0, {}, dhd.file),
+               "omega:0 must be calibrated: put its pole into the calibration pit");
   CHECK(hd.get("open") == 0.0 && dhd.get("open") == 0.0);
   hd.set("uncalibrated", 1);  // the stylus is in the inkwell
   TouchDevice("", {}, hd.file);
@@ -216,7 +219,8 @@ void refusals() {
   dhd.set("error", 0);
   const auto omega = std::make_shared<OmegaDevice>(0, ServoSettings{}, dhd.file);
   dhd.set("size", -1);
-  CHECK_THROWS(omega->start(1e-3), "omega:0 must give positions: omega:0 gave an orientation that is not a rotation");
+  CHECK_THROWS(omega->start(1e-3),
+               "omega:0 must give positions: omega:0 gave an orientation that is not a rotation");
   CHECK(dhd.force() == 0.0 && dhd.get("force_on") == 0.0);
 }
 

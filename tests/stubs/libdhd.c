@@ -1,5 +1,5 @@
-/* A stub of libdhd: what burrlab calls of it. In metres; IDs are the indices. A read waits for the device's next
-   cycle, as over USB. */
+/* A stub of libdhd: what burrlab calls of it. In metres; IDs are the indices. A read waits for the device's
+   next cycle, as over USB. */
 #include "stub.h"
 
 static __thread int last;
@@ -21,17 +21,17 @@ int dhdClose(char id) {
   devices[(int)id].open = 0;
   return 0;
 }
-int dhdGetStatus(int *status, char id) {
+int dhdGetStatus(int* status, char id) {
   memset(status, 0, 17 * sizeof *status);
   status[3] = stub_get("uncalibrated", id) != 0;
   return 0;
 }
-const char *dhdGetSystemName(char id) { return id ? "Stub omega.6" : "Stub omega.3"; }
+const char* dhdGetSystemName(char id) { return id ? "Stub omega.6" : "Stub omega.3"; }
 int dhdEnableForce(unsigned char on, char id) {
   stub_set("force_on", id, on);
   return failed(id);
 }
-int dhdGetPositionAndOrientationFrame(double *x, double *y, double *z, double (*rotation)[3], char id) {
+int dhdGetPositionAndOrientationFrame(double* x, double* y, double* z, double (*rotation)[3], char id) {
   if (!next.tv_sec) clock_gettime(CLOCK_MONOTONIC, &next);
   wait_period(&next, stub_get("rate", id));
   pthread_mutex_lock(&guard);
@@ -43,7 +43,7 @@ int dhdGetPositionAndOrientationFrame(double *x, double *y, double *z, double (*
   *x = 1e-3 * d.x, *y = 1e-3 * d.y, *z = 1e-3 * d.z;
   return failed(id) ? -1 : d.frozen != 0; /* 1: the time guard */
 }
-int dhdGetLinearVelocity(double *x, double *y, double *z, char id) {
+int dhdGetLinearVelocity(double* x, double* y, double* z, char id) {
   *x = 1e-3 * stub_get("vx", id), *y = 1e-3 * stub_get("vy", id), *z = 1e-3 * stub_get("vz", id);
   return failed(id);
 }
@@ -55,4 +55,4 @@ int dhdSetForce(double x, double y, double z, char id) {
   return failed(id) ? -1 : 2; /* 2: a motor is saturated, no error */
 }
 int dhdErrorGetLast(void) { return last; }
-const char *dhdErrorGetStr(int code) { return code == 2 ? "communication error" : "other error"; }
+const char* dhdErrorGetStr(int code) { return code == 2 ? "communication error" : "other error"; }

@@ -1,8 +1,8 @@
-/* A stub of libHD: what burrlab calls of it. Devices "Default Device" (also without a name) and "Left"; "Alias" is
-   another name of "Left". Device 0 has handle 10, device 1 handle 11. */
+/* A stub of libHD: what burrlab calls of it. Devices "Default Device" (also without a name) and "Left";
+   "Alias" is another name of "Left". Device 0 has handle 10, device 1 handle 11. */
 #include "stub.h"
 
-typedef unsigned (*Callback)(void *);
+typedef unsigned (*Callback)(void*);
 typedef struct {
   unsigned code;
   int internal;
@@ -11,19 +11,19 @@ typedef struct {
 
 static struct {
   Callback call;
-  void *data;
+  void* data;
 } scheduled[8];
 static unsigned errors[16], current;
 static int count_of_errors, running;
 static pthread_t servo;
 
-static Device *device_of(unsigned handle) { return &devices[handle - 10]; }
+static Device* device_of(unsigned handle) { return &devices[handle - 10]; }
 
 static void push_error(unsigned code) {
   if (count_of_errors < 16) errors[count_of_errors++] = code;
 }
 
-static void *run(void *none) {
+static void* run(void* none) {
   struct timespec next;
   clock_gettime(CLOCK_MONOTONIC, &next);
   while (__atomic_load_n(&running, __ATOMIC_ACQUIRE)) {
@@ -37,10 +37,14 @@ static void *run(void *none) {
   return none;
 }
 
-unsigned hdInitDevice(const char *name) {
-  const int i = !name || strcmp(name, "Default Device") == 0 ? 0
-                : strcmp(name, "Left") == 0 || strcmp(name, "Alias") == 0 ? 1 : -1;
-  const unsigned code = i < 0 ? 0x0300 : devices[i].error ? (unsigned)devices[i].error : devices[i].open ? 0x0301 : 0;
+unsigned hdInitDevice(const char* name) {
+  const int i = !name || strcmp(name, "Default Device") == 0              ? 0
+                : strcmp(name, "Left") == 0 || strcmp(name, "Alias") == 0 ? 1
+                                                                          : -1;
+  const unsigned code = i < 0              ? 0x0300
+                        : devices[i].error ? (unsigned)devices[i].error
+                        : devices[i].open  ? 0x0301
+                                           : 0;
   if (code) return push_error(code), 0xFFFFFFFFu;
   devices[i].open = 1;
   return current = 10 + i;
@@ -63,11 +67,11 @@ void hdBeginFrame(unsigned handle) {
   if (code) push_error((unsigned)code);
 }
 void hdEndFrame(unsigned handle) { current = handle; }
-void hdGetIntegerv(unsigned what, int *values) {
+void hdGetIntegerv(unsigned what, int* values) {
   if (what == 0x2000) *values = (int)stub_get("buttons", (int)current - 10);
   if (what == 0x2555) *values = 4;
 }
-void hdGetDoublev(unsigned what, double *values) {
+void hdGetDoublev(unsigned what, double* values) {
   pthread_mutex_lock(&guard);
   const Device d = *device_of(current);
   pthread_mutex_unlock(&guard);
@@ -77,17 +81,17 @@ void hdGetDoublev(unsigned what, double *values) {
   if (what == 0x2052) memcpy(values, transform, sizeof transform);
   if (what == 0x2051) memcpy(values, velocity, sizeof velocity);
 }
-void hdSetDoublev(unsigned what, const double *v) {
+void hdSetDoublev(unsigned what, const double* v) {
   pthread_mutex_lock(&guard);
   if (what == 0x2700) take_force(device_of(current), v[0], v[1], v[2]);
   pthread_mutex_unlock(&guard);
 }
-const char *hdGetString(unsigned what) { return what == 0x2501 ? "Stub Touch" : ""; }
+const char* hdGetString(unsigned what) { return what == 0x2501 ? "Stub Touch" : ""; }
 Error hdGetError(void) {
   const Error error = {count_of_errors ? errors[--count_of_errors] : 0, 0, current};
   return error;
 }
-const char *hdGetErrorString(unsigned code) {
+const char* hdGetErrorString(unsigned code) {
   return code == 0x0300 ? "HD_DEVICE_FAULT" : code == 0x0302 ? "HD_COMM_ERROR" : "HD_OTHER";
 }
 void hdStartScheduler(void) {
@@ -98,7 +102,7 @@ void hdStopScheduler(void) {
   __atomic_store_n(&running, 0, __ATOMIC_RELEASE);
   pthread_join(servo, 0);
 }
-unsigned long hdScheduleAsynchronous(Callback call, void *data, unsigned short priority) {
+unsigned long hdScheduleAsynchronous(Callback call, void* data, unsigned short priority) {
   unsigned long i = 0;
   while (scheduled[i].call) ++i;
   scheduled[i].data = data;

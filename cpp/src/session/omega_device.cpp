@@ -8,8 +8,8 @@ namespace burrlab {
 namespace {
 
 // dhdc.h, from the Force Dimension SDK's documentation.
-constexpr int time_guard = 1;    // no new position yet
-constexpr int in_reset = 3;      // of the status: the device waits to be calibrated
+constexpr int time_guard = 1;  // no new position yet
+constexpr int in_reset = 3;    // of the status: the device waits to be calibrated
 constexpr int device_in_use = 20;
 constexpr double millimetre = 1e3;            // in a metre
 constexpr std::int64_t least_cycle = 250000;  // [ns]; the devices' rate is up to 4 kHz
@@ -25,21 +25,23 @@ OmegaDevice::OmegaDevice(int index, const ServoSettings& settings, const std::st
     : ServoDevice("omega:" + std::to_string(index), settings), dhd_(shared_library<DhdLibrary>(library)) {
   const std::lock_guard<std::mutex> lock(dhd_->mutex);
   const int found = std::min(dhd_->dhdGetDeviceCount(), 127);
-  if (found < 1) throw std::invalid_argument(name() + " must be connected and switched on: no device was found");
+  if (found < 1)
+    throw std::invalid_argument(name() + " must be connected and switched on: no device was found");
   if (index < 0 || index >= found) refuse("index of an omega", "0 to " + std::to_string(found - 1), index);
   const int id = dhd_->dhdOpenID(char(index));
   const int code = id < 0 ? dhd_->dhdErrorGetLast() : 0;
   if (code == device_in_use || dhd_->open.count(id))
     throw std::invalid_argument(name() + " must be a device of its own: it is open already");
   if (id < 0)
-    throw std::invalid_argument(name() + " must be a device that can be opened: " + error_text(code) + " (error " +
-                                std::to_string(code) + ")");
+    throw std::invalid_argument(name() + " must be a device that can be opened: " + error_text(code) +
+                                " (error " + std::to_string(code) + ")");
   id_ = char(id);
   int status[64] = {};  // more than any version fills
   if (dhd_->dhdGetStatus(status, id_) < 0 || status[in_reset]) {
     dhd_->dhdClose(id_);
-    throw std::invalid_argument(name() + " must be calibrated: put its pole into the calibration pit until the "
-                                         "lamp stops blinking");
+    throw std::invalid_argument(name() +
+                                " must be calibrated: put its pole into the calibration pit until the "
+                                "lamp stops blinking");
   }
   say_hardware(dhd_->dhdGetSystemName(id_));
   dhd_->open[id] = true;
@@ -76,8 +78,8 @@ void OmegaDevice::quiet() noexcept {
 void OmegaDevice::begin() {
   if (dhd_->dhdEnableForce(1, id_) < 0) {
     const int code = dhd_->dhdErrorGetLast();
-    throw std::invalid_argument(name() + " must let its force be switched on: " + error_text(code) + " (error " +
-                                std::to_string(code) + ")");
+    throw std::invalid_argument(name() + " must let its force be switched on: " + error_text(code) +
+                                " (error " + std::to_string(code) + ")");
   }
   thread_ = std::thread([this] {
     RealtimeRequest request;

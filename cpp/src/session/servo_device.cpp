@@ -62,7 +62,8 @@ void ServoDevice::start(double) {
   if (fault_.load() == 0 && letter.time != 0) return;
   const std::string why = fault();
   stop();
-  throw std::invalid_argument(name_ + " must give positions: " + (why.empty() ? "none came within 1 s" : why));
+  throw std::invalid_argument(name_ +
+                              " must give positions: " + (why.empty() ? "none came within 1 s" : why));
 }
 
 void ServoDevice::stop() noexcept {

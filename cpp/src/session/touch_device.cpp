@@ -30,8 +30,9 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
     throw std::invalid_argument(this->name() + " must be a device of its own: it is open already" +
                                 (same == hd_->open.end() ? "" : ", as " + same->second));
   if (code != 0 || handle_ == invalid_handle)
-    throw std::invalid_argument(this->name() + " must be the name of a connected device in the vendor's set-up: " +
-                                (code ? error_text(code) + " (error " + std::to_string(code) + ")" : "none found"));
+    throw std::invalid_argument(
+        this->name() + " must be the name of a connected device in the vendor's set-up: " +
+        (code ? error_text(code) + " (error " + std::to_string(code) + ")" : "none found"));
   hd_->hdMakeCurrentDevice(handle_);
   unsigned calibration = hd_->hdCheckCalibration();
   if (calibration == calibration_needs_update) {  // it lies where the library can calibrate it
@@ -44,8 +45,9 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
   }
   if (calibration != calibration_ok || take_error() != 0) {
     hd_->hdDisableDevice(handle_);
-    throw std::invalid_argument(this->name() + " must be calibrated: put the stylus into its inkwell, or run the "
-                                               "vendor's set-up");
+    throw std::invalid_argument(this->name() +
+                                " must be calibrated: put the stylus into its inkwell, or run the "
+                                "vendor's set-up");
   }
   say_hardware(hd_->hdGetString(device_model));
   hd_->open[handle_] = this->name();
@@ -97,8 +99,8 @@ void TouchDevice::quiet() noexcept {
 void TouchDevice::begin() {
   const std::lock_guard<std::mutex> lock(hd_->mutex);
   scheduled_ = hd_->hdScheduleAsynchronous(
-      [](void* self) { return static_cast<TouchDevice*>(self)->cycle() ? callback_continue : callback_done; }, this,
-      priority);
+      [](void* self) { return static_cast<TouchDevice*>(self)->cycle() ? callback_continue : callback_done; },
+      this, priority);
   if (hd_->running++ == 0) hd_->hdStartScheduler();
 }
 

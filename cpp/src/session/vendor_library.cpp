@@ -34,7 +34,10 @@ void* find_symbol(void* handle, const char* name) {
 std::string machine_of(const std::string& path) {
   char head[20] = {};
   std::ifstream(path, std::ios::binary).read(head, sizeof head);
-  if (std::string(head, 4) != "\x7f" "ELF") return {};
+  if (std::string(head, 4) !=
+      "\x7f"
+      "ELF")
+    return {};
   return {head[4], head[5], head[18], head[19]};
 }
 
@@ -69,9 +72,11 @@ VendorLibrary::VendorLibrary(std::string title, const std::string& path, const c
     if (why.empty())
       throw std::invalid_argument(title_ + " must be made for this program's kind of processor: " + name +
                                   " is made for another");
-    failures += (failures.empty() ? "" : "; ") + (why.find(name) == std::string::npos ? name + ": " + why : why);
+    failures +=
+        (failures.empty() ? "" : "; ") + (why.find(name) == std::string::npos ? name + ": " + why : why);
   }
-  throw std::invalid_argument(title_ + " must be installed, or " + variable + " must name its file: " + failures);
+  throw std::invalid_argument(title_ + " must be installed, or " + variable +
+                              " must name its file: " + failures);
 }
 
 void* VendorLibrary::function(const char* name) const {
@@ -93,14 +98,13 @@ using Names = std::vector<std::string>;
 
 HdLibrary::HdLibrary(const std::string& path)
     : VendorLibrary("libHD (OpenHaptics)", path, "BURRLAB_LIBHD",
-                    BURRLAB_NAMES((Names{"libHD.so", "libHD.so.3.4"}), (Names{"libHD.dylib"}), (Names{"hd.dll"}))) {
-  BURRLAB_HD_FUNCTIONS(BURRLAB_FIND)
-}
+                    BURRLAB_NAMES((Names{"libHD.so", "libHD.so.3.4"}), (Names{"libHD.dylib"}),
+                                  (Names{"hd.dll"}))){BURRLAB_HD_FUNCTIONS(BURRLAB_FIND)}
 
-DhdLibrary::DhdLibrary(const std::string& path)
+      DhdLibrary::DhdLibrary(const std::string& path)
     : VendorLibrary("libdhd (Force Dimension)", path, "BURRLAB_LIBDHD",
-                    BURRLAB_NAMES((Names{"libdhd.so.3", "libdhd.so"}), (Names{"libdhd.3.dylib", "libdhd.dylib"}),
-                                  (Names{"dhd64.dll"}))) {
+                    BURRLAB_NAMES((Names{"libdhd.so.3", "libdhd.so"}),
+                                  (Names{"libdhd.3.dylib", "libdhd.dylib"}), (Names{"dhd64.dll"}))) {
   BURRLAB_DHD_FUNCTIONS(BURRLAB_FIND)
 }
 

@@ -1,4 +1,5 @@
-// Haptic devices that a vendor's servo drives: a Touch or PHANToM over libHD, an Omega, Delta or Falcon over libdhd.
+// Haptic devices that a vendor's servo drives: a Touch or PHANToM over libHD, an Omega, Delta or Falcon over
+// libdhd.
 #pragma once
 
 #include <array>
@@ -17,8 +18,8 @@ struct ServoSettings {
   int on_button = -1;         ///< the burr turns while it is pressed; -1: always
 };
 
-/// The servo runs at the device's own rate in another thread. It leaves the newest reading for the loop, and sends
-/// the newest force of the loop; zero after `halt`, a fault, or when the loop finds the device lost.
+/// The servo runs at the device's own rate in another thread. It leaves the newest reading for the loop, and
+/// sends the newest force of the loop; zero after `halt`, a fault, or when the loop finds the device lost.
 class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevice> {
  public:
   /// Returns when the servo has given a position; throws if it gives none, or a fault, within a second.
@@ -38,7 +39,8 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
     std::array<double, 9> rotation;            // by rows
     std::uint32_t buttons = 0;
   };
-  static constexpr int fresh = 0, old = -1;  // of `exchange`; else the library's error code, which is positive
+  static constexpr int fresh = 0,
+                       old = -1;  // of `exchange`; else the library's error code, which is positive
 
   ServoDevice(std::string name, const ServoSettings& settings);
   bool cycle() noexcept;  // for the servo; false if it must end
@@ -46,8 +48,8 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
   static std::string to_string(const char* text) { return text ? text : "unknown"; }
 
   virtual int exchange(Pose& pose, const Vec3& force) noexcept = 0;  // reads, and sends the force
-  virtual void quiet() noexcept = 0;             // force zero, and off
-  virtual void begin() = 0;                      // force on, servo on
+  virtual void quiet() noexcept = 0;                                 // force zero, and off
+  virtual void begin() = 0;                                          // force on, servo on
   virtual void end(bool servo_ended) noexcept = 0;
   virtual std::string error_text(int code) const = 0;
 
@@ -74,8 +76,8 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
 /// Position in the axes of libHD: x right, y up, z towards the user.
 class TouchDevice : public ServoDevice {
  public:
-  /// Opens the device of this name in the vendor's set-up, "" for its default one. Throws if there is none, another
-  /// has opened it, or it must be calibrated.
+  /// Opens the device of this name in the vendor's set-up, "" for its default one. Throws if there is none,
+  /// another has opened it, or it must be calibrated.
   explicit TouchDevice(const std::string& name = "", const ServoSettings& settings = {},
                        const std::string& library = "");
   ~TouchDevice() override;

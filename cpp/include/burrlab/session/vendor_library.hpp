@@ -1,6 +1,6 @@
-// The vendors' libraries, loaded at run time: libHD (OpenHaptics) and libdhd (Force Dimension). The declarations
-// are ours, from the public API references; this file lists every function that is used. 64-bit systems have
-// one calling convention.
+// The vendors' libraries, loaded at run time: libHD (OpenHaptics) and libdhd (Force Dimension). The
+// declarations are ours, from the public API references; this file lists every function that is used. 64-bit
+// systems have one calling convention.
 #pragma once
 
 #include <map>
@@ -96,8 +96,8 @@ struct DhdLibrary : VendorLibrary {
   explicit DhdLibrary(const std::string& path);
   BURRLAB_DHD_FUNCTIONS(BURRLAB_POINTER)
 
-  std::mutex mutex;              // of the next
-  std::map<int, bool> open;      // devices by ID
+  std::mutex mutex;          // of the next
+  std::map<int, bool> open;  // devices by ID
 };
 
 #undef BURRLAB_POINTER

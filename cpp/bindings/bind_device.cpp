@@ -153,7 +153,7 @@ array([0. , 0. , 3.2])
 
 /// Settings from Python, where no button is None.
 ServoSettings servo_settings(double lost_after, std::optional<int> on_button) {
-  if (on_button && *on_button < 0) refuse("on_button", "0 to 31, or None", *on_button);
+  if (on_button && *on_button < 0) refuse("on_button", "0 to 7, or None", *on_button);
   return {lost_after, on_button.value_or(-1)};
 }
 
@@ -179,7 +179,7 @@ name : str
 lost_after : float
     Age at which a position is lost, and the session stops [ms].
 on_button : int, optional
-    The burr turns while this button, from 0, is pressed; default always.
+    The burr turns while this button, 0 to 7, is pressed; default always.
 library : str
     File of libHD; default what the environment's BURRLAB_LIBHD names, else libHD.so or hd.dll where the system
     looks.
@@ -217,7 +217,7 @@ index : int
 lost_after : float
     Age at which a position is lost, and the session stops [ms].
 on_button : int, optional
-    The burr turns while this button, from 0, is pressed; default always.
+    The burr turns while this button, 0 to 7, is pressed; default always.
 library : str
     File of libdhd; default what the environment's BURRLAB_LIBDHD names, else libdhd.so.3 or dhd64.dll where the
     system looks.

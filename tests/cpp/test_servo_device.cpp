@@ -200,7 +200,7 @@ void refusals() {
   CHECK_THROWS(OmegaDevice(2, {}, dhd.file), "index of an omega must be 0 to 1, got 2");
   CHECK(OmegaDevice::count(dhd.file) == 2 && OmegaDevice(1, {}, dhd.file).hardware() == "Stub omega.6");
   CHECK_THROWS(OmegaDevice(0, {0.0, -1}, dhd.file), "lost_after must be positive");
-  CHECK_THROWS(OmegaDevice(0, {100.0, 32}, dhd.file), "on_button must be 0 to 31");
+  CHECK_THROWS(OmegaDevice(0, {100.0, 8}, dhd.file), "on_button must be 0 to 7");
   hd.set("uncalibrated", 2);
   dhd.set("uncalibrated", 1);
   CHECK_THROWS(TouchDevice("", {}, hd.file), "touch must be calibrated: put the stylus into its inkwell");

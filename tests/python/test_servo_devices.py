@@ -34,7 +34,7 @@ def compiled(tmp_path_factory):
     def compiled(name, *options):
         file = folder / f"{name}{len(options)}.so"
         subprocess.run(
-            ["cc", "-std=gnu11", "-O1", "-fPIC", "-shared", *options, SOURCES / f"{name}.c", "-o", file, "-lm", "-lpthread"],
+            ["cc", "-std=gnu11", "-fPIC", "-shared", *options, SOURCES / f"{name}.c", "-o", file, "-lm", "-pthread"],
             check=True,
         )  # fmt: skip
         return file

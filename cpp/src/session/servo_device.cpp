@@ -35,8 +35,8 @@ bool wait_until(std::int64_t limit, const Ended& ended) {
 ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
     : name_(std::move(name)), settings_(settings) {
   require_positive("lost_after", settings.lost_after);
-  if (settings.on_button < -1 || settings.on_button > 31)
-    refuse("on_button", "0 to 31, or none", settings.on_button);
+  if (settings.on_button < -1 || settings.on_button > 7)
+    refuse("on_button", "0 to 7, or none", settings.on_button);
 }
 
 void ServoDevice::start(double) {
@@ -105,7 +105,7 @@ DeviceReading ServoDevice::read(double, std::uint64_t) noexcept {
   reading.position = {last_.position[0], last_.position[1], last_.position[2]};
   reading.velocity = {last_.velocity[0], last_.velocity[1], last_.velocity[2]};
   if (last_.time != 0) reading.orientation = last_.orientation;
-  reading.buttons = std::uint32_t(last_.buttons);
+  reading.buttons = std::uint8_t(last_.buttons);
   reading.on = settings_.on_button < 0 || (reading.buttons >> settings_.on_button & 1u);
   reading.age = std::max(0.0, 1e-6 * double(steady_now() - last_.time));
   if (fault_.load(std::memory_order_acquire) != 0 || reading.age > settings_.lost_after) {

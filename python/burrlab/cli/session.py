@@ -1,4 +1,4 @@
-"""Live sessions and the use of their traces: burrlab session | devices | replica | replay | metrics | export."""
+"""Live sessions and the use of their traces: session | devices | replica | replay | metrics | export."""
 
 from __future__ import annotations
 

@@ -383,7 +383,7 @@ class Sitting:
         else:
             self._text = device or protocol.device
             self._device = device_maker(self._text, protocol)
-        self._live = self._text.partition(":")[0] in (_DRIVER, "igtl", "touch", "omega")
+        self._live = self._text.partition(":")[0] not in ("hand", "scripted")
         self._simulated, self._once, self._view, self._again = simulated, once, view, again
         self._tried = False
 

@@ -15,7 +15,7 @@ namespace burrlab {
 
 struct ServoSettings {
   double lost_after = 100.0;  ///< age at which the position is lost [ms]
-  int on_button = -1;         ///< the burr turns while it is pressed; -1: always
+  int on_button = -1;         ///< 0 to 7; the burr turns while it is pressed; -1: always
 };
 
 /// The servo runs at the device's own rate in another thread. It leaves the newest reading for the loop, and

@@ -64,18 +64,18 @@ struct HdError {
   function(unsigned long, hdScheduleAsynchronous, (unsigned (*)(void*), void*, unsigned short)) \
   function(void, hdUnschedule, (unsigned long handle))
 
-#define BURRLAB_DHD_FUNCTIONS(function)                                                                       \
-  function(int, dhdGetDeviceCount, ())                                                                        \
-  function(int, dhdOpenID, (char id))                                                                         \
-  function(int, dhdClose, (char id))                                                                          \
-  function(int, dhdGetStatus, (int* status, char id))                                                         \
-  function(const char*, dhdGetSystemName, (char id))                                                          \
-  function(int, dhdEnableForce, (unsigned char on, char id))                                                  \
-  function(int, dhdGetPositionAndOrientationFrame, (double*, double*, double*, double (*rotation)[3], char id)) \
-  function(int, dhdGetLinearVelocity, (double*, double*, double*, char id))                                   \
-  function(unsigned, dhdGetButtonMask, (char id))                                                             \
-  function(int, dhdSetForce, (double, double, double, char id))                                               \
-  function(int, dhdErrorGetLast, ())                                                                          \
+#define BURRLAB_DHD_FUNCTIONS(function)                                                                 \
+  function(int, dhdGetDeviceCount, ())                                                                  \
+  function(int, dhdOpenID, (char id))                                                                   \
+  function(int, dhdClose, (char id))                                                                    \
+  function(int, dhdGetStatus, (int* status, char id))                                                   \
+  function(const char*, dhdGetSystemName, (char id))                                                    \
+  function(int, dhdEnableForce, (unsigned char on, char id))                                            \
+  function(int, dhdGetPositionAndOrientationFrame, (double*, double*, double*, double (*)[3], char id)) \
+  function(int, dhdGetLinearVelocity, (double*, double*, double*, char id))                             \
+  function(unsigned, dhdGetButtonMask, (char id))                                                       \
+  function(int, dhdSetForce, (double, double, double, char id))                                         \
+  function(int, dhdErrorGetLast, ())                                                                    \
   function(const char*, dhdErrorGetStr, (int code))
 // clang-format on
 

@@ -173,6 +173,8 @@ void two_devices() {
   const auto first = Kind::open(stub, 0), second = Kind::open(stub, 1);
   CHECK_THROWS(Kind::open(stub, 1), "must be a device of its own: it is open already");
   first->start(1e-3);
+  if (Kind::source == Touch::source)
+    CHECK_THROWS(Kind::open(stub, 1), "touch:Left must be opened before a session with another touch begins");
   second->start(1e-3);
   stub.set("x", 1.0, 0), stub.set("x", 2.0, 1);
   first->write({1.0, 0.0, 0.0});

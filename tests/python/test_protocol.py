@@ -302,7 +302,7 @@ def test_devices_in_words():
     ("ask", "text", "sentence"),
     [
         *((parse_device, text, "must be hand, scripted:FILE, "
-                               "igtl:HOST:PORT, got") for text in ("", "hands", "hand:1", "scripted:", "igtl:")),
+                               "igtl:HOST:PORT, touch") for text in ("", "hands", "hand:1", "scripted:", "igtl:")),
         *((parse_address, text, "must be HOST:PORT, got") for text in ("x", "x:0", "x:65536", ":1", "x:y")),
         (parse_device, "igtl:x", "igtl: must be HOST:PORT, got"),
     ],

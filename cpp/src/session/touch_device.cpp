@@ -22,6 +22,8 @@ std::string touch_name(const std::string& name) { return name.empty() ? "touch" 
 TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings, const std::string& library)
     : ServoDevice(touch_name(name), settings), hd_(shared_library<HdLibrary>(library)) {
   const std::lock_guard<std::mutex> lock(hd_->mutex);
+  if (hd_->running > 0)  // libHD's rule: all devices before its scheduler
+    throw std::invalid_argument(this->name() + " must be opened before a session with another touch begins");
   take_error();  // of earlier calls
   handle_ = hd_->hdInitDevice(name.empty() ? nullptr : name.c_str());
   const int code = take_error();

@@ -17,7 +17,6 @@ namespace burrlab {
 namespace {
 
 #ifdef _WIN32
-
 void* open_library(const std::string& name, std::string& why) {
   HMODULE handle = LoadLibraryA(name.c_str());
   if (handle) return reinterpret_cast<void*>(handle);
@@ -34,10 +33,7 @@ void* find_symbol(void* handle, const char* name) {
 std::string machine_of(const std::string& path) {
   char head[20] = {};
   std::ifstream(path, std::ios::binary).read(head, sizeof head);
-  if (std::string(head, 4) !=
-      "\x7f"
-      "ELF")
-    return {};
+  if (std::string(head, 4) != "\177ELF") return {};
   return {head[4], head[5], head[18], head[19]};
 }
 
@@ -85,11 +81,11 @@ void* VendorLibrary::function(const char* name) const {
 }
 
 #if defined(_WIN32)
-#define BURRLAB_NAMES(linux, mac, windows) windows
+#define BURRLAB_NAMES(elsewhere, mac, windows) windows
 #elif defined(__APPLE__)
-#define BURRLAB_NAMES(linux, mac, windows) mac
+#define BURRLAB_NAMES(elsewhere, mac, windows) mac
 #else
-#define BURRLAB_NAMES(linux, mac, windows) linux
+#define BURRLAB_NAMES(elsewhere, mac, windows) elsewhere
 #endif
 
 using Names = std::vector<std::string>;
@@ -97,15 +93,17 @@ using Names = std::vector<std::string>;
 #define BURRLAB_FIND(result, name, arguments) name = reinterpret_cast<decltype(name)>(function(#name));
 
 HdLibrary::HdLibrary(const std::string& path)
-    : VendorLibrary("libHD (OpenHaptics)", path, "BURRLAB_LIBHD",
-                    BURRLAB_NAMES((Names{"libHD.so", "libHD.so.3.4"}), (Names{"libHD.dylib"}),
-                                  (Names{"hd.dll"}))){BURRLAB_HD_FUNCTIONS(BURRLAB_FIND)}
+    : VendorLibrary(
+          "libHD (OpenHaptics)", path, "BURRLAB_LIBHD",
+          BURRLAB_NAMES((Names{"libHD.so", "libHD.so.3.4"}), (Names{"libHD.dylib"}), (Names{"hd.dll"}))) {
+  BURRLAB_HD_FUNCTIONS(BURRLAB_FIND);
+}
 
-      DhdLibrary::DhdLibrary(const std::string& path)
+DhdLibrary::DhdLibrary(const std::string& path)
     : VendorLibrary("libdhd (Force Dimension)", path, "BURRLAB_LIBDHD",
                     BURRLAB_NAMES((Names{"libdhd.so.3", "libdhd.so"}),
                                   (Names{"libdhd.3.dylib", "libdhd.dylib"}), (Names{"dhd64.dll"}))) {
-  BURRLAB_DHD_FUNCTIONS(BURRLAB_FIND)
+  BURRLAB_DHD_FUNCTIONS(BURRLAB_FIND);
 }
 
 }  // namespace burrlab

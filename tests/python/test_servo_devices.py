@@ -105,19 +105,6 @@ def test_a_hand_meets_bone_and_the_cable_is_drawn(kind, stubs, tmp_path):
     assert (again.failed, device.fault) == (False, "")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_two_devices_of_a_kind(kind, stubs):
-    stub = stubs[kind]
-    devices = [KINDS[kind](which) for which in (("", "Left") if kind == "touch" else (0, 1))]
-    stub.set(1, x=4.0, z=2.8)
-    with session(*devices, duration=0.3) as run:
-        wait_for(lambda: stub.get("fz", 1) > 0)
-        assert not stub.force(0).any()
-        assert run.wait(10)
-    assert not run.failed
-    assert not stub.force(1).any()
-
-
 def test_a_button_turns_the_burr(stubs):
     stub, device = stubs["touch"], burrlab.TouchDevice(on_button=0)
     stub.set(z=2.5)
@@ -127,6 +114,8 @@ def test_a_button_turns_the_burr(stubs):
         stub.set(buttons=1)
         wait_for(lambda: run.snapshot()[0].removed > 0)
     assert stopped == 0
+    with pytest.raises(ValueError, match="wall_clock must be True for a device that a hand holds, got False"):
+        session(device, wall_clock=False)
 
 
 def test_commands(stubs, capsys):

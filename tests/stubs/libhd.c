@@ -25,6 +25,8 @@ static void push_error(unsigned code) {
 
 static void* run(void* none) {
   struct timespec next;
+  const struct sched_param high = {.sched_priority = 80}; /* as libHD's servo; where the system grants it */
+  pthread_setschedparam(pthread_self(), SCHED_FIFO, &high);
   clock_gettime(CLOCK_MONOTONIC, &next);
   while (__atomic_load_n(&running, __ATOMIC_ACQUIRE)) {
     for (int i = 0; i < 8; ++i) {

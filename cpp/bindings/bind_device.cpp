@@ -2,6 +2,7 @@
 #include "burrlab/check.hpp"
 #include "burrlab/session/hand_device.hpp"
 #include "burrlab/session/scripted_device.hpp"
+#include "burrlab/session/servo_device.hpp"
 
 namespace {
 
@@ -159,10 +160,104 @@ array([0. , 0. , 3.2])
           "encoder_step", [](const HandDevice& hand) { return hand.settings().encoder_step; }, "[mm]");
 }
 
+/// Settings from Python, where no button is None.
+ServoSettings servo_settings(double lost_after, std::optional<int> on_button) {
+  if (on_button && *on_button < 0) refuse("on_button", "0 to 7, or None", *on_button);
+  return {lost_after, on_button.value_or(-1)};
+}
+
+void bind_servo(py::module_& m) {
+  py::class_<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
+                                                                "A device that a vendor's library drives.")
+      .def_property_readonly("fault", &ServoDevice::fault,
+                             "Why the device was lost, in one sentence; empty without a fault of the device")
+      .def_property_readonly("hardware", &ServoDevice::hardware,
+                             "The model, as the vendor's library names it")
+      .def_property_readonly("library", &ServoDevice::library, "File of the vendor's library");
+  py::class_<TouchDevice, ServoDevice, std::shared_ptr<TouchDevice>>(
+      m, "TouchDevice", R"(A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).
+
+Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
+when it is needed; its axes are x right, y up, z towards the user [mm]. The orientation turns the stylus's axes
+into these.
+
+Parameters
+----------
+name : str
+    Of the device in the vendor's set-up; empty for the default device.
+lost_after : float
+    Age at which a position is lost, and the session stops [ms].
+on_button : int, optional
+    The burr turns while this button, 0 to 7, is pressed; default always.
+library : str
+    File of libHD; default what the environment's BURRLAB_LIBHD names, else libHD.so or hd.dll where the system
+    looks.
+
+Raises
+------
+ValueError
+    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
+    name, it is open already, or it must be calibrated.
+
+Notes
+-----
+The device is open while this object lives. Its servo runs during a session, about 1000 times a second. An error
+of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
+force zero.
+)")
+      .def(py::init([](const std::string& name, double lost_after, std::optional<int> on_button,
+                       const std::string& library) {
+             const ServoSettings settings = servo_settings(lost_after, on_button);
+             return without_gil([&] { return std::make_shared<TouchDevice>(name, settings, library); });
+           }),
+           "name"_a = "", py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
+           "library"_a = "");
+  py::class_<OmegaDevice, ServoDevice, std::shared_ptr<OmegaDevice>>(
+      m, "OmegaDevice", R"(An Omega, Delta, Sigma or Falcon, over Force Dimension's library libdhd.
+
+Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
+when it is needed; its axes are x towards the user, y right, z up [mm]. The orientation turns the handle's axes
+into these; it is 1 for a device without a wrist.
+
+Parameters
+----------
+index : int
+    Of the device, from 0.
+lost_after : float
+    Age at which a position is lost, and the session stops [ms].
+on_button : int, optional
+    The burr turns while this button, 0 to 7, is pressed; default always.
+library : str
+    File of libdhd; default what the environment's BURRLAB_LIBDHD names, else libdhd.so.3 or dhd64.dll where the
+    system looks.
+
+Raises
+------
+ValueError
+    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
+    index, it is open already, or it must be calibrated.
+
+Notes
+-----
+The device is open while this object lives. Its servo runs during a session, up to 4000 times a second. An error
+of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
+force zero. The library adds the force that carries the device's own weight.
+)")
+      .def(py::init(
+               [](int index, double lost_after, std::optional<int> on_button, const std::string& library) {
+                 const ServoSettings settings = servo_settings(lost_after, on_button);
+                 return without_gil([&] { return std::make_shared<OmegaDevice>(index, settings, library); });
+               }),
+           "index"_a = 0, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(), "library"_a = "")
+      .def_static("count", &OmegaDevice::count, "library"_a = "", no_gil,
+                  "Number of devices that the library finds. ValueError as above for the library.");
+}
+
 }  // namespace
 
 void bind_device(py::module_& m) {
   bind_hand(m);
+  bind_servo(m);
   py::class_<ScriptedDevice, Device, std::shared_ptr<ScriptedDevice>>(
       m, "ScriptedDevice", R"(A device that moves along straight lines between the rows of a table.
 

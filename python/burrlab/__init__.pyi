@@ -8,11 +8,13 @@ from burrlab._core import HandDevice as HandDevice
 from burrlab._core import IgtlDevice as IgtlDevice
 from burrlab._core import MailboxDevice as MailboxDevice
 from burrlab._core import Material as Material
+from burrlab._core import OmegaDevice as OmegaDevice
 from burrlab._core import ReplayDevice as ReplayDevice
 from burrlab._core import ScriptedDevice as ScriptedDevice
 from burrlab._core import Shape as Shape
 from burrlab._core import Tissue as Tissue
 from burrlab._core import Tissues as Tissues
+from burrlab._core import TouchDevice as TouchDevice
 from burrlab._core import VoxelBone as VoxelBone
 from burrlab._core import __version__ as __version__
 from burrlab._core import elastic_force as elastic_force

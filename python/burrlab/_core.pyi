@@ -429,6 +429,27 @@ class MailboxDevice(Device):
     @property
     def force(self) -> NDArray[np.float64]: ...
 
+class ServoDevice(Device):
+    def __init__(self, *args: Never, **kwargs: Never) -> None: ...
+    @property
+    def fault(self) -> str: ...
+    @property
+    def hardware(self) -> str: ...
+    @property
+    def library(self) -> str: ...
+
+class TouchDevice(ServoDevice):
+    def __init__(
+        self, name: str = "", *, lost_after: float = 100.0, on_button: int | None = None, library: str = ""
+    ) -> None: ...
+
+class OmegaDevice(ServoDevice):
+    def __init__(
+        self, index: int = 0, *, lost_after: float = 100.0, on_button: int | None = None, library: str = ""
+    ) -> None: ...
+    @staticmethod
+    def count(library: str = "") -> int: ...
+
 class HandDevice(Device):
     def __init__(
         self,

@@ -195,7 +195,7 @@ def test_begun_or_not_or_by_another(config, capsys):
         (["run", "test.toml", "--subject", "01", "--fast"], "--fast goes with --simulated"),
         (["run", "test.toml", "--subject", "01", "--weber", "1"], "--weber goes with --simulated"),
         (["run", "test.toml", "--subject", "01", "--device", "mouse"],
-         "device must be hand, scripted:FILE or igtl:"),
+         "device must be hand, scripted:FILE, igtl:"),
         (["run", "test.toml", "--subject", "01", "--device", "scripted:none.csv"], "none.csv"),
         (["run", "test.toml", "--subject", "01", "--simulated", "--device", "hand"], "--device does not go with"),
         (["analyse", "test.toml"], "there is no file of answers"),

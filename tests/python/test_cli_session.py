@@ -51,7 +51,10 @@ def test_script_and_two_burrs(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--device", "mouse"], "--device must be hand, scripted:FILE or igtl:HOST:PORT, got 'mouse'"),
+        (
+            ["--device", "mouse"],
+            "--device must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N], got 'mouse'",
+        ),
         (["--device", "igtl:nowhere"], "--device igtl: must be HOST:PORT, got 'nowhere'"),
         (["--device", "scripted:none.csv"], "none.csv"),
         (["--device", "hand", "--map", "0:1"], "--map goes with --volume"),

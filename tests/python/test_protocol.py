@@ -139,7 +139,7 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ),
         ("seed = 7", "seed = 7\npause_s = -1", r", [experiment]: pause_s must be at least 0, got -1.0"),
         ("seed = 7", "seed = 7\nbreak_s = inf", r", [experiment]: break_s must be a finite number, got inf"),
-        ("seed = 7", 'seed = 7\ndevice = "mouse"', r", [experiment]: device must be hand, scripted:FILE or igtl:HOST:PORT"),
+        ("seed = 7", 'seed = 7\ndevice = "mouse"', r", [experiment]: device must be hand, scripted:FILE, igtl:HOST:PORT"),
         ("seed = 7", 'seed = 7\ndevice = "igtl:x"', r", [experiment]: device igtl: must be HOST:PORT, got 'x'"),
         ("seed = 7", "seed = 7\nlost_after_ms = 0", r", [experiment]: lost_after_ms must be positive, got 0.0"),
         ("seed = 7", "seed = 7\npublish = 65536", r", [experiment]: publish must be a port, 1 to 65535, got 65536"),
@@ -301,8 +301,8 @@ def test_devices_in_words():
 @pytest.mark.parametrize(
     ("ask", "text", "sentence"),
     [
-        *((parse_device, text, "must be hand, scripted:FILE or "
-                               "igtl:HOST:PORT, got") for text in ("", "hands", "hand:1", "scripted:", "igtl:")),
+        *((parse_device, text, "must be hand, scripted:FILE, "
+                               "igtl:HOST:PORT, touch") for text in ("", "hands", "hand:1", "scripted:", "igtl:")),
         *((parse_address, text, "must be HOST:PORT, got") for text in ("x", "x:0", "x:65536", ":1", "x:y")),
         (parse_device, "igtl:x", "igtl: must be HOST:PORT, got"),
     ],

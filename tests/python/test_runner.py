@@ -329,7 +329,7 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
     [
         ("09", {}, "there is no subject '09'; there are 01"),
         ("01", {"tasks": ["two"]}, "there is no task 'two'; there are one"),
-        ("01", {"device": "mouse"}, "^device must be hand, scripted:FILE or igtl:HOST:PORT"),
+        ("01", {"device": "mouse"}, "^device must be hand, scripted:FILE, igtl:HOST:PORT"),
     ],
 )
 def test_refusals(scene, subject, options, sentence):

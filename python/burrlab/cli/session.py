@@ -1,4 +1,4 @@
-"""Live sessions and the use of their traces: burrlab session | replica | replay | metrics | export."""
+"""Live sessions and the use of their traces: session | devices | replica | replay | metrics | export."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
+from burrlab._core import Burr, Device, Nozzle, Replica, ServoDevice, VoxelBone
 from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.formats import read_labels
@@ -53,7 +53,13 @@ from burrlab.common.files import kept_elsewhere
 from burrlab.effects.companion import Companion
 from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
 from burrlab.session.devices import DeviceFrame
-from burrlab.session.exchange import export_volumetric_drilling, parse_address, parse_device
+from burrlab.session.exchange import (
+    export_volumetric_drilling,
+    find_devices,
+    open_device,
+    parse_address,
+    parse_device,
+)
 from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
 from burrlab.session.replay import replay
@@ -235,6 +241,9 @@ def _session(options: Options) -> int:
                 interrupted = True
                 session.stop("interrupted")
         show_line("")
+        for device in devices:
+            if isinstance(device, ServoDevice) and device.fault:
+                say(device.fault)
         report = session.report()
         effects_text, effects_plain = end_effects(effects)
         result = {
@@ -279,7 +288,20 @@ def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], n
         return burrlab.HandDevice(push=options.push, **{**place, "start": beside})
     if device.kind == "scripted":
         return burrlab.read_script(device.file)
-    return burrlab.IgtlDevice(device.host, device.port, lost_after=options.lost_after)
+    return open_device(device, options.lost_after)
+
+
+def _devices(options: Options) -> int:
+    rows = find_devices()
+    lines = [
+        f"{row['device']}: {row['hardware']}, over {row['library']}"
+        if "hardware" in row
+        else f"{row['device']}: {row['why_not']}"
+        for row in rows
+    ]
+    lines.append("hand, scripted:FILE and igtl:HOST:PORT need no library")
+    deliver(options, {"devices": rows}, "\n".join(lines))
+    return 0
 
 
 def _line(session: burrlab.Session) -> str:
@@ -427,13 +449,13 @@ _TRACE = option("file", "a trace", metavar="FILE")
 SESSION_COMMANDS = (
     Command("session", _session, "Burr in real time, with a device or a simulated hand.", (
         option(
-            "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a "
-                        "server's OpenIGTLink "
-            "TRANSFORM stream; given twice, two burrs",
-            action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT",
+            "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], a "
+                        "server's OpenIGTLink TRANSFORM stream, a Touch by its name in the vendor's set-up, or "
+                        "an Omega by its number from 0; given twice, two burrs",
+            action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]",
         ),
         option(
-            "--lost-after", "age at which a position over the network counts as lost, and the session stops "
+            "--lost-after", "age at which a position of a device or over the network counts as lost, and the session stops "
                             "[ms], default 100; a "
             "peer that sends only what changes (3D Slicer) "
             "needs more", type=positive, default=100.0, metavar="MS",
@@ -493,6 +515,7 @@ SESSION_COMMANDS = (
         flag("--no-realtime", "do not ask for real-time priority and locked memory"),
         *OUTPUT,
     )),
+    Command("devices", _devices, "Haptic devices: what was looked for, what was found, and why not.", (JSON,)),
     Command("replica", _replica, "Hold a bit-identical copy of a published session's bone.", (
         option("address", "of a session with --publish", type=parsed_by(parse_address), metavar="HOST:PORT"),
         option("--volume", "the leader's volume, where it lies elsewhere here", metavar="FILE"),

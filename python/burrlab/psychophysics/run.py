@@ -22,7 +22,7 @@ from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.seat import Experimenter, Seat
 from burrlab.psychophysics.side_car import TOO_FAST, Answer
 from burrlab.psychophysics.trial import Interval, Mode, Order, Stimulus, Trial
-from burrlab.session.exchange import parse_device
+from burrlab.session.exchange import open_device, parse_device
 
 MANY_LATE = 0.01  # share of an interval's ticks above which the experimenter is told
 _LOOK = 0.01  # time between two looks at the keys while a real specimen is felt [s]
@@ -337,10 +337,11 @@ class Sitting:
     tasks : sequence of str, optional
         By default all, in the subject's own order.
     device : str, Device or callable, optional
-        hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's. Or your own device that serves one
-        interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py). Or a function
-        that returns a device for a mode ("probing" or "drilling"), called twice per interval: for the wait
-        until the burr is lifted, and for the interval. The side-car calls the last two "driver".
+        hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N], by default the protocol's. Or your own
+        device that serves one interval after the other, such as a `MailboxDevice`
+        (examples/experiment_driver.py). Or a function that returns a device for a mode ("probing" or
+        "drilling"), called twice per interval: for the wait until the burr is lifted, and for the interval.
+        The side-car calls the last two "driver".
     simulated : mapping, optional
         Description of a simulated subject, for the side-car.
     once : bool
@@ -382,7 +383,7 @@ class Sitting:
         else:
             self._text = device or protocol.device
             self._device = device_maker(self._text, protocol)
-        self._live = self._text.partition(":")[0] in (_DRIVER, "igtl")
+        self._live = self._text.partition(":")[0] not in ("hand", "scripted")
         self._simulated, self._once, self._view, self._again = simulated, once, view, again
         self._tried = False
 
@@ -485,7 +486,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     Raises
     ------
     ValueError
-        If the text or the script is wrong.
+        If the text or the script is wrong, or the device cannot be opened.
     OSError
         If the script cannot be read.
     """
@@ -498,7 +499,10 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     if device.kind == "scripted":
         script = burrlab.read_script(device.file)
         return lambda mode: script
-    return lambda mode: burrlab.IgtlDevice(device.host, device.port, lost_after=protocol.lost_after)
+    if device.kind == "igtl":  # each interval has its own connection
+        return lambda mode: open_device(device, protocol.lost_after)
+    opened = open_device(device, protocol.lost_after)
+    return lambda mode: opened
 
 
 def _rendered_once() -> Callable[..., Rendered]:

@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 import burrlab.common.table as csv_text
-from burrlab._core import ScriptedDevice, VoxelBone, read_bricks, take_changed_bricks
+from burrlab._core import (
+    IgtlDevice,
+    OmegaDevice,
+    ScriptedDevice,
+    ServoDevice,
+    TouchDevice,
+    VoxelBone,
+    read_bricks,
+    take_changed_bricks,
+)
 from burrlab.bone.kept import stack_slices
 from burrlab.bone.slices import is_stack
 from burrlab.common.check import refuse
@@ -75,27 +84,33 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
         raise ValueError(f"{name}: {error}") from None
 
 
-DeviceKind = Literal["hand", "scripted", "igtl"]
+DeviceKind = Literal["hand", "scripted", "igtl", "touch", "omega"]
 
 
 @dataclass(frozen=True)
 class DeviceText:
-    """The parts of a device text: hand, scripted:FILE or igtl:HOST:PORT.
+    """The parts of a device text: hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N].
 
     Attributes
     ----------
-    kind : {"hand", "scripted", "igtl"}
+    kind : {"hand", "scripted", "igtl", "touch", "omega"}
     file : str
         Script to follow.
     host : str
     port : int
         OpenIGTLink server.
+    name : str
+        Of a touch in the vendor's set-up; empty for the default device.
+    index : int
+        Of an omega.
     """
 
     kind: DeviceKind
     file: str = ""
     host: str = ""
     port: int = 0
+    name: str = ""
+    index: int = 0
 
 
 def parse_device(text: str) -> DeviceText:
@@ -108,10 +123,10 @@ def parse_device(text: str) -> DeviceText:
 
     Examples
     --------
-    >>> parse_device("igtl:localhost:18944")
-    DeviceText(kind='igtl', file='', host='localhost', port=18944)
+    >>> parse_device("omega:1").index
+    1
     """
-    kind, _, rest = text.partition(":")
+    kind, colon, rest = text.partition(":")
     if text == "hand":
         return DeviceText("hand")
     if kind == "scripted" and rest:
@@ -121,7 +136,56 @@ def parse_device(text: str) -> DeviceText:
             return DeviceText("igtl", "", *parse_address(rest))
         except ValueError as error:
             raise ValueError(f"igtl: {error}") from None
-    raise ValueError(f"must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
+    if kind == "touch" and (rest or not colon):
+        return DeviceText("touch", name=rest)
+    if kind == "omega" and (rest.isdecimal() or not colon):
+        return DeviceText("omega", index=int(rest or 0))
+    raise ValueError(f"must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N], got '{text}'")
+
+
+def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | ServoDevice:
+    """Opens a device that moves by itself: igtl, touch or omega.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be opened.
+    """
+    if device.kind == "touch":
+        return TouchDevice(device.name, lost_after=lost_after)
+    if device.kind == "omega":
+        return OmegaDevice(device.index, lost_after=lost_after)
+    return IgtlDevice(device.host, device.port, lost_after=lost_after)
+
+
+def find_devices() -> list[dict[str, str]]:
+    """What was looked for: one row for each device that was found, or for a kind of which none was.
+
+    Returns
+    -------
+    list of dict
+        `device`, as `--device` takes it; `needs`, the vendor's library; then `hardware`, its model, and
+        `library`, the file that was loaded; or `why_not`, a sentence.
+    """
+    rows: list[dict[str, str]] = []
+
+    def look(text: str, needs: str) -> None:
+        row = {"device": text, "needs": needs}
+        try:
+            found = open_device(parse_device(text), 100.0)
+            assert isinstance(found, ServoDevice)
+            rows.append({**row, "hardware": found.hardware, "library": found.library})
+        except ValueError as error:
+            rows.append({**row, "why_not": str(error)})
+
+    look("touch", "libHD of OpenHaptics")
+    try:
+        count = OmegaDevice.count()
+    except ValueError:
+        count = 0
+    for index in range(max(count, 1)):
+        look(f"omega:{index}", "libdhd of Force Dimension")
+    return rows
 
 
 def parse_address(text: str) -> tuple[str, int]:

@@ -21,6 +21,7 @@ from burrlab._core import (
     Material,
     Publisher,
     RecordReader,
+    ServoDevice,
     TickExecutor,
     VoxelBone,
 )
@@ -56,8 +57,8 @@ class Session:
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
-        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device
-        serves one session at a time.
+        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
+        `TouchDevice`, `OmegaDevice`. A device serves one session at a time.
     seed : int, optional
         Default: a random one; the attribute `seed` holds it.
     rate : float
@@ -204,6 +205,10 @@ class Session:
         refuse(
             duration is not None and not 0 < duration < 1e9,
             f"duration must be positive and below 1e9 s, got {duration!r}",
+        )
+        refuse(
+            not wall_clock and any(isinstance(device, ServoDevice) for device in self.devices),
+            f"wall_clock must be True for a device that a hand holds, got {wall_clock!r}",
         )
         refuse(not 0 < digest_every < 1e9, f"digest_every must be positive, got {digest_every!r}")
         recipe = json.loads(json_text("source", source))

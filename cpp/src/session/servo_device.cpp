@@ -1,0 +1,125 @@
+#include "burrlab/session/servo_device.hpp"
+
+#include <Eigen/Geometry>
+#include <chrono>
+
+#include "burrlab/check.hpp"
+#include "burrlab/session/realtime.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr std::int64_t start_limit = 1000000000, stop_limit = 500000000;  // [ns]
+
+/// Unit quaternion with w >= 0 of a rotation by rows; false if it is none, to 1 %.
+bool to_quaternion(const std::array<double, 9>& rows, std::array<double, 4>& quaternion) noexcept {
+  using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+  const Matrix rotation = Eigen::Map<const Matrix>(rows.data());
+  const double off = (rotation * rotation.transpose() - Matrix::Identity()).cwiseAbs().sum();
+  if (!(off <= 1e-2) || !(rotation.determinant() > 0.0)) return false;
+  const Eigen::Quaterniond q = Eigen::Quaterniond(Eigen::Matrix3d(rotation)).normalized();
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
+  quaternion = {sign * q.w(), sign * q.x(), sign * q.y(), sign * q.z()};
+  return true;
+}
+
+template <class Ended>
+bool wait_until(std::int64_t limit, const Ended& ended) {
+  const std::int64_t until = steady_now() + limit;
+  while (!ended() && steady_now() < until) std::this_thread::sleep_for(std::chrono::microseconds(200));
+  return ended();
+}
+
+}  // namespace
+
+ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
+    : name_(std::move(name)), settings_(settings) {
+  require_positive("lost_after", settings.lost_after);
+  if (settings.on_button < -1 || settings.on_button > 7)
+    refuse("on_button", "0 to 7, or none", settings.on_button);
+}
+
+void ServoDevice::start(double) {
+  if (keep_) throw std::invalid_argument(name_ + " must be opened anew: its servo did not end");
+  in_.put({});
+  out_.put({});
+  last_ = {};
+  force_ = {};
+  fault_.store(0);
+  closing_.store(false);
+  halted_.store(false);
+  keep_ = shared_from_this();
+  ended_.store(false);
+  try {
+    begin();
+  } catch (...) {
+    ended_.store(true);
+    keep_.reset();
+    throw;
+  }
+  Letter letter{};
+  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(letter) && letter.time != 0); });
+  if (fault_.load() == 0 && letter.time != 0) return;
+  const std::string why = fault();
+  stop();
+  throw std::invalid_argument(name_ +
+                              " must give positions: " + (why.empty() ? "none came within 1 s" : why));
+}
+
+void ServoDevice::stop() noexcept {
+  if (!keep_) return;
+  halt();
+  closing_.store(true, std::memory_order_release);
+  const bool ended = wait_until(stop_limit, [this] { return ended_.load(std::memory_order_acquire); });
+  end(ended);
+  if (ended) keep_.reset();  // else the servo may still call, and the device stays
+}
+
+bool ServoDevice::cycle() noexcept {
+  Pose pose;
+  out_.get(force_);
+  int code = fresh;
+  if (!closing_.load(std::memory_order_acquire)) {
+    const bool halted = halted_.load(std::memory_order_acquire);
+    code = exchange(pose, halted ? Vec3(Vec3::Zero()) : Vec3(force_[0], force_[1], force_[2]));
+    Letter letter{};
+    if (code == fresh && !to_quaternion(pose.rotation, letter.orientation)) code = no_rotation;
+    if (code == fresh) {
+      letter.position = pose.position;
+      letter.velocity = pose.velocity;
+      letter.buttons = pose.buttons;
+      letter.time = steady_now();
+      in_.put(letter);
+    }
+    if (code == fresh || code == old) return true;
+    fault_.store(code, std::memory_order_release);
+  }
+  quiet();
+  ended_.store(true, std::memory_order_release);
+  return false;
+}
+
+DeviceReading ServoDevice::read(double, std::uint64_t) noexcept {
+  in_.get(last_);  // else the last letter, with its age
+  DeviceReading reading;
+  reading.position = {last_.position[0], last_.position[1], last_.position[2]};
+  reading.velocity = {last_.velocity[0], last_.velocity[1], last_.velocity[2]};
+  if (last_.time != 0) reading.orientation = last_.orientation;
+  reading.buttons = std::uint8_t(last_.buttons);
+  reading.on = settings_.on_button < 0 || (reading.buttons >> settings_.on_button & 1u);
+  reading.age = std::max(0.0, 1e-6 * double(steady_now() - last_.time));
+  if (fault_.load(std::memory_order_acquire) != 0 || reading.age > settings_.lost_after) {
+    halt();
+    reading.status = DeviceReading::Status::lost;
+  }
+  return reading;
+}
+
+std::string ServoDevice::fault() const {
+  const int code = fault_.load(std::memory_order_acquire);
+  if (code == 0) return {};
+  if (code == no_rotation) return name_ + " gave an orientation that is not a rotation";
+  return name_ + " failed: " + error_text(code) + " (error " + std::to_string(code) + ")";
+}
+
+}  // namespace burrlab

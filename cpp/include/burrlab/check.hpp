@@ -1,7 +1,6 @@
 // Argument checks: one sentence with the parameter, the rule and the value received.
 #pragma once
 
-#include <array>
 #include <cmath>
 #include <sstream>
 #include <stdexcept>
@@ -26,16 +25,6 @@ inline void require_positive(const std::string& name, double value) {
 
 inline void require_not_negative(const std::string& name, double value) {
   if (!(std::isfinite(value) && value >= 0.0)) refuse(name, "zero or positive and finite", value);
-}
-
-/// Whether a quaternion is one of a rotation.
-inline bool is_unit(const std::array<double, 4>& q) {
-  return std::abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) <= 1e-3;
-}
-
-inline void require_unit(const std::string& name, const std::array<double, 4>& q) {
-  if (!is_unit(q))
-    refuse("length of " + name, "1", std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])));
 }
 
 }  // namespace burrlab

@@ -103,7 +103,7 @@ void TransformReader::take(const Message& message) {
     return;
   }
   NetworkPose pose{};
-  openigtlink::Rows rotation;
+  RotationRows rotation;
   std::copy_n(transform.rotation.begin(), 9, rotation.data());
   rotation = openigtlink::turned(rotation);
   std::copy_n(rotation.data(), 9, pose.rotation.begin());
@@ -142,8 +142,9 @@ void IgtlDevice::take(const NetworkPose& pose) {
   else if (last_.count && pose.arrival - last_.arrival > std::uint64_t(1e9 * longest_step))
     velocity_.setZero();  // two poses at the same time keep the last velocity
   last_ = pose;
-  const auto rotation = Eigen::Map<const openigtlink::Rows>(pose.rotation.data());
-  put(position, velocity_, pose.on != 0, openigtlink::orientation_of(rotation));
+  Quaternion orientation{1.0, 0.0, 0.0, 0.0};
+  to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), orientation);  // 1 if it is none
+  put(position, velocity_, pose.on != 0, orientation);
 }
 
 }  // namespace burrlab

@@ -1,19 +1,11 @@
 #include "burrlab/session/device_frame.hpp"
 
-#include <Eigen/Geometry>
-
 #include "burrlab/check.hpp"
 
 namespace burrlab {
-namespace {
-
-Eigen::Quaterniond to_quaternion(const std::array<double, 4>& q) { return {q[0], q[1], q[2], q[3]}; }
-
-}  // namespace
-
 FramedDevice::FramedDevice(const DeviceFrame& frame)
     : frame_(frame),
-      rotation_(to_quaternion(frame.rotation).normalized().toRotationMatrix()),
+      rotation_(to_eigen(frame.rotation).normalized().toRotationMatrix()),
       offset_(frame.offset) {
   require_positive("scale of a frame", frame.scale);
   require_unit("rotation of a frame", frame.rotation);
@@ -30,7 +22,7 @@ void FramedDevice::apply(DeviceReading& reading) noexcept {
   }
   reading.velocity = held_ ? Vec3::Zero().eval() : (frame_.scale * (rotation_ * reading.velocity)).eval();
   reading.position = held_ && begun_ ? last_ : (turned + offset_).eval();
-  const Eigen::Quaterniond tool = to_quaternion(frame_.rotation) * to_quaternion(reading.orientation);
+  const Eigen::Quaterniond tool = to_eigen(frame_.rotation) * to_eigen(reading.orientation);
   reading.orientation = {tool.w(), tool.x(), tool.y(), tool.z()};
   last_ = reading.position;
   begun_ = true;

@@ -20,7 +20,7 @@ MailboxDevice::MailboxDevice(double lost_after, std::string name, DeviceModel mo
 }
 
 void MailboxDevice::put(const Vec3& position, const Vec3& velocity, bool on,
-                        const std::array<double, 4>& orientation, std::uint8_t buttons) {
+                        const Quaternion& orientation, std::uint8_t buttons) {
   Letter letter{};
   for (int axis = 0; axis < 3; ++axis) {
     require_finite("position", letter.position[axis] = position[axis]);

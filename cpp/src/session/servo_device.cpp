@@ -1,6 +1,5 @@
 #include "burrlab/session/servo_device.hpp"
 
-#include <Eigen/Geometry>
 #include <chrono>
 
 #include "burrlab/check.hpp"
@@ -10,18 +9,6 @@ namespace burrlab {
 namespace {
 
 constexpr std::int64_t start_limit = 1000000000, stop_limit = 500000000;  // [ns]
-
-/// Unit quaternion with w >= 0 of a rotation by rows; false if it is none, to 1 %.
-bool to_quaternion(const std::array<double, 9>& rows, std::array<double, 4>& quaternion) noexcept {
-  using Matrix = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
-  const Matrix rotation = Eigen::Map<const Matrix>(rows.data());
-  const double off = (rotation * rotation.transpose() - Matrix::Identity()).cwiseAbs().sum();
-  if (!(off <= 1e-2) || !(rotation.determinant() > 0.0)) return false;
-  const Eigen::Quaterniond q = Eigen::Quaterniond(Eigen::Matrix3d(rotation)).normalized();
-  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
-  quaternion = {sign * q.w(), sign * q.x(), sign * q.y(), sign * q.z()};
-  return true;
-}
 
 template <class Ended>
 bool wait_until(std::int64_t limit, const Ended& ended) {
@@ -83,7 +70,9 @@ bool ServoDevice::cycle() noexcept {
     const bool halted = halted_.load(std::memory_order_acquire);
     code = exchange(pose, halted ? Vec3(Vec3::Zero()) : Vec3(force_[0], force_[1], force_[2]));
     Letter letter{};
-    if (code == fresh && !to_quaternion(pose.rotation, letter.orientation)) code = no_rotation;
+    if (code == fresh &&
+        !to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), letter.orientation))
+      code = no_rotation;
     if (code == fresh) {
       letter.position = pose.position;
       letter.velocity = pose.velocity;

@@ -2,20 +2,18 @@
 // own axes too.
 #pragma once
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
 #include "burrlab/network/openigtlink.hpp"
+#include "burrlab/quaternion.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab::openigtlink {
 
-using Rows = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
-
 /// A rotation in the other frame.
-inline Rows turned(const Rows& rotation) {
-  Rows other;
+inline RotationRows turned(const RotationRows& rotation) {
+  RotationRows other;
   for (int row = 0; row < 3; ++row)
     for (int column = 0; column < 3; ++column)
       other(row, column) = (row == 2) == (column == 2) ? rotation(row, column) : 0.0 - rotation(row, column);
@@ -23,9 +21,9 @@ inline Rows turned(const Rows& rotation) {
 }
 
 /// A position and an orientation (w, x, y, z) in the bone frame as a TRANSFORM, rounded to float32.
-inline Transform to_ras(const Vec3& position, const std::array<double, 4>& q = {1.0, 0.0, 0.0, 0.0}) {
+inline Transform to_ras(const Vec3& position, const Quaternion& q = {1.0, 0.0, 0.0, 0.0}) {
   Transform transform;
-  const Rows rotation = turned(Eigen::Quaterniond(q[0], q[1], q[2], q[3]).toRotationMatrix());
+  const RotationRows rotation = turned(to_eigen(q).toRotationMatrix());
   std::copy_n(rotation.data(), 9, transform.rotation.begin());
   for (int axis = 0; axis < 3; ++axis)
     transform.position[axis] = float(axis < 2 ? 0.0 - position[axis] : position[axis]);  // no -0
@@ -36,15 +34,6 @@ inline Transform to_ras(const Vec3& position, const std::array<double, 4>& q = {
 inline Vec3 position_from_ras(const Transform& transform) {
   const auto& p = transform.position;
   return {0.0 - double(p[0]), 0.0 - double(p[1]), double(p[2])};
-}
-
-/// A rotation as a unit quaternion (w, x, y, z), w not negative; 1 if the matrix is none, within 1 in 1000.
-inline std::array<double, 4> orientation_of(const Rows& rotation) {
-  if (!((rotation * rotation.transpose()).isApprox(Rows::Identity(), 1e-3) && rotation.determinant() > 0.0))
-    return {1.0, 0.0, 0.0, 0.0};
-  Eigen::Quaterniond q = Eigen::Quaterniond(rotation).normalized();
-  if (q.w() < 0.0) q.coeffs() = -q.coeffs();
-  return {q.w(), q.x(), q.y(), q.z()};
 }
 
 /// Whether a tick can use the position: it is within 1 km of the origin (our choice).

@@ -1,12 +1,12 @@
 // A device moves a burr and feels its force: a haptic device, a simulated hand, a recording, a network peer.
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <cstdint>
 #include <limits>
 #include <string>
 
+#include "burrlab/quaternion.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
@@ -16,7 +16,7 @@ struct DeviceReading {
   Vec3 position = Vec3::Zero();  ///< of the burr's centre, bone frame [mm]
   Vec3 velocity = Vec3::Zero();  ///< [mm/s]
   /// Unit quaternion (w, x, y, z) that turns directions of the tool into those of the bone; 1 if unknown.
-  std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};
+  Quaternion orientation{1.0, 0.0, 0.0, 0.0};
   std::uint8_t buttons = 0;  ///< bit i: button i is pressed
   bool on = false;           ///< the burr turns
   double age = 0.0;          ///< of the position [ms]

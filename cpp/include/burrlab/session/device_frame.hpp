@@ -7,9 +7,9 @@ namespace burrlab {
 
 /// position = scale x rotation x device + offset. The default changes nothing.
 struct DeviceFrame {
-  double scale = 1.0;                                  ///< of motion; forces are not scaled
-  std::array<double, 4> rotation{1.0, 0.0, 0.0, 0.0};  ///< unit quaternion, device axes to bone axes
-  Vec3 offset = Vec3::Zero();                          ///< of the device's origin, bone frame [mm]
+  double scale = 1.0;                       ///< of motion; forces are not scaled
+  Quaternion rotation{1.0, 0.0, 0.0, 0.0};  ///< unit quaternion, device axes to bone axes
+  Vec3 offset = Vec3::Zero();               ///< of the device's origin, bone frame [mm]
   int clutch = -1;  ///< while this button is held the burr stands still, at zero force; -1: none
 };
 

@@ -18,7 +18,7 @@ class MailboxDevice : public Device {
   /// Sets position [mm], velocity [mm/s], switch, orientation and buttons (DeviceReading); throws if a number
   /// is not finite or the orientation is not of length 1.
   void put(const Vec3& position, const Vec3& velocity, bool on,
-           const std::array<double, 4>& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0);
+           const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0);
   Vec3 force() const;      ///< last sent by the loop; 0 after `halt` [N]
   bool has_value() const;  ///< there was a `put`
 
@@ -32,7 +32,7 @@ class MailboxDevice : public Device {
  private:
   struct Letter {
     std::array<double, 3> position, velocity;
-    std::array<double, 4> orientation;
+    Quaternion orientation;
     std::uint8_t on, buttons, padding[6];
     std::uint64_t time;  // steady clock [ns]; 0: none yet
   };

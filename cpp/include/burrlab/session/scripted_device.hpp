@@ -49,7 +49,7 @@ class ReplayDevice : public Device {
     Vec3 velocity = Vec3::Zero();  ///< [mm/s]
     bool on = true;
     std::uint32_t k = 1;
-    std::array<double, 4> orientation{1.0, 0.0, 0.0, 0.0};  ///< DeviceReading::orientation
+    Quaternion orientation{1.0, 0.0, 0.0, 0.0};  ///< DeviceReading::orientation
     std::uint8_t buttons = 0;
   };
 

@@ -56,7 +56,7 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
  private:
   struct Letter {
     std::array<double, 3> position, velocity;
-    std::array<double, 4> orientation;
+    Quaternion orientation;
     std::uint64_t buttons;
     std::int64_t time;  // steady clock [ns]; 0: none yet
   };

@@ -1,0 +1,35 @@
+// Orientations: unit quaternions (w, x, y, z), and rotation matrices row by row.
+#pragma once
+
+#include <Eigen/Geometry>
+#include <array>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+
+using Quaternion = std::array<double, 4>;
+using RotationRows = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+
+inline bool is_unit(const Quaternion& q) {
+  return std::abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) <= 1e-3;
+}
+
+inline void require_unit(const std::string& name, const Quaternion& q) {
+  if (!is_unit(q))
+    refuse("length of " + name, "1", std::hypot(std::hypot(q[0], q[1]), std::hypot(q[2], q[3])));
+}
+
+inline Eigen::Quaterniond to_eigen(const Quaternion& q) { return {q[0], q[1], q[2], q[3]}; }
+
+/// A rotation as a quaternion with w >= 0; false if the matrix is none, to 1 %.
+inline bool to_quaternion(const RotationRows& rotation, Quaternion& quaternion) noexcept {
+  const double off = (rotation * rotation.transpose() - RotationRows::Identity()).cwiseAbs().sum();
+  if (!(off <= 1e-2 && rotation.determinant() > 0.0)) return false;
+  const Eigen::Quaterniond q = Eigen::Quaterniond(Eigen::Matrix3d(rotation)).normalized();
+  const double sign = q.w() < 0.0 ? -1.0 : 1.0;
+  quaternion = {sign * q.w(), sign * q.x(), sign * q.y(), sign * q.z()};
+  return true;
+}
+
+}  // namespace burrlab

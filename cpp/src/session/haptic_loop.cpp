@@ -48,7 +48,8 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
   if (!(settings.stop_force > 0.0)) refuse("stop_force", "positive", settings.stop_force);
   const auto one_a_burr = [this](const char* what, std::size_t count) {
     if (count && count != devices_.size())
-      refuse(std::string("number of ") + what, "one a burr, " + std::to_string(devices_.size()), double(count));
+      refuse(std::string("number of ") + what, "one a burr, " + std::to_string(devices_.size()),
+             double(count));
   };
   one_a_burr("guards", settings.guards.size());
   one_a_burr("models", settings.models.size());
@@ -282,6 +283,7 @@ void HapticLoop::rest_devices() noexcept {
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     devices_[i]->write(Vec3::Zero());
     guards_[i].reset();
+    observers_[i].let_go();
   }
 }
 

@@ -10,8 +10,8 @@ namespace burrlab {
 /// What a guard keeps to. The defaults are ours: above what burring needs (2 N and a few N/mm at 100 mm/s),
 /// below what a desktop device gives for long; no continuous limit, no ramp.
 struct GuardLimits {
-  double force = 8.0;                                            ///< size of a force [N]
-  double slew = 1.0;                                             ///< its change [N/ms]
+  double force = 8.0;                                           ///< size of a force [N]
+  double slew = 1.0;                                            ///< its change [N/ms]
   double continuous = std::numeric_limits<double>::infinity();  ///< its RMS over the window [N]
   double window = 10.0;  ///< time constant of the exponential window [s]; ours
   double ramp = 0.0;     ///< time over which the allowed force grows from zero after the first contact [s]
@@ -20,10 +20,8 @@ struct GuardLimits {
 /// Limits the size of a force, keeping its direction, then its change.
 class ForceGuard {
  public:
-  static constexpr double default_hold = 100.0;  ///< [ms]
-
   /// `hold`: longest time for which a force may act before the next one is asked for [ms].
-  explicit ForceGuard(const GuardLimits& limits = {}, double hold = default_hold);
+  explicit ForceGuard(const GuardLimits& limits, double hold = 100.0);
   ForceGuard(double force, double slew) : ForceGuard(GuardLimits{force, slew}) {}  ///< [N], [N/ms]
 
   /// The force to send [N], dt [ms] after the last one. Always finite: an input that is not counts as
@@ -32,7 +30,6 @@ class ForceGuard {
   /// As if the last force was zero: the ramp begins anew, what the continuous limit has seen stays.
   void reset() noexcept;
 
-  const GuardLimits& limits() const { return limits_; }
   double mean_square() const { return mean_; }  ///< of what was sent, over the window [N^2]
 
  private:

@@ -22,15 +22,15 @@
 namespace burrlab {
 
 struct LoopSettings {
-  bool wall_clock = true;                          ///< false: one period after another, as fast as possible
-  RealtimeRequest realtime{};                      ///< used with the wall clock
-  double stall_limit = 100.0;                      ///< the session stops after this time without a tick [ms]
-  double ring = 60.0;                              ///< time of records kept for readers [s]
-  std::uint64_t ticks = 0;                         ///< after which the session ends; 0: it runs until `stop`
-  GuardLimits guard{};                             ///< of each burr without an own one in `guards`
-  double coupling = 0.0;                           ///< spring between device and burr [N/mm]; 0: none
-  std::vector<GuardLimits> guards{};               ///< one a burr, or none
-  std::vector<DeviceModel> models{};               ///< one a burr, or none: what a device does not say itself
+  bool wall_clock = true;             ///< false: one period after another, as fast as possible
+  RealtimeRequest realtime{};         ///< used with the wall clock
+  double stall_limit = 100.0;         ///< the session stops after this time without a tick [ms]
+  double ring = 60.0;                 ///< time of records kept for readers [s]
+  std::uint64_t ticks = 0;            ///< after which the session ends; 0: it runs until `stop`
+  GuardLimits guard{};                ///< of each burr without an own one in `guards`
+  double coupling = 0.0;              ///< spring between device and burr [N/mm]; 0: none
+  std::vector<GuardLimits> guards{};  ///< one a burr, or none
+  std::vector<DeviceModel> models{};  ///< one a burr, or none: what a device does not say itself
   double stop_force = std::numeric_limits<double>::infinity();  ///< the session ends when it is wanted [N]
   std::uint32_t stop_buttons = 0;                               ///< bits of buttons that end the session
 };

@@ -43,7 +43,8 @@ def test_every_number_has_a_source_and_the_page_has_the_table():
         }, model  # fmt: skip
         assert limits.peak_force >= (limits.continuous_force or 0) > -1
         assert limits.damping is limits.friction is None  # found in no public source
-    assert "omega.7" in device_limits and "omega.9" not in device_limits
+    assert "omega.7" in device_limits
+    assert "omega.9" not in device_limits
     assert str(device_limits) in (ROOT / "docs" / "stability.md").read_text()
 
 

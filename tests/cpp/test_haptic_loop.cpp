@@ -12,7 +12,9 @@ using namespace scenes;
 namespace {
 
 void no_allocation() {
-  Run run(virtual_clock(5000));
+  LoopSettings settings = virtual_clock(5000);
+  settings.guards = {GuardLimits{3.3, 1.0, 0.88, 10.0, 1.0}};
+  Run run(settings);
   long first = 0, last = 0;
   run.device->what = [&](int n, DeviceReading&) {
     if (n == 0) first = allocations;

@@ -33,18 +33,16 @@ ForceGuard::ForceGuard(const GuardLimits& limits, double hold)
            limits.window);
 }
 
-// With m the mean square over the window, c the continuous limit, F the size of what is sent and r the
-// reserve,
+// m is the mean square over the window, c the continuous limit, F the size of what is sent, r the reserve:
 //
 //     m + r (F^2 - m) <= c^2        after every call,        r = (hold + limit/slew)/window <= 1.
 //
-// 1. However long F acts, up to `hold`: m moves at most by r (F^2 - m) towards F^2, so m <= c^2 until the
-// next
-//    call. 2. Then a force that keeps the rule can be reached. If F <= c, F itself does. Else F - slew dt
-//    does: m has grown by at most dt F^2/window, r F^2 shrinks by at least r slew dt F >= dt F^2/window,
-//    since r slew >= limit/window. So F never has to jump, and c may be sent for ever.
-// The mean square of a force that is held, m' = (F^2 - m)/window, is taken from above: 1 - e^-x lies between
-// x/(1 + x) and x. Over a stretch of length T the plain RMS is at most c sqrt(1 + window/T).
+// However long F acts, up to `hold`, m moves by at most r (F^2 - m): m <= c^2 until the next call. Then a
+// force that keeps the rule can be reached. If F <= c, F itself keeps it. Else F - slew dt does: m has grown
+// by at most dt F^2/window, and r F^2 shrinks by at least r slew dt F >= dt F^2/window, as r slew >=
+// limit/window. So F never has to jump, and c may be sent for ever. The mean square of a force that is held,
+// m' = (F^2 - m)/window, is taken from above: 1 - e^-x lies between x/(1 + x) and x. Over a stretch of length
+// T the plain RMS is at most c sqrt(1 + window/T).
 double ForceGuard::allowed(bool wanted, double dt) noexcept {
   double most = limits_.force;
   if (limits_.ramp > 0.0) {

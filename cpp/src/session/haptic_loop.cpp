@@ -292,6 +292,7 @@ void HapticLoop::rest_devices() noexcept {
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     devices_[i]->write(Vec3::Zero());
     guards_[i].reset();
+    observers_[i].let_go();
   }
 }
 

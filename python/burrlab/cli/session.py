@@ -150,7 +150,9 @@ def _quaternion(text: str) -> tuple[float, ...]:
     return parts
 
 
-def _frames(devices: Sequence[Device], options: Options, place: Mapping[str, Any]) -> list[DeviceFrame] | None:
+def _frames(
+    devices: Sequence[Device], options: Options, place: Mapping[str, Any]
+) -> list[DeviceFrame] | None:
     """Of each device; None where the options say nothing and no device has axes of its own."""
     asked = (options.scale, options.rotation, options.offset, options.clutch)
     if not any(isinstance(one, ServoDevice) for one in devices) and asked == (None,) * 4:

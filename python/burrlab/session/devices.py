@@ -188,6 +188,9 @@ class KnownLimits(Mapping[str, DeviceLimits]):
             raise ValueError(f"model must be one of {', '.join(self)}, got {model!r}{nearest(model, self)}")
         return self._models[model]
 
+    def __contains__(self, model: object) -> bool:
+        return model in self._models
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._models)
 

@@ -432,19 +432,19 @@ class Session:
 
     def _keep_house(self) -> None:
         """Serves the parts while the loop runs, then ends them."""
-        waited, due, well = 0.0, _LOOK, True
+        waited, due, well = 0.0, 0.0, True
         look = _LOOK / 10 if self._stop_within else _LOOK
         while not self._loop.wait(look):
             try:
                 self._stop_if_near()
                 waited += look
-                if waited < due:
+                if waited < due + _LOOK:
                     continue
-                due += _LOOK
                 self._hand_digests()
                 self._tell_of_anatomy()
-                if self._loop.counts.ticks == 0 and waited - _LOOK < _PATIENCE <= waited:
+                if self._loop.counts.ticks == 0 and due < _PATIENCE <= due + _LOOK:
                     self._say("no tick yet: the devices have not given a first position")
+                due += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)
             except Exception as error:  # the end of the session needs this thread

@@ -20,10 +20,8 @@ struct GuardLimits {
 /// Limits the size of a force, keeping its direction, then its change.
 class ForceGuard {
  public:
-  static constexpr double default_hold = 100.0;  ///< [ms]
-
   /// `hold`: longest time for which a force may act before the next one is asked for [ms].
-  explicit ForceGuard(const GuardLimits& limits = {}, double hold = default_hold);
+  explicit ForceGuard(const GuardLimits& limits, double hold = 100.0);
   ForceGuard(double force, double slew) : ForceGuard(GuardLimits{force, slew}) {}  ///< [N], [N/ms]
 
   /// The force to send [N], dt [ms] after the last one. Always finite: an input that is not counts as
@@ -32,7 +30,6 @@ class ForceGuard {
   /// As if the last force was zero: the ramp begins anew, what the continuous limit has seen stays.
   void reset() noexcept;
 
-  const GuardLimits& limits() const { return limits_; }
   double mean_square() const { return mean_; }  ///< of what was sent, over the window [N^2]
 
  private:

@@ -67,8 +67,8 @@ SECTIONS = {
     "Tutorials": ["Install and first steps </README>"]
     + sorted(f"/notebooks/{path.stem}" for path in ROOT.glob("notebooks/*.ipynb")),
     "How to": [
-        *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "trace"),
-        *("network", "view", "web", "effects", "experiment"),
+        *("fit", "descent", "cluster", "volumes", "tissues", "phantom", "anatomy", "session", "devices"),
+        *("trace", "network", "view", "web", "effects", "experiment"),
     ],
     "Reference": [
         *("reference", "gallery", "glossary", "measured", "tick", "experiment_files", "trace_format", "wire")

@@ -1,21 +1,25 @@
 """Timing of a session: a hand cuts bone at 1 kHz, recorded and published, alone and beside busy processes.
 
-    python tests/bench/session.py [--seconds 120] [--json FILE]
+    python tests/bench/session.py [--seconds 120] [--rate 1000] [--stub libhd|libdhd] [--json FILE]
 
 Each case is its own session: with and without real-time priority, alone and beside two busy processes. The
 tick is measured on its thread's CPU clock, the period on the wall clock. The results depend on the machine
-and on its other users.
+and on its other users. --stub adds a burr of a device over a stub of the vendor's library, whose servo runs at
+the rate of the loop, and prints the age of its positions.
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import numpy as np
 
 import burrlab
 
@@ -28,6 +32,7 @@ def main() -> None:
     )
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--rate", type=float, default=1000.0)
+    parser.add_argument("--stub", choices=("libhd", "libdhd"))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     results = []
@@ -35,7 +40,7 @@ def main() -> None:
         for realtime in (True, False):
             others = [subprocess.Popen([sys.executable, "-c", _BUSY]) for _ in range(busy)]
             try:
-                report = run(options.seconds, options.rate, realtime)
+                report = run(options.seconds, options.rate, realtime, options.stub)
             finally:
                 for other in others:
                     other.kill()
@@ -51,18 +56,38 @@ def main() -> None:
         options.json.write_text(json.dumps(results, indent=1) + "\n")
 
 
-def run(seconds: float, rate: float, realtime: bool) -> burrlab.SessionReport:
+def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrlab.SessionReport:
     """The report of a session: R = 3 mm in bone of 30 x 30 x 10 mm at 0.1 mm."""
     bone = burrlab.VoxelBone.block((30, 30, 10), 0.1, origin=(-14.95, -14.95, -9.95))
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
     with tempfile.TemporaryDirectory() as folder:
+        devices: list[burrlab.Device] = [burrlab.HandDevice()]
+        if stub:
+            devices.append(_over_stub(stub, Path(folder), rate))
+        record = Path(folder) / "trace.h5"
         session = burrlab.Session(
-            bone, tool, burrlab.HandDevice(), seed=1, rate=rate, duration=seconds, record=Path(folder) / "trace.h5",
-            publish=0, realtime=realtime,
+            bone, [tool] * len(devices), devices, seed=1, rate=rate, duration=seconds, record=record, publish=0,
+            realtime=realtime,
         )  # fmt: skip
         with session:
             session.wait()
+        for burr, device in enumerate(devices):
+            age = burrlab.load_trace(record).array("age_ms", burr)
+            told = ", ".join(f"{np.quantile(age, q):.3f}" for q in (0.5, 0.99, 0.999, 1.0))
+            print(f"{device.name}: age of the position, median, 99 %, 99.9 %, most: {told} ms")
         return session.report()
+
+
+def _over_stub(name: str, folder: Path, rate: float) -> burrlab.Device:
+    source, file = Path(__file__).parents[1] / "stubs" / f"{name}.c", folder / f"{name}.so"
+    subprocess.run(
+        ["cc", "-std=gnu11", "-fPIC", "-shared", source, "-o", file, "-lm", "-pthread"], check=True
+    )
+    library = ctypes.CDLL(str(file))
+    for field, value in (("rate", rate), ("x", 10.0), ("z", 3.0)):
+        library.stub_set(field.encode(), 0, ctypes.c_double(value))
+    kind = burrlab.TouchDevice if name == "libhd" else burrlab.OmegaDevice
+    return kind(library=str(file))
 
 
 if __name__ == "__main__":

@@ -94,7 +94,7 @@ def test_a_hand_meets_bone_and_the_cable_is_drawn(kind, stubs, tmp_path):
         assert run.wait(10)
         assert not stub.force().any()
         assert stub.get("force_on") == 0
-    assert (run.failed, run.reason[:17]) == (True, "device 0 was lost")
+    assert (run.failed, run.reason) == (True, f"device 0 was lost: {device.fault}")
     assert device.fault.startswith(f"{device.name} failed: ")
     trace = burrlab.load_trace(file)
     assert (trace.complete, burrlab.replay(trace).equal) == (True, True)

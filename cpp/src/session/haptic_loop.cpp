@@ -251,7 +251,9 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
     if (reading.status == Status::finished) return end(who() + " has come to its end", false), false;
     if (reading.status == Status::lost) {
       halt_devices();
-      end(who() + " was lost: its last position is " + std::to_string(int(reading.age)) + " ms old", true);
+      const std::string why = devices_[i]->fault();
+      const std::string old = "its last position is " + std::to_string(int(reading.age)) + " ms old";
+      end(who() + " was lost: " + (why.empty() ? old : why), true);
       return false;
     }
     if (reading.buttons & settings_.stop_buttons) {

@@ -243,9 +243,6 @@ def _session(options: Options) -> int:
                 interrupted = True
                 session.stop("interrupted")
         show_line("")
-        for device in devices:
-            if isinstance(device, ServoDevice) and device.fault:
-                say(device.fault)
         report = session.report()
         effects_text, effects_plain = end_effects(effects)
         result = {

@@ -51,7 +51,8 @@ class Device {
   /// After the last tick.
   virtual void stop() noexcept {}
 
-  virtual std::string name() const = 0;  ///< for the session's report
+  virtual std::string name() const = 0;             ///< for the session's report
+  virtual std::string fault() const { return {}; }  ///< why it was lost, empty if it does not say
   virtual DeviceModel model() const { return {}; }
 
   /// A loop claims the device; false if another has it.

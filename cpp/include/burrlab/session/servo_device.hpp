@@ -29,7 +29,7 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   void stop() noexcept override;
   std::string name() const override { return name_; }
-  std::string fault() const;                                 ///< why the servo ended, empty without a fault
+  std::string fault() const override;                        ///< why the servo ended, empty without a fault
   const std::string& hardware() const { return hardware_; }  ///< the model, as the library names it
   virtual const std::string& library() const = 0;            ///< its file
 

@@ -84,7 +84,7 @@ def _store(name: str) -> object:
 def _hello(name: str) -> object:
     content = Path(name).read_bytes()
     digest = re.search(rb'"digest": "(\w{32})"', content) or [b"", b"0" * 32]
-    hello = struct.pack(">IQQ32s", 1, 5, 0, digest[1]) + content
+    hello = struct.pack(">IQQ32s", 2, 5, 0, digest[1]) + content
     with serve([_core.encode_ndarray_uint8("burrlab_hello", hello)]) as port:
         return follow("127.0.0.1", port, timeout=0.1).stop()
 

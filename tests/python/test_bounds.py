@@ -165,7 +165,7 @@ BOMBS = [
      "a mapping must have at most 300000 keys"),
     ("a.h5", lambda path: bone(path, 2000), BONE, "cannot hold 8000000000"),
     ("a.h5", lambda path: bone(path, 64), BONE, "must have chunks of 262144 bytes, got 262145 or more"),
-    ("a.h5", trace, "burrlab.load_trace({!r})", "cannot hold 3740000000"),
+    ("a.h5", trace, "burrlab.load_trace({!r})", "cannot hold 4400000000"),
 ]  # fmt: skip
 
 

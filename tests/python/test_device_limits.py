@@ -245,4 +245,5 @@ def test_a_frame_from_the_command_line(tmp_path, capsys):
     )
     assert "frames" not in plain["provenance"]
     assert moved["provenance"]["frames"][0]["offset"] == [-1.0, 0.0, 0.5]
-    assert "must be W,X,Y,Z, got '1,0,0'" in refusal(capsys, *asked, "--rotation", "1,0,0")
+    for wrong in ("1,0,0", "1,0,0,a"):
+        assert f"must be W,X,Y,Z, got '{wrong}'" in refusal(capsys, *asked, "--rotation", wrong)

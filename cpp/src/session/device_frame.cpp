@@ -3,6 +3,7 @@
 #include "burrlab/check.hpp"
 
 namespace burrlab {
+
 FramedDevice::FramedDevice(const DeviceFrame& frame)
     : frame_(frame),
       rotation_(to_eigen(frame.rotation).normalized().toRotationMatrix()),

@@ -145,7 +145,9 @@ def _nearness(text: str) -> tuple[str, float]:
 
 @parsed_by
 def _quaternion(text: str) -> tuple[float, ...]:
-    parts = tuple(map(float, text.split(","))) if text.count(",") == 3 else ()
+    parts: tuple[float, ...] = ()
+    with contextlib.suppress(ValueError):
+        parts = tuple(map(float, text.split(",")))
     refuse(len(parts) != 4, f"must be W,X,Y,Z, got '{text}'")
     return parts
 
@@ -221,7 +223,7 @@ def _session(options: Options) -> int:
         say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
-        start.bone, frames=_frames(devices, options, start.place), tools=[(burr, start.material)] * len(devices), devices=devices, seed=options.seed, rate=options.rate, tick=start.tick,
+        start.bone, [(burr, start.material)] * len(devices), devices, frames=_frames(devices, options, start.place), seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
         stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,

@@ -23,15 +23,22 @@ void require_column(const char* name, const Array& array, py::ssize_t rows) {
 
 Vec3 row_of(const Reals& array, py::ssize_t i) { return {array.at(i, 0), array.at(i, 1), array.at(i, 2)}; }
 
+Quaternion quaternion_of(const std::optional<Reals>& table, py::ssize_t i) {
+  if (!table) return {1.0, 0.0, 0.0, 0.0};
+  return {table->at(i, 0), table->at(i, 1), table->at(i, 2), table->at(i, 3)};
+}
+
 std::shared_ptr<ScriptedDevice> scripted(const Reals& time, const Reals& position,
-                                         const std::optional<Flags>& on) {
+                                         const std::optional<Flags>& on,
+                                         const std::optional<Reals>& orientation) {
   if (time.ndim() != 1) throw std::invalid_argument("time must have shape (n,)");
   const py::ssize_t n = time.shape(0);
   require_table("position", position, n);
   if (on) require_column("on", *on, n);
+  if (orientation) require_table("orientation", *orientation, n, 4);
   std::vector<ScriptedDevice::Row> rows;
   for (py::ssize_t i = 0; i < n; ++i)
-    rows.push_back({time.at(i), row_of(position, i), on ? on->at(i) : true});
+    rows.push_back({time.at(i), row_of(position, i), on ? on->at(i) : true, quaternion_of(orientation, i)});
   return std::make_shared<ScriptedDevice>(std::move(rows));
 }
 
@@ -52,10 +59,8 @@ std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<
     if (buttons && (buttons->at(i) < 0 || buttons->at(i) > 255))
       refuse("buttons", "0 to 255", double(buttons->at(i)));
     ticks.push_back({row_of(position, i), velocity ? row_of(*velocity, i) : Vec3(Vec3::Zero()),
-                     on ? on->at(i) : true, k ? std::uint32_t(k->at(i)) : 1u});
-    if (orientation)
-      for (int j = 0; j < 4; ++j) ticks.back().orientation[std::size_t(j)] = orientation->at(i, j);
-    if (buttons) ticks.back().buttons = std::uint8_t(buttons->at(i));
+                     on ? on->at(i) : true, k ? std::uint32_t(k->at(i)) : 1u, quaternion_of(orientation, i),
+                     buttons ? std::uint8_t(buttons->at(i)) : std::uint8_t(0)});
   }
   return std::make_shared<ReplayDevice>(std::move(ticks));
 }
@@ -271,13 +276,17 @@ position : array_like, shape (n, 3)
     Centre of the burr [mm].
 on : array_like of bool, shape (n,), optional
     Whether the burr turns from this row to the next; default True.
+orientation : array_like, shape (n, 4), optional
+    Unit quaternions (w, x, y, z) that turn directions of the tool into those of the bone; between two rows the
+    shorter way. Default 1.
 
 Raises
 ------
 ValueError
-    If there is no row, a number is not finite, the times do not increase, or shapes do not fit.
+    If there is no row, a number is not finite, the times do not increase, an orientation is not of length 1,
+    or shapes do not fit.
 )")
-      .def(py::init(&scripted), "time"_a, "position"_a, "on"_a = py::none())
+      .def(py::init(&scripted), "time"_a, "position"_a, "on"_a = py::none(), "orientation"_a = py::none())
       .def("__len__", [](const ScriptedDevice& d) { return d.rows().size(); })
       .def_property_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
       .def_property_readonly("force", &ScriptedDevice::force, "(3,) last sent by the loop [N]; a copy");

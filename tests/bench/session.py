@@ -11,7 +11,6 @@ the rate of the loop, and prints the age of its positions.
 from __future__ import annotations
 
 import argparse
-import ctypes
 import json
 import os
 import subprocess
@@ -22,6 +21,9 @@ from pathlib import Path
 import numpy as np
 
 import burrlab
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from stubs.stub import Stub, compiled
 
 _BUSY = "while True: pass"
 
@@ -79,15 +81,10 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
 
 
 def _over_stub(name: str, folder: Path, rate: float) -> burrlab.Device:
-    source, file = Path(__file__).parents[1] / "stubs" / f"{name}.c", folder / f"{name}.so"
-    subprocess.run(
-        ["cc", "-std=gnu11", "-fPIC", "-shared", source, "-o", file, "-lm", "-pthread"], check=True
-    )
-    library = ctypes.CDLL(str(file))
-    for field, value in (("rate", rate), ("x", 10.0), ("z", 3.0)):
-        library.stub_set(field.encode(), 0, ctypes.c_double(value))
+    stub = Stub(compiled(name, folder))
+    stub.set(rate=rate, x=10.0, z=3.0)
     kind = burrlab.TouchDevice if name == "libhd" else burrlab.OmegaDevice
-    return kind(library=str(file))
+    return kind(library=stub.file)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ import pytest
 from anatomy_scenes import nerve_bone, straight, tool
 from command_line import refusal, result
 from conftest import ROOT
+from pseudo_terminal import PseudoTerminal
 
 import burrlab
 from burrlab import DeviceLimits, _core, device_limits
@@ -154,6 +155,19 @@ def test_ctrl_c_stops_a_session_at_once():
         run.wait(60)
     assert run.reason == "stopped by KeyboardInterrupt"
     assert run.ticks - said[0] < 100  # 1 or 2 on an idle machine
+
+
+def test_enter_stops_the_command(tmp_path):
+    """In its own terminal; typed text does not reach the shell."""
+    file = str(tmp_path / "trace.h5")
+    with PseudoTerminal(
+        "session", "--device", "hand", "--voxel", "0.5", "--no-realtime", "--record", file
+    ) as at:
+        at.wait_for("Enter or Ctrl-C stops the session", r"\d+ ticks")
+        os.write(at.controller, b"stop\n")
+        at.wait_for("Enter was pressed")
+        assert at.process.wait(30) == 0
+    assert burrlab.load_trace(file).complete
 
 
 def test_options_of_the_command(capsys):

@@ -114,6 +114,11 @@ def test_replay_carves_the_same_bone():
         (_core.ScriptedDevice, ([0.0, 1.0], np.zeros((3, 3))), r"position must have shape \(n, 3\)"),
         (_core.ScriptedDevice, ([0.0, 1.0], np.zeros((2, 3)), [True]), r"on must have shape \(n,\)"),
         (_core.ScriptedDevice, ([[0.0]], np.zeros((1, 3))), r"time must have shape \(n,\)"),
+        (
+            _core.ScriptedDevice,
+            ([0.0], [[0, 0, 0]], [True], np.ones((1, 3))),
+            r"orientation must have shape \(n, 4\)",
+        ),
         (_core.ReplayDevice, (np.zeros((0, 3)),), "a recording must have at least one tick, got none"),
         (_core.ReplayDevice, (np.zeros((2, 2)),), r"position must have shape \(n, 3\)"),
         (_core.ReplayDevice, ([[0, np.nan, 0]],), "position must be finite"),
@@ -160,6 +165,11 @@ def test_read_script(tmp_path):
     assert np.array_equal(first["on"] == 1, (records["time"] < 0.05) | (records["time"] >= 0.1))
     path.write_text("time_s,x_mm,y_mm,z_mm\n0,1,2,3\n1,1,2,3\n")
     assert len(read_script(path)) == 2
+    path.write_text("time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,2.5,1,0,0,0\n0.1,0,0,2.5,0,0,0,-1\n")
+    turned = play(read_script(path))[0]["burr"]["orientation"][:, 0]
+    half = 0.5**0.5  # the shorter way, by 180 degrees
+    assert np.allclose(turned[[49, 99]], [(half, 0, 0, -half), (0, 0, 0, -1)])
+    assert np.allclose(np.linalg.norm(turned, axis=1), 1.0, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -170,6 +180,14 @@ def test_read_script(tmp_path):
         ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,2\n", "line 2, column on: must be 0 or 1: got 2.0"),
         ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,\n", "line 2, column on: every row needs 0 or 1"),
         ("time_s,x_mm,y_mm,z_mm\n1,0,0,0\n1,0,0,0\n", "way.csv: time must be increasing: after 1 s, got 1"),
+        (
+            "time_s,x_mm,y_mm,z_mm,qw\n0,0,0,0,1\n",
+            "way.csv: an orientation needs all of the columns qw, qx, qy",
+        ),
+        (
+            "time_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,0,0,0,1,1,0,0\n",
+            "way.csv: length of orientation must be 1, got 1.4",
+        ),
     ],
 )
 def test_read_script_refusals(tmp_path, text, sentence):

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
 import functools
 import shutil
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,55 +13,27 @@ from command_line import call, refusal, result
 
 import burrlab
 from burrlab.session.exchange import parse_device
+from stubs.stub import Stub, compiled
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or shutil.which("cc") is None, reason="the stubs need Linux and a C compiler"
 )
-SOURCES = Path(__file__).parents[1] / "stubs"
 KINDS = {"touch": burrlab.TouchDevice, "omega": burrlab.OmegaDevice}
 LIBRARIES = {"touch": "libhd", "omega": "libdhd"}
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory):
-    """Compiles a stub; with options, another one."""
-    folder = tmp_path_factory.mktemp("stubs")
-
-    @functools.cache
-    def compiled(name, *options):
-        file = folder / f"{name}{len(options)}.so"
-        subprocess.run(
-            ["cc", "-std=gnu11", "-fPIC", "-shared", *options, SOURCES / f"{name}.c", "-o", file, "-lm", "-pthread"],
-            check=True,
-        )  # fmt: skip
-        return file
-
-    return compiled
-
-
-class Stub:
-    """A stub with a state of its own, in a copy of the file; also what the environment names."""
-
-    def __init__(self, source, folder, monkeypatch):
-        self.file = str(shutil.copy(source, folder))
-        monkeypatch.setenv("BURRLAB_LIBHD" if "libhd" in source.name else "BURRLAB_LIBDHD", self.file)
-        self._library = ctypes.CDLL(self.file)
-        self._library.stub_get.restype = ctypes.c_double
-
-    def set(self, device=0, **fields):
-        for name, value in fields.items():
-            self._library.stub_set(name.encode(), device, ctypes.c_double(value))
-
-    def get(self, name, device=0):
-        return self._library.stub_get(name.encode(), device)
-
-    def force(self, device=0):
-        return np.array([self.get(name, device) for name in ("fx", "fy", "fz")])
+def built(tmp_path_factory):
+    """Compiles a stub once; with options, another one."""
+    return functools.cache(functools.partial(compiled, folder=tmp_path_factory.mktemp("stubs")))
 
 
 @pytest.fixture
-def stubs(compiled, tmp_path, monkeypatch):
-    return {kind: Stub(compiled(name), tmp_path, monkeypatch) for kind, name in LIBRARIES.items()}
+def stubs(built, tmp_path, monkeypatch):
+    """One of each kind, with a state of its own; the environment names them."""
+    for name in LIBRARIES.values():
+        monkeypatch.setenv(f"BURRLAB_{name.upper()}", str(shutil.copy(built(name), tmp_path)))
+    return {kind: Stub(tmp_path / built(name).name) for kind, name in LIBRARIES.items()}
 
 
 def wait_for(what):
@@ -118,6 +87,33 @@ def test_a_button_turns_the_burr(stubs):
         session(device, wall_clock=False)
 
 
+def test_a_clutch_and_a_stop_button(stubs, tmp_path):
+    """The burr stays while button 1 is held and then goes on from there; button 0 ends the session."""
+    stub, device, file = stubs["omega"], burrlab.OmegaDevice(), tmp_path / "trace.h5"
+    frame = burrlab.DeviceFrame(clutch=1)
+    with session(device, frames=frame, stop_button=0, limits="omega.3", ramp=0, record=file) as run:
+        assert stub.get("gripper") == 1
+        stub.set(z=2.8)
+        wait_for(lambda: stub.get("fz") > 0)
+        stub.set(buttons=2)
+        wait_for(lambda: not stub.force().any())
+        stub.set(z=9.0)
+        moved = run.ticks
+        wait_for(lambda: run.ticks > moved + 50)
+        stub.set(buttons=0)
+        wait_for(lambda: stub.get("fz") > 0)
+        stub.set(buttons=1)
+        assert run.wait(10)
+    assert (run.failed, run.reason) == (False, "a stop button of device 0 was pressed")
+    assert not stub.force().any()
+    trace = burrlab.load_trace(file)
+    held = (trace.array("buttons") & 2) > 0
+    assert np.ptp(trace.array("center_mm")[held], axis=0).max() == 0
+    assert trace.array("removed_levels")[held].sum() == 0
+    assert trace.array("center_mm")[-1, 2] == pytest.approx(2.8)
+    assert burrlab.replay(trace).equal
+
+
 def test_commands(stubs, capsys):
     rows = result(capsys, "devices")["devices"]
     assert [(row["device"], row["hardware"]) for row in rows] == [
@@ -140,13 +136,13 @@ def test_commands(stubs, capsys):
     assert "touch:Left gave an orientation that is not a rotation" in err
 
 
-def test_libraries_that_cannot_be_used(compiled, tmp_path, monkeypatch, capsys):
+def test_libraries_that_cannot_be_used(built, tmp_path, monkeypatch, capsys):
     def told(file):
         with pytest.raises(ValueError, match="libHD") as refused:
             burrlab.TouchDevice(library=str(file))
         return str(refused.value)
 
-    good, bad = compiled("libhd"), tmp_path / "bad.so"
+    good, bad = built("libhd"), tmp_path / "bad.so"
     assert "libHD (OpenHaptics) must be installed, or BURRLAB_LIBHD must name its file" in told("none.so")
     bad.write_text("text")
     assert "must be installed" in told(bad)
@@ -154,7 +150,7 @@ def test_libraries_that_cannot_be_used(compiled, tmp_path, monkeypatch, capsys):
     image[18] ^= 0xFF  # of the machine
     bad.write_bytes(image)
     assert f"must be made for this program's kind of processor: {bad} is made for another" in told(bad)
-    lacking = compiled("libhd", "-DhdGetErrorString=another")
+    lacking = built("libhd", options=("-DhdGetErrorString=another",))
     assert f"must have the function hdGetErrorString: {lacking} lacks it" in told(lacking)
     monkeypatch.setenv("BURRLAB_LIBHD", "no_libhd.so")
     monkeypatch.setenv("BURRLAB_LIBDHD", "no_libdhd.so")

@@ -47,6 +47,10 @@ int dhdGetLinearVelocity(double* x, double* y, double* z, char id) {
   *x = 1e-3 * stub_get("vx", id), *y = 1e-3 * stub_get("vy", id), *z = 1e-3 * stub_get("vz", id);
   return failed(id);
 }
+int dhdEmulateButton(unsigned char on, char id) {
+  stub_set("gripper", id, on);
+  return id ? 0 : -1; /* an omega.3 has no gripper */
+}
 unsigned dhdGetButtonMask(char id) { return (unsigned)stub_get("buttons", id); }
 int dhdSetForce(double x, double y, double z, char id) {
   pthread_mutex_lock(&guard);

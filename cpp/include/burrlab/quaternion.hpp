@@ -22,6 +22,13 @@ inline void require_unit(const std::string& name, const Quaternion& q) {
 
 inline Eigen::Quaterniond to_eigen(const Quaternion& q) { return {q[0], q[1], q[2], q[3]}; }
 
+/// The part of the shorter way from one orientation to another; by roots only, the same on every CPU.
+inline Quaternion between(const Quaternion& from, const Quaternion& to, double part) noexcept {
+  const Eigen::Vector4d a(from.data()), b(to.data());
+  const Eigen::Vector4d q = ((1.0 - part) * a + (a.dot(b) < 0.0 ? -part : part) * b).normalized();
+  return {q[0], q[1], q[2], q[3]};
+}
+
 /// A rotation as a quaternion with w >= 0; false if the matrix is none, to 1 %.
 inline bool to_quaternion(const RotationRows& rotation, Quaternion& quaternion) noexcept {
   const double off = (rotation * rotation.transpose() - RotationRows::Identity()).cwiseAbs().sum();

@@ -81,6 +81,7 @@ void OmegaDevice::begin() {
     throw std::invalid_argument(name() + " must let its force be switched on: " + error_text(code) +
                                 " (error " + std::to_string(code) + ")");
   }
+  dhd_->dhdEmulateButton(1, id_);  // a gripper that is closed is button 0; without a gripper an error
   thread_ = std::thread([this] {
     RealtimeRequest request;
     request.lock_memory = false;

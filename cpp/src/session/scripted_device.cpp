@@ -20,6 +20,7 @@ ScriptedDevice::ScriptedDevice(std::vector<Row> rows) : rows_(std::move(rows)) {
   for (std::size_t i = 0; i < rows_.size(); ++i) {
     require_finite("time", rows_[i].time);
     for (const double x : rows_[i].position) require_finite("position", x);
+    require_unit("orientation", rows_[i].orientation);
     if (i > 0 && !(rows_[i].time > rows_[i - 1].time)) {
       std::ostringstream rule;
       rule.precision(12);
@@ -35,11 +36,13 @@ DeviceReading ScriptedDevice::read(double time, std::uint64_t) noexcept {
                                       [](double t, const Row& row) { return t < row.time; });
   if (after == rows_.begin()) {
     reading.position = rows_.front().position;
+    reading.orientation = rows_.front().orientation;
     reading.on = rows_.front().on;
     return reading;
   }
   const Row& last = *(after - 1);
   reading.position = last.position;
+  reading.orientation = last.orientation;
   reading.on = last.on;
   if (after == rows_.end()) {
     if (time > last.time) reading.status = DeviceReading::Status::finished;
@@ -47,6 +50,8 @@ DeviceReading ScriptedDevice::read(double time, std::uint64_t) noexcept {
   }
   reading.velocity = (after->position - last.position) / (after->time - last.time);
   reading.position += (time - last.time) * reading.velocity;
+  reading.orientation =
+      between(last.orientation, after->orientation, (time - last.time) / (after->time - last.time));
   return reading;
 }
 

@@ -7,6 +7,8 @@ import contextlib
 import json
 import math
 import os
+import signal
+import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -237,6 +239,7 @@ def _session(options: Options) -> int:
         say(f"published on {host}, port {session.port}; there is no authentication")
     with _kept(options, start, session):
         with ended_by_signals(), session:
+            _stop_at_enter(session)
             try:
                 show_live(options, session, effects)
                 while not session.wait(1.0):
@@ -256,6 +259,22 @@ def _session(options: Options) -> int:
     if options.record is not None and not report.recording["complete"]:
         return 3
     return 130 if interrupted else int(session.failed)
+
+
+def _stop_at_enter(session: Session) -> None:
+    """Enter stops the session at once, if its input is a terminal."""
+    if sys.stdin is None or not sys.stdin.isatty():
+        return
+    if hasattr(signal, "SIGTTIN"):  # in the background a read of the terminal is an error, not a pause
+        signal.signal(signal.SIGTTIN, signal.SIG_IGN)
+
+    def wait(file: int = sys.stdin.fileno()) -> None:
+        with contextlib.suppress(OSError):
+            if os.read(file, 4096):
+                session.stop("Enter was pressed")
+
+    threading.Thread(target=wait, name="burrlab Enter", daemon=True).start()
+    say("Enter or Ctrl-C stops the session")
 
 
 @contextlib.contextmanager

@@ -49,6 +49,7 @@ SCRIPT = csv_text.Table(
             optional=True,
             due="0 or 1",
         ),
+        *(csv_text.Column(f"q{axis}", check=_finite, optional=True, due="an orientation") for axis in "wxyz"),
     )
 )
 
@@ -60,8 +61,9 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     ----------
     file : path or file object
         Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and optionally on (1:
-        the burr turns from this row to the next). Without `on` it always turns. Lines that begin with #
-        above the column names are comments.
+        the burr turns from this row to the next), and qw, qx, qy, qz (unit quaternion that turns directions
+        of the tool into those of the bone). Without `on` it always turns. Lines that begin with # above the
+        column names are comments.
 
     Returns
     -------
@@ -70,16 +72,20 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     Raises
     ------
     ValueError
-        If a column is missing, a field is not a finite number, `on` is not 0 or 1, or the times do not
-        increase. The message names the file, and line and column where possible.
+        If a column is missing, a field is not a finite number, `on` is not 0 or 1, the times do not increase, or
+        an orientation is not of length 1. The message names the file, and line and column where possible.
     OSError
         If the file cannot be opened.
     """
     name, _, columns = SCRIPT.read(file)
     position = np.column_stack([columns["x"], columns["y"], columns["z"]])
     on = np.asarray(columns["on"]) > 0 if "on" in columns else None
+    turns = [columns[one] for one in ("qw", "qx", "qy", "qz") if one in columns]
+    refuse(len(turns) not in (0, 4), f"{name}: an orientation needs all of the columns qw, qx, qy, qz")
     try:
-        return ScriptedDevice(np.asarray(columns["time"]), position, on)
+        return ScriptedDevice(
+            np.asarray(columns["time"]), position, on, np.column_stack(turns) if turns else None
+        )
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 

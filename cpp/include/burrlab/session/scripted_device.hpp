@@ -11,14 +11,15 @@
 
 namespace burrlab {
 
-/// Moves along straight lines between the rows of a table. Stays at the first row until its time; ends the
-/// session after the last.
+/// Moves along straight lines between the rows of a table and turns the shorter way. Stays at the first row
+/// until its time; ends the session after the last.
 class ScriptedDevice : public Device {
  public:
   struct Row {
-    double time = 0.0;             ///< [s]
-    Vec3 position = Vec3::Zero();  ///< [mm]
-    bool on = true;                ///< from this row to the next
+    double time = 0.0;                           ///< [s]
+    Vec3 position = Vec3::Zero();                ///< [mm]
+    bool on = true;                              ///< from this row to the next
+    Quaternion orientation{1.0, 0.0, 0.0, 0.0};  ///< DeviceReading::orientation
   };
 
   /// Throws unless there are rows, finite, with increasing times.

@@ -73,6 +73,7 @@ struct HdError {
   function(int, dhdEnableForce, (unsigned char on, char id))                                            \
   function(int, dhdGetPositionAndOrientationFrame, (double*, double*, double*, double (*)[3], char id)) \
   function(int, dhdGetLinearVelocity, (double*, double*, double*, char id))                             \
+  function(int, dhdEmulateButton, (unsigned char on, char id))                                          \
   function(unsigned, dhdGetButtonMask, (char id))                                                       \
   function(int, dhdSetForce, (double, double, double, char id))                                         \
   function(int, dhdErrorGetLast, ())                                                                    \

@@ -176,6 +176,11 @@ void bind_servo(py::module_& m) {
                                                                 "A device that a vendor's library drives.")
       .def_property_readonly("fault", &ServoDevice::fault,
                              "Why the device was lost, in one sentence; empty without a fault of the device")
+      .def_property_readonly(
+          "delay", [](const ServoDevice& d) { return d.model().delay; },
+          "From reading a position to the middle of the time in which its force acts [ms]: a mean over about "
+          "a "
+          "thousand cycles of the servo; nan before the first")
       .def_property_readonly("hardware", &ServoDevice::hardware,
                              "The model, as the vendor's library names it")
       .def_property_readonly("library", &ServoDevice::library, "File of the vendor's library");

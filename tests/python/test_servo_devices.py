@@ -114,6 +114,18 @@ def test_a_clutch_and_a_stop_button(stubs, tmp_path):
     assert burrlab.replay(trace).equal
 
 
+def test_the_limit_knows_the_delay_of_the_servo(stubs):
+    """A servo of 1 kHz plays a force one cycle after the position, for a cycle: 1.5 ms, later on a busy machine."""
+    stub, device = stubs["touch"], burrlab.TouchDevice()
+    assert np.isnan(device.delay)
+    stub.set(z=2.8)
+    with session(device, limits=burrlab.DeviceLimits("own", damping=5.0)) as run:
+        wait_for(lambda: run.ticks > 100 and stub.get("fz") > 0)
+    at = run.report().stability[0]
+    assert device.delay == at["delay_ms"] > 1.3
+    assert at["limit_N_per_mm"] == pytest.approx(5.0 / device.delay)
+
+
 def test_commands(stubs, capsys):
     rows = result(capsys, "devices")["devices"]
     assert [(row["device"], row["hardware"]) for row in rows] == [

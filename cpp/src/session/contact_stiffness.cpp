@@ -104,6 +104,7 @@ StabilityReport stability_report(double force, double k, const Tool& tool, const
   if (!(coupling > 0.0)) refuse("coupling", "positive", coupling);
   StabilityReport report;
   report.force = force;
+  report.delay = 0.5 * period + age;
   report.area = contact_area(force, k, radius, c_e);
   report.k = std::isinf(coupling) ? k : k * coupling / (k + coupling);
   if (!std::isnan(device.damping))

@@ -191,8 +191,10 @@ StabilityReport Follower::stability(std::size_t burr) const {
   if (at.c_e > 0.0) tool.material.c_e = at.c_e;  // with tissues: of those it touches
   const auto& frames = loop_->settings().frames;
   const double scale = frames.empty() ? 1.0 : frames[burr].scale;  // the hand meets more force a mm
+  const DeviceModel model = loop_->model(burr);
+  const double late = std::isnan(model.delay) ? at.age : std::max(0.0, model.delay - 0.5 * setup.period);
   const auto report_of = [&](double k) {
-    return stability_report(at.force, scale * k, tool, loop_->model(burr), setup.period, at.age, 0.0,
+    return stability_report(at.force, scale * k, tool, model, setup.period, late, 0.0,
                             spring > 0.0 ? scale * spring : std::numeric_limits<double>::infinity());
   };
   // Where a thin wall gives way the force falls on the way in: no spring, and no limit.

@@ -9,6 +9,7 @@ namespace burrlab {
 namespace {
 
 constexpr std::int64_t start_limit = 1000000000, stop_limit = 500000000;  // [ns]
+constexpr double mean_weight = 1e-3;                                      // of a cycle in the mean delay
 
 template <class Ended>
 bool wait_until(std::int64_t limit, const Ended& ended) {
@@ -31,7 +32,8 @@ void ServoDevice::start(double) {
   in_.put({});
   out_.put({});
   last_ = {};
-  force_ = {};
+  order_ = {};
+  delay_.store(0.0);
   fault_.store(0);
   closing_.store(false);
   halted_.store(false);
@@ -64,11 +66,18 @@ void ServoDevice::stop() noexcept {
 
 bool ServoDevice::cycle() noexcept {
   Pose pose;
-  out_.get(force_);
+  out_.get(order_);
+  const std::int64_t now = steady_now();
+  if (order_.time != 0) {
+    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - cycle_)),
+                 mean = delay_.load();
+    delay_.store(mean == 0.0 ? delay : mean + mean_weight * (delay - mean));
+  }
+  cycle_ = now;
   int code = fresh;
   if (!closing_.load(std::memory_order_acquire)) {
     const bool halted = halted_.load(std::memory_order_acquire);
-    code = exchange(pose, halted ? Vec3(Vec3::Zero()) : Vec3(force_[0], force_[1], force_[2]));
+    code = exchange(pose, halted ? Vec3(Vec3::Zero()) : Vec3(order_.force.data()));
     Letter letter{};
     if (code == fresh &&
         !to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), letter.orientation))
@@ -102,6 +111,12 @@ DeviceReading ServoDevice::read(double, std::uint64_t) noexcept {
     reading.status = DeviceReading::Status::lost;
   }
   return reading;
+}
+
+DeviceModel ServoDevice::model() const {
+  DeviceModel model;
+  if (const double delay = delay_.load(); delay > 0.0) model.delay = delay;
+  return model;
 }
 
 std::string ServoDevice::fault() const {

@@ -146,7 +146,7 @@ class SessionReport:
             )
         for burr, (at, (energy, most)) in enumerate(zip(self.stability, self.energy, strict=True)):
             limit = (
-                "the device does not say its damping"
+                f"its force comes {at['delay_ms']:.2f} ms late, the device does not say its damping"
                 if math.isnan(at["limit_N_per_mm"])
                 else f"limit {at['limit_N_per_mm']:.3g}, ratio {at['ratio']:.2f}, exceeded below "
                 f"{at['force_at_limit_N']:.2g} N"

@@ -57,6 +57,7 @@ struct StabilityReport {
   double sampling_limit = std::numeric_limits<double>::quiet_NaN();      ///< `passivity_limit` [N/mm]
   double quantisation_limit = std::numeric_limits<double>::quiet_NaN();  ///< `encoder_limit` [N/mm]
   double ratio = std::numeric_limits<double>::quiet_NaN();               ///< k/limit
+  double delay = 0.0;  ///< from a position to the middle of its force's time, T/2 + t_d [ms]
   double force_at_limit = std::numeric_limits<double>::quiet_NaN();  ///< below it k > limit, in this hole [N]
   bool warning = false;                                              ///< ratio above 0.8
 };

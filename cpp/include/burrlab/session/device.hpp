@@ -33,6 +33,8 @@ struct DeviceModel {
   double damping = std::numeric_limits<double>::quiet_NaN();       ///< of device and hand, b [N s/m]
   double encoder_step = std::numeric_limits<double>::quiet_NaN();  ///< Delta [mm]
   double friction = std::numeric_limits<double>::quiet_NaN();      ///< Coulomb friction f_c [N]
+  /// From reading a position to the middle of the time in which its force acts, T/2 + t_d [ms].
+  double delay = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// The loop calls `read` and `write` in turn, in its thread. Neither may wait, lock, allocate or throw.

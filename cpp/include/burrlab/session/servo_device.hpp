@@ -25,13 +25,14 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
   /// Returns when the servo has given a position; throws if it gives none, or a fault, within a second.
   void start(double period) override;
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
-  void write(const Vec3& force) noexcept override { out_.put({force[0], force[1], force[2]}); }
+  void write(const Vec3& force) noexcept override { out_.put({{force[0], force[1], force[2]}, last_.time}); }
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   void stop() noexcept override;
   std::string name() const override { return name_; }
   std::string fault() const override;                        ///< why the servo ended, empty without a fault
   const std::string& hardware() const { return hardware_; }  ///< the model, as the library names it
   virtual const std::string& library() const = 0;            ///< its file
+  DeviceModel model() const override;  ///< only its delay, a mean over about a thousand cycles
 
  protected:
   struct Pose {
@@ -60,12 +61,18 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
     std::uint64_t buttons;
     std::int64_t time;  // steady clock [ns]; 0: none yet
   };
+  struct Order {
+    std::array<double, 3> force;
+    std::int64_t time;  // when the position was read that it answers [ns]; 0: none yet
+  };
   static constexpr int no_rotation = -2;  // a fault that is not the library's
 
   Latest<Letter> in_;
-  Latest<std::array<double, 3>> out_;
-  Letter last_{};                  // of the loop
-  std::array<double, 3> force_{};  // of the servo
+  Latest<Order> out_;
+  Letter last_{};           // of the loop
+  Order order_{};           // of the servo, as the next
+  std::int64_t cycle_ = 0;  // when the last one began [ns]
+  std::atomic<double> delay_{0.0};
   std::atomic<bool> halted_{false}, closing_{false}, ended_{true};
   std::atomic<int> fault_{0};
   std::shared_ptr<ServoDevice> keep_;  // while the servo may call

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import os
@@ -87,6 +88,62 @@ def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
     assert re.search(
         r"burr 0: touch renders 0\.4 N/mm stably; the contact is \d+\.\d\d of that", str(run.report())
     )
+
+
+@pytest.mark.filterwarnings("ignore:c_e = ")
+@pytest.mark.parametrize("numbers", [range(60), pytest.param(range(60, 10_000), marks=pytest.mark.slow)])
+def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
+    """Random sessions: models, ramps, rates, slews, frames with a clutch, jumps in and out of bone."""
+    # The guard reckons with a stall: the shorter it is, the nearer it lets the force come to its limit.
+    loop = functools.partial(_core.HapticLoop, stall_limit=1000.0)
+    monkeypatch.setattr("burrlab.session.session.HapticLoop", loop)
+    bone = burrlab.VoxelBone.block((12, 12, 5), 0.5, origin=(-5.75, -5.75, -4.75))
+    reached = np.zeros(3)  # peak, continuous, ramp
+    for number in numbers:
+        random = np.random.default_rng(number)
+        model = device_limits[random.choice(list(device_limits))]
+        model = dataclasses.replace(model, window=random.uniform(3, 10))
+        if number % 4:  # a session as short as these meets only a low one
+            model = dataclasses.replace(model, continuous_force=model.peak_force * random.uniform(0.05, 0.3))
+        ramp, rate, slew = (
+            random.choice([0, 0.02, 0.2]),
+            random.choice([500, 1000, 4000]),
+            random.uniform(0.1, 8),
+        )
+        n = random.integers(50, 600)
+        way = np.cumsum(random.normal(0, random.choice([0.003, 0.05, 2]), (n, 3)), axis=0) + (0, 0, 2.1)
+        device = burrlab.ReplayDevice(
+            way % 6 - (3, 3, 1), on=random.random(n) < 0.5, buttons=random.integers(0, 2, n)
+        )
+        frame = burrlab.DeviceFrame(random.uniform(0.5, 2), clutch=0 if number % 3 else None)
+        tool = burrlab.Burr(2.0), burrlab.Material("random", c_e=random.uniform(0.2, 30), alpha=0.05)
+        run = burrlab.Session(
+            bone, tool, device, seed=number, rate=rate, limits=model, ramp=ramp, slew_limit=slew, wall_clock=False,
+            frames=frame if number % 2 else None, force_limit=99,
+        )  # fmt: skip
+        reader = _core.RecordReader(run.loop)
+        with run:
+            assert run.wait(30)
+        ticks = reader.take(n)[0]["burr"]
+        sent, force = ticks["sent"][:, 0], np.linalg.norm(ticks["sent"][:, 0], axis=1)
+        wanted, time = np.linalg.norm(ticks["force"][:, 0], axis=1), np.arange(1, n + 1) / rate
+        steps = np.linalg.norm(np.diff(sent, axis=0, prepend=0), axis=1)
+        assert force.max() <= model.peak_force * (1 + 1e-12), number
+        assert steps.max() <= slew * 1e3 / rate + 1e-12 * model.peak_force, number
+        if ramp:
+            since = time - time[np.argmax(wanted > 0)] + 1 / rate
+            assert (force <= model.peak_force * np.maximum(since, 0) / ramp + 1e-9).all(), number
+        decay, mean = np.exp(-1 / (rate * model.window)), [0.0]
+        for square in force**2:
+            mean.append(square + (mean[-1] - square) * decay)
+        assert max(mean) <= ((model.continuous_force or np.inf) * (1 + 1e-9)) ** 2, number
+        part = np.array(
+            [force.max() / model.peak_force, math.sqrt(max(mean)) / (model.continuous_force or np.inf)]
+        )
+        reached = np.maximum(reached, [*part, (force < 0.9 * np.minimum(wanted, model.peak_force)).mean()])
+    assert reached[0] > 0.999
+    assert reached[1] > 0.7  # a stall is reckoned with
+    assert reached[2] > 0.5
 
 
 def test_the_stability_report_knows_the_model():

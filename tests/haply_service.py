@@ -30,7 +30,7 @@ class HaplyService:
         self.port = self._server.socket.getsockname()[1]
         threading.Thread(target=self._server.serve_forever, daemon=True).start()
 
-    def message(self, whole: bool = False) -> dict:
+    def message(self) -> dict:
         arm = {"device_id": "049D", "state": {
             "cursor_position": vector("xyz", *self.position), "cursor_velocity": vector("xyz", 0.0, 0.0, 0.0),
             "current_cursor_force": vector("xyz", 0.0, 0.0, 0.0), "control_mode": "idle",
@@ -38,8 +38,6 @@ class HaplyService:
         grip = {"device_id": "61548", "state": {
             "orientation": vector("wxyz", *self.orientation), "buttons": self.buttons, "hall": 0,
         }}  # fmt: skip
-        if whole:
-            arm["config"] = {"type": "inverse3", "basis": {"permutation": "XYZ"}, "preset": "defaults"}
         return {"session_id": 7, "inverse3": [arm], "verse_grip": [], "wireless_verse_grip": [grip]}
 
     def drop(self) -> None:
@@ -53,7 +51,7 @@ class HaplyService:
     def _talk(self, connection: ServerConnection) -> None:
         self._connection = connection
         try:
-            self._answer(connection, whole=True)
+            self._answer(connection)
             while True:
                 (arm,) = json.loads(connection.recv())["inverse3"]
                 assert arm["device_id"] == "049D"
@@ -63,9 +61,9 @@ class HaplyService:
         except ConnectionClosed:
             pass
 
-    def _answer(self, connection: ServerConnection, whole: bool = False) -> None:
+    def _answer(self, connection: ServerConnection) -> None:
         self._closed.wait(self.delay)
-        answer = self.change(self.message(whole))
+        answer = self.change(self.message())
         connection.send(answer if isinstance(answer, str | bytes) else json.dumps(answer))
 
 

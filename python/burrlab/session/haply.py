@@ -4,8 +4,9 @@
 # * realtime/websocket-protocol: port 10001; the service tells of all devices on connection, then answers each message
 #   by one with the state of all devices; a connection is a session;
 # * realtime/control-commands: metres; set_cursor_force {"vector": ...} in newtons; a command is applied once, and
-#   without further ones the device idles. (Clients of 3.1 to 3.4 wrote "values"; 3.0, on port 10000, is another format.)
-# * commons/basis: right-handed, x right, y forward, z up; commons/mount-and-workspace: origin at the device's base;
+#   without further ones the device idles (public clients of earlier 3.x write "values"; 3.0, on port 10000, is
+#   another format);
+# * commons/basis: right-handed, x right, y forward, z up; commons/mount-and-workspace: origin at the base;
 # * tutorials/02-print-versegrip and 03-print-wireless-versegrip, api/simulation: orientation, button, buttons a, b, c;
 # * tutorials/05-position-control: status.calibrated.
 # The unit of cursor_velocity is stated nowhere: the velocity is the difference of two positions.
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 PORT = 10001  #: Of the service, where its settings name no other
 _OPEN_LIMIT = 0.5  # [s], of the connection, and of the first message
+_ANSWER_LIMIT = 2.0  # [s], of an answer that is late
 _PRIORITY = 79  # below the loop's
 _PERIOD = 1e-3  # [s] between two messages of ours
 _LARGEST = 1 << 20  # of a message of the service [bytes]; one of ten devices has some 20 000
@@ -67,7 +69,7 @@ class HaplyDevice(MailboxDevice):
     The device is connected while this object lives. A thread sends the loop's newest force, up to 1000 times a
     second, and reads the answer; the force is zero where no session runs. The velocity is the difference of two
     positions over the time between their answers. A lost connection, a wrong answer or none for `lost_after` ends
-    the session with force zero; then the device must be opened anew.
+    the session with force zero; but for an answer that was only late, the device must then be opened anew.
     """
 
     def __init__(
@@ -85,27 +87,22 @@ class HaplyDevice(MailboxDevice):
         self._patience = lost_after / 1e3
         self._last: tuple[float, Any] | None = None
         opened: queue.SimpleQueue[str] = queue.SimpleQueue()
-        threading.Thread(
-            target=_exchange, args=(weakref.ref(self), opened), name=self.name, daemon=True
-        ).start()
-        why_not = opened.get()
-        refuse(why_not, why_not)
+        threading.Thread(target=_exchange, args=(weakref.ref(self), opened), daemon=True).start()
+        refuse(why_not := opened.get(), why_not)
 
     def _open(self, message: dict[str, Any]) -> None:
         """Takes the first message, with all devices."""
         arms = _listed(message, "inverse3")
         grips = [(kind, one) for kind in _GRIPS for one in _listed(message, kind)]
-        for rule, found, good in (
-            ("exactly one Inverse3", list(arms), len(arms) == 1),
-            ("at most one VerseGrip", [one for _, one in grips], len(grips) < 2),
-        ):
-            refuse(not good, f"the service must have {rule}, got {', '.join(found) or 'none'}")
+        names = ", ".join([*arms, *(one for _, one in grips)]) or "none"
+        rule = "exactly one Inverse3 and at most one VerseGrip"
+        refuse(len(arms) != 1 or len(grips) > 1, f"the service must have {rule}, got {names}")
         ((self._id, arm),) = arms.items()
         other = _OPEN.get(self._id)
         refuse(other is not None and not other.fault, f"the Inverse3 {self._id} is open already")
         status = arm.get("status")
-        known = status.get("calibrated") if isinstance(status, dict) else None
-        refuse(known is False, f"the Inverse3 {self._id} must be calibrated, as its manual says")
+        bad = isinstance(status, dict) and status.get("calibrated") is False
+        refuse(bad, f"the Inverse3 {self._id} must be calibrated, as its manual says")
         self._grip = grips[0] if grips else None
         #: Kinds of the devices, with their ids
         self.hardware = ", ".join(f"{kind} {one}" for kind, one in [("inverse3", self._id), *grips])
@@ -123,7 +120,8 @@ class HaplyDevice(MailboxDevice):
             state = _state(message, *self._grip)
             orientation = _numbers(state, "orientation", "wxyz")
             pressed = state.get("buttons", {"a": state.get("button")})
-            flags = [pressed.get(name, False) for name in "abc"] if isinstance(pressed, dict) else [None]
+            known: dict[str, Any] = pressed if isinstance(pressed, dict) else {"a": None}
+            flags = [known.get(one, False) for one in "abc"]
             if not all(isinstance(one, bool) for one in flags):
                 raise ValueError(f"the grip's buttons must be true or false, got {shown(pressed)}")
             buttons = sum(flag << i for i, flag in enumerate(flags))
@@ -131,9 +129,15 @@ class HaplyDevice(MailboxDevice):
         self.put(position, velocity, on, orientation, buttons)
 
     def _turn(self, connection: ClientConnection) -> None:
-        """One message and its answer."""
+        """One message and its answer. If that is late, force zero: the loop finds the position too old."""
         connection.send(_command(self._id, self.force))
-        self._read(_parsed(connection.recv(timeout=self._patience)))
+        try:
+            text = connection.recv(timeout=self._patience)
+        except TimeoutError:
+            connection.send(_command(self._id, (0, 0, 0)))
+            connection.recv(timeout=_ANSWER_LIMIT)
+            text = connection.recv(timeout=_ANSWER_LIMIT)
+        self._read(_parsed(text))
 
 
 _OPEN: weakref.WeakValueDictionary[str, HaplyDevice] = weakref.WeakValueDictionary()  # by id
@@ -186,10 +190,8 @@ def _said(error: Exception) -> str:
 
 
 def _command(device: str, force: Any) -> str:
-    vector = dict(zip("xyz", map(float, force), strict=True))
-    return json.dumps(
-        {"inverse3": [{"device_id": device, "commands": {"set_cursor_force": {"vector": vector}}}]}
-    )
+    command = {"set_cursor_force": {"vector": dict(zip("xyz", map(float, force), strict=True))}}
+    return json.dumps({"inverse3": [{"device_id": device, "commands": command}]})
 
 
 def _parsed(text: str | bytes) -> dict[str, Any]:
@@ -205,10 +207,8 @@ def _parsed(text: str | bytes) -> dict[str, Any]:
 def _listed(message: dict[str, Any], kind: str) -> dict[str, Any]:
     """Devices of a kind by their id."""
     found = message.get(kind, [])
-    good = isinstance(found, list) and all(
-        isinstance(one, dict) and isinstance(one.get("device_id"), str) for one in found
-    )
-    if not good:
+    good = isinstance(found, list) and all(isinstance(one, dict) for one in found)
+    if not good or not all(isinstance(one.get("device_id"), str) for one in found):
         raise ValueError(f"{kind} must be devices with an id each, got {shown(found)}")
     return {one["device_id"]: one for one in found}
 
@@ -222,10 +222,7 @@ def _state(message: dict[str, Any], kind: str, device: str) -> dict[str, Any]:
 
 def _numbers(state: dict[str, Any], field: str, axes: str) -> list[float]:
     given = state.get(field)
-    values = [given.get(axis) for axis in axes] if isinstance(given, dict) else [None]
-    good = all(
-        isinstance(one, int | float) and not isinstance(one, bool) and abs(one) < 1e6 for one in values
-    )
-    if not good:
+    values: list[Any] = [given.get(axis) for axis in axes] if isinstance(given, dict) else [None]
+    if not all(type(one) in (int, float) and abs(one) < 1e6 for one in values):
         raise ValueError(f"{field} must be numbers {', '.join(axes)}, got {shown(given)}")
     return values

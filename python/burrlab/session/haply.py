@@ -9,7 +9,7 @@
 # * commons/basis: right-handed, x right, y forward, z up; commons/mount-and-workspace: origin at the base;
 # * tutorials/02-print-versegrip and 03-print-wireless-versegrip, api/simulation: orientation, button, buttons a, b, c;
 # * tutorials/05-position-control: status.calibrated.
-# The unit of cursor_velocity is stated nowhere: the velocity is the difference of two positions.
+# No source was found for the unit of cursor_velocity: the velocity here is the difference of two positions.
 
 from __future__ import annotations
 

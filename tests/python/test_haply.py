@@ -186,7 +186,7 @@ def test_commands(service, capsys, monkeypatch):
         said
         == f"haply:localhost:{port} must be a running Inverse Service: the service did not answer in time"
     )
-    assert "must be a running Inverse Service: Connection refused" in refusal(
+    assert "must be a running Inverse Service: " in refusal(
         capsys, *words, f"haply:127.0.0.1:{port}"
     )
     monkeypatch.setitem(sys.modules, "websockets.sync.client", None)

@@ -55,7 +55,8 @@ void MailboxDevice::fail(const std::string& reason) {
 }
 
 void MailboxDevice::start(double) {
-  if (!fault().empty()) throw std::invalid_argument(name_ + " must be opened anew: " + fault_);
+  if (failed_.load(std::memory_order_acquire))
+    throw std::invalid_argument(name_ + " must be opened anew: " + fault_);
   halted_.store(false, std::memory_order_release);
 }
 

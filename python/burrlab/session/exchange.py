@@ -89,7 +89,7 @@ DeviceKind = Literal["hand", "scripted", "igtl", "touch", "omega", "haply"]
 
 @dataclass(frozen=True)
 class DeviceText:
-    """The parts of a device text: hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT].
+    """The parts of a device text, as `--device` takes it.
 
     Attributes
     ----------

@@ -186,9 +186,7 @@ def test_commands(service, capsys, monkeypatch):
         said
         == f"haply:localhost:{port} must be a running Inverse Service: the service did not answer in time"
     )
-    assert "must be a running Inverse Service: " in refusal(
-        capsys, *words, f"haply:127.0.0.1:{port}"
-    )
+    assert "must be a running Inverse Service: " in refusal(capsys, *words, f"haply:127.0.0.1:{port}")
     monkeypatch.setitem(sys.modules, "websockets.sync.client", None)
     assert "a Haply device needs websockets: pip install 'burrlab[haply]'" in refusal(capsys, *words, "haply")
 

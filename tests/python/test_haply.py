@@ -69,9 +69,12 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     assert trace.array("device_velocity_mm_s")[:, 2].min() < -1
     with pytest.raises(ValueError, match=r"must be opened anew: haply:.* failed: the connection ended"):
         session(device, duration=0.1).start()
-    with session(opened(service), duration=0.1) as again:
+    device, seen = opened(service), len(service.forces)
+    with session(device, duration=0.1) as again:
         assert again.wait(10)
     assert not again.failed
+    assert np.any(service.forces[seen:])
+    wait_for(lambda: not any(service.forces[-1]))
 
 
 @pytest.mark.parametrize(

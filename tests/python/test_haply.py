@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import re
 import socket
@@ -40,6 +41,12 @@ def edited(kind, **fields):
     return change
 
 
+def swaying():
+    """A change of the service's messages: x is 0 and 0.1 mm in turns."""
+    x = itertools.cycle((0.0, 1e-4))
+    return lambda message: edited("inverse3", cursor_position={"x": next(x), "y": 0.0, "z": 0.005})(message)
+
+
 def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     device, file = opened(service, on_button=1), tmp_path / "trace.h5"
     assert device.hardware == "inverse3 049D, wireless_verse_grip 61548"
@@ -48,6 +55,9 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     with session(device, record=file) as run:
         wait_for(lambda: run.ticks > 50)
         assert not np.any(service.forces)  # no contact yet
+        ticks, service.change = run.ticks, swaying()
+        wait_for(lambda: run.ticks > ticks + 100)
+        service.change = lambda message: message
         service.position, service.orientation, service.buttons = (0, 0, DEEP), (half, 0, half, 0), {"b": True}
         wait_for(lambda: service.forces[-1][2] > 0)
         service.buttons = {"a": True, "b": True, "c": True}
@@ -66,14 +76,15 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     np.testing.assert_allclose(orientation[[0, -1]], [(1, 0, 0, 0), (half, 0, half, 0)])
     assert list(dict.fromkeys(trace.array("buttons"))) == [0, 2, 7]
     assert list(dict.fromkeys(trace.array("on"))) == [False, True]
-    assert trace.array("device_velocity_mm_s")[:, 2].min() < -1
+    assert (
+        trace.array("device_velocity_mm_s")[:, 0].min() < 0 < trace.array("device_velocity_mm_s")[:, 0].max()
+    )
     with pytest.raises(ValueError, match=r"must be opened anew: haply:.* failed: the connection ended"):
         session(device, duration=0.1).start()
     device, seen = opened(service), len(service.forces)
-    with session(device, duration=0.1) as again:
-        assert again.wait(10)
+    with session(device) as again:
+        wait_for(lambda: np.any(service.forces[seen:]))
     assert not again.failed
-    assert np.any(service.forces[seen:])
     wait_for(lambda: not any(service.forces[-1]))
 
 
@@ -114,16 +125,16 @@ def test_wrong_answers_end_the_session_with_force_zero(service, change, sentence
 
 
 def test_late_answers(service):
-    device = opened(service, lost_after=300.0)
+    device = opened(service, lost_after=1000.0)
     service.position = (0, 0, DEEP)
     with session(device) as run:
         wait_for(lambda: service.forces and service.forces[-1][2] > 0)
         service.delay, ticks = 0.05, run.ticks
         wait_for(lambda: run.ticks > ticks + 200)
         assert run.loop.running
-        service.delay = 0.7
+        service.delay = 1.5
         assert run.wait(10)
-    assert re.fullmatch(r"device 0 was lost: its last position is 3\d\d ms old", run.reason)
+    assert re.fullmatch(r"device 0 was lost: its last position is [1-9]\d\d\d ms old", run.reason)
     assert not device.force.any()
     wait_for(lambda: not any(service.forces[-1]))
     service.delay, seen = 0.0, len(service.forces)
@@ -176,7 +187,17 @@ def test_a_device_of_its_own_and_no_grip(service):
 
 
 def test_commands(service, capsys, monkeypatch):
-    words = ["session", "--voxel", "0.4", "--duration", "0.1", "--no-realtime", "--device"]
+    words = [
+        "session",
+        "--voxel",
+        "0.4",
+        "--duration",
+        "0.1",
+        "--lost-after",
+        "5000",
+        "--no-realtime",
+        "--device",
+    ]
     code, _, err = call(capsys, *words, f"haply:127.0.0.1:{service.port}")
     assert code == 0, err
     monkeypatch.setattr("burrlab.session.exchange.PORT", service.port)

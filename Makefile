@@ -28,7 +28,7 @@ $(VENV)/installed: $(VENV)/tools $(SOURCES)
 	touch $@
 
 $(VENV)/developed: $(VENV)/installed
-	$(PIP) --no-build-isolation -e ".[cluster,medical,pandas,psychometric,viz3d]" --group dev
+	$(PIP) --no-build-isolation -e ".[cluster,haply,medical,pandas,psychometric,viz3d]" --group dev
 	touch $@
 
 $(VENV)/benched: $(VENV)/installed

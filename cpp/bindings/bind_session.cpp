@@ -120,7 +120,12 @@ ValueError
           "orientation is a unit quaternion (w, x, y, z) that turns directions of the tool into those of the "
           "bone; bit i of the buttons is button i. ValueError if a number is not finite, or the quaternion "
           "not of length 1.")
-      .def_property_readonly("force", &MailboxDevice::force, "(3,) last sent by the loop [N]; a copy");
+      .def("fail", &MailboxDevice::fail, "reason"_a,
+           "Ends a session with this reason, and force zero. The device cannot serve another one; the first "
+           "reason counts.")
+      .def_property_readonly("fault", &MailboxDevice::fault, "The reason given to `fail`; empty without one")
+      .def_property_readonly("force", &MailboxDevice::force, "(3,) last sent by the loop [N]; a copy")
+      .def_static("__init_subclass__", [](const py::kwargs&) {});  // allowed: its `read` stays in C++
 }
 
 /// A reader with its loop.

@@ -66,6 +66,7 @@ from burrlab.session.devices import DeviceLimits as DeviceLimits
 from burrlab.session.devices import device_limits as device_limits
 from burrlab.session.exchange import export_volumetric_drilling as export_volumetric_drilling
 from burrlab.session.exchange import read_script as read_script
+from burrlab.session.haply import HaplyDevice as HaplyDevice
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
 from burrlab.session.metrics import session_metrics as session_metrics
 from burrlab.session.recorder import TraceWriter as TraceWriter

@@ -1,16 +1,18 @@
 """Timing of a session: a hand cuts bone at 1 kHz, recorded and published, alone and beside busy processes.
 
-    python tests/bench/session.py [--seconds 120] [--rate 1000] [--stub libhd|libdhd] [--json FILE]
+    python tests/bench/session.py [--seconds 120] [--rate 1000] [--stub libhd|libdhd|haply]
+        [--json FILE]
 
 Each case is its own session: with and without real-time priority, alone and beside two busy processes. The
 tick is measured on its thread's CPU clock, the period on the wall clock. The results depend on the machine
 and on its other users. --stub adds a burr of a device over a stub of the vendor's library, whose servo runs at
-the rate of the loop, and prints the age of its positions.
+the rate of the loop, or over a mock of Haply's service in another process, and prints the age of its positions.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import subprocess
@@ -26,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from stubs.stub import Stub, compiled
 
 _BUSY = "while True: pass"
+_SERVICE = Path(__file__).parents[1] / "haply_service.py"
 
 
 def main() -> None:
@@ -34,7 +37,7 @@ def main() -> None:
     )
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--rate", type=float, default=1000.0)
-    parser.add_argument("--stub", choices=("libhd", "libdhd"))
+    parser.add_argument("--stub", choices=("libhd", "libdhd", "haply"))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     results = []
@@ -62,9 +65,15 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
     """The report of a session: R = 3 mm in bone of 30 x 30 x 10 mm at 0.1 mm."""
     bone = burrlab.VoxelBone.block((30, 30, 10), 0.1, origin=(-14.95, -14.95, -9.95))
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         devices: list[burrlab.Device] = [burrlab.HandDevice()]
-        if stub:
+        if stub == "haply":
+            service = subprocess.Popen([sys.executable, _SERVICE], stdout=subprocess.PIPE, text=True)
+            stack.callback(service.wait)
+            stack.callback(service.kill)
+            assert service.stdout
+            devices.append(burrlab.HaplyDevice("127.0.0.1", int(service.stdout.readline())))
+        elif stub:
             devices.append(_over_stub(stub, Path(folder), rate))
         record = Path(folder) / "trace.h5"
         session = burrlab.Session(

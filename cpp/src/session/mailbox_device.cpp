@@ -46,9 +46,27 @@ bool MailboxDevice::has_value() const {
   return in_.get(letter, 1000) && letter.time != 0;
 }
 
+void MailboxDevice::fail(const std::string& reason) {
+  const std::lock_guard<std::mutex> lock(fail_mutex_);
+  if (failed_.load(std::memory_order_acquire)) return;
+  fault_ = reason;
+  failed_.store(true, std::memory_order_release);
+  halt();
+}
+
+void MailboxDevice::start(double) {
+  if (failed_.load(std::memory_order_acquire))
+    throw std::invalid_argument(name_ + " must be opened anew: " + fault_);
+  halted_.store(false, std::memory_order_release);
+}
+
 DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
   in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
+  if (failed_.load(std::memory_order_acquire)) {
+    reading.status = DeviceReading::Status::lost;
+    return reading;
+  }
   if (last_.time == 0) {
     reading.status = DeviceReading::Status::waiting;
     return reading;

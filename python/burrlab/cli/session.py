@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device, Nozzle, Replica, ServoDevice, VoxelBone
+from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
 from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.formats import read_labels
@@ -62,6 +62,7 @@ from burrlab.session.exchange import (
     parse_address,
     parse_device,
 )
+from burrlab.session.haply import HeldDevice
 from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
 from burrlab.session.replay import replay
@@ -159,11 +160,11 @@ def _frames(
 ) -> list[DeviceFrame] | None:
     """Of each device; None where the options say nothing and no device has axes of its own."""
     asked = (options.scale, options.rotation, options.offset, options.clutch)
-    if not any(isinstance(one, ServoDevice) for one in devices) and asked == (None,) * 4:
+    if not any(isinstance(one, HeldDevice) for one in devices) and asked == (None,) * 4:
         return None
 
     def of(device: Device) -> DeviceFrame:
-        start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, ServoDevice) else (0.0, 0.0, 0.0)
+        start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, HeldDevice) else (0.0, 0.0, 0.0)
         offset = tuple(start if options.offset is None else options.offset)
         return DeviceFrame(
             options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0), offset, options.clutch
@@ -470,9 +471,11 @@ SESSION_COMMANDS = (
     Command("session", _session, "Burr in real time, with a device or a simulated hand.", (
         option(
             "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], a "
-                        "server's OpenIGTLink TRANSFORM stream, a Touch by its name in the vendor's set-up, or "
-                        "an Omega by its number from 0; given twice, two burrs",
-            action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]",
+                        "server's OpenIGTLink TRANSFORM stream, a Touch by its name in the vendor's set-up, "
+                        "an Omega by its number from 0, or a Haply Inverse3 (extra haply) by the address of its "
+                        "service, default localhost:10001; given twice, two burrs",
+            action="append", required=True,
+            metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]|haply[:HOST:PORT]",
         ),
         option(
             "--lost-after", "age at which a position of a device or over the network counts as lost, and the session stops "
@@ -523,7 +526,7 @@ SESSION_COMMANDS = (
             metavar="W,X,Y,Z",
         ),
         option(
-            "--offset", "place of the device's origin [mm]; default 0,0,0, of a touch or omega the place where a "
+            "--offset", "place of the device's origin [mm]; default 0,0,0, of a touch, omega or haply the place where a "
                         "simulated hand starts", type=vector, metavar="X,Y,Z",
         ),
         option(

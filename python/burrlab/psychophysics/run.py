@@ -337,8 +337,8 @@ class Sitting:
     tasks : sequence of str, optional
         By default all, in the subject's own order.
     device : str, Device or callable, optional
-        hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N], by default the protocol's. Or your own
-        device that serves one interval after the other, such as a `MailboxDevice`
+        hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT], by default the
+        protocol's. Or your own device that serves one interval after the other, such as a `MailboxDevice`
         (examples/experiment_driver.py). Or a function that returns a device for a mode ("probing" or
         "drilling"), called twice per interval: for the wait until the burr is lifted, and for the interval.
         The side-car calls the last two "driver".

@@ -17,7 +17,6 @@ from burrlab._core import (
     IgtlDevice,
     OmegaDevice,
     ScriptedDevice,
-    ServoDevice,
     TouchDevice,
     VoxelBone,
     read_bricks,
@@ -28,6 +27,7 @@ from burrlab.bone.slices import is_stack
 from burrlab.common.check import refuse
 from burrlab.common.files import new_hdf5
 from burrlab.common.progress import Progress, reporter
+from burrlab.session.haply import PORT, HaplyDevice, HeldDevice
 from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
 
@@ -90,21 +90,21 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
         raise ValueError(f"{name}: {error}") from None
 
 
-DeviceKind = Literal["hand", "scripted", "igtl", "touch", "omega"]
+DeviceKind = Literal["hand", "scripted", "igtl", "touch", "omega", "haply"]
 
 
 @dataclass(frozen=True)
 class DeviceText:
-    """The parts of a device text: hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N].
+    """The parts of a device text, as `--device` takes it.
 
     Attributes
     ----------
-    kind : {"hand", "scripted", "igtl", "touch", "omega"}
+    kind : {"hand", "scripted", "igtl", "touch", "omega", "haply"}
     file : str
         Script to follow.
     host : str
     port : int
-        OpenIGTLink server.
+        OpenIGTLink server, or Haply's Inverse Service.
     name : str
         Of a touch in the vendor's set-up; empty for the default device.
     index : int
@@ -137,30 +137,39 @@ def parse_device(text: str) -> DeviceText:
         return DeviceText("hand")
     if kind == "scripted" and rest:
         return DeviceText("scripted", file=rest)
-    if kind == "igtl" and rest:
+    if text == "haply":
+        return DeviceText("haply", host="localhost", port=PORT)
+    if kind in ("igtl", "haply") and rest:
         try:
-            return DeviceText("igtl", "", *parse_address(rest))
+            return DeviceText("igtl" if kind == "igtl" else "haply", "", *parse_address(rest))
         except ValueError as error:
-            raise ValueError(f"igtl: {error}") from None
+            raise ValueError(f"{kind}: {error}") from None
     if kind == "touch" and (rest or not colon):
         return DeviceText("touch", name=rest)
     if kind == "omega" and (rest.isdecimal() or not colon):
         return DeviceText("omega", index=int(rest or 0))
-    raise ValueError(f"must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME] or omega[:N], got '{text}'")
+    raise ValueError(
+        "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT], got "
+        f"'{text}'"
+    )
 
 
-def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | ServoDevice:
-    """Opens a device that moves by itself: igtl, touch or omega.
+def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | HeldDevice:
+    """Opens a device that moves by itself: igtl, touch, omega or haply.
 
     Raises
     ------
     ValueError
         If it cannot be opened.
+    ImportError
+        For haply without the extra.
     """
     if device.kind == "touch":
         return TouchDevice(device.name, lost_after=lost_after)
     if device.kind == "omega":
         return OmegaDevice(device.index, lost_after=lost_after)
+    if device.kind == "haply":
+        return HaplyDevice(device.host, device.port, lost_after=lost_after)
     return IgtlDevice(device.host, device.port, lost_after=lost_after)
 
 
@@ -170,8 +179,8 @@ def find_devices() -> list[dict[str, str]]:
     Returns
     -------
     list of dict
-        `device`, as `--device` takes it; `needs`, the vendor's library; then `hardware`, its model, and
-        `library`, the file that was loaded; or `why_not`, a sentence.
+        `device`, as `--device` takes it; `needs`, the vendor's library or service; then `hardware`, its model,
+        and `library`, the file that was loaded or the service's address; or `why_not`, a sentence.
     """
     rows: list[dict[str, str]] = []
 
@@ -179,9 +188,9 @@ def find_devices() -> list[dict[str, str]]:
         row = {"device": text, "needs": needs}
         try:
             found = open_device(parse_device(text), 100.0)
-            assert isinstance(found, ServoDevice)
+            assert isinstance(found, HeldDevice)
             rows.append({**row, "hardware": found.hardware, "library": found.library})
-        except ValueError as error:
+        except (ValueError, ImportError) as error:
             rows.append({**row, "why_not": str(error)})
 
     look("touch", "libHD of OpenHaptics")
@@ -191,6 +200,7 @@ def find_devices() -> list[dict[str, str]]:
         count = 0
     for index in range(max(count, 1)):
         look(f"omega:{index}", "libdhd of Force Dimension")
+    look("haply", "Haply's Inverse Service")
     return rows
 
 

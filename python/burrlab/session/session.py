@@ -21,7 +21,6 @@ from burrlab._core import (
     Material,
     Publisher,
     RecordReader,
-    ServoDevice,
     TickExecutor,
     VoxelBone,
 )
@@ -32,6 +31,7 @@ from burrlab.common.check import check_positive, refuse, require_type, scalar, s
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
 from burrlab.session.devices import DeviceFrame, DeviceLimits, device_limits
+from burrlab.session.haply import HeldDevice
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
@@ -58,7 +58,7 @@ class Session:
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
-        `TouchDevice`, `OmegaDevice`. A device serves one session at a time.
+        `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
     seed : int, optional
         Default: a random one; the attribute `seed` holds it.
     rate : float
@@ -207,7 +207,7 @@ class Session:
             f"duration must be positive and below 1e9 s, got {duration!r}",
         )
         refuse(
-            not wall_clock and any(isinstance(device, ServoDevice) for device in self.devices),
+            not wall_clock and any(isinstance(device, HeldDevice) for device in self.devices),
             f"wall_clock must be True for a device that a hand holds, got {wall_clock!r}",
         )
         refuse(not 0 < digest_every < 1e9, f"digest_every must be positive, got {digest_every!r}")

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <atomic>
+#include <mutex>
 
 #include "burrlab/session/device.hpp"
 #include "burrlab/session/latest.hpp"
@@ -21,12 +22,15 @@ class MailboxDevice : public Device {
            const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0);
   Vec3 force() const;      ///< last sent by the loop; 0 after `halt` [N]
   bool has_value() const;  ///< there was a `put`
+  /// The device is lost, for this reason, and cannot be started again; the first reason counts.
+  void fail(const std::string& reason);
 
-  void start(double) override { halted_.store(false, std::memory_order_release); }
+  void start(double) override;
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
   void write(const Vec3& force) noexcept override;
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   std::string name() const override { return name_; }
+  std::string fault() const override { return failed_.load(std::memory_order_acquire) ? fault_ : ""; }
   DeviceModel model() const override { return model_; }
 
  private:
@@ -39,9 +43,10 @@ class MailboxDevice : public Device {
   Latest<Letter> in_;
   Latest<std::array<double, 3>> out_;
   Letter last_{};
-  std::atomic<bool> halted_{false};
+  std::atomic<bool> halted_{false}, failed_{false};
   double lost_after_;
-  std::string name_;
+  std::string name_, fault_;  // the fault is written once, before failed_
+  std::mutex fail_mutex_;
   DeviceModel model_;
 };
 

@@ -1,0 +1,226 @@
+"""A Haply Inverse3 in sessions, over a mock of its service (tests/haply_service.py)."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import re
+import socket
+import sys
+
+import numpy as np
+import pytest
+from command_line import call, refusal, result
+from test_servo_devices import session, wait_for
+
+import burrlab
+from burrlab.session.exchange import parse_device
+from haply_service import HaplyService
+
+DEEP = 0.0028  # in contact [m]
+
+
+@pytest.fixture
+def service():
+    with contextlib.closing(HaplyService()) as service:
+        yield service
+
+
+def opened(service, lost_after=5000.0, **options):  # however busy the machine is
+    return burrlab.HaplyDevice("127.0.0.1", service.port, lost_after=lost_after, **options)
+
+
+def edited(kind, **fields):
+    """A change of the service's messages: of the state of a device of this kind."""
+
+    def change(message):
+        message[kind][0]["state"].update(fields)
+        return message
+
+    return change
+
+
+def swaying():
+    """A change of the service's messages: x is 0 and 0.1 mm in turns."""
+    x = itertools.cycle((0.0, 1e-4))
+    return lambda message: edited("inverse3", cursor_position={"x": next(x), "y": 0.0, "z": 0.005})(message)
+
+
+def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
+    device, file = opened(service, on_button=1), tmp_path / "trace.h5"
+    assert device.hardware == "inverse3 049D, wireless_verse_grip 61548"
+    assert device.library == f"ws://127.0.0.1:{service.port}"
+    half = math.sqrt(0.5)
+    with session(device, record=file) as run:
+        wait_for(lambda: run.ticks > 50)
+        assert not np.any(service.forces)  # no contact yet
+        ticks, service.change = run.ticks, swaying()
+        wait_for(lambda: run.ticks > ticks + 100)
+        service.change = lambda message: message
+        service.position, service.orientation, service.buttons = (0, 0, DEEP), (half, 0, half, 0), {"b": True}
+        wait_for(lambda: service.forces[-1][2] > 0)
+        service.buttons = {"a": True, "b": True, "c": True}
+        ticks = run.ticks
+        wait_for(lambda: run.ticks > ticks + 50)
+        service.drop()
+        assert run.wait(10)
+    assert (run.failed, run.reason) == (True, f"device 0 was lost: {device.fault}")
+    assert device.fault.startswith(f"{device.name} failed: the connection ended (")
+    assert not device.force.any()
+    trace = burrlab.load_trace(file)
+    assert (trace.complete, burrlab.replay(trace).equal) == (True, True)
+    assert {*service.forces} <= {(0.0, 0.0, 0.0), *map(tuple, trace.array("sent_force_N"))}
+    position, orientation = trace.array("device_position_mm"), trace.array("orientation")
+    np.testing.assert_allclose(position[[0, -1]], [(0, 0, 5), (0, 0, 2.8)])
+    np.testing.assert_allclose(orientation[[0, -1]], [(1, 0, 0, 0), (half, 0, half, 0)])
+    assert list(dict.fromkeys(trace.array("buttons"))) == [0, 2, 7]
+    assert list(dict.fromkeys(trace.array("on"))) == [False, True]
+    assert (
+        trace.array("device_velocity_mm_s")[:, 0].min() < 0 < trace.array("device_velocity_mm_s")[:, 0].max()
+    )
+    with pytest.raises(ValueError, match=r"must be opened anew: haply:.* failed: the connection ended"):
+        session(device, duration=0.1).start()
+    device, seen = opened(service), len(service.forces)
+    with session(device) as again:
+        wait_for(lambda: np.any(service.forces[seen:]))
+    assert not again.failed
+    wait_for(lambda: not any(service.forces[-1]))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda message: "{", "the service must send JSON objects, got '{'"),
+        (lambda message: b"\xff\xfe\xfd", "the service must send JSON objects"),
+        (lambda message: "[" * 200_000, "the service must send JSON objects"),
+        (lambda message: [message], "the service must send JSON objects"),
+        (lambda message: "7" * (2 << 20), "the connection ended .*too big"),
+        (lambda message: {}, "the service must send the state of inverse3 049D, got {}"),
+        (lambda message: {"inverse3": [7]}, "inverse3 must be devices with an id each, got \\[7\\]"),
+        (lambda message: {**message, "wireless_verse_grip": []}, "the state of wireless_verse_grip 61548"),
+        (edited("inverse3", cursor_position=None), "cursor_position must be numbers x, y, z, got None"),
+        (edited("inverse3", cursor_position={"x": 0, "y": 0}), "cursor_position must be numbers x, y, z"),
+        (edited("inverse3", cursor_position={"x": 0, "y": 0, "z": math.nan}), "must be numbers x, y, z"),
+        (edited("inverse3", cursor_position={"x": 0, "y": 0, "z": 10**400}), "must be numbers x, y, z"),
+        (edited("inverse3", cursor_position={"x": 0, "y": 0, "z": "1"}), "must be numbers x, y, z"),
+        (edited("wireless_verse_grip", orientation=dict.fromkeys("wxyz", 0)), "length of orientation must be 1, got 0"),
+        (edited("wireless_verse_grip", orientation=dict.fromkeys("wxyz", math.inf)), "orientation must be numbers w"),
+        (edited("wireless_verse_grip", buttons=[True]), "buttons must be true or false, got \\[True\\]"),
+    ],
+)  # fmt: skip
+def test_wrong_answers_end_the_session_with_force_zero(service, change, sentence):
+    service.position = (0, 0, DEEP)
+    device = opened(service)
+    with session(device) as run:
+        wait_for(lambda: service.forces and service.forces[-1][2] > 0)
+        service.change = change
+        assert run.wait(10)
+    assert run.failed
+    with pytest.raises(AssertionError, match=f"device 0 was lost: haply:.* failed: .*{sentence}"):
+        raise AssertionError(run.reason)
+    assert not device.force.any()
+    if "too big" not in sentence:  # there the connection has ended
+        wait_for(lambda: not any(service.forces[-1]))
+
+
+def test_late_answers(service):
+    device = opened(service, lost_after=1000.0)
+    service.position = (0, 0, DEEP)
+    with session(device) as run:
+        wait_for(lambda: service.forces and service.forces[-1][2] > 0)
+        service.delay, ticks = 0.05, run.ticks
+        wait_for(lambda: run.ticks > ticks + 200)
+        assert run.loop.running
+        service.delay = 1.5
+        assert run.wait(10)
+    assert re.fullmatch(r"device 0 was lost: its last position is [1-9]\d\d\d ms old", run.reason)
+    assert not device.force.any()
+    wait_for(lambda: not any(service.forces[-1]))
+    service.delay, seen = 0.0, len(service.forces)
+    wait_for(lambda: len(service.forces) > seen + 3)
+    with session(device, duration=0.1) as run:
+        assert run.wait(10)
+    assert not run.failed
+    service.delay = 60.0
+    wait_for(lambda: device.fault)
+    assert device.fault == f"{device.name} failed: the service did not answer in time"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (lambda message: {}, "exactly one Inverse3 and at most one VerseGrip, got none"),
+        (
+            lambda message: {"inverse3": [{"device_id": "A"}, {"device_id": "B"}]},
+            "at most one VerseGrip, got A, B",
+        ),
+        (
+            lambda message: {**message, "verse_grip": [{"device_id": "7"}]},
+            "at most one VerseGrip, got 049D, 7, 61548",
+        ),
+        (
+            lambda message: {"inverse3": [{**message["inverse3"][0], "status": {"calibrated": False}}]},
+            "the Inverse3 049D must be calibrated",
+        ),
+        (lambda message: "hello", "the service must send JSON objects, got 'hello'"),
+    ],
+)
+def test_services_that_cannot_be_used(service, change, sentence):
+    service.change = change
+    with pytest.raises(ValueError, match=f"haply:.* cannot be used: .*{sentence}"):
+        opened(service)
+
+
+def test_a_device_of_its_own_and_no_grip(service):
+    service.change = lambda message: {"inverse3": message["inverse3"]}
+    device = opened(service)
+    assert device.hardware == "inverse3 049D"
+    with pytest.raises(ValueError, match="the Inverse3 049D is open already"):
+        opened(service)
+    with pytest.raises(ValueError, match="wall_clock must be True for a device that a hand holds, got False"):
+        session(device, wall_clock=False)
+    del device
+    wait_for(lambda: service.forces)
+    seen = len(service.forces)
+    wait_for(lambda: opened(service) and len(service.forces) > seen)
+
+
+def test_commands(service, capsys, monkeypatch):
+    words = [
+        "session",
+        "--voxel",
+        "0.4",
+        "--duration",
+        "0.1",
+        "--lost-after",
+        "5000",
+        "--no-realtime",
+        "--device",
+    ]
+    code, _, err = call(capsys, *words, f"haply:127.0.0.1:{service.port}")
+    assert code == 0, err
+    monkeypatch.setattr("burrlab.session.exchange.PORT", service.port)
+    row = result(capsys, "devices")["devices"][-1]
+    assert (row["device"], row["hardware"]) == ("haply", "inverse3 049D, wireless_verse_grip 61548")
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # it listens, and says nothing
+        monkeypatch.setattr("burrlab.session.exchange.PORT", port := silent.getsockname()[1])
+        said = result(capsys, "devices")["devices"][-1]["why_not"]
+    assert (
+        said
+        == f"haply:localhost:{port} must be a running Inverse Service: the service did not answer in time"
+    )
+    assert "must be a running Inverse Service: " in refusal(capsys, *words, f"haply:127.0.0.1:{port}")
+    monkeypatch.setitem(sys.modules, "websockets.sync.client", None)
+    assert "a Haply device needs websockets: pip install 'burrlab[haply]'" in refusal(capsys, *words, "haply")
+
+
+def test_texts():
+    assert (parse_device("haply").host, parse_device("haply").port) == ("localhost", 10001)
+    assert (parse_device("haply:[::1]:7").host, parse_device("haply:[::1]:7").port) == ("::1", 7)
+    for text in ("haply:", "haply:host", "haply:host:0", "haply:host:x"):
+        with pytest.raises(ValueError, match=r"must be (HOST:PORT|hand, .* or haply\[:HOST:PORT\]), got"):
+            parse_device(text)
+    for host in ("", "a/b", "a b"):
+        with pytest.raises(ValueError, match="host must be a name or an address, got"):
+            burrlab.HaplyDevice(host)

@@ -109,19 +109,11 @@ void goes_with_its_owner() {
   ended.loop->wait(20.0);
 }
 
-void refusals() {
-  const Beside beside(10);
-  for (const double rate : {0.0, 201.0, std::nan("")})
-    CHECK_THROWS(EffectsCompanion(feed_of(beside.loop, beside.follower), {}, rate, false),
-                 "rate must be from 1 to 200 Hz");
-}
-
 }  // namespace
 
 int main() {
   to_the_end();
   stopped_in_the_middle();
   goes_with_its_owner();
-  refusals();
   return check::report();
 }

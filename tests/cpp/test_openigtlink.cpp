@@ -99,32 +99,21 @@ void test_refusals() {
   Bytes bytes{1, 2, 3};
   Transform transform;
   const double values[256] = {};
-  const std::vector<MetadataEntry> metadata{{"a", "b"}};
   const std::string long_key(65536, 'k');
   const std::vector<MetadataEntry> long_metadata{{long_key, ""}}, many(8192);
-  CHECK_THROWS(encode_transform(bytes, {"x", 0, 3}, transform), "version must be 1 or 2, got 3");
-  CHECK_THROWS(encode_transform(bytes, {"a name of 21 bytes...", 0}, transform),
-               "length of device_name must be at most 20, got 21");
   CHECK_THROWS(encode_transform(bytes, {std::string_view("a\0b", 3), 0}, transform),
                "device_name must hold no zero byte, got one after 'a'");
-  CHECK_THROWS(encode_transform(bytes, {"x", 0, 1, 0, &metadata}, transform),
-               "version must be 2 for a message with metadata, got 1");
   CHECK_THROWS(encode_transform(bytes, {"x", 0, 2, 0, &long_metadata}, transform),
                "length of a metadata key must be at most 65535, got 65536");
   CHECK_THROWS(encode_transform(bytes, {"x", 0, 2, 0, &many}, transform),
                "number of metadata entries must be at most 8191, got 8192");
-  CHECK_THROWS(encode_sensor(bytes, {"x"}, values, 256), "number of values must be at most 255, got 256");
   const double nan = std::numeric_limits<double>::quiet_NaN();
   CHECK_THROWS(encode_sensor(bytes, {"x"}, &nan, 1), "every value must be finite, got nan");
-  transform.position[1] = std::numeric_limits<float>::infinity();
-  CHECK_THROWS(encode_transform(bytes, {"x"}, transform), "every number of position must be finite, got inf");
   transform.rotation[8] = std::numeric_limits<float>::quiet_NaN();
   CHECK_THROWS(encode_transform(bytes, {"x"}, transform), "every number of rotation must be finite, got nan");
   const std::uint16_t shape[] = {2, 3};
   CHECK_THROWS(encode_ndarray_float64(bytes, {"x"}, values, 5, shape, 2),
                "product of shape must be the number of values, got 5");
-  CHECK_THROWS(encode_ndarray_float64(bytes, {"x"}, values, 0, shape, 0),
-               "number of dimensions must be 1 to 255, got 0");
   CHECK_THROWS(encode_ndarray_float64(bytes, {"x"}, values, 65536),
                "number of values in one dimension must be at most 65535, got 65536");
   CHECK_THROWS(encode_ndarray_uint8(bytes, {"x"}, {nullptr, longest_byte_string + 1}),

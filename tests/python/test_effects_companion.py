@@ -89,19 +89,6 @@ def test_on_a_replica_beside_another_consumer() -> None:
     assert taken == {tuple(place) for place in np.unique(np.argwhere(bone.density != start) // 8, axis=0)}
 
 
-def test_rebuilds_lose_nothing() -> None:
-    made = session(2.0, wall_clock=True, realtime=False)
-    with Companion(made, seed=1) as companion, made:
-        for _ in range(8):
-            time.sleep(0.15)
-            made.follower.ask_rebuild()
-        assert made.wait(60)
-        assert companion.wait(60)
-    assert made.follower.status["rebuilds"] >= 4
-    assert companion.balance()["dust"].made == levels_removed(made.snapshot()[0]) > 0
-    assert exact(companion)
-
-
 @pytest.mark.parametrize("tick", [0, 70_000])
 def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None:
     """With a budget that no machine meets, a start in the middle, and a bone with earlier ticks."""

@@ -105,12 +105,6 @@ def test_what_shakes_a_stroke_is_not_the_sampling(material, hole, push, on):
     assert slow < 1.3 * fast + 0.002
 
 
-def test_the_same_run_has_the_same_bits():
-    a, b = (run("bone", 0.0, 1.0, 1.5, strokes=1.4, on=True) for _ in range(2))
-    assert np.array_equal(a.force, b.force)
-    assert np.array_equal(a.records["burr"]["device_position"], b.records["burr"]["device_position"])
-
-
 def test_the_filter_keeps_40_hz_and_drops_5():
     t = np.arange(0, 2, 1e-3)
     for frequency, kept in ((5.0, 1e-4), (20.0, 0.5), (40.0, 1.0)):

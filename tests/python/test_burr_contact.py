@@ -252,6 +252,7 @@ def test_far_away(center: tuple[float, float, float], scheme: str) -> None:
 
 # --- Ctrl-C and threads -----------------------------------------------------------------------------------
 
+
 def test_ctrl_c_stops_a_run() -> None:
     """The ticks done are kept, and `tick` counts them."""
     bone = block()

@@ -1,7 +1,5 @@
 """Files of a bone and its tick index."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Stability of the loop with a simulated hand, below and above the passivity limit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from stability_cases import GRID, HOLE, RADIUS, high_pass, run, still

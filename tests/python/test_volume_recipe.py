@@ -1,7 +1,5 @@
 """Recipes of bones from volumes are kept by JSON, results and their files."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

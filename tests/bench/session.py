@@ -8,8 +8,6 @@ and on its other users. --stub adds a burr of a device over a stub of the vendor
 the rate of the loop, and prints the age of its positions.
 """
 
-from __future__ import annotations
-
 import argparse
 import ctypes
 import json

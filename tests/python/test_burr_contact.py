@@ -1,7 +1,5 @@
 """A burr on a bone from Python: errors, runs, replay, flags, volume edges, Ctrl-C and threads."""
 
-from __future__ import annotations
-
 import _thread
 import threading
 import time

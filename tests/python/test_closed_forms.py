@@ -1,7 +1,5 @@
 """Moments (Eq. 1) and force (Eqs. 2, 3) of simple bodies equal closed forms, anywhere in the grid."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Secondary effects beside a running session: its end, rebuilds, stops, and their cost."""
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import os

@@ -1,7 +1,5 @@
 """The force controller of a rig: terms, defaults, anti-windup, change of gains, errors."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One interval: its rendering and its end."""
 
-from __future__ import annotations
-
 import threading
 import time
 

@@ -4,8 +4,6 @@ The burr's radius is 3 mm. Seeds are fixed, so results repeat. Means over 8 seed
 and below 0.1 % at 0.2 mm, far inside every bound.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Shapes, burrs and materials as values; the paper's four materials."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from typing import Any

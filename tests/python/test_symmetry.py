@@ -1,7 +1,5 @@
 """No direction is special; no contact, no force; mass never grows."""
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any

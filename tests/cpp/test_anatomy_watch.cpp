@@ -1,6 +1,5 @@
 // A watch beside the tick: no allocation, even when its events are full; the last nearest voxel changes
 // nothing; an executor's watch sees the same as one called by hand.
-#include <cstring>
 #include <memory>
 #include <random>
 

@@ -86,10 +86,25 @@ void check_hold() {
   CHECK(above.reached && above.position.empty() && contact.tick == 0);
 }
 
+/// One thread changes a bone, or any number read it.
+void check_readers() {
+  const auto bone = block();
+  BurrContact contact = on(bone);
+  {
+    const VoxelBone::Reading reading(*bone), other(*bone);
+    CHECK_THROWS(contact.step(Vec3(0.0, 0.0, 1.8), 1.0, true), "another thread reads it");
+    CHECK(bone->removed() == 0.0 && contact.tick == 0);
+  }
+  CHECK_THROWS(contact.step(Vec3(NAN, 0.0, 0.0), 1.0, true), "finite");
+  contact.step(Vec3(0.0, 0.0, 1.8), 1.0, true);
+  CHECK(contact.tick == 1 && bone->removed() > 0.0);
+}
+
 }  // namespace
 
 int main() {
   check_step();
+  check_readers();
   check_hold();
   return check::report();
 }

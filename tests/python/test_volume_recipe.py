@@ -45,23 +45,6 @@ def test_parameters_that_are_wrong(arguments, options, kind, match):
         volume_recipe("v.nrrd", *arguments, **options)
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"map": []},
-        {"map": [[0, 1]]},
-        {"map": "ab"},
-        {"voxel_mm": [1, 2]},
-        {"crop_mm": [[1, 2, 3]]},
-        {"path": 3},
-        {"map": [1, 0]},
-    ],
-)
-def test_recipe_that_cannot_be_read(change):
-    with pytest.raises(ValueError, match="recipe must be that of block_recipe or volume_recipe, got"):
-        make_bone({"kind": "volume", "path": "v.nrrd", "map": [0, 1], **change})
-
-
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
     image = pytest.importorskip("PIL.Image")
     values = np.full((3, 4, 5), 100, np.int16)

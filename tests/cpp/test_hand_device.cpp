@@ -1,4 +1,4 @@
-// The simulated hand's mechanics against closed forms; tests/python/test_devices.py has its push and encoder.
+// The simulated hand's mechanics against closed forms; tests/python/test_devices.py has its push.
 #include "burrlab/session/hand_device.hpp"
 
 #include <array>
@@ -104,6 +104,26 @@ void check_friction() {
   const Vec3 rest = hand.position();
   hand.read(0.0, 100);
   CHECK(hand.position() == rest);
+}
+
+void check_encoder() {
+  HandSettings s = still();
+  s.encoder_step = 0.03;
+  s.start = Vec3(0.0, 0.0, 3.2);
+  HandDevice hand(s);
+  hand.start(1e-3);
+  double last = hand.read(0.0, 1).position[2];
+  int moved = 0;
+  for (int i = 1; i < 300; ++i) {
+    const DeviceReading now = hand.read(0.001 * i, 1);
+    const double steps = now.position[2] / 0.03;
+    CHECK_NEAR(steps, std::round(steps), 1e-9);
+    CHECK(std::abs(now.position[2] - hand.position()[2]) <= 0.015 + 1e-12);
+    CHECK_NEAR(now.velocity[2], (now.position[2] - last) / 1e-3, 1e-9);
+    moved += now.position[2] != last;
+    last = now.position[2];
+  }
+  CHECK(moved > 5);
 }
 
 void check_strokes() {
@@ -213,6 +233,7 @@ int main() {
   check_free_motion();
   check_periods();
   check_friction();
+  check_encoder();
   check_strokes();
   check_presses();
   check_switch();

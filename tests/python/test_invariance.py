@@ -16,7 +16,6 @@ import burrlab
 from burrlab.theory.continuum import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
-BONE = burrlab.materials["bone"]
 SEEDS = range(8)  # a seed also draws the place of the burr within a voxel
 FORCES = (0.3, 0.5, 1.0, 2.0)  # [N]
 VOXELS = (0.4, 0.2, 0.1)  # [mm]

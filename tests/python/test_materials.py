@@ -98,7 +98,7 @@ def material(**changes: Any) -> Material:
 
 
 SHAPE = r"shape must be parabolic, linear, quartic, constant or power\(k\), got '"
-UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(1", "power(1) ", "power(0x1p0)", "power( 1.5)", "power()", "power(nan)")  # fmt: skip
+UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(15", "power(1) ", "power(0x1p0)", "power( 1.5)", "power()", "power(nan)")  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -52,6 +52,15 @@ def sub_voxel_positions(voxel: float, seed: int) -> Floats:
     return np.random.default_rng(seed).uniform(0, voxel, (POSITIONS, 3))
 
 
+@pytest.mark.parametrize("radius", [0.5, 3.0])
+def test_penetration_inverts_eq_2(radius: float) -> None:
+    m = np.append(np.geomspace(1e-12, 1e-3, 100), np.linspace(1e-3, 4 / 3, 4000)[1:])
+    u = np.array([burrlab.penetration(share * math.pi * radius**3, radius) / radius for share in m])
+    np.testing.assert_allclose(u**2 * (1 - u / 3), m, rtol=1e-12)
+    assert np.all(np.diff(u) > 0)
+    assert burrlab.penetration(1.1 * 4 / 3 * math.pi * radius**3, radius) == 2 * radius
+
+
 @pytest.mark.parametrize("scheme", ["layer", "cell"])
 @pytest.mark.parametrize("u", [0.05, 0.14, 1 / 3])
 def test_moments_of_a_half_space(u: float, scheme: str) -> None:

@@ -1,5 +1,7 @@
 """A Touch and an Omega in sessions, over stubs of the vendors' libraries (tests/stubs)."""
 
+from __future__ import annotations
+
 import ctypes
 import functools
 import shutil

@@ -10,8 +10,6 @@ A fault is named by its function and an expression in it, so that it is found wh
 fault of the core by its line. For these the C++ tests run before the test files of the room.
 """
 
-from __future__ import annotations
-
 import ast
 import copy
 import json

@@ -1,4 +1,3 @@
-#include <cstring>
 
 #include "bindings.hpp"
 #include "burrlab/anatomy/anatomy_watch.hpp"

@@ -2,7 +2,6 @@
 #include <unistd.h>
 #endif
 
-#include <cstring>
 #include <memory>
 
 #include "bindings.hpp"

@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cstring>
 
 #include "bindings.hpp"
 #include "burrlab/session/follower.hpp"

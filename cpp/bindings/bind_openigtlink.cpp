@@ -1,5 +1,4 @@
 #include <map>
-#include <optional>
 
 #include "bindings.hpp"
 #include "burrlab/check.hpp"

@@ -1,7 +1,6 @@
 // The digest of a bone: 128 bits over geometry, present and pristine levels.
 #include "burrlab/digest.hpp"
 
-#include <algorithm>
 #include <cstdio>
 #include <cstring>
 

@@ -6,8 +6,6 @@ Writes results.json and tick.png. First it compares all implementations with tes
 difference in one bit ends the run with an error. --waits prints where a researcher waits instead (waits.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import itertools
 import json

@@ -1,7 +1,5 @@
 """The check that all implementations equal tests/reference/tick.py, bit for bit, before they are timed."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numba_tick

@@ -8,8 +8,6 @@ number in the first 5 s, then the measurement begins. Each round also runs the s
 over the same ticks, before or after by turns, so that the ratio of the ticks is of one machine in one run.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

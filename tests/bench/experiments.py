@@ -1,7 +1,5 @@
 """Measurements made once: volume size, a whole descent, a call from Python, memory bandwidth, a sweep."""
 
-from __future__ import annotations
-
 import os
 import time
 from concurrent.futures import ThreadPoolExecutor

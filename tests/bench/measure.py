@@ -1,7 +1,5 @@
 """Times of scenes: the core on every CPU path over all ticks, the baselines at samples of the run."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

@@ -4,8 +4,6 @@ Cubic voxels, f parabolic. Numbers called f32 on that page are `numpy.float32`, 
 them too.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ instead: studies of so many items on dask clusters whose scheduler and workers a
 the growth of a store; `--png` draws items per second against workers.
 """
 
-from __future__ import annotations
-
 import argparse
 import asyncio
 import logging

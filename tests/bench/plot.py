@@ -1,7 +1,5 @@
 """Cost of a tick against R/voxel and against the volume: bench/tick.png."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

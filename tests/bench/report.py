@@ -1,7 +1,5 @@
 """Measured values against targets, and the table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

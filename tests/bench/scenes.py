@@ -1,7 +1,5 @@
 """The scenes of the benchmark: solid bone below a surface, air above, a burr and its path in the volume."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

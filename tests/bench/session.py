@@ -9,8 +9,6 @@ and on its other users. --stub adds a burr of a device over a stub of the vendor
 the rate of the loop, or over a mock of Haply's service in another process, and prints the age of its positions.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

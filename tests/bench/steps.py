@@ -6,8 +6,6 @@ turns.
 Needs `perf`, and libraries with line tables: `cmake -S . -B build -DBURRLAB_BENCH=ON -DCMAKE_CXX_FLAGS=-g1`.
 """
 
-from __future__ import annotations
-
 import argparse
 import functools
 import re

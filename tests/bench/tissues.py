@@ -1,7 +1,5 @@
 """Cost of a tick in bone with tissues over that of the same tick without, in turns, with distance queries."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

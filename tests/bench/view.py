@@ -2,8 +2,6 @@
 
 Run: python tests/bench/view.py"""
 
-from __future__ import annotations
-
 import argparse
 import json
 import time

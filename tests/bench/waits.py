@@ -4,8 +4,6 @@ text it is the time until a terminal shows it.
 The bone is the phantom on 512^3 voxels, with 15 labels. It is made once in the folder and serves again.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import resource

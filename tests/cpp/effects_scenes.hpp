@@ -39,7 +39,6 @@ inline void add_tissues(VoxelBone& bone) {
 struct Cut {
   std::vector<std::uint32_t> bricks;
   std::vector<std::uint8_t> density;
-  std::int64_t lost = 0;
   BurrAt burr;
 
   Cut(VoxelBone& bone, const Vec3& center, double radius) : burr{center, radius} {
@@ -52,7 +51,6 @@ struct Cut {
           const Vec3 place =
               bone.origin() + bone.spacing().cwiseProduct(Vec3(double(x), double(y), double(z)));
           if ((place - center).norm() >= radius) continue;
-          lost += levels[i];
           levels[i] = 0;
         }
     bone.take_changed();

@@ -1,6 +1,5 @@
 // A watch beside the tick: no allocation, even when its events are full; the last nearest voxel changes
 // nothing; an executor's watch sees the same as one called by hand.
-#include <cstring>
 #include <memory>
 #include <random>
 
@@ -241,7 +240,6 @@ void refusals() {
   const auto bone = make_bone(), other = make_bone();
   const WatchLimits limits;
   auto all = structures(*bone, limits);
-  CHECK_THROWS(AnatomyWatch({}, {1.0}), "structures must be at least one, got none");
   CHECK_THROWS(AnatomyWatch(all, {}), "number of burrs must be 1 or 2, got 0");
   CHECK_THROWS(AnatomyWatch(all, {0.0}), "radius must be positive");
   SessionSetup setup;
@@ -249,9 +247,6 @@ void refusals() {
   TickExecutor executor(bone, setup);
   CHECK_THROWS(executor.set_watch(std::make_shared<AnatomyWatch>(all, std::vector<double>{1.5})),
                "watch must be of the session's burrs");
-  TickExecutor elsewhere(other, setup);
-  CHECK_THROWS(elsewhere.set_watch(std::make_shared<AnatomyWatch>(all, std::vector<double>{1.0})),
-               "bone must be the one that the watch was made of");
   all.push_back(structures(*other, limits)[0]);
   CHECK_THROWS(AnatomyWatch(all, {1.0}), "structures must be of one bone");
 }

@@ -115,21 +115,11 @@ void check_report() {
 }
 
 void check_refusals() {
-  CHECK_THROWS(flat_contact_area(3.0, -0.1), "penetration must be 0 to 2 radii, got -0.1");
-  CHECK_THROWS(hole_contact_area(3.0, 7.0), "depth must be 0 to 2 radii, got 7");
   CHECK_THROWS(flat_contact_area(0.0, 0.0), "radius must be positive");
-  CHECK_THROWS(contact_stiffness(-1.0, 1.0, 3.0, 2.0), "force must be zero or positive and finite, got -1");
   CHECK_THROWS(contact_stiffness(1.0, -1.0, 3.0, 2.0), "area must be zero or positive");
-  CHECK_THROWS(contact_area(1.0, -1.0, 3.0, 2.0), "stiffness must be zero or positive");
   CHECK_THROWS(contact_stiffness(1.0, 1.0, 3.0, 0.0), "c_e must be positive");
-  CHECK_THROWS(passivity_limit(-1.0, 1.0), "damping must be zero or positive");
-  CHECK_THROWS(passivity_limit(1.0, 0.0), "period must be positive");
   CHECK_THROWS(passivity_limit(1.0, 1.0, -1.0), "age must be zero or positive");
-  CHECK_THROWS(encoder_limit(-1.0, 1.0), "friction must be zero or positive");
-  CHECK_THROWS(encoder_limit(1.0, -1.0), "encoder_step must be zero or positive");
   CHECK_THROWS(force_at_limit(-1.0, 1.0, 1.0, 1.0), "limit must be zero or positive");
-  const Tool tool{Burr(3.0), scenes::bone_material};
-  CHECK_THROWS(stability_report(1.0, 7.0, tool, {}, 1.0, 0.0, 0.0, 0.0), "coupling must be positive, got 0");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Effects in a thread beside a loop and its follower: rebuilds, changing instruments, ends, stops.
+// Effects in a thread beside a loop and its follower: rebuilds, changing instruments, the end.
 #include "burrlab/effects/companion.hpp"
 
 #include <cmath>
@@ -16,7 +16,7 @@ struct Beside {
   std::shared_ptr<Follower> follower;
   std::unique_ptr<EffectsCompanion> companion;
 
-  explicit Beside(std::uint64_t ticks, double rate = 50.0) {
+  explicit Beside(std::uint64_t ticks) {
     device->what = [](int n, DeviceReading& r) {
       r.position = Vec3(1.5 * std::sin(0.01 * n), std::cos(0.003 * n), 1.4 - 1e-4 * n);
     };
@@ -28,7 +28,7 @@ struct Beside {
     follower = std::make_shared<Follower>(loop, FollowerSettings{100, 10.0, 1.0});
     EffectsSetup setup;
     setup.budget = 0.005;
-    companion = std::make_unique<EffectsCompanion>(feed_of(loop, follower), setup, rate, true);
+    companion = std::make_unique<EffectsCompanion>(feed_of(loop, follower), setup, 50.0, true);
   }
   void start() {
     companion->start();
@@ -82,46 +82,9 @@ void to_the_end() {
 #endif
 }
 
-void stopped_in_the_middle() {
-  Beside beside(100000, 200.0);
-  beside.start();
-  sleep(100);
-  CHECK(beside.companion->running());
-  beside.companion->stop();
-  beside.companion->stop();
-  CHECK(!beside.companion->running() && beside.loop->running());
-  CHECK(exact(beside.companion->newest()));
-  CHECK_THROWS(beside.companion->start(), "companion must be started once");
-  beside.loop->stop("enough");
-  beside.follower->stop();
-}
-
-/// A companion that nobody stops ends with its owner, started or not, whatever the session does.
-void goes_with_its_owner() {
-  Beside never(100);
-  {
-    Beside running(100000);
-    running.start();
-    sleep(30);
-  }
-  Beside ended(20);
-  ended.start();
-  ended.loop->wait(20.0);
-}
-
-void refusals() {
-  const Beside beside(10);
-  for (const double rate : {0.0, 201.0, std::nan("")})
-    CHECK_THROWS(EffectsCompanion(feed_of(beside.loop, beside.follower), {}, rate, false),
-                 "rate must be from 1 to 200 Hz");
-}
-
 }  // namespace
 
 int main() {
   to_the_end();
-  stopped_in_the_middle();
-  goes_with_its_owner();
-  refusals();
   return check::report();
 }

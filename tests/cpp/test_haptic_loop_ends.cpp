@@ -1,4 +1,4 @@
-// The ends of a loop: without a fault, on a fault, before it began, stopped by many.
+// The ends of a loop: without a fault, on a fault, before it began.
 #include "burrlab/session/haptic_loop.hpp"
 
 #include <cmath>
@@ -158,20 +158,6 @@ void zero_before_stop() {
   CHECK(first->other_was_halted);
 }
 
-void stopped_by_many() {
-  LoopSettings settings;
-  settings.realtime.priority = settings.realtime.lock_memory = false;
-  for (int round = 0; round < 5; ++round) {
-    Run run(settings);
-    run.loop->start();
-    std::vector<std::thread> threads;
-    for (int i = 0; i < 8; ++i) threads.emplace_back([&run, i] { run.loop->stop(i % 2 ? "" : "stopped"); });
-    for (std::thread& thread : threads) thread.join();
-    CHECK(run.loop->reason() == "stopped");
-    CHECK(!run.loop->running());
-  }
-}
-
 /// A first reading that ends the session, with or without a fault.
 void first_reading() {
   using Status = DeviceReading::Status;
@@ -205,7 +191,6 @@ int main() {
   stall();
   device_that_does_not_start();
   zero_before_stop();
-  stopped_by_many();
   first_reading();
   long_stall_limit();
   return check::report();

@@ -1,12 +1,10 @@
 // The replica protocol's messages, the log they are sent from, and a replica beside its leader.
 #include "burrlab/network/replica.hpp"
 
-#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <random>
-#include <thread>
 
 #include "burrlab/network/publisher.hpp"
 #include "burrlab/session/hand_device.hpp"

@@ -25,11 +25,6 @@ void check_script() {
   CHECK(device.force() == Vec3(1.0, 2.0, 3.0));
   device.halt();
   CHECK(device.force().isZero(0.0));
-  CHECK_THROWS(ScriptedDevice({}), "a script must have at least one row");
-  CHECK_THROWS(ScriptedDevice({{1.0, Vec3::Zero(), true}, {1.0, Vec3::Zero(), true}}),
-               "time must be increasing: after 1 s, got 1");
-  CHECK_THROWS(ScriptedDevice({{NAN, Vec3::Zero(), true}}), "time must be finite");
-  CHECK_THROWS(ScriptedDevice({{0.0, Vec3(0.0, NAN, 0.0), true}}), "position must be finite");
 }
 
 void check_replay() {
@@ -40,10 +35,6 @@ void check_replay() {
   CHECK(now.position == Vec3(1.0, 2.0, 3.0) && now.velocity == Vec3(4.0, 5.0, 6.0) && !now.on);
   CHECK(device.read(0.0, 5).on && device.next() == 2);
   CHECK(device.read(0.0, 1).status == Status::finished && device.read(0.0, 1).status == Status::finished);
-  CHECK_THROWS(ReplayDevice({}), "a recording must have at least one tick");
-  CHECK_THROWS(ReplayDevice({{Vec3(NAN, 0.0, 0.0), Vec3::Zero(), true, 1}}), "position must be finite");
-  CHECK_THROWS(ReplayDevice({{Vec3::Zero(), Vec3(NAN, 0.0, 0.0), true, 1}}), "velocity must be finite");
-  CHECK_THROWS(ReplayDevice({{Vec3::Zero(), Vec3::Zero(), true, 9}}), "k must be 1 to 8, got 9");
 }
 
 }  // namespace

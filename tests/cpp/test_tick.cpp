@@ -1,97 +1,13 @@
-// The tick: moments of known bodies, erosion and its bookkeeping, and determinism, on every CPU path.
-#include "burrlab/tick.hpp"
+// Parts of the tick; tests/python/test_tick_reference.py has the whole, bit for bit, on every CPU path.
+#include <cmath>
 
-#include "burrlab/cpu_path.hpp"
+#include "burrlab/depth_table.hpp"
+#include "burrlab/eroded_fraction.hpp"
 #include "check.hpp"
 
 using namespace burrlab;
 
 namespace {
-
-constexpr Scheme schemes[] = {Scheme::layer, Scheme::cell};
-
-/// A solid cube of n voxels per side about the origin, spacing s [mm].
-VoxelBone cube(int n, double s) {
-  const Vec3 origin = Vec3::Constant(-0.5 * (n - 1) * s);
-  return VoxelBone({n, n, n}, std::vector<std::uint8_t>(std::size_t(n) * n * n, 255), Vec3::Constant(s),
-                   origin);
-}
-
-double sphere(double radius) { return 4.0 / 3.0 * pi * radius * radius * radius; }
-
-void check_moments() {
-  const VoxelBone bone = cube(64, 0.1);
-  for (const Scheme scheme : schemes) {
-    const Tick tick(bone, 3.0, scheme, Shape::parabolic(), 1, 0);
-    const Moments full = tick.moments(bone, Vec3::Zero());
-    CHECK_NEAR(full.m0 / sphere(3.0), 1.0, 2e-3);
-    CHECK_NEAR(full.m1.norm() / (full.m0 * 3.0), 0.0, 1e-6);
-
-    // Centre on a face: half a sphere, first moment pi R^4/4 into the bone.
-    const Moments half = tick.moments(bone, Vec3(0.0, 0.0, 3.2));
-    CHECK_NEAR(half.m0 / (sphere(3.0) / 2.0), 1.0, 5e-3);
-    CHECK_NEAR(half.m1[2] / (-pi * 81.0 / 4.0), 1.0, 5e-3);
-    CHECK_NEAR(half.m1[0], 0.0, 1e-4);
-
-    for (const double away : {6.3, 1e3, 1e12, 1e300}) {
-      TickSums sums;
-      const Moments none = tick.moments(bone, Vec3(0.0, -away, 0.0), &sums);
-      CHECK(none.m0 == 0.0 && none.m1.norm() == 0.0 && sums.mass == 0);
-    }
-    CHECK_THROWS(tick.moments(bone, Vec3(0.0, std::nan(""), 0.0)), "center must be finite");
-    CHECK_THROWS(tick.moments(bone, Vec3(HUGE_VAL, 0.0, 0.0)), "center must be finite, got inf");
-  }
-
-  const VoxelBone empty({40, 40, 40}, std::vector<std::uint8_t>(64000, 0), Vec3::Constant(0.1), Vec3::Zero());
-  const Moments none =
-      Tick(empty, 1.0, Scheme::layer, Shape::parabolic(), 1, 0).moments(empty, Vec3(2.0, 2.0, 2.0));
-  CHECK(none.m0 == 0.0 && none.m1.norm() == 0.0);
-
-  const VoxelBone plate({40, 80, 160}, std::vector<std::uint8_t>(512000, 255), Vec3(0.05, 0.1, 0.2),
-                        Vec3::Zero());
-  const Tick flat(plate, 2.0, Scheme::layer, Shape::parabolic(), 1, 0);
-  CHECK_NEAR(flat.moments(plate, Vec3(4.0, 4.0, 4.0)).m0 / sphere(2.0), 1.0, 2e-3);
-}
-
-void check_refusals() {
-  const VoxelBone bone = cube(16, 0.1);
-  const auto make = [&](double radius, std::uint32_t index) {
-    return Tick(bone, radius, Scheme::layer, Shape::parabolic(), 1, index).resolution();
-  };
-  CHECK_NEAR(make(0.75, 0), 7.5, 1e-12);
-  CHECK_THROWS(make(0.3, 0),
-               "radius must be at least 4 voxels, got 3; a spacing of 0.04 mm or finer would do");
-  CHECK_THROWS(make(0.0, 0), "radius must be positive and finite, got 0");
-  CHECK_THROWS(make(1.0, 1u << 31), "index must be below 2^31, got 2147483648");
-  CHECK(parse_scheme("layer") == Scheme::layer && parse_scheme("cell") == Scheme::cell);
-  CHECK_THROWS(parse_scheme("Layer"), "scheme must be layer or cell, got 'Layer'");
-}
-
-/// The part of the mass in voxels of pristine level 1 to 31, in bricks uniform and not.
-void check_faint() {
-  const Vec3 center = Vec3::Constant(2.01), spacing = Vec3::Constant(0.1);
-  const auto sums_of = [&](VoxelBone bone) {
-    const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
-    TickSums felt, fused;
-    tick.moments(bone, center, &felt);
-    tick.moments_and_erode(bone, center, ErosionSteps(0.1), 0, &fused);
-    CHECK(felt.mass > 0 && felt.mass == fused.mass && felt.faint == fused.faint);
-    return felt;
-  };
-  for (const int level : {1, 31, 32, 255}) {
-    const TickSums sums =
-        sums_of(VoxelBone({40, 40, 40}, static_cast<std::uint8_t>(level), spacing, Vec3::Zero()));
-    CHECK(sums.faint == (level < 32 ? sums.mass : 0));
-  }
-  std::vector<std::uint8_t> mixed(64000), low(64000);
-  for (std::size_t i = 0; i < mixed.size(); ++i) {
-    mixed[i] = i % 3 ? 32 : 31;
-    low[i] = i % 3 ? 0 : 31;
-  }
-  const TickSums all = sums_of(VoxelBone({40, 40, 40}, mixed, spacing, Vec3::Zero()));
-  CHECK(all.faint == sums_of(VoxelBone({40, 40, 40}, low, spacing, Vec3::Zero())).mass &&
-        all.faint < all.mass);
-}
 
 void check_eroded_fraction() {
   for (double a = 1e-6; a < 40.0; a *= 1.3) {
@@ -104,79 +20,10 @@ void check_eroded_fraction() {
   CHECK(ErodedFraction(0.125).doublings == 0 && ErodedFraction(0.13).doublings == 1);
 }
 
-void check_erosion() {
-  const VoxelBone fresh = cube(48, 0.1);
-  const Vec3 center(0.013, -0.02, 2.0);
-  for (const Scheme scheme : schemes) {
-    const auto eroded = [&](std::uint64_t seed, std::uint64_t number, std::uint32_t index) {
-      VoxelBone bone = fresh;
-      TickSums sums;
-      Tick(bone, 1.5, scheme, Shape::parabolic(), seed, index)
-          .erode(bone, center, ErosionSteps(0.1), number, &sums);
-      const VoxelBone::Levels left = bone.density();
-      std::int64_t lost = 0;
-      for (const std::uint8_t level : left) lost += 255 - level;
-      CHECK(sums.lost > 0 && sums.lost == lost);
-      CHECK_NEAR(bone.removed(), static_cast<double>(lost) / 255.0 * bone.voxel_volume(), 1e-12);
-      CHECK_NEAR(fresh.mass() - bone.mass(), bone.removed(), 1e-9);
-      return bone.digest();
-    };
-    const std::string digest = eroded(1, 7, 0);
-    CHECK(digest == eroded(1, 7, 0));
-    CHECK(digest != eroded(1, 7, 1));  // index
-    CHECK(digest != eroded(1, 8, 0));  // tick
-    CHECK(digest != eroded(1, 7 + (std::uint64_t{1} << 32), 0));
-    CHECK(digest != eroded(2, 7, 0));  // seed
-    CHECK(digest != eroded(1 + (std::uint64_t{1} << 32), 7, 0));
-  }
-
-  // Moments are those before the erosion; with a = 0 nothing erodes.
-  VoxelBone bone = fresh;
-  const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
-  const Moments before = tick.moments(bone, center);
-  TickSums sums;
-  CHECK(tick.moments_and_erode(bone, center, ErosionSteps(0.0), 0, &sums).m0 == before.m0);
-  CHECK(sums.lost == 0 && bone.digest() == fresh.digest());
-  CHECK(tick.moments_and_erode(bone, center, ErosionSteps(0.1), 0, &sums).m0 == before.m0);
-  CHECK(tick.moments(bone, center).m0 < before.m0);
-  const std::string digest = bone.digest();
-  const auto too_much = [&] { return tick.erode(bone, center, ErosionSteps(1000.5), 1, &sums), 0; };
-  CHECK_THROWS(too_much(), "alpha dt must be at most 1000, got 1000.5");
-  CHECK(bone.digest() == digest);
-}
-
-/// One pass over the sphere or two: the same sums, the same bone.
-void check_passes() {
-  const VoxelBone fresh = cube(48, 0.1);
-  const Vec3 center(0.013, -0.02, 2.0);
-  for (const Scheme scheme : schemes) {
-    VoxelBone fused = fresh, split = fresh;
-    const Tick tick(fresh, 1.5, scheme, Shape::parse("quartic"), 3, 2);
-    for (std::uint64_t number = 0; number < 5; ++number) {
-      TickSums both, moments, erosion;
-      const Moments once = tick.moments_and_erode(fused, center, ErosionSteps(0.5), number, &both);
-      const Moments first = tick.moments(split, center, &moments);
-      tick.erode(split, center, ErosionSteps(0.5), number, &erosion);
-      CHECK(once.m0 == first.m0 && once.m1 == first.m1);
-      CHECK(both.mass == moments.mass && both.faint == moments.faint && moments.lost == 0);
-      for (int axis = 0; axis < 3; ++axis) CHECK(both.first[axis] == moments.first[axis]);
-      CHECK(both.lost == erosion.lost && both.lost > 0 && erosion.mass == 0);
-    }
-    CHECK(fused.digest() == split.digest());
-  }
-}
-
 }  // namespace
 
 int main() {
-  check_refusals();
-  check_faint();
   check_eroded_fraction();
-  for (const std::string& path : cpu_paths()) {
-    use_cpu_path(path);
-    check_moments();
-    check_erosion();
-    check_passes();
-  }
+  CHECK(DepthTable::of_order(2.0) == DepthTable::of_order(2.0));  // shared
   return check::report();
 }

@@ -139,15 +139,6 @@ void test_device() {
   device.stop();
 }
 
-void test_refusals() {
-  CHECK_THROWS(TransformReader("127.0.0.1", 0), "port must be 1 to 65535, got 0");
-  CHECK_THROWS(TransformReader("127.0.0.1", 65536), "port must be 1 to 65535, got 65536");
-  CHECK_THROWS(TransformReader("256.256.256.256.", 18944),
-               "host must be a name or an address that can be looked up, got '256.256.256.256.'");
-  CHECK_THROWS(TransformReader("127.0.0.1", 18944, "a name of 21 bytes..."),
-               "length of device_name must be at most 20 bytes, got 21");
-}
-
 }  // namespace
 
 int main() {
@@ -155,6 +146,5 @@ int main() {
   test_drops_and_reconnects();
   test_stop();
   test_device();
-  test_refusals();
   return check::report();
 }

@@ -10,8 +10,6 @@ inputs from memory. build/fuzz/TARGET keeps the findings, made smaller if possib
 Earlier findings are in found/TARGET and are read first.
 """
 
-from __future__ import annotations
-
 import argparse
 import faulthandler
 import os

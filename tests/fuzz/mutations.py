@@ -1,7 +1,5 @@
 """Changes inputs of the fuzz test: as bytes, as text, and within packed or signed content."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import io

@@ -1,7 +1,5 @@
 """Targets of the fuzz test: every public reader, with seeds from writers and scenes of other tests."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -6,8 +6,6 @@ The same version wrote `files/`: a trace, kept bones, volumes of each format wit
 store, an experiment with answers. Later versions read them.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import hashlib

@@ -1,7 +1,5 @@
 """One of each file that burrlab writes or reads, a few kB each; `files/` has those of an earlier version."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import shutil

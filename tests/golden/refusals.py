@@ -4,8 +4,6 @@ REFUSALS=folder python -m pytest -p golden.refusals -m "not slow" tests/python  
 python tests/golden/refusals.py before after                                    # differences of two runs
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

@@ -1,7 +1,5 @@
 """A block of bone with a nerve in it, for tests of watches."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import burrlab

@@ -1,7 +1,5 @@
 """Small experiments for tests of their files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from unittest.mock import Mock
 

@@ -1,7 +1,5 @@
 """A headless Chromium, driven through its DevTools pipe, without a port or a package."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """Runs commands in this process, as in a shell."""
 
-from __future__ import annotations
-
 import json
 
 from burrlab.cli import main

@@ -1,7 +1,5 @@
 """Fixtures that the tests share."""
 
-from __future__ import annotations
-
 import functools
 import importlib
 import os

@@ -1,7 +1,5 @@
 """Small DICOM series for tests, written with pydicom."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydicom.dataset import FileDataset, FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid

@@ -1,7 +1,5 @@
 """Half-drilled volumes: files with headers of many kinds, and a bone drilled in them."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 import zlib

@@ -1,7 +1,5 @@
 """Bones, tools and cuts for tests of the secondary effects."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import burrlab

@@ -1,7 +1,5 @@
 """Data sets that the tests of the fit share, and their fits, each made once."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

@@ -1,7 +1,5 @@
 """Simulated groups, and how often a true d' is rejected."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import binom

@@ -1,7 +1,5 @@
 """A small labelled bone, grey and in labels, as files of several kinds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

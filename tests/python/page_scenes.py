@@ -1,7 +1,5 @@
 """A page without a server and without a renderer, for quick tests."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

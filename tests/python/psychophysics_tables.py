@@ -4,8 +4,6 @@
 without NAME, all.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import sys

@@ -1,7 +1,5 @@
 """Whether this machine draws without a screen, tried in a separate process, as a failing VTK ends it."""
 
-from __future__ import annotations
-
 import functools
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A published session on the loopback address, its replicas, and proxies between them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

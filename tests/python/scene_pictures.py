@@ -1,7 +1,5 @@
 """A small scene off screen, and a comparison of its pictures."""
 
-from __future__ import annotations
-
 import contextlib
 
 import numpy as np

@@ -6,8 +6,6 @@ ticks in the first eight bytes of FOLDER/ticks, and its stage in the ninth (1 lo
 closed, 3 closed).
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import signal

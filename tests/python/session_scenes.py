@@ -1,7 +1,5 @@
 """Records for tests of traces, made by contacts instead of the loop or the executor, and a reader of them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import burrlab

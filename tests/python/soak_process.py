@@ -6,8 +6,6 @@ a drawn view. It prints its port, begins on a line of standard input, prints its
 runs, and its results at the end. `follow` is its replica.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

@@ -3,8 +3,6 @@
 `python tests/python/stability_cases.py` prints all cases; docs/stability.md shows five.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

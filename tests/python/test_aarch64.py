@@ -3,8 +3,6 @@
 Debian: ``apt-get install g++-aarch64-linux-gnu qemu-user``; then ``pytest -m slow tests/python/test_aarch64.py``.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import shutil

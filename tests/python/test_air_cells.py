@@ -1,7 +1,5 @@
 """Air cells: given sizes, walls as in a slow calculation, closed cells."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """An analysis against numbers calculated by hand; its warnings, JSON and figures."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -4,8 +4,6 @@ The session is watched, recorded and published, with effects and, if the machine
 replicas are separate processes, which are stopped and killed on the way.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

@@ -1,7 +1,5 @@
 """Files of answers are written before the next trial, never overwritten, and resumed after any end."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

@@ -1,7 +1,5 @@
 """Answers read back, errors that name the line, and the folder of an experiment."""
 
-from __future__ import annotations
-
 import json
 import signal
 

@@ -1,7 +1,5 @@
 """The first camera on a trace: along the force at the first contact with bone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from page_scenes import nerve_trace

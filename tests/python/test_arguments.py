@@ -1,7 +1,5 @@
 """Values that are no numbers, names or ports are refused, and never converted to others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Arrays of a voxel bone: read-only copies of the whole, and copies of a box."""
 
-from __future__ import annotations
-
 import gc
 
 import numpy as np

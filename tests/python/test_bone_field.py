@@ -1,7 +1,5 @@
 """Inhomogeneous bone: moments and correlation of the field, independence of the grid, predicted scatter."""
 
-from __future__ import annotations
-
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """The bootstrap: reproducible, resumable, and in agreement with the profile where the data are good."""
 
-from __future__ import annotations
-
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small files that claim or unpack far too much, and damaged ones: one sentence, little memory and time."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

@@ -1,7 +1,5 @@
 """A burr on a bone from Python: errors, runs, replay, flags, volume edges, Ctrl-C and threads."""
 
-from __future__ import annotations
-
 import _thread
 import threading
 import time
@@ -252,8 +250,6 @@ def test_far_away(center: tuple[float, float, float], scheme: str) -> None:
 
 # --- Ctrl-C and threads -----------------------------------------------------------------------------------
 
-INERT = Material("inert", c_e=1.0, alpha=0.0)
-
 
 def test_ctrl_c_stops_a_run() -> None:
     """The ticks done are kept, and `tick` counts them."""
@@ -275,22 +271,3 @@ def test_ctrl_c_stops_a_run() -> None:
     again = block()
     contact_on(again).run(path[: contact.tick], 0.01)
     assert again.digest() == bone.digest()
-
-
-def test_a_run_releases_the_interpreter() -> None:
-    """Another thread reads `tick` during the run."""
-    contact = BurrContact(block(), Burr(1.5), INERT, seed=1)
-    path = np.tile(ABOVE, (40000, 1))
-    done, seen = threading.Event(), set()
-
-    def watch() -> None:
-        while not done.is_set():
-            seen.add(contact.tick)
-            done.wait(0.001)
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    contact.run(path, 1.0)
-    done.set()
-    watcher.join()
-    assert any(0 < tick < len(path) for tick in seen)

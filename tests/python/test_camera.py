@@ -1,7 +1,5 @@
 """Viewpoints: the surgeon's view, and two eyes whose pictures can be fused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """burrlab experiment without a terminal."""
 
-from __future__ import annotations
-
 import json
 import os
 import pty

@@ -1,7 +1,5 @@
 """Labels, tissues and kept bones from the command line."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The command view: its files, and its refusals of one sentence."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

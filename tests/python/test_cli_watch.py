@@ -1,7 +1,5 @@
 """Critical structures in the output of the commands session, metrics and replica."""
 
-from __future__ import annotations
-
 import argparse
 import json
 from functools import partial

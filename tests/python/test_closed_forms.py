@@ -1,7 +1,5 @@
 """Moments (Eq. 1) and force (Eqs. 2, 3) of simple bodies equal closed forms, anywhere in the grid."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -52,6 +50,15 @@ def half_space_bone(voxel: float, depth: float) -> burrlab.VoxelBone:
 def sub_voxel_positions(voxel: float, seed: int) -> Floats:
     """Offsets (x, y, z) of the burr within one voxel [mm]; x, y over the face, z along the axis."""
     return np.random.default_rng(seed).uniform(0, voxel, (POSITIONS, 3))
+
+
+@pytest.mark.parametrize("radius", [0.5, 3.0])
+def test_penetration_inverts_eq_2(radius: float) -> None:
+    m = np.append(np.geomspace(1e-12, 1e-3, 100), np.linspace(1e-3, 4 / 3, 4000)[1:])
+    u = np.array([burrlab.penetration(share * math.pi * radius**3, radius) / radius for share in m])
+    np.testing.assert_allclose(u**2 * (1 - u / 3), m, rtol=1e-12)
+    assert np.all(np.diff(u) > 0)
+    assert burrlab.penetration(1.1 * 4 / 3 * math.pi * radius**3, radius) == 2 * radius
 
 
 @pytest.mark.parametrize("scheme", ["layer", "cell"])

@@ -1,7 +1,5 @@
 """Studies on a dask cluster: real worker processes on this machine, some of them killed."""
 
-from __future__ import annotations
-
 import os
 import signal
 

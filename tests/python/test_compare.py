@@ -1,7 +1,5 @@
 """Fits compared: ratios, a joint test, equivalent velocities; how often they are right; the command."""
 
-from __future__ import annotations
-
 import io
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor

@@ -1,7 +1,5 @@
 """The examples in the docstrings of the compiled core, which pytest's --doctest-modules does not find."""
 
-from __future__ import annotations
-
 import doctest
 
 import pytest

@@ -1,7 +1,5 @@
 """Coverage studies agree with the fit, repeat and resume; intervals hold the truth as often as stated."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import pickle

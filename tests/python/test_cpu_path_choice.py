@@ -1,7 +1,5 @@
 """The environment variable and the function that choose the CPU path, and what they refuse."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

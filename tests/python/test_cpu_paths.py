@@ -1,7 +1,5 @@
 """Every CPU path of the tick gives the bits of the reference, and those of the others in long runs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

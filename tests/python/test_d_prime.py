@@ -1,7 +1,5 @@
 """d' of one subject: estimate, intervals, standard error, corrections, against slow definitions."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """d' to rates and back, against psyphy and as round trips. Simulated observers are in test_d_prime.py."""
 
-from __future__ import annotations
-
 import csv
 import re
 from pathlib import Path

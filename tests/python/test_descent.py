@@ -1,7 +1,5 @@
 """The descent experiment: modes, windows, statuses, rigs."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import itertools

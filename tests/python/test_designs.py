@@ -1,7 +1,5 @@
 """Designs: balanced trials, orders that depend on seed and subject only, staircases that find thresholds."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections import Counter

@@ -1,7 +1,5 @@
 """DICOM series: read in order of position; refused with a sentence if they make no volume."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

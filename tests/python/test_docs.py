@@ -1,7 +1,5 @@
 """Scripts and commands of the README and the pages run, and links lead somewhere."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Half-drilled volumes: values, fields and exact state of every format, refusals, and a killed writer."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

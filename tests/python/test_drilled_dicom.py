@@ -1,7 +1,5 @@
 """Half-drilled DICOM series: a derived series with the data sets of the original's slices."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A session on a labelled bone: saved in each format, read by other programs, and continued."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Half-drilled stacks of PNG slices, grey and coloured."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

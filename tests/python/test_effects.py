@@ -1,7 +1,5 @@
 """Dust, blood, water and a sucker, frame by frame."""
 
-from __future__ import annotations
-
 import pickle
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Secondary effects with extreme numbers: they end, values stay finite, and the accounts hold."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from effects_scenes import TOOL, bone_with_tissues, levels_removed

@@ -1,7 +1,5 @@
 """`probe` and then `erode` equal one `step`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from tick_scenes import SCHEMES, SKEW, make_pair, scene_of

@@ -1,7 +1,5 @@
 """The core's erosion has the mean loss of its law, and its draws are unrelated."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from typing import Any

@@ -1,7 +1,5 @@
 """Experiments with live devices, by a server of poses or a driver in Python: lifted or not, lost or not."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 import runpy

@@ -1,7 +1,5 @@
 """The subject's screen and keys, and whole runs by a scripted subject: killed, resumed and read back."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import math

@@ -1,6 +1,4 @@
-"""The force controller of a rig: terms, defaults, anti-windup, errors; tests/cpp has the filter and gains."""
-
-from __future__ import annotations
+"""The force controller of a rig: terms, defaults, anti-windup, change of gains, errors."""
 
 from collections.abc import Callable
 
@@ -34,8 +32,16 @@ def test_settings_are_readable() -> None:
     assert (pid.kp, pid.ki, pid.kd) == (1.0, 0.0, 0.0)
     assert (pid.output_limits, pid.derivative_filter) == ((-10.0, 10.0), 5.0)
     assert pid.output == pid.integral_term == 0.0
+
+
+def test_a_change_of_gains_keeps_the_integral() -> None:
+    pid = ForceController(1.0, 20.0, 0.1)
+    for _ in range(100):
+        pid.update(1.0, 0.9, 1.0)
+    integral = pid.integral_term
     pid.set_gains(2.0, 3.0, 4.0)
     assert (pid.kp, pid.ki, pid.kd) == (2.0, 3.0, 4.0)
+    assert pid.update(0.9, 0.9, 1.0) == pytest.approx(integral)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -63,6 +69,8 @@ def test_reset_forgets() -> None:
         assert used.update(1.0, force, 1.0) == fresh.update(1.0, force, 1.0)
     used.reset()
     assert used.integral_term == 0.0
+    used.reset(1e3)
+    assert used.integral_term == 10.0
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Groups: distributions of hits, tests over subjects, published means, pair checks, selection."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Mass, sums of bricks and digest of a bone follow its levels, whatever changes them."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

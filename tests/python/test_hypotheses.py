@@ -1,7 +1,5 @@
 """Tests of the fit's assumptions: they hold their level under the model and reject other data."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Volumes on a grid: crop, resampling, labels of another grid, specimens, occupancy maps; refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from label_scenes import anatomy_bone

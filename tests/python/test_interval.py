@@ -1,7 +1,5 @@
 """One interval: its rendering and its end."""
 
-from __future__ import annotations
-
 import threading
 import time
 
@@ -134,11 +132,6 @@ def test_the_wall_clock_keeps_the_time():
     assert found.ended == "time"
     assert found.ticks["time"][-1] < 0.3
     assert found.ticks["periods"].sum() <= 310
-
-
-def test_a_device_serves_the_next_interval_too():
-    hand = drilling_hand(BURR, push=1.0)
-    assert np.array_equal(play(hand).ticks, play(hand).ticks)
 
 
 def test_the_trace_holds_the_interval(tmp_path):

@@ -4,8 +4,6 @@ The burr's radius is 3 mm. Seeds are fixed, so results repeat. Means over 8 seed
 and below 0.1 % at 0.2 mm, far inside every bound.
 """
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +16,6 @@ import burrlab
 from burrlab.theory.continuum import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
-BONE = burrlab.materials["bone"]
 SEEDS = range(8)  # a seed also draws the place of the burr within a voxel
 FORCES = (0.3, 0.5, 1.0, 2.0)  # [N]
 VOXELS = (0.4, 0.2, 0.1)  # [mm]

@@ -1,7 +1,5 @@
 """JSON that is foreign or changed: one sentence that names the file."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

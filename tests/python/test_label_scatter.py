@@ -1,7 +1,5 @@
 """Labels alone: velocities at one place, smoothed and not, scatter as docs/beyond_the_paper.md says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

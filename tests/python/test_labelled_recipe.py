@@ -1,7 +1,5 @@
 """Recipes of labelled bones: made from files, kept as JSON, made again elsewhere."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Labels brought on the voxels of another volume."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

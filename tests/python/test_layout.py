@@ -1,7 +1,5 @@
 """Tables of other programs: messy files go in with one command, or are refused with the whole list of faults."""
 
-from __future__ import annotations
-
 import io
 import json
 from typing import Any

@@ -1,7 +1,5 @@
 """The likelihood, its information and its limits, against scipy's densities row by row."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

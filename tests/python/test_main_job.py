@@ -1,7 +1,5 @@
 """From a measured curve to fitted constants to voxel descents on the data."""
 
-from __future__ import annotations
-
 import runpy
 import sys
 

@@ -1,7 +1,5 @@
 """The scripted mastoidectomy: it carves the planned cavity and little else."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Shapes, burrs and materials as values; the paper's four materials."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -100,7 +98,7 @@ def material(**changes: Any) -> Material:
 
 
 SHAPE = r"shape must be parabolic, linear, quartic, constant or power\(k\), got '"
-UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(1", "power(1) ", "power(0x1p0)", "power( 1.5)", "power()", "power(nan)")  # fmt: skip
+UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(15", "power(1) ", "power(0x1p0)", "power( 1.5)", "power()", "power(nan)")  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -119,6 +117,12 @@ UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(1", "power(1) ",
         (lambda: material(alpha=-0.1), "alpha must be zero or positive and finite, got -0.1"),
         (lambda: material(alpha=np.inf), "alpha must be zero or positive and finite, got inf"),
         (lambda: material(shape="cubic"), SHAPE),
+        *((lambda k=k: burrlab._core.depth_table(k), rf"order must be in \(0, 8\], got {k}") for k in (0, 8.5, np.nan)),
+        (lambda: burrlab.penetration(-1.0, 3.0), "m0 must be zero or positive and finite, got -1"),
+        (lambda: burrlab.penetration(np.nan, 3.0), "m0 must be zero or positive and finite, got nan"),
+        (lambda: burrlab.penetration(1.0, 0.0), "radius must be positive and finite, got 0"),
+        (lambda: burrlab.elastic_force(1.0, (0, 0, 0), radius=3.0, c_e=0.0), "c_e must be positive and finite, got 0"),
+        (lambda: burrlab.elastic_force(1.0, (0, np.nan, 0), radius=3.0, c_e=1.0), "m1 must be finite"),
         (lambda: materials.__setitem__("bone", None), "no attribute '__setitem__'"),
         (lambda: setattr(Burr(3.0), "radius", 1.0), "has no setter"),
         (lambda: setattr(materials["bone"], "alpha", 1.0), "has no setter"),

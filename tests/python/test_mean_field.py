@@ -158,6 +158,12 @@ def test_windows_from_the_very_start_and_very_short() -> None:
     assert np.isfinite(curve.velocity_ratio([0.01, 0.1924], 0.3332)).all()
 
 
+def test_velocity_of_straight_and_of_bent_records() -> None:
+    assert _core.window_velocity([0, 1, 4], [0, 2, 8], 1, 7) == pytest.approx(2.0, rel=1e-15)
+    # H = t on 0..1, 3 t - 2 on 1..2: 12 int (t - 1) H dt / 2^3 = 2
+    assert _core.window_velocity([0, 1, 2], [0, 1, 4], 0, 4) == pytest.approx(2.0, rel=1e-15)
+
+
 def test_no_window() -> None:
     ratio = MasterCurve("parabolic").velocity_ratio([0.19, 0.1925, 0.5])
     assert np.isnan(ratio).tolist() == [False, True, True]
@@ -210,7 +216,12 @@ DESCENT = mean_field_descent(BURR, BONE, 1.0)
         (lambda: mean_field_descent(BURR, Material("ivory", c_e=1.0, alpha=0.0), 1.0),
          "alpha of the material must be positive"),
         (lambda: mean_field_descent(BURR, BONE, 1e-5), "at most 200000"),
-        (lambda: _core.mean_field_descent(Shape("linear"), 0.3, 1 / 3), "phi must be below"),
+        *((lambda a=a: _core.mean_field_descent(Shape("linear"), *a), told)
+          for a, told in (((0.3, 1 / 3), "phi must be below"), ((0.0, 1 / 3), "phi must be positive"),
+                          ((math.nan, 1 / 3), "phi must be positive"), ((0.1, 1.1), r"stop must be in \(0, 1\]"),
+                          ((0.1, math.nan), r"stop must be in \(0, 1\]"))),
+        (lambda: _core.thin_layer_velocity(Shape("linear"), -1.0, 0.2), "phi must be positive"),
+        (lambda: _core.thin_layer_velocity(Shape("linear"), 0.1, 0.0), r"immersion must be in \(0, 1\]"),
         (lambda: DESCENT.velocity(stop_mm=1.2), r"stop_mm must not lie beyond the descent's end, 1 mm, got 1\.2"),
         (lambda: DESCENT.velocity(0.9, 0.8), "0 <= start < stop"),
         *((lambda w=w: MasterCurve("parabolic").velocity_ratio(0.1, *w), "0 <= start < stop")
@@ -220,7 +231,13 @@ DESCENT = mean_field_descent(BURR, BONE, 1.0)
         (lambda: thin_layer_velocity(BURR, BONE, -1.0, 0.5), "force must be positive"),
         (lambda: thin_layer_velocity(BURR, BONE, 1.0, [0.5, 3.5]),
          "immersion must be above 0 and at most R = 3 mm"),
-        (lambda: _core.window_velocity([[0.0, 1.0]], [0.0, 1.0], 0.0, 1.0), "dimensions of time must be 1"),
+        *((lambda a=a: _core.window_velocity(*a), told)
+          for a, told in (
+            (([[0, 1]], [0, 1], 0, 1), "dimensions of time must be 1"), (([0], [0], 0, 1), "two points or more"),
+            (([0, 1], [0, math.nan], 0, 1), "every immersion must be finite"),
+            (([0, 0], [0, 1], 0, 1), "time must be rising"), (([0, 1], [1, 0], 0, 1), "immersion must be rising"),
+            (([0, 1], [0, 1], -0.1, 1), "start must be within"), (([0, 1], [0, 1], 0, 1.1), "stop must be within"),
+            (([0, 1], [0, 1], 0.5, 0.5), "start must be below stop"))),
     ],
 )  # fmt: skip
 def test_what_is_refused(call, told: str) -> None:

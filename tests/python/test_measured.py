@@ -1,7 +1,5 @@
 """Curves, indentations and depth traces: rules, CSV files, synthetic data; segments and their errors."""
 
-from __future__ import annotations
-
 import io
 import math
 import sys

@@ -1,7 +1,5 @@
 """A right ear stays a right ear in every format and command; files without orientation get a note."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Natural mistakes of newcomers: each is answered by one sentence that says what to give instead."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

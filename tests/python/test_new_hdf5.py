@@ -1,7 +1,5 @@
 """HDF5 files on a disk that is or becomes full: an error, and a process that continues and ends normally."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

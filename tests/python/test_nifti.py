@@ -1,7 +1,5 @@
 """NIfTI headers: units, scaling, orientation, contradictions, values that are not finite."""
 
-from __future__ import annotations
-
 import gzip
 import struct
 

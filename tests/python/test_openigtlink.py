@@ -3,8 +3,6 @@
 Debian: ``apt-get install libopenigtlink-dev openigtlink-examples``; PyPI: ``pip install pyigtl``.
 """
 
-from __future__ import annotations
-
 import contextlib
 import socket
 import struct

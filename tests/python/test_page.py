@@ -1,7 +1,5 @@
 """The page's state without a browser: wishes are done, and its texts are true."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import io

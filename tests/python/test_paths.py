@@ -7,8 +7,6 @@ One limit is known and measured here. The rest of a cut voxel counts as lying ou
 falls too early when the burr backs out of a cut, and rises as steeply when the burr returns.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The procedural temporal bone: one ear per seed, at any resolution, with structures in their places."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

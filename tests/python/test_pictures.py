@@ -1,7 +1,5 @@
 """Pictures by matplotlib alone: their content is at its place in mm."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure

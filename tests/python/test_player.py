@@ -1,7 +1,5 @@
 """The player: any moment of a trace to the bit, reached in any way."""
 
-from __future__ import annotations
-
 import threading
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Power of a design and equivalence, against enumeration, simulation and the definitions."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Protocols from TOML, and errors that name table and key."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from dataclasses import replace

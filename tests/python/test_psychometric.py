@@ -1,7 +1,5 @@
 """The psychometric function: input and results of psignifit, and the fit of a known observer."""
 
-from __future__ import annotations
-
 import json
 import math
 import subprocess

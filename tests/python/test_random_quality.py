@@ -6,8 +6,6 @@ with at most that probability. Keys are those of runs: small seeds, ticks and in
 word carries over.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from functools import partial
 from unittest import mock

@@ -1,7 +1,5 @@
 """Replay: equal traces are found equal, and others give the first difference."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

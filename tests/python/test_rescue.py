@@ -1,7 +1,5 @@
 """A bone that cannot be saved as asked at a session's end is saved elsewhere, in its exact state."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -1,7 +1,5 @@
 """The plan of the rooms holds: imports lead to the left, stand at the top, and name modules in full."""
 
-from __future__ import annotations
-
 import ast
 import runpy
 from graphlib import TopologicalSorter

@@ -1,7 +1,5 @@
 """The run of trials and tasks: texts, kept answers, messages to the experimenter, and lost devices."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json

@@ -1,7 +1,5 @@
 """The drawn scene shows its content, and follows sessions and traces."""
 
-from __future__ import annotations
-
 import shutil
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Both eyes, as a pair of pictures and side by side in one window."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401

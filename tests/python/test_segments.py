@@ -1,7 +1,5 @@
 """Segmentations of 3D Slicer: names, colours, layers."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

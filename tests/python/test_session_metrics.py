@@ -1,7 +1,5 @@
 """Metrics of sessions whose motions and forces are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from command_line import refusal, result

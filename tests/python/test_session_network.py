@@ -41,16 +41,14 @@ def test_volume_recipe(tmp_path):
 @pytest.mark.parametrize(
     "recipe",
     [
-        {},
-        {"kind": "sphere"},
-        {"kind": "volume"},
-        {**BLOCK, "size_mm": None},
-        {**BLOCK, "size_mm": [1, 2]},
-        {**BLOCK, "level": 256},
-        {**BLOCK, "level": 10**30},
-        {**BLOCK, "level": float("inf")},
+        {}, {"kind": "sphere"}, {"kind": "volume"},
+        *(BLOCK | change
+          for change in ({"size_mm": None}, {"size_mm": [1, 1, 1, 1]}, {"level": 256}, {"level": 10**30}, {"level": np.inf})),
+        *({"kind": "volume", "path": "v.nrrd", "map": [0, 1]} | change
+          for change in ({"map": []}, {"map": [[0, 1]]}, {"map": "ab"}, {"map": [1, 0]}, {"voxel_mm": [1, 2]},
+                         {"crop_mm": [[1, 2, 3]]}, {"path": 3})),
     ],
-)
+)  # fmt: skip
 def test_recipe_that_cannot_be_read(recipe):
     with pytest.raises(ValueError, match="recipe must be that of block_recipe or volume_recipe, got"):
         make_bone(recipe)

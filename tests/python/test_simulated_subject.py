@@ -4,8 +4,6 @@ Proportions are compared with exact ones by a two-sided binomial test that fails
 of 1e-6.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 

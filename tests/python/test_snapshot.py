@@ -1,14 +1,11 @@
 """Files of a bone and its tick index."""
 
-from __future__ import annotations
-
 import h5py
 import numpy as np
 import pytest
-from session_scenes import make_records, small_bone, tools
+from session_scenes import small_bone
 
 import burrlab
-import burrlab._core as _core
 import burrlab.common.files as files
 
 
@@ -29,19 +26,6 @@ def test_pristine_levels_are_kept_only_where_they_differ(tmp_path):
     with h5py.File(tmp_path / "bone.h5") as file:
         assert "pristine" not in file
     assert burrlab.load_bone(tmp_path / "bone.h5")[0].digest() == bone.digest()
-
-
-def test_a_session_goes_on_from_a_snapshot(tmp_path):
-    whole = small_bone()
-    records = make_records(whole, 400)
-    half = small_bone()
-    executor = _core.TickExecutor(half, tools(), 7)
-    executor.execute(records[:200])
-    burrlab.save_bone(tmp_path / "bone.h5", half, executor.tick)
-    bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
-    rest = _core.TickExecutor(bone, tools(), 7, tick=tick).execute(records[200:])
-    np.testing.assert_array_equal(rest["burr"]["force"], records["burr"]["force"][200:])
-    assert bone.digest() == whole.digest()
 
 
 def test_a_failed_save_leaves_the_older_file(tmp_path, monkeypatch):

@@ -1,7 +1,5 @@
 """PNG stacks: order, axes, colours, descriptions, refusals."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """Results on disk: keys, exact round trips, torn lines, simultaneous writers."""
 
-from __future__ import annotations
-
 import functools
 import math
 import os

@@ -1,7 +1,5 @@
 """Distance to structures: search and field agree with the definition, spheres and planes."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

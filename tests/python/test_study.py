@@ -1,7 +1,5 @@
 """Studies: order, executors, interrupts, resuming."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

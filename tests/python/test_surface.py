@@ -1,7 +1,5 @@
 """The surface in blocks: closed, without seams, and the same after an update as after a rebuild."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

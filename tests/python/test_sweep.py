@@ -1,7 +1,5 @@
 """Force sweeps: seeds, executors, interrupts."""
 
-from __future__ import annotations
-
 import json
 import multiprocessing
 import subprocess

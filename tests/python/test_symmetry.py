@@ -1,6 +1,4 @@
-"""No direction is special, and seed, tick and place alone decide what is removed."""
-
-from __future__ import annotations
+"""No direction is special; no contact, no force; mass never grows."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -79,47 +77,6 @@ def test_all_axes_agree(force: float, voxel: float, seeds: int) -> None:
     assert stats.f_oneway(*straight).pvalue > FALSE_ALARM
     assert abs(oblique.mean() / straight.mean() - 1) < 0.1 * voxel
     assert found[..., 1].max() < 0.02
-
-
-# --- Determinism ------------------------------------------------------------------------------------------
-
-
-def path_through(steps: int, seed: int) -> Floats:
-    """A path that wanders over and into the block, and at times out of it."""
-    rng = np.random.default_rng(seed)
-    way = np.cumsum(rng.normal(0, 0.06, (steps, 3)), axis=0)
-    return way + np.array([0.0, 0.0, SMALL.radius - 0.3])
-
-
-def block(voxel: float = 0.15) -> burrlab.VoxelBone:
-    return burrlab.VoxelBone.block((6, 6, 3), voxel, origin=(-3, -3, -3))
-
-
-@pytest.mark.parametrize("workers", [1, 2, 5])
-def test_threads_change_nothing(workers: int) -> None:
-    """Bones burred at the same time, in any order, equal bones burred alone."""
-    jobs = [(seed, scheme) for seed in range(4) for scheme in ("layer", "cell")]
-
-    def digest(job: tuple[int, str]) -> str:
-        bone = block()
-        burrlab.BurrContact(bone, SMALL, BONE, seed=job[0], scheme=job[1]).run(path_through(60, job[0]), 1.0)
-        return bone.digest()
-
-    alone = [digest(job) for job in jobs]
-    order = np.random.default_rng(workers).permutation(len(jobs))
-    with ThreadPoolExecutor(workers) as pool:
-        together = list(pool.map(digest, [jobs[i] for i in order]))
-    assert together == [alone[i] for i in order]
-    assert len(set(alone)) == len(jobs)
-
-
-def test_a_sweep_does_not_depend_on_workers_or_order() -> None:
-    forces = [1.5, 2.0, 2.5]
-    with ThreadPoolExecutor(1) as one, ThreadPoolExecutor(4) as four:
-        a = burrlab.force_sweep(BURR, BONE, forces, repeats=2, voxel=0.4, seed=3, executor=one)
-        b = burrlab.force_sweep(BURR, BONE, forces[::-1], repeats=2, voxel=0.4, seed=3, executor=four)
-    both = [sorted(zip(c.force, c.velocity, strict=True)) for c in (a, b)]
-    assert both[0] == both[1]
 
 
 # --- Properties --------------------------------------------------------------------------------------------

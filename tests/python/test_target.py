@@ -1,7 +1,5 @@
 """Comparison of removed bone with a region: exact sums by tissue."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The core's tick on every CPU path equals the slow reference, bit for bit."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Tissues as part of a bone's state: numbers, sums by tissue, digest, copies, files."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Tables of tissues: default table, files, and bone from grey values and labels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The tick in a bone with tissues equals the slow reference; split tissues and CPU paths change nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

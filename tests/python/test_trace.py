@@ -1,7 +1,5 @@
 """Traces: recorded values come back to the bit, whatever ended the recording."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import subprocess

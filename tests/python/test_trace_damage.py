@@ -1,7 +1,5 @@
 """Files that are not a trace, or a damaged one: each is refused in one sentence, none gives a wrong value."""
 
-from __future__ import annotations
-
 import re
 
 import h5py

@@ -1,7 +1,5 @@
 """Killed sessions: every trace opens with plain h5py and replays bit for bit to its end."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import struct

@@ -1,7 +1,5 @@
 """Traces of the real loop: two burrs on one bone, and a writer that is too slow."""
 
-from __future__ import annotations
-
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor

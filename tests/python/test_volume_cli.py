@@ -1,7 +1,5 @@
 """Volumes on the command line: resampling, crops, refusals, and a real CT."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

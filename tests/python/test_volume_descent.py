@@ -1,7 +1,5 @@
 """Descents into volumes with voxels that are not cubes, and into rotated volumes."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

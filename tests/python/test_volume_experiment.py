@@ -1,7 +1,5 @@
 """Experiments on a block cut from a volume."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

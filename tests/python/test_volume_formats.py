@@ -1,7 +1,5 @@
 """Round trips through the formats, checked with independent readers; files that are cut short; labels."""
 
-from __future__ import annotations
-
 import sys
 import zlib
 from functools import partial

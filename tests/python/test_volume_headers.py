@@ -1,7 +1,5 @@
 """NRRD and MetaImage headers: needed arguments, assumptions, refusals."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recipes of bones from volumes are kept by JSON, results and their files."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -45,23 +43,6 @@ def test_recipe_through_json(tmp_path):
 def test_parameters_that_are_wrong(arguments, options, kind, match):
     with pytest.raises(kind, match=match):
         volume_recipe("v.nrrd", *arguments, **options)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"map": []},
-        {"map": [[0, 1]]},
-        {"map": "ab"},
-        {"voxel_mm": [1, 2]},
-        {"crop_mm": [[1, 2, 3]]},
-        {"path": 3},
-        {"map": [1, 0]},
-    ],
-)
-def test_recipe_that_cannot_be_read(change):
-    with pytest.raises(ValueError, match="recipe must be that of block_recipe or volume_recipe, got"):
-        make_bone({"kind": "volume", "path": "v.nrrd", "map": [0, 1], **change})
 
 
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):

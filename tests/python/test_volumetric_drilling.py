@@ -1,7 +1,5 @@
 """The export against the layout that volumetric_drilling documents and records."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

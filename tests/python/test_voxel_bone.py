@@ -1,7 +1,5 @@
 """Voxel bone from Python: input of every type, copies, writing, mass and digest."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 from collections.abc import Callable

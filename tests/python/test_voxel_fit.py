@@ -1,7 +1,5 @@
 """The voxel engine of the fit: resumption, independence of the executor, and Monte Carlo error."""
 
-from __future__ import annotations
-
 import io
 import pickle
 from concurrent.futures import ThreadPoolExecutor

@@ -1,7 +1,5 @@
 """The walk along c_e: as good as a search of the whole box for all kinds of data; and its check by BOBYQA."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

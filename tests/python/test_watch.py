@@ -1,7 +1,5 @@
 """A watch in a session: events at their ticks, doses, the trace, replay, gaps and a replica."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

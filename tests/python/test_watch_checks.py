@@ -1,7 +1,5 @@
 """Refusals of a watch, and traces without one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone, straight, tool

@@ -1,7 +1,5 @@
 """Pages of sessions, replicas and effects, and their refusals, without a browser or a renderer."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import sys

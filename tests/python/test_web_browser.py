@@ -1,7 +1,5 @@
 """The page in a real headless Chromium, served as by a user, with and without WebGL."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import signal

@@ -1,7 +1,5 @@
 """Real windows on a virtual screen are seen, turned by a mouse, and closed in every way."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

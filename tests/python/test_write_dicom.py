@@ -1,7 +1,5 @@
 """Volumes written as DICOM series, read by burrlab and pydicom."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Scenes of a bone, a burr and a path, run by the core on every CPU path and by the slow reference."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

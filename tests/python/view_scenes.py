@@ -1,7 +1,5 @@
 """A short trace of a cut in a bone with two tissues, for tests of the view."""
 
-from __future__ import annotations
-
 import numpy as np
 from PIL import Image
 from session_scenes import make_records, record, small_bone

@@ -1,7 +1,5 @@
 """Small volumes and their files, for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import burrlab

@@ -1,7 +1,5 @@
 """Distances to segmented structures, and their events and doses, from the definitions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """The effective depth G(e, tau) of a layer cut at a voxel's faces, by quadrature and root finding."""
 
-from __future__ import annotations
-
 import math
 
 from scipy.integrate import quad

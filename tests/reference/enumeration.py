@@ -3,8 +3,6 @@
 `python tests/reference/enumeration.py` prints the tables that `docs/psychophysics.md` sums up.
 """
 
-from __future__ import annotations
-
 import itertools
 import sys
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """The likelihood of c_e and alpha by scipy's densities, profiles by search, intervals by root finding."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

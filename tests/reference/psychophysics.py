@@ -4,8 +4,6 @@ Nothing here uses the package. Decisions are integrated over the observations, s
 stimuli's means -d'/2 (A) and +d'/2 (B). "First" and "second" are the places of the alternatives.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from itertools import product

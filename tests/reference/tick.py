@@ -4,8 +4,6 @@ The tick visits every voxel of the volume. Numbers called f32 on that page are `
 scalars; none is combined with a Python float, so no version of NumPy promotes them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field

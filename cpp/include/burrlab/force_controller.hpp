@@ -1,8 +1,6 @@
 // The PID controller of the descent experiment, from force error to velocity command.
 #pragma once
 
-#include <limits>
-
 #include "burrlab/check.hpp"
 
 namespace burrlab {

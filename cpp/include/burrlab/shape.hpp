@@ -2,7 +2,6 @@
 // beyond R. The family is our choice; an alpha belongs to one f.
 #pragma once
 
-#include <cmath>
 #include <memory>
 #include <string>
 #include <vector>

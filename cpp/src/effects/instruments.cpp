@@ -1,7 +1,6 @@
 #include "burrlab/effects/instruments.hpp"
 
 #include <Eigen/Geometry>
-#include <cmath>
 
 #include "burrlab/check.hpp"
 

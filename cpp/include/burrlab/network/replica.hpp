@@ -1,7 +1,6 @@
 // The replica: a bone that follows a leader's ticks over the network and stays equal to the bit.
 #pragma once
 
-#include <atomic>
 #include <memory>
 #include <mutex>
 #include <string>

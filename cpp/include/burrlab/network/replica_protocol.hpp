@@ -3,7 +3,6 @@
 #pragma once
 
 #include <string>
-#include <string_view>
 
 #include "burrlab/network/openigtlink.hpp"
 #include "burrlab/session/tick_record.hpp"

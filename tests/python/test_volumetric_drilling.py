@@ -1,6 +1,7 @@
 """The export against the layout that volumetric_drilling documents and records."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -9,6 +10,7 @@ import pytest
 from command_line import said
 from label_scenes import coloured
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
@@ -214,13 +216,25 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     for name in ("duration", "path", "strokes", "mean_speed", "peak_force", "mean_force"):
         assert getattr(found, name) == pytest.approx(getattr(ours, name), rel=1e-4)
     assert found.removed == pytest.approx(ours.removed, rel=0.1)
-    again = burrlab.Session(
-        bone, (burr, burrlab.materials["bone"]), back.device(bone, trace.source), seed=1, wall_clock=False
-    )  # fmt: skip
-    with again:
+    turn, shift = Rotation.from_rotvec([0.3, -0.5, 0.7]), np.array([5.0, -40.0, 9.0])
+    pose = np.vstack([back.volume_pose, np.hstack([back.position, back.orientation])])
+    pose[:, :3] = turn.apply(pose[:, :3]) + shift  # the same in another world
+    pose[:, 3:] = np.roll((turn * Rotation.from_quat(np.roll(pose[:, 3:], -1, axis=1))).as_quat(), 1, axis=1)
+    moved = replace(back, position=pose[1:, :3], orientation=pose[1:, 3:], volume_pose=pose[0])
+    with burrlab.Session(
+        bone, (burr, burrlab.materials["bone"]), moved.device(bone, trace.source), seed=1, wall_clock=False,
+        record=tmp_path / "again.h5",
+    ) as again:  # fmt: skip
         again.wait()
+    redone = burrlab.load_trace(tmp_path / "again.h5")
+    for name in ("center_mm", "orientation"):
+        np.testing.assert_allclose(redone.array(name), trace.array(name), atol=1e-4)
     fell = 2 * again.snapshot()[0].density.astype(int) < bone.density
-    assert (fell & gone).sum() > 0.995 * (fell | gone).sum()
+    assert (fell & gone).sum() > 0.999 * (fell | gone).sum()
+    assert bone.removed == 0
+    assert ((back.drilled(bone, trace.source).density == 0) == ((bone.density == 0) | gone)).all()
+    half = back.drilled(bone, trace.source, until=0.25)
+    assert half.removed == pytest.approx((back.removed_time <= 0.25).sum() * trace.voxel_volume)
 
 
 @pytest.mark.parametrize("layout", ["old", "new"])
@@ -301,10 +315,12 @@ def test_a_file_as_the_documents_describe_it(tmp_path, layout):
     assert burrlab.read_volumetric_drilling(file).position.tolist() == [[1000, 2000, 3000]] * 10
 
 
-def test_the_files_of_one_session(tmp_path):
+def test_the_files_of_one_session(tmp_path, capsys):
     first = made_up(tmp_path / "20250101_120000.hdf5", "new")
     second = made_up(tmp_path / "20250101_120002.hdf5", "new", start=1.7e9 + 2)
     last = made_up(tmp_path / "20250101_120004.hdf5", "new", start=1.7e9 + 4, poses=10)  # removed nothing
+    assert "removed [mm^3]                                     0.75" in said(capsys, "metrics", tmp_path)
+    assert "--target goes with a trace" in said(capsys, "metrics", first, "--target", last, status=2)
     for given in (tmp_path, [first, second, last]):
         back = burrlab.read_volumetric_drilling(given)
         np.testing.assert_allclose(back.time, 0.02 * np.arange(210), atol=1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -353,8 +354,21 @@ class DrillingRecording:
         )
         return places
 
+    def drilled(
+        self, bone: VoxelBone, source: str | Mapping[str, Any] = "", *, until: float = math.inf
+    ) -> VoxelBone:
+        """A copy of a bone without the voxels removed up to a time [s], for the view and for comparisons.
+
+        Other parameters and errors are those of `removed_from`.
+        """
+        places, made, levels = self.removed_from(bone, source), bone.copy(), np.array(bone.density)
+        assert self.removed_time is not None
+        levels[tuple(places[self.removed_time <= until].T)] = 0
+        made.restore(levels)
+        return made
+
     def device(self, bone: VoxelBone | None = None, source: str | Mapping[str, Any] = "") -> ScriptedDevice:
-        """A device that repeats the recorded path from its first pose on, and always turns.
+        """A device that repeats the recorded path at its times, and always turns.
 
         Parameters
         ----------
@@ -373,18 +387,14 @@ class DrillingRecording:
         position, turn = self.position, Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
         if bone is not None:
             if self.volume_pose is None:
-                raise ValueError(
-                    f"{self.path} holds no pose of the volume, so its place in a bone is unknown"
-                )
-            ours = _Grid.of(bone, source).pose(bone)
-            to_bone = (
-                Rotation.from_quat(ours[3:]) * Rotation.from_quat(np.roll(self.volume_pose[3:], -1)).inv()
-            )
+                raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
+            ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
+            to_bone = Rotation.from_quat(ours[3:]) * Rotation.from_quat(theirs).inv()
             position = to_bone.apply(position - self.volume_pose[:3]) + 1000.0 * ours[:3]
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
         quaternion = np.roll(turn.as_quat(), 1, axis=1)
-        return ScriptedDevice((self.time - self.time[:1])[new], position[new], None, quaternion[new])
+        return ScriptedDevice(self.time[new], position[new], None, quaternion[new])
 
     def _handling(self, burr: int) -> Handling:
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")
@@ -506,14 +516,26 @@ def read_volumetric_drilling(
     )  # fmt: skip
 
 
+def is_recording(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a folder, or a file with a group of the layouts."""
+    try:
+        with open_any_hdf5(path, _KIND) as file:
+            return _has_groups(file)
+    except (OSError, ValueError):  # told by who reads it
+        return Path(path).is_dir()
+
+
+def _has_groups(file: h5py.File) -> bool:
+    return any(name.split("/")[0] in file for names in _NEW.items() for name in names)
+
+
 class _Part:
     """One file. Its tables are lists of columns, the times first; None where it has none."""
 
     def __init__(self, file: h5py.File, path: Path) -> None:
         self._file, self._path = file, path
-        new = any(name in file for name in ("metadata_v3", "vision_data", "physics_data"))
-        known = new or any(name.split("/")[0] in file for name in _NEW)
-        refuse(not known, f"{path} is not {_KIND}: it has no group of its layouts")
+        refuse(not _has_groups(file), f"{path} is not {_KIND}: it has no group of its layouts")
+        new = any(name.split("/")[0] in file for name in _NEW.values())
         self.layout: Literal["new", "old"] = "new" if new else "old"
         text = read_dataset(file, place) if (place := self._place("metadata", "README")) in file else b""
         text = text.decode(errors="replace") if isinstance(text, bytes) else ""

@@ -119,19 +119,19 @@ class SessionMetrics:
         """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
         return dataframe({key: [getattr(self, name)] for key, name in _KEYS.items()})
 
-    def __repr__(self) -> str:
+    def _rows(self) -> list[tuple[str, float]]:
         rows = [(text, getattr(self, name)) for name, _, text in _TABLE]
-        rows += [(f"removed of {name} [mm^3]", value) for name, value in (self.structures or {}).items()]
-        lines = [f"{text:<42} {value:>12.5g}" for text, value in rows]
+        return rows + [(f"removed of {name} [mm^3]", one) for name, one in (self.structures or {}).items()]
+
+    def __repr__(self) -> str:
+        lines = [f"{text:<42} {value:>12.5g}" for text, value in self._rows()]
         if self.anatomy is not None:
             lines.append(str(self.anatomy))
         return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        columns = {
-            "figure": [text for *_, text in _TABLE],
-            "value": [getattr(self, name) for name, *_ in _TABLE],
-        }
+        figures, values = zip(*self._rows(), strict=True)
+        columns = {"figure": list(figures), "value": list(values)}
         table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", columns)
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 

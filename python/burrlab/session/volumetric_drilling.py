@@ -266,7 +266,7 @@ class DrillingRecording:
     time : ndarray, shape (n,)
         Of the drill's poses [s].
     position : ndarray, shape (n, 3)
-        Of the drill in the recording's world [mm].
+        Of the drill, there the centre of its burr, in the recording's world [mm].
     orientation : ndarray, shape (n, 4)
         Unit quaternions (w, x, y, z) that turn directions of the drill into those of the world.
     force_time, force : ndarray, shape (m,) and (m, 3), or None
@@ -418,22 +418,16 @@ class DrillingRecording:
         )  # fmt: skip
 
     def __repr__(self) -> str:
-        span = self.time[-1] if len(self.time) else 0.0
-        voxels = (
-            ""
-            if self.removed is None
-            else f"; {len(self.removed)} voxels of {len(self.structures)} structures"
-        )
-        absent = f"; absent: {', '.join(self.absent)}" if self.absent else ""
-        return (
-            f"DrillingRecording({self.layout} layout; {len(self.time)} poses in {span:.3f} s{voxels}{absent})"
-        )
+        voxels = "no" if self.removed is None else len(self.removed)
+        told = f"{len(self.time)} poses, {voxels} voxels removed from {len(self.structures)} structures"
+        return f"DrillingRecording({self.layout} layout; {told}; absent: {', '.join(self.absent) or '-'})"
 
 
 _KIND = "a recording of volumetric_drilling"
-_METRES = ("m", "meter", "meters", "metre", "metres")
-_UNITS = {"m": _METRES, "s": ("s", "sec", "second", "seconds"), "N": ("n", "newton", "newtons"),
-          "mm": ("mm", "millimeters", "millimetres"), "mm^3": ("mm^3",)}  # fmt: skip
+_UNITS = {
+    "m": ("m", "meter", "meters", "metre", "metres"), "s": ("s", "sec", "second", "seconds"),
+    "N": ("n", "newton", "newtons"), "mm": ("mm", "millimeters", "millimetres"), "mm^3": ("mm^3",),
+}  # fmt: skip
 _DRILLS = ("high_frequency_poses/mastoidectomy_drill", "high_frequency_poses/drill_pose")
 
 
@@ -481,45 +475,40 @@ def read_volumetric_drilling(
     layouts = sorted({part.layout for part in parts})
     refuse(len(layouts) > 1, f"path must hold files of one layout, got {', '.join(layouts)}")
 
-    def joined(name: str) -> list[Array] | None:
-        """The columns of a table of all files; None if no file has it."""
-        tables = [table for part in parts if (table := part.tables[name]) is not None]
-        return [np.concatenate(columns) for columns in zip(*tables, strict=True)] if tables else None
+    def joined(name: str) -> list[Any]:
+        """The columns of a table of all files; None where no file has it."""
+        tables = [table for part in parts if (table := part.tables[name])]
+        return [np.concatenate(columns) for columns in zip(*tables, strict=True)] if tables else [None] * 3
 
-    poses, forces, burrs, voxels = map(joined, ("poses", "forces", "burrs", "voxels"))
-    refuse(poses is None, f"{files[0]} is not {_KIND}: it holds no pose of mastoidectomy_drill")
-    assert poses is not None
-    begins = [table[0][0] for table in (poses, forces, burrs, voxels) if table is not None and len(table[0])]
-    started = float(min(begins, default=0.0))
-    for name, table in (("poses", poses), ("forces", forces), ("burrs", burrs), ("voxels", voxels)):
-        if table is not None and (np.diff(table[0]) < 0).any():
+    tables = {name: joined(name) for name in parts[0].tables}
+    refuse(tables["poses"][0] is None, f"{files[0]} is not {_KIND}: it holds no pose of mastoidectomy_drill")
+    times = {name: table[0] for name, table in tables.items() if table[0] is not None}
+    started = float(min((time[0] for time in times.values() if len(time)), default=0.0))
+    for name, time in times.items():
+        if (np.diff(time) < 0).any():
             raise ValueError(f"{files[0]} is damaged: the times of its {name} go back")
-    structure, structures = None, tuple[str, ...]()
-    if voxels is not None:
-        colours, structure = np.unique(voxels[2][:, :3].astype(np.int64), axis=0, return_inverse=True)
-        named: dict[tuple[int, ...], list[str]] = {}
-        for tissue in tissues or ():
-            named.setdefault(tuple(tissue.colour), []).append(tissue.name)
-        structures = tuple(
-            " or ".join(named.get(tuple(rgb), ["#{:02x}{:02x}{:02x}".format(*rgb)]))
-            for rgb in colours.tolist()
-        )
-    volume = next((part.volume for part in parts if part.volume is not None), None)
-    return DrillingRecording(
-        files[0], parts[0].layout, started, poses[0] - started, 1000.0 * poses[1][:, :3], np.roll(poses[1][:, 3:], 1, axis=1),
-        None if forces is None else forces[0] - started, None if forces is None else forces[1][:, :3],
-        None if burrs is None else burrs[0] - started, None if burrs is None else burrs[1] / 2.0,
-        None if voxels is None else voxels[0] - started, None if voxels is None else voxels[1].astype(np.int64),
-        None if structure is None else structure.ravel(), structures,
+        tables[name][0] = time - started
+    structure, structures = None, []
+    removed_time, removed, colours = tables["voxels"]
+    if colours is not None:
+        colours, structure = np.unique(colours, axis=0, return_inverse=True)
+        for colour in map(tuple, colours.tolist()):
+            named = [tissue.name for tissue in tissues or () if tissue.colour == colour]
+            structures.append(" or ".join(named) or "#{:02x}{:02x}{:02x}".format(*colour))
+        structure = structure.ravel()
+    fields: tuple[Any, ...] = (
+        files[0], parts[0].layout, started, *tables["poses"], *tables["forces"][:2], *tables["burrs"][:2],
+        removed_time, removed, structure, tuple(structures),
         next((part.voxel_volume for part in parts if part.voxel_volume is not None), None),
-        None if volume is None else np.hstack([1000.0 * volume[:3], np.roll(volume[3:], 1)]),
+        next((part.volume_pose for part in parts if part.volume_pose is not None), None),
     )  # fmt: skip
+    return DrillingRecording(*fields)
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a folder, or a file with a group of the layouts."""
     try:
-        with open_any_hdf5(path, _KIND) as file:
+        with open_any_hdf5(path, _KIND) as file, told_as_damage(path):
             return _has_groups(file)
     except (OSError, ValueError):  # told by who reads it
         return Path(path).is_dir()
@@ -527,6 +516,11 @@ def is_recording(path: str | os.PathLike[str]) -> bool:
 
 def _has_groups(file: h5py.File) -> bool:
     return any(name.split("/")[0] in file for names in _NEW.items() for name in names)
+
+
+def _split(pose: Array) -> list[Array]:
+    """Positions [mm] and quaternions (w, x, y, z) of poses of the file."""
+    return [1000.0 * pose[:, :3], np.roll(pose[:, 3:], 1, axis=1)]
 
 
 class _Part:
@@ -545,47 +539,42 @@ class _Part:
         self.voxel_volume = float(size) or None if size is not None else None  # the recorder's 0: not known
         refuse((self.voxel_volume or 1.0) < 0, f"{path} is damaged: its voxels have a volume of {size} mm^3")
         volume = self._column("data", "pose_mastoidectomy_volume", "m", 7, optional=True)
-        self.volume = volume[0] if volume is not None and len(volume) else None
-        self.tables = {
+        self.volume_pose = None if volume is None or not len(volume) else np.hstack(_split(volume[:1]))[0]
+        forces = self._table("drill_force_feedback", "time_stamp", ("wrench", "N", 6))
+        burrs = self._table("burr_change", "time_stamp", ("burr_size", "mm", 0))
+        self.tables: dict[str, list[NDArray[Any]] | None] = {
             "poses": self._poses(),
-            "forces": self._table("drill_force_feedback", "time_stamp", ("wrench", "N", 6)),
-            "burrs": self._table("burr_change", "time_stamp", ("burr_size", "mm", 0)),
+            "forces": forces and [forces[0], forces[1][:, :3]],
+            "burrs": burrs and [burrs[0], burrs[1] / 2.0],
             "voxels": self._voxels(),
         }
 
-    def _poses(self) -> list[Array] | None:
-        for drill in _DRILLS:
-            if (found := self._table(drill, "time_stamp", ("pose", "m", 7))) is not None:
-                return found
-        if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is None:
-            return None
-        return self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7))
+    def _poses(self) -> list[NDArray[Any]] | None:
+        found = [self._table(drill, "time_stamp", ("pose", "m", 7)) for drill in _DRILLS]
+        if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
+            found.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))
+        return next(([time, *_split(pose)] for time, pose in filter(None, found)), None)
 
-    def _voxels(self) -> list[Array] | None:
+    def _voxels(self) -> list[NDArray[Any]] | None:
         stamps = self._column("voxels_removed", "voxel_time_stamp", "s", 0)
         removed = self._column("voxels_removed", "voxel_removed", None, 4)
         colours = self._column("voxels_removed", "voxel_color", None, 5)
         if stamps is None or removed is None or colours is None:
             return None
-        group = removed[:, 0]
-        self._refuse(
-            len(colours) != len(removed) or (colours[:, 0] != group).any(),
-            "its voxel_removed and voxel_color are of other groups",
-        )
+        group, rgb = removed[:, 0], np.rint(colours[:, 1:4])
+        same = len(colours) == len(removed) and (colours[:, 0] == group).all()
+        self._refuse(not same, "its voxel_removed and voxel_color are of other groups")
         whole = (removed == np.rint(removed)).all() and (removed >= 0).all() and (group < len(stamps)).all()
         self._refuse(not whole, f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0")
-        rgb = np.rint(colours[:, 1:4])
         self._refuse(((rgb < 0) | (rgb > 255)).any(), "its voxel_color must lie from 0 to 255")
-        return [stamps[group.astype(np.int64)], removed[:, 1:], rgb]
+        return [stamps[group.astype(np.int64)], removed[:, 1:].astype(np.int64), rgb.astype(np.int64)]
 
     def _table(self, group: str, time: str, column: tuple[str, str, int]) -> list[Array] | None:
         stamps, values = self._column(group, time, "s", 0), self._column(group, *column)
         if stamps is None or values is None:
             return None
-        self._refuse(
-            len(values) != len(stamps),
-            f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times",
-        )
+        told = f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times"
+        self._refuse(len(values) != len(stamps), told)
         return [stamps, values]
 
     def _column(
@@ -596,31 +585,26 @@ class _Part:
         if place.rpartition("/")[0] not in self._file or (optional and place not in self._file):
             return None
         self._refuse(place not in self._file, f"it has no dataset {place}")
-        item = self._file[place]
         if unit is not None:
-            self._check_unit(place, str(attributes(item).get("units", unit)), unit)
-        values = np.asarray(read_dataset(self._file, place))
-        self._refuse(
-            values.dtype.kind not in "iuf", f"its dataset {place} must hold numbers, got {values.dtype}"
-        )
+            self._check_unit(place, str(attributes(self._file[place]).get("units", unit)), unit)
+        values, its = np.asarray(read_dataset(self._file, place)), f"its dataset {place}"
+        self._refuse(values.dtype.kind not in "iuf", f"{its} must hold numbers, got {values.dtype}")
         due = () if width is None else (len(values), width)[: 1 + bool(width)] if values.ndim else None
-        self._refuse(values.shape != due, f"its dataset {place} has the shape {values.shape}")
-        self._refuse(not np.isfinite(values).all(), f"its dataset {place} holds a number that is not finite")
-        turns = np.linalg.norm(values[:, 3:], axis=1) if width == 7 else np.ones(1)
+        self._refuse(values.shape != due, f"{its} has the shape {values.shape}")
+        values = values.astype(float)
         self._refuse(
-            (abs(turns - 1.0) > 1e-3).any(), f"its dataset {place} holds a quaternion not of length 1"
+            not (abs(values) < 1e12).all(), f"{its} holds a number that is not finite, or above 1e12"
         )
-        return values.astype(float)
+        turns = np.linalg.norm(values[:, 3:], axis=1) if width == 7 else np.ones(1)
+        self._refuse((abs(turns - 1.0) > 1e-3).any(), f"{its} holds a quaternion not of length 1")
+        return values
 
     def _place(self, group: str, name: str) -> str:
         return f"{_NEW.get(group, group) if self.layout == 'new' else group}/{name}"
 
     def _check_unit(self, place: str, told: str, unit: str) -> None:
-        word = re.split(r"[\s,;]", told.strip().lower())[0]
-        refuse(
-            word not in _UNITS[unit],
-            f"{self._path} is in other units: {place} must be in {unit}, says {told!r}",
-        )
+        known = re.split(r"[\s,;]", told.strip().lower())[0] in _UNITS[unit]
+        refuse(not known, f"{self._path} is in other units: {place} must be in {unit}, says {told!r}")
 
     def _refuse(self, broken: object, why: str) -> None:
         refuse(broken, f"{self._path} is damaged: {why}")

@@ -64,7 +64,6 @@ from burrlab.measured.synthetic import synthetic_trace as synthetic_trace
 from burrlab.session.devices import DeviceFrame as DeviceFrame
 from burrlab.session.devices import DeviceLimits as DeviceLimits
 from burrlab.session.devices import device_limits as device_limits
-from burrlab.session.exchange import export_volumetric_drilling as export_volumetric_drilling
 from burrlab.session.exchange import read_script as read_script
 from burrlab.session.haply import HaplyDevice as HaplyDevice
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
@@ -76,6 +75,9 @@ from burrlab.session.report import SessionReport as SessionReport
 from burrlab.session.session import Session as Session
 from burrlab.session.trace import Trace as Trace
 from burrlab.session.trace import load_trace as load_trace
+from burrlab.session.volumetric_drilling import DrillingRecording as DrillingRecording
+from burrlab.session.volumetric_drilling import export_volumetric_drilling as export_volumetric_drilling
+from burrlab.session.volumetric_drilling import read_volumetric_drilling as read_volumetric_drilling
 from burrlab.theory.continuum import MasterCurve as MasterCurve
 from burrlab.theory.continuum import MeanFieldDescent as MeanFieldDescent
 from burrlab.theory.continuum import mean_field_descent as mean_field_descent

@@ -1,6 +1,7 @@
 """The export against the layout that volumetric_drilling documents and records."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -9,12 +10,13 @@ import pytest
 from command_line import said
 from label_scenes import coloured
 from PIL import Image
+from scipy.spatial.transform import Rotation
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
 from burrlab.bone.recipe import LabelledRecipe
 from burrlab.bone.tissues import default_tissues
-from burrlab.session.exchange import _NEW
+from burrlab.session.volumetric_drilling import _NEW
 
 TICKS = 2005
 NEW = "physics_data/intermittent_data/voxels_removed/"
@@ -202,3 +204,195 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
         there = 1000 * pose[:3] + there @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # that quarter turn
         drill = path[np.rint((stamps[removed[:, 0]] - trace.provenance["started_unix_s"]) * 1e3).astype(int)]
         assert np.linalg.norm(there - drill, axis=1).max() < 2.2
+    back = burrlab.read_volumetric_drilling(tmp_path / "out.hdf5", tissues=bone.tissues)
+    assert back.structures == tuple(t.name for t in sorted(bone.tissues, key=lambda t: t.colour) if t.label)
+    places = back.removed_from(bone, trace.source)
+    assert {tuple(one) for one in places} == {tuple(one) for one in np.argwhere(gone)}
+    numbers = bone.tissue_numbers[tuple(places.T)]
+    assert [back.structures[i] for i in back.structure] == [bone.tissues[i].name for i in numbers]
+    assert sum(back.removed_volume.values()) == pytest.approx(len(removed) * trace.voxel_volume)
+    ours = burrlab.session_metrics(trace)
+    found = burrlab.session_metrics(back)
+    for name in ("duration", "path", "strokes", "mean_speed", "peak_force", "mean_force"):
+        assert getattr(found, name) == pytest.approx(getattr(ours, name), rel=1e-4)
+    assert found.removed == pytest.approx(ours.removed, rel=0.1)
+    turn, shift = Rotation.from_rotvec([0.3, -0.5, 0.7]), np.array([5.0, -40.0, 9.0])
+    pose = np.vstack([back.volume_pose, np.hstack([back.position, back.orientation])])
+    pose[:, :3] = turn.apply(pose[:, :3]) + shift  # the same in another world
+    pose[:, 3:] = np.roll((turn * Rotation.from_quat(np.roll(pose[:, 3:], -1, axis=1))).as_quat(), 1, axis=1)
+    moved = replace(back, position=pose[1:, :3], orientation=pose[1:, 3:], volume_pose=pose[0])
+    with burrlab.Session(
+        bone, (burr, burrlab.materials["bone"]), moved.device(bone, trace.source), seed=1, wall_clock=False,
+        record=tmp_path / "again.h5",
+    ) as again:  # fmt: skip
+        again.wait()
+    redone = burrlab.load_trace(tmp_path / "again.h5")
+    for name in ("center_mm", "orientation"):
+        np.testing.assert_allclose(redone.array(name), trace.array(name), atol=1e-4)
+    fell = 2 * again.snapshot()[0].density.astype(int) < bone.density
+    assert (fell & gone).sum() > 0.999 * (fell | gone).sum()
+    assert bone.removed == 0
+    assert ((back.drilled(bone, trace.source).density == 0) == ((bone.density == 0) | gone)).all()
+    half = back.drilled(bone, trace.source, until=0.25)
+    assert half.removed == pytest.approx((back.removed_time <= 0.25).sum() * trace.voxel_volume)
+
+
+@pytest.mark.parametrize("layout", ["old", "new"])
+def test_an_export_is_read_back(made, tmp_path, layout):
+    _, trace, records, bone = made
+    burrlab.export_volumetric_drilling(trace, tmp_path / "out.hdf5", layout=layout)
+    back, burr = burrlab.read_volumetric_drilling(tmp_path / "out.hdf5"), records["burr"][:, 0]
+    assert (back.layout, back.absent) == (layout, ())
+    assert back.started == trace.provenance["started_unix_s"]
+    np.testing.assert_allclose(back.time, trace.time(), atol=1e-6)
+    np.testing.assert_allclose(back.position, burr["center"], rtol=1e-14)
+    np.testing.assert_array_equal(back.orientation, burr["orientation"])
+    np.testing.assert_array_equal(back.force, burr["sent"])
+    assert (back.burr_time.tolist(), back.burr_radius.tolist()) == ([0.0], [2.0])
+    np.testing.assert_allclose(back.volume_pose, [0, 0, -2, 1, 0, 0, 0], atol=1e-9)
+    gone = 2 * bone.density.astype(int) < trace.bone().density
+    places = back.removed_from(trace.bone(), trace.source)
+    assert sorted(map(tuple, places)) == sorted(map(tuple, np.argwhere(gone)))
+    levels = [int(name[1:3], 16) for name in back.structures]  # without tissues: grey of the occupancy
+    np.testing.assert_array_equal(np.array(levels)[back.structure], trace.bone().density[tuple(places.T)])
+    assert back.voxel_volume == pytest.approx(0.008)
+    ours, found = burrlab.session_metrics(trace), burrlab.session_metrics(back)
+    for name in ("duration", "path", "strokes", "peak_force", "over_threshold", "rms_jerk"):
+        assert getattr(found, name) == pytest.approx(getattr(ours, name), rel=1e-3)
+    assert found.contact == pytest.approx(ours.contact, abs=0.01)
+    assert found.removed == pytest.approx(len(places) * 0.008)
+    assert np.isnan([found.cutting, found.removal_rate]).all()
+    assert f"{len(places)} voxels" in repr(back)
+    assert f"removed of {back.structures[-1]} [mm^3]" in repr(found)
+    assert sum(found.to_dict()["removed_mm3_by_structure"].values()) == pytest.approx(found.removed)
+
+
+def put(file, layout, group, **columns):
+    for name, values in columns.items():
+        file[f"{_NEW.get(group, group) if layout == 'new' else group}/{name}"] = values
+
+
+def made_up(path, layout, *, start=1.7e9, poses=100):
+    """A file as the documents of the simulator describe it, by default in h5py's own settings."""
+    time, pose = start + 0.02 * np.arange(poses), np.tile([0.01, 0.02, 0.03, 0, 0, 0.6, 0.8], (poses, 1))
+    with h5py.File(path, "w") as file:
+        put(file, layout, "metadata", camera_intrinsic=np.eye(3), voxel_volume=0.125,
+            README="All position information is in meters unless specified otherwise. \n")  # fmt: skip
+        put(file, layout, "data", time=time, pose_mastoidectomy_drill=pose, l_img=np.zeros((poses, 4, 6, 3), "u1"),
+            pose_main_camera=pose, pose_mastoidectomy_volume=np.tile([0, 0, 0, 0, 0, 0, 1.0], (poses, 1)))  # fmt: skip
+        if poses > 60:
+            put(file, layout, "voxels_removed", voxel_time_stamp=time[[50, 60]],
+                voxel_removed=np.array([[0, 4, 5, 6], [0, 5, 5, 6], [1, 5, 6, 6]]),
+                voxel_color=np.array([[0, 255, 249.9999, 220, 255], [0, 255, 250, 220, 255], [1, 9, 8, 7, 255]]))  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize("layout", ["old", "new"])
+def test_a_file_as_the_documents_describe_it(tmp_path, layout):
+    file = made_up(tmp_path / "20250101_120000.hdf5", layout)
+    back = burrlab.read_volumetric_drilling(file)
+    assert back.absent == ("force_time", "force", "burr_time", "burr_radius")
+    np.testing.assert_allclose(back.time, 0.02 * np.arange(100), atol=1e-6)
+    np.testing.assert_allclose(back.position, [[10, 20, 30]] * 100)
+    np.testing.assert_array_equal(back.orientation[0], [0.8, 0, 0, 0.6])
+    assert back.structures == ("#090807", "#fffadc")
+    assert back.structure.tolist() == [1, 1, 0]
+    np.testing.assert_allclose(back.removed_time, [1.0, 1.0, 1.2], atol=1e-6)
+    assert back.removed_volume == {"#090807": 0.125, "#fffadc": 0.25}
+    found = burrlab.session_metrics(back)
+    assert np.isnan([found.peak_force, found.contact, found.over_threshold]).all()
+    assert (found.removed, found.strokes, found.to_dict()["contact_s"]) == (0.375, 0, None)
+    with h5py.File(file, "a") as more:  # the faster poses come first, under the name of the old document
+        drill = "drill_pose" if layout == "old" else "mastoidectomy_drill"
+        group = f"high_frequency_poses/{drill}"
+        put(
+            more,
+            layout,
+            group,
+            time_stamp=1.7e9 + np.arange(10) / 2e3,
+            pose=np.tile([1, 2, 3, 0, 0, 0, 1.0], (10, 1)),
+        )
+    assert burrlab.read_volumetric_drilling(file).position.tolist() == [[1000, 2000, 3000]] * 10
+
+
+def test_the_files_of_one_session(tmp_path, capsys):
+    first = made_up(tmp_path / "20250101_120000.hdf5", "new")
+    second = made_up(tmp_path / "20250101_120002.hdf5", "new", start=1.7e9 + 2)
+    last = made_up(tmp_path / "20250101_120004.hdf5", "new", start=1.7e9 + 4, poses=10)  # removed nothing
+    assert "removed [mm^3]                                     0.75" in said(capsys, "metrics", tmp_path)
+    assert "--target goes with a trace" in said(capsys, "metrics", first, "--target", last, status=2)
+    for given in (tmp_path, [first, second, last]):
+        back = burrlab.read_volumetric_drilling(given)
+        np.testing.assert_allclose(back.time, 0.02 * np.arange(210), atol=1e-6)
+        np.testing.assert_allclose(back.removed_time, [1, 1, 1.2, 3, 3, 3.2], atol=1e-6)
+    made_up(tmp_path / "20250101_120004.hdf5", "old")
+    for given, told in (
+        ([second, first], "the times of its poses go back"),
+        (tmp_path, "path must hold files of one layout, got new, old"),
+        ([], "path must hold files"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            burrlab.read_volumetric_drilling(given)
+
+
+DATA, GONE = "vision_data/continuous_data/", NEW
+
+
+@pytest.mark.parametrize(
+    ("dataset", "value", "told"),
+    [
+        (DATA + "time", None, f"it has no dataset {DATA}time"),
+        (DATA + "pose_mastoidectomy_drill", None, "holds no pose of mastoidectomy_drill"),
+        (DATA + "pose_mastoidectomy_drill", np.ones((100, 6)), "pose_mastoidectomy_drill has the shape \\(100, 6\\)"),
+        (DATA + "pose_mastoidectomy_drill", np.ones((100, 7)), "holds a quaternion not of length 1"),
+        (DATA + "pose_mastoidectomy_drill", np.eye(7)[[6] * 9], "has 9 rows for 100 times"),
+        (DATA + "time", np.full(100, np.nan), "time holds a number that is not finite"),
+        (DATA + "time", -np.arange(100.0), "the times of its poses go back"),
+        (DATA + "time", np.array([b"noon"] * 100), "time must hold numbers, got"),
+        (GONE + "voxel_time_stamp", np.ones(1), "must hold one of 1 groups"),
+        (GONE + "voxel_color", np.zeros((2, 5)), "voxel_removed and voxel_color are of other groups"),
+        (GONE + "voxel_color", np.full((3, 5), [[0.0], [0], [1]]) - [0, 9, 0, 0, 0], "must lie from 0 to 255"),
+        ("metadata_v3/README", "Positions are in millimetres.", "in other units: metadata_v3/README must be in m"),
+        ("metadata_v3/voxel_volume", -1.0, "its voxels have a volume of -1.0 mm"),
+    ],
+)  # fmt: skip
+def test_a_recording_that_is_refused(tmp_path, dataset, value, told):
+    path = made_up(tmp_path / "bad.hdf5", "new")
+    with h5py.File(path, "a") as file:
+        del file[dataset]
+        if value is not None:
+            file[dataset] = value
+    with pytest.raises(ValueError, match=f"bad.hdf5 is .*{told}"):
+        burrlab.read_volumetric_drilling(path)
+
+
+def test_a_file_or_a_bone_that_is_refused(made, tmp_path):
+    path = made_up(tmp_path / "bad.hdf5", "new")
+    with h5py.File(path, "a") as file:
+        file[DATA + "pose_mastoidectomy_drill"].attrs["units"] = "mm"
+    back = burrlab.read_volumetric_drilling(made_up(tmp_path / "good.hdf5", "old"))
+    block = burrlab.VoxelBone.block
+    for call, told in (
+        (lambda: burrlab.read_volumetric_drilling(path), "is in other units: .*drill must be in m, says 'mm'"),
+        (lambda: burrlab.read_volumetric_drilling(made[1].path), "is not a recording of .*no group of its layouts"),
+        (lambda: burrlab.read_volumetric_drilling(__file__), "is not a recording of .*not an HDF5 file"),
+        (lambda: back.removed_from(block((4, 4, 4), 0.4)), "bone must have voxels of 0.125 mm"),
+        (lambda: back.removed_from(block((3, 3, 3), 0.5)), "3 of 3 removed voxels lie outside"),
+        (lambda: burrlab.session_metrics(back, burr=1), "burr must be an index below 1, got 1"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=told):
+            call()
+    path.write_bytes(path.read_bytes()[:-3000])
+    with pytest.raises(ValueError, match=r"bad\.hdf5 is damaged: it was cut short"):
+        burrlab.read_volumetric_drilling(path)
+    with h5py.File(tmp_path / "good.hdf5", "a") as file:
+        del file["voxels_removed"], file["data/pose_mastoidectomy_volume"], file["metadata/voxel_volume"]
+    bare = burrlab.read_volumetric_drilling(tmp_path / "good.hdf5")
+    assert bare.removed_volume is None
+    assert np.isnan(burrlab.session_metrics(bare).removed)
+    for call, told in (
+        (lambda: bare.removed_from(block((3, 3, 3), 0.5)), "holds no removed voxels"),
+        (lambda: bare.device(block((3, 3, 3), 0.5)), "holds no pose of the volume"),
+    ):
+        with pytest.raises(ValueError, match=told):
+            call()

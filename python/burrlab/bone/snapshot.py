@@ -137,21 +137,26 @@ def check_bone_file(path: str | os.PathLike[str]) -> None:
         raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
 
 
-def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
-    """The open file; ValueError unless it is of this kind and of a known version."""
+def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> h5py.File:
+    """The open file; ValueError, which says that it is not of this kind or damaged, unless it is HDF5."""
     import h5py
 
     with Path(path).open("rb") as raw:  # a missing or forbidden file raises the system's error
         start = raw.read(9)
-    refuse(start[:8] != b"\x89HDF\r\n\x1a\n", f"{path} is not a {kind}: not an HDF5 file")
+    refuse(start[:8] != b"\x89HDF\r\n\x1a\n", f"{path} is not {kind}: not an HDF5 file")
     if start[8:] < b"\x03":  # superblocks before HDF5 1.10 have no checksums
         check_walk(path)
     try:
-        file = h5py.File(path, "r")
+        return h5py.File(path, "r")
     except OSError as error:
         if "truncated" in str(error):
             raise ValueError(f"{path} is damaged: it was cut short") from None
-        raise ValueError(f"{path} is not a {kind}: not an HDF5 file") from None
+        raise ValueError(f"{path} is not {kind}: not an HDF5 file") from None
+
+
+def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
+    """The open file; ValueError unless it is of this kind and of a known version."""
+    file = open_any_hdf5(path, f"a {kind}")
     try:
         with told_as_damage(path):
             told = attributes(file)

@@ -56,7 +56,6 @@ from burrlab.effects.companion import Companion
 from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
 from burrlab.session.devices import DeviceFrame
 from burrlab.session.exchange import (
-    export_volumetric_drilling,
     find_devices,
     open_device,
     parse_address,
@@ -68,6 +67,11 @@ from burrlab.session.network import follow
 from burrlab.session.replay import replay
 from burrlab.session.session import Session
 from burrlab.session.trace import load_trace
+from burrlab.session.volumetric_drilling import (
+    export_volumetric_drilling,
+    is_recording,
+    read_volumetric_drilling,
+)
 from burrlab.view.live import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
 from burrlab.view.web import check_page, serve, warning
@@ -410,15 +414,19 @@ def _replay(options: Options) -> int:
 def _metrics(options: Options) -> int:
     if options.target is None:
         refuse_options(options, ("onto",), "goes with --target")
+    wanted = {"threshold": options.threshold or THRESHOLD, "hysteresis": options.hysteresis or HYSTERESIS}
+    if is_recording(options.file):
+        refuse_options(options, ("target", "watch", *_LIMITS), "goes with a trace")
+        metrics = session_metrics(read_volumetric_drilling(options.file), burr=options.burr, **wanted)
+        plot(options.plot, lambda: metrics.plot()[0])
+        deliver(options, metrics.to_dict(), repr(metrics))
+        return 0
     trace, target = load_trace(options.file), None
     if options.target is not None:
         target = read_labels(options.target)
         # A wrong target is refused before the work.
         compare_with_target(trace.bone(), target, onto=options.onto)
-    metrics = session_metrics(
-        trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
-        hysteresis=options.hysteresis or HYSTERESIS,
-    )  # fmt: skip
+    metrics = session_metrics(trace, burr=options.burr, **wanted)
     asked = watch_asked_for(options)
     # The report was not recorded, the session was killed, or another watch is wanted.
     if asked or (metrics.anatomy is None and trace.tissues is not None):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels,
 from burrlab.common.records import Codec
 from burrlab.common.table import dataframe, html_table
 from burrlab.session.trace import Trace, check_trace
+from burrlab.session.volumetric_drilling import DrillingRecording
 
 if TYPE_CHECKING:
     import pandas
@@ -82,6 +83,8 @@ class SessionMetrics:
         motion: `motion_time` [s] and `speed` [mm/s].
     anatomy : AnatomyReport or None
         Recorded report of all burrs near watched structures; None if there is none.
+    structures : dict or None
+        Of a `DrillingRecording`: volume of the voxels removed from each structure [mm^3].
     """
 
     duration: float
@@ -104,27 +107,31 @@ class SessionMetrics:
     burr: int
     series: dict[str, Array] = field(repr=False)
     anatomy: AnatomyReport | None = None
+    structures: dict[str, float] | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON, units in the names; None where there is no number."""
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
-        return {**_CODEC.plain(self), **anatomy}
+        structures = {} if self.structures is None else {"removed_mm3_by_structure": self.structures}
+        return {**_CODEC.plain(self), **anatomy, **structures}
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
         return dataframe({key: [getattr(self, name)] for key, name in _KEYS.items()})
 
+    def _rows(self) -> list[tuple[str, float]]:
+        rows = [(text, getattr(self, name)) for name, _, text in _TABLE]
+        return rows + [(f"removed of {name} [mm^3]", one) for name, one in (self.structures or {}).items()]
+
     def __repr__(self) -> str:
-        lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]
+        lines = [f"{text:<42} {value:>12.5g}" for text, value in self._rows()]
         if self.anatomy is not None:
             lines.append(str(self.anatomy))
         return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        columns = {
-            "figure": [text for *_, text in _TABLE],
-            "value": [getattr(self, name) for name, *_ in _TABLE],
-        }
+        figures, values = zip(*self._rows(), strict=True)
+        columns = {"figure": list(figures), "value": list(values)}
         table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", columns)
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
@@ -157,13 +164,17 @@ _CODEC = Codec(keys={SessionMetrics: _KEYS})
 
 
 def session_metrics(
-    trace: Trace, *, burr: int = 0, threshold: float = THRESHOLD, hysteresis: float = HYSTERESIS
+    trace: Trace | DrillingRecording,
+    *,
+    burr: int = 0,
+    threshold: float = THRESHOLD,
+    hysteresis: float = HYSTERESIS,
 ) -> SessionMetrics:
     """The metrics of one burr in a session.
 
     Parameters
     ----------
-    trace : Trace
+    trace : Trace or DrillingRecording
     burr : int
         Index of the burr.
     threshold : float
@@ -191,24 +202,24 @@ def session_metrics(
     counts once the burr has come back by the hysteresis: tremor and pauses make none. Normalised jerk is
     that of Teulings et al. 1997 (Exp. Brain Res. 114). It grows with the number of strokes, so it compares
     only sessions of like length and task.
+
+    A `DrillingRecording` counts whole voxels as removed. It does not say when the burr met bone: contact is
+    where the force is not 0. What follows from nothing recorded is NaN, such as the time of cutting.
     """
-    check_trace(trace)
+    if not isinstance(trace, DrillingRecording):
+        check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
         refuse(not (math.isfinite(value) and value > 0), f"{name} must be positive, got {value}")
-    levels = trace.array("removed_levels", burr)
-    step = trace.ticks["k"] * (trace.period / 1000.0)
-    time = trace.time()
-    force = np.linalg.norm(trace.array("sent_force_N", burr), axis=1)
-    touching = trace.array("touching", burr) == 1
-    contact, cutting = float(step[touching].sum()), float(step[levels > 0].sum())
-    volume = np.cumsum(levels) * (trace.voxel_volume / 255.0)
+    time, step, period, duration, center, force, touching, cuts, volume, structures, absent = trace._handling(
+        burr
+    )
+    contact, cutting = float(step[touching].sum()), float(step[cuts].sum())
     removed = float(volume[-1]) if len(volume) else 0.0
-    motion_time, center = _uniform(time, trace.array("center_mm", burr), trace.period)
+    motion_time, center = _uniform(time, center, period)
     speed, jerk, path = _motion(center, motion_time)
     strokes, stroking = _strokes(center, motion_time, time, touching, hysteresis)
-    duration = trace.duration
     squared = float((jerk**2).mean()) if len(jerk) else math.nan
-    return SessionMetrics(
+    metrics = SessionMetrics(
         duration=duration, contact=contact, cutting=cutting, removed=removed,
         removal_rate=removed / cutting if cutting else 0.0, path=path,
         mean_speed=float(speed.mean()) if len(speed) else math.nan,
@@ -219,8 +230,10 @@ def session_metrics(
         over_threshold=float(step[force > threshold].sum()), rms_jerk=math.sqrt(squared),
         normalised_jerk=math.sqrt(0.5 * squared * duration**6) / path if path > 0 else math.nan, burr=burr,
         series={"time": time, "force": force, "removed": volume, "motion_time": motion_time, "speed": speed},
-        anatomy=AnatomyReport.recorded(trace),
+        anatomy=AnatomyReport.recorded(trace) if isinstance(trace, Trace) else None, structures=structures,
     )  # fmt: skip
+    missing: dict[str, Any] = dict.fromkeys(absent, math.nan)
+    return replace(metrics, **missing)
 
 
 def _mean(values: Array, step: Array, where: NDArray[np.bool_]) -> float:

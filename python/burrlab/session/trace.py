@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,6 +194,22 @@ def _copy_table(source: h5py.Dataset, file: h5py.Group, rows: int, chunk: int = 
         table[start : start + step] = source[start : min(start + step, rows)]
 
 
+class Handling(NamedTuple):
+    """What `session_metrics` reads of one burr in a session, a row a tick or sample."""
+
+    time: NDArray[np.float64]  # [s]
+    step: NDArray[np.float64]  # time that each row stands for [s]
+    period: float  # [ms]
+    duration: float  # [s]
+    center: NDArray[np.float64]  # [mm]
+    force: NDArray[np.float64]  # [N]
+    touching: NDArray[np.bool_]
+    cutting: NDArray[np.bool_]
+    removed: NDArray[np.float64]  # so far [mm^3]
+    structures: dict[str, float] | None = None  # removed of each [mm^3]
+    absent: tuple[str, ...] = ()  # metrics that follow from nothing recorded
+
+
 _LONGEST = 1000  # characters of a name
 
 
@@ -328,6 +344,14 @@ class Trace:
             return missing
         names = ", ".join(TICK_COLUMNS + BURR_COLUMNS)
         raise ValueError(f"name must be one of {names}, got '{name}'")
+
+    def _handling(self, burr: int) -> Handling:
+        levels = self.array("removed_levels", burr)
+        return Handling(
+            self.time(), self.ticks["k"] * (self.period / 1000.0), self.period, self.duration,
+            self.array("center_mm", burr), np.linalg.norm(self.array("sent_force_N", burr), axis=1),
+            self.array("touching", burr) == 1, levels > 0, np.cumsum(levels) * (self.voxel_volume / 255.0),
+        )  # fmt: skip
 
     def to_dataframe(self, burr: int = 0) -> pandas.DataFrame:
         """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit, the

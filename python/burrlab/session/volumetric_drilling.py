@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from burrlab._core import ScriptedDevice, Tissues, VoxelBone, read_bricks, take_changed_bricks
 from burrlab.bone.kept import stack_slices
@@ -384,12 +384,13 @@ class DrillingRecording:
         ValueError
             If the recording has no pose, or with a bone no pose of the volume.
         """
-        position, turn = self.position, Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
+        of_quaternion = scipy.spatial.transform.Rotation.from_quat
+        position, turn = self.position, of_quaternion(np.roll(self.orientation, -1, axis=1))
         if bone is not None:
             if self.volume_pose is None:
                 raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
             ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
-            to_bone = Rotation.from_quat(ours[3:]) * Rotation.from_quat(theirs).inv()
+            to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
             position = to_bone.apply(position - self.volume_pose[:3]) + 1000.0 * ours[:3]
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp

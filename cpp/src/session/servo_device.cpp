@@ -46,9 +46,8 @@ void ServoDevice::start(double) {
     keep_.reset();
     throw;
   }
-  Letter letter{};
-  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(letter) && letter.time != 0); });
-  if (fault_.load() == 0 && letter.time != 0) return;
+  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(last_) && last_.time != 0); });
+  if (fault_.load() == 0 && last_.time != 0) return;
   const std::string why = fault();
   stop();
   throw std::invalid_argument(name_ +

@@ -110,6 +110,10 @@ void TouchDevice::end(bool servo_ended) noexcept {
   const std::lock_guard<std::mutex> lock(hd_->mutex);
   if (!servo_ended) hd_->hdUnschedule(scheduled_);
   if (--hd_->running == 0) hd_->hdStopScheduler();
+  if (!servo_ended && hd_->running == 0) {  // it did not come to this itself
+    hd_->hdMakeCurrentDevice(handle_);
+    quiet();
+  }
 }
 
 }  // namespace burrlab

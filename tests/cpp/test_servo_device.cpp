@@ -164,6 +164,7 @@ void silent(const char* what, double value, bool servo_ends) {
   if (servo_ends) stub.two_cycles();
   if (servo_ends) CHECK(stub.force() == 0.0);
   device->stop();
+  if (Kind::source == Touch::source) CHECK(stub.force() == 0.0 && stub.get("force_on") == 0.0);
   if (!servo_ends) CHECK_THROWS(device->start(1e-3), "its servo did not end");
 }
 

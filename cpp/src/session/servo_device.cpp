@@ -28,7 +28,8 @@ ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
 }
 
 void ServoDevice::start(double) {
-  if (keep_) throw std::invalid_argument(name_ + " must be opened anew: its servo did not end");
+  if (keep_)
+    throw std::invalid_argument(name_ + " must wait for a new start of the program: its servo did not end");
   in_.put({});
   out_.put({});
   last_ = {};

@@ -227,6 +227,18 @@ def test_enter_stops_the_command(tmp_path):
     assert burrlab.load_trace(file).complete
 
 
+def test_a_closed_terminal_leaves_trace_and_result(tmp_path):
+    file, told = tmp_path / "trace.h5", tmp_path / "told.json"
+    words = ("session", "--device", "hand", "--voxel", "0.5", "--no-realtime", "--record", str(file))
+    at = PseudoTerminal(*words, "--json", str(told))
+    at.wait_for("Enter or Ctrl-C stops the session", r"\d+ ticks")
+    os.close(at.terminal)
+    os.close(at.controller)
+    assert at.process.wait(30) == 130
+    assert burrlab.load_trace(file).complete
+    assert json.loads(told.read_text())["interrupted"]
+
+
 def test_options_of_the_command(capsys):
     hand = ("session", "--device", "hand", "--voxel", "0.5", "--virtual-clock", "--duration", "2")
     told = result(capsys, *hand, "--model", "touch_x", "--ramp", "0.5", "--stop-at-force", "0.3")

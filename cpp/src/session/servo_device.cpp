@@ -64,20 +64,24 @@ void ServoDevice::stop() noexcept {
   if (ended) keep_.reset();  // else the servo may still call, and the device stays
 }
 
-bool ServoDevice::cycle() noexcept {
-  Pose pose;
+Vec3 ServoDevice::newest_force() noexcept {
   out_.get(order_);
   const std::int64_t now = steady_now();
   if (order_.time != 0) {
-    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - cycle_)),
+    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - sent_)),
                  mean = delay_.load();
     delay_.store(mean == 0.0 ? delay : mean + mean_weight * (delay - mean));
   }
-  cycle_ = now;
+  sent_ = now;
+  const bool halted = halted_.load(std::memory_order_acquire);
+  return halted ? Vec3(Vec3::Zero()) : Vec3(order_.force.data());
+}
+
+bool ServoDevice::cycle() noexcept {
+  Pose pose;
   int code = fresh;
   if (!closing_.load(std::memory_order_acquire)) {
-    const bool halted = halted_.load(std::memory_order_acquire);
-    code = exchange(pose, halted ? Vec3(Vec3::Zero()) : Vec3(order_.force.data()));
+    code = exchange(pose);
     Letter letter{};
     if (code == fresh &&
         !to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), letter.orientation))

@@ -307,7 +307,9 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     length = np.linalg.norm(trace.array("orientation"), axis=1)
     np.testing.assert_allclose(length, nearly)
     device = burrlab.ReplayDevice(path)
-    run, _ = recorded(tmp_path / "b.h5", device=device, frames=burrlab.DeviceFrame(1e308, offset=(0, 0, 1e308)))
+    run, _ = recorded(
+        tmp_path / "b.h5", device=device, frames=burrlab.DeviceFrame(1e308, offset=(0, 0, 1e308))
+    )
     assert run.reason == "device 0 gave a position or velocity that is not finite"
 
 

@@ -173,8 +173,8 @@ def test_messages_that_were_not_asked_for_make_no_position_old(service):
             "the Inverse3 049D must be calibrated",
         ),
         (lambda message: "hello", "the service must send JSON objects, got 'hello'"),
-        (lambda message: {"inverse3": [{"device_id": "\ud800"}]}, "inverse3 must be devices with an id each, got"),
-        (lambda message: {"inverse3": message["inverse3"] * 2}, "inverse3 must be devices with an id each, got"),
+        (lambda message: {"inverse3": [{"device_id": "\ud800"}]}, "must be devices with an id each"),
+        (lambda message: {"inverse3": message["inverse3"] * 2}, "must be devices with an id each"),
     ],
 )
 def test_services_that_cannot_be_used(service, change, sentence):

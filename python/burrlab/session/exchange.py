@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 from collections.abc import Callable
@@ -175,15 +174,13 @@ def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | HeldDevic
     return IgtlDevice(device.host, device.port, lost_after=lost_after)
 
 
-def find_devices(
-    doing: Callable[[str], AbstractContextManager[None]] = contextlib.nullcontext,
-) -> list[dict[str, str]]:
+def find_devices(doing: Callable[[str], AbstractContextManager[None]]) -> list[dict[str, str]]:
     """What was looked for: one row for each device that was found, or for a kind of which none was.
 
     Parameters
     ----------
     doing : callable
-        Gives a context for each of the devices that is opened, by what is done.
+        Gives the context in which a device is opened, from a text that says which.
 
     Returns
     -------

@@ -532,7 +532,9 @@ def _nearness(given: Mapping[str, float] | None, watch: Watch | None, wall_clock
         return {}
     require_type("stop_within", given, Mapping, "{'facial nerve': 1.0}")
     if watch is None or not wall_clock:
-        raise ValueError("stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock")
+        raise ValueError(
+            "stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock"
+        )
     found = {name: scalar(limit, f"stop_within of {name}") for name, limit in given.items()}
     for name, limit in found.items():
         check_structure(name, watch.structures)

@@ -48,10 +48,10 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
   void say_hardware(const char* text) { hardware_ = to_string(text); }
   static std::string to_string(const char* text) { return text ? text : "unknown"; }
 
-  Vec3 newest_force() noexcept;  // for `exchange`, when it sends it
+  Vec3 newest_force() noexcept;                   // for `exchange`, when it sends it
   virtual int exchange(Pose& pose) noexcept = 0;  // reads, and sends the newest force
-  virtual void quiet() noexcept = 0;                                 // force zero, and off
-  virtual void begin() = 0;                                          // force on, servo on
+  virtual void quiet() noexcept = 0;              // force zero, and off
+  virtual void begin() = 0;                       // force on, servo on
   virtual void end(bool servo_ended) noexcept = 0;
   virtual std::string error_text(int code) const = 0;
 
@@ -70,9 +70,9 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
 
   Latest<Letter> in_;
   Latest<Order> out_;
-  Letter last_{};           // of the loop
-  Order order_{};           // of the servo, as the next
-  std::int64_t sent_ = 0;   // when it sent the last one [ns]
+  Letter last_{};          // of the loop
+  Order order_{};          // of the servo, as the next
+  std::int64_t sent_ = 0;  // when it sent the last one [ns]
   std::atomic<double> delay_{0.0};
   std::atomic<bool> halted_{false}, closing_{false}, ended_{true};
   std::atomic<int> fault_{0};

@@ -229,7 +229,10 @@ void refusals() {
   CHECK_THROWS(touch->start(1e-3), "touch must give positions: none came within 1 s");
   dhd.set("error", 0);
   const auto omega = std::make_shared<OmegaDevice>(0, ServoSettings{}, dhd.file);
-  dhd.set("size", -1);
+  dhd.set("error", 2);
+  CHECK_THROWS(omega->start(1e-3), "omega:0 must let its force be switched on: communication error (error 2)");
+  CHECK(dhd.get("force_on") == 0.0);
+  dhd.set("error", 0), dhd.set("size", -1);
   CHECK_THROWS(omega->start(1e-3),
                "omega:0 must give positions: omega:0 gave an orientation that is not a rotation");
   CHECK(dhd.force() == 0.0 && dhd.get("force_on") == 0.0);

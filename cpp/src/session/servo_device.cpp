@@ -43,6 +43,7 @@ void ServoDevice::start(double) {
   try {
     begin();
   } catch (...) {
+    quiet();
     ended_.store(true);
     keep_.reset();
     throw;

@@ -69,8 +69,7 @@ Vec3 ServoDevice::newest_force() noexcept {
   out_.get(order_);
   const std::int64_t now = steady_now();
   if (order_.time != 0) {
-    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - sent_)),
-                 mean = delay_.load();
+    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - sent_)), mean = delay_.load();
     delay_.store(mean == 0.0 ? delay : mean + mean_weight * (delay - mean));
   }
   sent_ = now;

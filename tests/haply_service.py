@@ -16,13 +16,13 @@ def vector(axes: str, *values: float) -> dict[str, float]:
 
 
 class HaplyService:
-    """One Inverse3 and one wireless VerseGrip. It answers each message once, and keeps the forces [N]."""
+    """One Inverse3 and one wireless VerseGrip. It answers each message, and keeps the forces [N]."""
 
     def __init__(self, port: int = 0) -> None:
         self.position, self.orientation = (0.0, 0.0, 0.005), (1.0, 0.0, 0.0, 0.0)  # [m]; w, x, y, z
         self.buttons = {"a": False, "b": False, "c": False}
         self.forces: list[tuple[float, ...]] = []
-        self.delay = 0.0  # of each answer [s]
+        self.delay, self.answers = 0.0, 1  # of each answer [s]; to each message
         self.change: Callable[[dict], object] = lambda message: message  # to an object, text or bytes
         self._connection: ServerConnection | None = None
         self._closed = threading.Event()
@@ -57,7 +57,8 @@ class HaplyService:
                 assert arm["device_id"] == "049D"
                 force = arm["commands"]["set_cursor_force"]["vector"]
                 self.forces.append(tuple(force[axis] for axis in "xyz"))
-                self._answer(connection)
+                for _ in range(self.answers):
+                    self._answer(connection)
         except ConnectionClosed:
             pass
 

@@ -41,8 +41,8 @@ struct Stub {
     return std::abs(get("fx", device)) + std::abs(get("fy", device)) + std::abs(get("fz", device));
   }
   /// The servo cycle that is under way, and the next.
-  void two_cycles(int device = 0) const {
-    const double due = get("cycles", device) + 2;
+  void two_cycles(int device = 0) const { wait_for(get("cycles", device) + 2, device); }
+  void wait_for(double due, int device = 0) const {
     for (int i = 0; i < 1000 && get("cycles", device) < due; ++i) sleep(1);
     CHECK(get("cycles", device) >= due);
   }
@@ -95,6 +95,14 @@ void pose_and_force() {
     stub.two_cycles();
     CHECK(stub.get("fx") == 1.0 && stub.get("fy") == -2.0 && stub.get("fz") == 3.0);
     CHECK(stub.get("force_on") == 1.0);
+    stub.set("rate", 5.0);  // a force that comes while the servo waits acts in the cycle that is under way
+    stub.two_cycles();
+    sleep(50);
+    const double due = stub.get("cycles") + 1;
+    device->write({0.0, 0.0, 2.0});
+    stub.wait_for(due);
+    CHECK(stub.get("fz") == 2.0);
+    stub.set("rate", 1000.0);
     device->halt();
     device->write({1.0, -2.0, 3.0});
     stub.two_cycles();
@@ -164,6 +172,7 @@ void silent(const char* what, double value, bool servo_ends) {
   if (servo_ends) stub.two_cycles();
   if (servo_ends) CHECK(stub.force() == 0.0);
   device->stop();
+  if (Kind::source == Touch::source) CHECK(stub.force() == 0.0 && stub.get("force_on") == 0.0);
   if (!servo_ends) CHECK_THROWS(device->start(1e-3), "its servo did not end");
 }
 
@@ -220,7 +229,10 @@ void refusals() {
   CHECK_THROWS(touch->start(1e-3), "touch must give positions: none came within 1 s");
   dhd.set("error", 0);
   const auto omega = std::make_shared<OmegaDevice>(0, ServoSettings{}, dhd.file);
-  dhd.set("size", -1);
+  dhd.set("error", 2);
+  CHECK_THROWS(omega->start(1e-3), "omega:0 must let its force be switched on: communication error (error 2)");
+  CHECK(dhd.get("force_on") == 0.0);
+  dhd.set("error", 0), dhd.set("size", -1);
   CHECK_THROWS(omega->start(1e-3),
                "omega:0 must give positions: omega:0 gave an orientation that is not a rotation");
   CHECK(dhd.force() == 0.0 && dhd.get("force_on") == 0.0);

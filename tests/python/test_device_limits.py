@@ -227,6 +227,18 @@ def test_enter_stops_the_command(tmp_path):
     assert burrlab.load_trace(file).complete
 
 
+def test_a_closed_terminal_leaves_trace_and_result(tmp_path):
+    file, told = tmp_path / "trace.h5", tmp_path / "told.json"
+    words = ("session", "--device", "hand", "--voxel", "0.5", "--no-realtime", "--record", str(file))
+    at = PseudoTerminal(*words, "--json", str(told))
+    at.wait_for("Enter or Ctrl-C stops the session", r"\d+ ticks")
+    os.close(at.terminal)
+    os.close(at.controller)
+    assert at.process.wait(30) == 130
+    assert burrlab.load_trace(file).complete
+    assert json.loads(told.read_text())["interrupted"]
+
+
 def test_options_of_the_command(capsys):
     hand = ("session", "--device", "hand", "--voxel", "0.5", "--virtual-clock", "--duration", "2")
     told = result(capsys, *hand, "--model", "touch_x", "--ramp", "0.5", "--stop-at-force", "0.3")
@@ -256,6 +268,7 @@ def near(**distances):
             ({"ramp": math.nan}, ValueError, "ramp must be from 0 and below 1e6 s, got nan"),
             ({"stop_at_force": 0.0}, ValueError, r"stop_at_force must be positive and finite, got 0\.0"),
             ({"stop_button": 8}, ValueError, "stop_button must be a whole number from 0 and below 8"),
+            ({"stop_button": 1, "frames": burrlab.DeviceFrame(clutch=1)}, ValueError, "another button than the clutch, got 1"),
             ({"stop_within": 1.0}, TypeError, "stop_within must be a Mapping"),
             ({"limits": DeviceLimits("slow", 3, 1, window=0.05)}, ValueError, "window must be at least a stall"),
         ]),
@@ -278,9 +291,10 @@ def test_refusals(make, error, told):
 
 def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     path = np.column_stack([np.zeros(400), np.linspace(0.0, 1.0, 400), np.full(400, 1.45)])
-    device = burrlab.ReplayDevice(path, velocity=np.tile([0.0, 2.0, 0.0], (400, 1)))
-    half = 0.5**0.5
-    frame = burrlab.DeviceFrame(2.0, rotation=(half, 0, 0, -half), offset=(1, 0, 0))
+    half, nearly = 0.5**0.5, 1.0004  # lengths that are just let through do not add up
+    velocity, turned = np.tile([0.0, 2.0, 0.0], (400, 1)), np.tile([nearly, 0, 0, 0], (400, 1))
+    device = burrlab.ReplayDevice(path, velocity=velocity, orientation=turned)
+    frame = burrlab.DeviceFrame(2.0, rotation=(nearly * half, 0, 0, -nearly * half), offset=(1, 0, 0))
     run, trace = recorded(tmp_path / "a.h5", device=device, frames=frame)
     there = np.column_stack([1 + 2 * path[:, 1], 0 * path[:, 0], 2 * path[:, 2]])
     np.testing.assert_allclose(trace.array("center_mm"), there, atol=1e-12)
@@ -290,12 +304,20 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     assert trace.array("sent_force_N")[:, 2].max() > 0.1
     assert trace.note["frames"] == json.loads(json.dumps(run.provenance["frames"]))
     assert trace.note["frames"][0]["scale"] == 2.0
+    length = np.linalg.norm(trace.array("orientation"), axis=1)
+    np.testing.assert_allclose(length, nearly)
+    device = burrlab.ReplayDevice(path)
+    run, _ = recorded(
+        tmp_path / "b.h5", device=device, frames=burrlab.DeviceFrame(1e308, offset=(0, 0, 1e308))
+    )
+    assert run.reason == "device 0 gave a position or velocity that is not finite"
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
         ({"scale": 0.0}, "scale must be positive"), ({"rotation": (0, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 0"),
+        ({"rotation": (1.0009, 0, 0, 0)}, "rotation must be a quaternion of length 1, got 1.0009"),
         ({"rotation": (math.nan, 0, 0, 0)}, "rotation must be a quaternion of length 1, got nan"),
         ({"rotation": (1, 0, 0)}, "rotation must be 4 numbers, got (1, 0, 0)"), ({"offset": (0, 0, math.inf)}, "offset must be finite"),
         ({"clutch": 8}, "clutch must be a whole number from 0 and below 8, got 8"),

@@ -147,6 +147,15 @@ def test_late_answers(service):
     assert device.fault == f"{device.name} failed: the service did not answer in time"
 
 
+def test_messages_that_were_not_asked_for_make_no_position_old(service):
+    device, service.answers = opened(service), 2
+    with session(device):
+        wait_for(lambda: len(service.forces) > 500)
+        service.position, seen = (0, 0, DEEP), len(service.forces)
+        wait_for(lambda: service.forces[-1][2] > 0)
+        assert len(service.forces) < seen + 250
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -164,6 +173,8 @@ def test_late_answers(service):
             "the Inverse3 049D must be calibrated",
         ),
         (lambda message: "hello", "the service must send JSON objects, got 'hello'"),
+        (lambda message: {"inverse3": [{"device_id": "\ud800"}]}, "must be devices with an id each"),
+        (lambda message: {"inverse3": message["inverse3"] * 2}, "must be devices with an id each"),
     ],
 )
 def test_services_that_cannot_be_used(service, change, sentence):

@@ -23,7 +23,7 @@ void FramedDevice::apply(DeviceReading& reading) noexcept {
   }
   reading.velocity = held_ ? Vec3::Zero().eval() : (frame_.scale * (rotation_ * reading.velocity)).eval();
   reading.position = held_ && begun_ ? last_ : (turned + offset_).eval();
-  const Eigen::Quaterniond tool = to_eigen(frame_.rotation) * to_eigen(reading.orientation);
+  const Eigen::Quaterniond tool = to_eigen(frame_.rotation).normalized() * to_eigen(reading.orientation);
   reading.orientation = {tool.w(), tool.x(), tool.y(), tool.z()};
   last_ = reading.position;
   begun_ = true;

@@ -261,6 +261,7 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
       return end("a stop button of " + who() + " was pressed", false), false;
     }
     waiting |= reading.status == Status::waiting;
+    if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
     if (!finite(reading.position) || !finite(reading.velocity)) {
       halt_devices();
       return end(who() + " gave a position or velocity that is not finite", true), false;
@@ -269,7 +270,6 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
       halt_devices();
       return end(who() + " gave an orientation that is not a quaternion of length 1", true), false;
     }
-    if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
     BurrRecord& burr = record_.burr[i];
     set(burr.center, reading.position);
     set(burr.device_position, reading.position);

@@ -53,14 +53,15 @@ OmegaDevice::~OmegaDevice() {
   dhd_->open.erase(id_);
 }
 
-int OmegaDevice::exchange(Pose& pose, const Vec3& force) noexcept {
+int OmegaDevice::exchange(Pose& pose) noexcept {
   double rotation[3][3] = {};
   auto& [x, y, z] = pose.position;
   auto& [vx, vy, vz] = pose.velocity;
-  const int read = dhd_->dhdGetPositionAndOrientationFrame(&x, &y, &z, rotation, id_);
-  if (read < 0 || dhd_->dhdGetLinearVelocity(&vx, &vy, &vz, id_) < 0 ||
-      dhd_->dhdSetForce(force[0], force[1], force[2], id_) < 0)
+  const int read = dhd_->dhdGetPositionAndOrientationFrame(&x, &y, &z, rotation, id_);  // may wait a cycle
+  if (read < 0 || dhd_->dhdGetLinearVelocity(&vx, &vy, &vz, id_) < 0)
     return std::max(1, dhd_->dhdErrorGetLast());
+  const Vec3 force = newest_force();
+  if (dhd_->dhdSetForce(force[0], force[1], force[2], id_) < 0) return std::max(1, dhd_->dhdErrorGetLast());
   pose.buttons = dhd_->dhdGetButtonMask(id_);
   for (int i = 0; i < 3; ++i) {
     pose.position[i] *= millimetre;

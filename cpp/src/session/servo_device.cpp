@@ -28,7 +28,8 @@ ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
 }
 
 void ServoDevice::start(double) {
-  if (keep_) throw std::invalid_argument(name_ + " must be opened anew: its servo did not end");
+  if (keep_)
+    throw std::invalid_argument(name_ + " must wait for a new start of the program: its servo did not end");
   in_.put({});
   out_.put({});
   last_ = {};
@@ -42,13 +43,13 @@ void ServoDevice::start(double) {
   try {
     begin();
   } catch (...) {
+    quiet();
     ended_.store(true);
     keep_.reset();
     throw;
   }
-  Letter letter{};
-  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(letter) && letter.time != 0); });
-  if (fault_.load() == 0 && letter.time != 0) return;
+  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(last_) && last_.time != 0); });
+  if (fault_.load() == 0 && last_.time != 0) return;
   const std::string why = fault();
   stop();
   throw std::invalid_argument(name_ +
@@ -64,20 +65,23 @@ void ServoDevice::stop() noexcept {
   if (ended) keep_.reset();  // else the servo may still call, and the device stays
 }
 
-bool ServoDevice::cycle() noexcept {
-  Pose pose;
+Vec3 ServoDevice::newest_force() noexcept {
   out_.get(order_);
   const std::int64_t now = steady_now();
   if (order_.time != 0) {
-    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - cycle_)),
-                 mean = delay_.load();
+    const double delay = 1e-6 * (double(now - order_.time) + 0.5 * double(now - sent_)), mean = delay_.load();
     delay_.store(mean == 0.0 ? delay : mean + mean_weight * (delay - mean));
   }
-  cycle_ = now;
+  sent_ = now;
+  const bool halted = halted_.load(std::memory_order_acquire);
+  return halted ? Vec3(Vec3::Zero()) : Vec3(order_.force.data());
+}
+
+bool ServoDevice::cycle() noexcept {
+  Pose pose;
   int code = fresh;
   if (!closing_.load(std::memory_order_acquire)) {
-    const bool halted = halted_.load(std::memory_order_acquire);
-    code = exchange(pose, halted ? Vec3(Vec3::Zero()) : Vec3(order_.force.data()));
+    code = exchange(pose);
     Letter letter{};
     if (code == fresh &&
         !to_quaternion(Eigen::Map<const RotationRows>(pose.rotation.data()), letter.orientation))

@@ -69,7 +69,7 @@ int TouchDevice::take_error() noexcept {
   return code;
 }
 
-int TouchDevice::exchange(Pose& pose, const Vec3& force) noexcept {
+int TouchDevice::exchange(Pose& pose) noexcept {
   double transform[16] = {};  // by columns
   int buttons = 0;
   hd_->hdBeginFrame(handle_);
@@ -78,7 +78,7 @@ int TouchDevice::exchange(Pose& pose, const Vec3& force) noexcept {
   hd_->hdGetDoublev(current_transform, transform);
   hd_->hdGetDoublev(current_velocity, pose.velocity.data());
   hd_->hdGetIntegerv(current_buttons, &buttons);
-  hd_->hdSetDoublev(current_force, force.data());
+  hd_->hdSetDoublev(current_force, newest_force().data());
   hd_->hdEndFrame(handle_);
   for (int row = 0; row < 3; ++row) {
     pose.position[row] = transform[12 + row];
@@ -110,6 +110,10 @@ void TouchDevice::end(bool servo_ended) noexcept {
   const std::lock_guard<std::mutex> lock(hd_->mutex);
   if (!servo_ended) hd_->hdUnschedule(scheduled_);
   if (--hd_->running == 0) hd_->hdStopScheduler();
+  if (!servo_ended && hd_->running == 0) {  // it did not come to this itself
+    hd_->hdMakeCurrentDevice(handle_);
+    quiet();
+  }
 }
 
 }  // namespace burrlab

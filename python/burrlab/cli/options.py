@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import numpy as np
 
@@ -355,7 +355,15 @@ def ended_by_signals() -> Iterator[None]:
     names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
         names = []  # only the main thread may set handlers
-    before = {name: signal.signal(name, signal.default_int_handler) for name in names}
+    shown = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and stream.isatty()]
+
+    def end(*_: object) -> NoReturn:
+        for stream in shown:
+            if not stream.isatty():  # it is closed: text that goes there would be an error
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        raise KeyboardInterrupt
+
+    before = {name: signal.signal(name, end) for name in names}
     try:
         yield
     finally:

@@ -313,11 +313,27 @@ def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], n
         return burrlab.HandDevice(push=options.push, **{**place, "start": beside})
     if device.kind == "scripted":
         return burrlab.read_script(device.file)
-    return open_device(device, options.lost_after)
+    with _opening(f"opening {text}"):
+        return open_device(device, options.lost_after)
+
+
+@contextlib.contextmanager
+def _opening(text: str) -> Iterator[None]:
+    """Says what is done. Ctrl-C ends the program at once, as a vendor's library may hang."""
+    here = threading.current_thread() is threading.main_thread()
+    asked = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    try:
+        if asked:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+        with working(text):
+            yield
+    finally:
+        if asked:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _devices(options: Options) -> int:
-    rows = find_devices()
+    rows = find_devices(_opening)
     lines = [
         f"{row['device']}: {row['hardware']}, over {row['library']}"
         if "hardware" in row

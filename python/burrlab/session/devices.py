@@ -60,7 +60,8 @@ class DeviceFrame:
             refuse(not good, f"{name} must be {count} numbers, got {given!r}")
             object.__setattr__(self, name, tuple(scalar(one, name) for one in given))
         length = math.hypot(*self.rotation)
-        refuse(not abs(length - 1.0) < 1e-3, f"rotation must be a quaternion of length 1, got {length:g}")
+        good = abs(length * length - 1.0) <= 1e-3
+        refuse(not good, f"rotation must be a quaternion of length 1, got {length:g}")
         refuse(not all(map(math.isfinite, self.offset)), f"offset must be finite, got {self.offset}")
         if self.clutch is not None:
             whole("clutch", self.clutch, 8, "8")

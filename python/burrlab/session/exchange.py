@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import IO, Literal
 
@@ -156,8 +158,13 @@ def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | HeldDevic
     return IgtlDevice(device.host, device.port, lost_after=lost_after)
 
 
-def find_devices() -> list[dict[str, str]]:
+def find_devices(doing: Callable[[str], AbstractContextManager[None]]) -> list[dict[str, str]]:
     """What was looked for: one row for each device that was found, or for a kind of which none was.
+
+    Parameters
+    ----------
+    doing : callable
+        Gives the context in which a device is opened, from a text that says which.
 
     Returns
     -------
@@ -170,7 +177,8 @@ def find_devices() -> list[dict[str, str]]:
     def look(text: str, needs: str) -> None:
         row = {"device": text, "needs": needs}
         try:
-            found = open_device(parse_device(text), 100.0)
+            with doing(f"looking for {text}, over {needs}"):
+                found = open_device(parse_device(text), 100.0)
             assert isinstance(found, HeldDevice)
             rows.append({**row, "hardware": found.hardware, "library": found.library})
         except (ValueError, ImportError) as error:

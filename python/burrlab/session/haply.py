@@ -13,6 +13,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import os
@@ -36,6 +37,7 @@ _ANSWER_LIMIT = 2.0  # [s], of an answer that is late
 _PRIORITY = 79  # below the loop's
 _PERIOD = 1e-3  # [s] between two messages of ours
 _LARGEST = 1 << 20  # of a message of the service [bytes]; one of ten devices has some 20 000
+_LONGEST = 100  # id
 _GRIPS = ("verse_grip", "wireless_verse_grip")
 
 
@@ -87,7 +89,8 @@ class HaplyDevice(MailboxDevice):
         self._patience = lost_after / 1e3
         self._last: tuple[float, Any] | None = None
         opened: queue.SimpleQueue[str] = queue.SimpleQueue()
-        threading.Thread(target=_exchange, args=(weakref.ref(self), opened), daemon=True).start()
+        self._thread = threading.Thread(target=_exchange, args=(weakref.ref(self), opened), daemon=True)
+        self._thread.start()
         refuse(why_not := opened.get(), why_not)
 
     def _open(self, message: dict[str, Any]) -> None:
@@ -129,7 +132,8 @@ class HaplyDevice(MailboxDevice):
         self.put(position, velocity, on, orientation, buttons)
 
     def _turn(self, connection: ClientConnection) -> None:
-        """One message and its answer. If that is late, force zero: the loop finds the position too old."""
+        """One message and its answer, or what the service sent since. If late, force zero: the loop finds the
+        position too old."""
         connection.send(_command(self._id, self.force))
         try:
             text = connection.recv(timeout=self._patience)
@@ -137,10 +141,24 @@ class HaplyDevice(MailboxDevice):
             connection.send(_command(self._id, (0, 0, 0)))
             connection.recv(timeout=_ANSWER_LIMIT)
             text = connection.recv(timeout=_ANSWER_LIMIT)
+        with contextlib.suppress(TimeoutError):  # a message more would make all later positions old
+            while True:
+                text = connection.recv(timeout=0)
         self._read(_parsed(text))
 
 
 _OPEN: weakref.WeakValueDictionary[str, HaplyDevice] = weakref.WeakValueDictionary()  # by id
+
+_ENDING = threading.Event()
+
+
+@atexit.register  # before a session registers its own handler, which then runs earlier
+def _end() -> None:
+    """The program ends: each service gets force zero first."""
+    _ENDING.set()
+    for device in list(_OPEN.values()):
+        device._thread.join(_ANSWER_LIMIT)
+
 
 #: Devices that a hand holds, which need the wall clock.
 HeldDevice: TypeAlias = ServoDevice | HaplyDevice
@@ -164,7 +182,7 @@ def _exchange(alive: weakref.ref[HaplyDevice], opened: queue.SimpleQueue[str]) -
             what, rest, due = "failed", _command(device._id, (0, 0, 0)), time.monotonic()
             opened.put("")
             try:
-                while device is not None:
+                while device is not None and not _ENDING.is_set():
                     device._turn(connection)
                     device = None
                     due = max(due + _PERIOD, time.monotonic())
@@ -208,9 +226,11 @@ def _listed(message: dict[str, Any], kind: str) -> dict[str, Any]:
     """Devices of a kind by their id."""
     found = message.get(kind, [])
     good = isinstance(found, list) and all(isinstance(one, dict) for one in found)
-    if not good or not all(isinstance(one.get("device_id"), str) for one in found):
+    names = [one.get("device_id") for one in found] if good else []
+    fit = [isinstance(name, str) and name.isprintable() and len(name) < _LONGEST for name in names]
+    if not good or not all(fit) or len({*names}) < len(names):
         raise ValueError(f"{kind} must be devices with an id each, got {shown(found)}")
-    return {one["device_id"]: one for one in found}
+    return dict(zip(names, found, strict=True))
 
 
 def _state(message: dict[str, Any], kind: str, device: str) -> dict[str, Any]:

@@ -196,6 +196,8 @@ class Session:
             check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
         if stop_button is not None:
             stop_button = whole("stop_button", stop_button, 8, "8")
+            clutched = any(one.clutch == stop_button for one in stands)
+            refuse(clutched, f"stop_button must be another button than the clutch, got {stop_button}")
         self._stop_within = _nearness(stop_within, watch, wall_clock)
         refuse(not rate > 0, f"rate must be positive, got {rate!r}")
         refuse(
@@ -530,7 +532,9 @@ def _nearness(given: Mapping[str, float] | None, watch: Watch | None, wall_clock
         return {}
     require_type("stop_within", given, Mapping, "{'facial nerve': 1.0}")
     if watch is None or not wall_clock:
-        raise ValueError("stop_within must be used with a watch and on the wall clock")
+        raise ValueError(
+            "stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock"
+        )
     found = {name: scalar(limit, f"stop_within of {name}") for name, limit in given.items()}
     for name, limit in found.items():
         check_structure(name, watch.structures)

@@ -48,9 +48,10 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
   void say_hardware(const char* text) { hardware_ = to_string(text); }
   static std::string to_string(const char* text) { return text ? text : "unknown"; }
 
-  virtual int exchange(Pose& pose, const Vec3& force) noexcept = 0;  // reads, and sends the force
-  virtual void quiet() noexcept = 0;                                 // force zero, and off
-  virtual void begin() = 0;                                          // force on, servo on
+  Vec3 newest_force() noexcept;                   // for `exchange`, when it sends it
+  virtual int exchange(Pose& pose) noexcept = 0;  // reads, and sends the newest force
+  virtual void quiet() noexcept = 0;              // force zero, and off
+  virtual void begin() = 0;                       // force on, servo on
   virtual void end(bool servo_ended) noexcept = 0;
   virtual std::string error_text(int code) const = 0;
 
@@ -69,9 +70,9 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
 
   Latest<Letter> in_;
   Latest<Order> out_;
-  Letter last_{};           // of the loop
-  Order order_{};           // of the servo, as the next
-  std::int64_t cycle_ = 0;  // when the last one began [ns]
+  Letter last_{};          // of the loop
+  Order order_{};          // of the servo, as the next
+  std::int64_t sent_ = 0;  // when it sent the last one [ns]
   std::atomic<double> delay_{0.0};
   std::atomic<bool> halted_{false}, closing_{false}, ended_{true};
   std::atomic<int> fault_{0};
@@ -91,7 +92,7 @@ class TouchDevice : public ServoDevice {
   const std::string& library() const override { return hd_->path(); }
 
  private:
-  int exchange(Pose& pose, const Vec3& force) noexcept override;
+  int exchange(Pose& pose) noexcept override;
   void quiet() noexcept override;
   void begin() override;
   void end(bool servo_ended) noexcept override;
@@ -114,7 +115,7 @@ class OmegaDevice : public ServoDevice {
   static int count(const std::string& library = "");  ///< devices that the library finds
 
  private:
-  int exchange(Pose& pose, const Vec3& force) noexcept override;
+  int exchange(Pose& pose) noexcept override;
   void quiet() noexcept override;
   void begin() override;
   void end(bool servo_ended) noexcept override;

@@ -53,7 +53,7 @@ def test_script_and_two_burrs(tmp_path, capsys):
     [
         (
             ["--device", "mouse"],
-            "--device must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT], got 'mouse'",
+            "--device must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or vrpn:NAME@[tcp://]HOST[:PORT], got 'mouse'",
         ),
         (["--device", "igtl:nowhere"], "--device igtl: must be HOST:PORT, got 'nowhere'"),
         (["--device", "scripted:none.csv"], "none.csv"),

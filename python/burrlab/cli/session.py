@@ -340,7 +340,7 @@ def _devices(options: Options) -> int:
         else f"{row['device']}: {row['why_not']}"
         for row in rows
     ]
-    lines.append("hand, scripted:FILE and igtl:HOST:PORT need no library")
+    lines.append("hand, scripted:FILE, igtl:HOST:PORT and vrpn:NAME@HOST need no library")
     deliver(options, {"devices": rows}, "\n".join(lines))
     return 0
 
@@ -496,10 +496,11 @@ SESSION_COMMANDS = (
         option(
             "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], a "
                         "server's OpenIGTLink TRANSFORM stream, a Touch by its name in the vendor's set-up, "
-                        "an Omega by its number from 0, or a Haply Inverse3 (extra haply) by the address of its "
-                        "service, default localhost:10001; given twice, two burrs",
+                        "an Omega by its number from 0, a Haply Inverse3 (extra haply) by the address of its "
+                        "service, default localhost:10001, or a VRPN server's Tracker, default port 3883, with tcp:// "
+                        "without UDP; given twice, two burrs",
             action="append", required=True,
-            metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]|haply[:HOST:PORT]",
+            metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]|haply[:HOST:PORT]|vrpn:NAME@[tcp://]HOST[:PORT]",
         ),
         option(
             "--lost-after", "age at which a position of a device or over the network counts as lost, and the session stops "

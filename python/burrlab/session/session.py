@@ -58,7 +58,7 @@ class Session:
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
-        `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
+        `VrpnDevice`, `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
     seed : int, optional
         Default: a random one; the attribute `seed` holds it.
     rate : float
@@ -445,7 +445,8 @@ class Session:
                 self._hand_digests()
                 self._tell_of_anatomy()
                 if self._loop.counts.ticks == 0 and due < _PATIENCE <= due + _LOOK:
-                    self._say("no tick yet: the devices have not given a first position")
+                    why = "".join(f"; {text}" for one in self.devices if (text := getattr(one, "fault", "")))
+                    self._say(f"no tick yet: the devices have not given a first position{why}")
                 due += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)

@@ -796,16 +796,19 @@ class Publisher(metaclass=_Pybind11Type):
         follower: Follower,
         *,
         host: str = "127.0.0.1",
-        port: int = 0,
+        port: int | None = 0,
         hello: str = "{}",
         header_version: int = 1,
         log: float = 10.0,
         most_peers: int = 32,
         most_behind: int = 524288,
         thin_after: int = 100,
+        vrpn: int | None = None,
     ) -> None: ...
     @property
     def port(self) -> int: ...
+    @property
+    def vrpn_port(self) -> int: ...
     @property
     def host(self) -> str: ...
     @property

@@ -4,7 +4,6 @@ import contextlib
 import math
 import socket
 import struct
-import threading
 import time
 from pathlib import Path
 
@@ -23,7 +22,9 @@ POSE, VELOCITY, BUTTON, BUTTONS, FORCE, PING, PONG, HELLO, SENDER, UDP = range(1
 
 
 def message(sender, kind, payload=b"", *, sequence=0, at=(5, 250_000), length=None):
-    head = struct.pack(">IIIiiI", 24 + len(payload) if length is None else length, *at, sender, kind, sequence)
+    head = struct.pack(
+        ">IIIiiI", 24 + len(payload) if length is None else length, *at, sender, kind, sequence
+    )
     return head + payload + bytes(-len(payload) % 8)
 
 
@@ -65,7 +66,9 @@ def test_bytes_of_the_real_library():
     stream = (GOLDEN / "server_tcp.bin").read_bytes()
     got = [one for i in range(0, len(stream), 61) for one in reader.feed(stream[i : i + 61])]
     kinds = [one[0] for one in got]
-    assert kinds == [HELLO, SENDER, SENDER, BUTTONS, *[POSE, VELOCITY] * 3, BUTTON, POSE, VELOCITY][: len(kinds)]
+    assert (
+        kinds == [HELLO, SENDER, SENDER, BUTTONS, *[POSE, VELOCITY] * 3, BUTTON, POSE, VELOCITY][: len(kinds)]
+    )
     assert kinds.count(POSE) >= 3
     assert [one[6] for one in got[:3]] == ["vrpn: ver. 07.38  0", "VRPN Control", "Tracker0"]
     first = {one[0]: one for one in reversed(got)}
@@ -90,7 +93,10 @@ def test_a_session_follows_a_tracker():
     velocity = message(3, 8, struct.pack(">2i8d", 0, 0, 0.01, 0.0, -0.02, 0, 0, 0, 1, 0.001))
     pressed = message(3, 9, struct.pack(">2i", 2, 1))
     far = pose(1.0, 1.0, 1.0, sensor=1)
-    with device(HELLO_3, velocity, pressed, far, pose(0.001, -0.002, 0.0029, turned), on_button=2) as (one, peer):
+    with device(HELLO_3, velocity, pressed, far, pose(0.001, -0.002, 0.0029, turned), on_button=2) as (
+        one,
+        peer,
+    ):
         assert one.name.startswith("vrpn:Tracker0@tcp://127.0.0.1:")
         with burrlab.Session(
             make_bone(BLOCK), TOOL, one, seed=1, realtime=False,
@@ -101,10 +107,14 @@ def test_a_session_follows_a_tracker():
             np.testing.assert_allclose(newest["center"], (2.0, 1.0, 2.9), atol=1e-12)
             np.testing.assert_allclose(newest["device_velocity"], (0.0, 10.0, -20.0), atol=1e-12)
             half = math.pi / 4 + 0.3
-            np.testing.assert_allclose(newest["orientation"], (math.cos(half), 0, 0, math.sin(half)), atol=1e-12)
+            np.testing.assert_allclose(
+                newest["orientation"], (math.cos(half), 0, 0, math.sin(half)), atol=1e-12
+            )
             assert (newest["on"], newest["buttons"]) == (1, 4)
             peer.sendall(message(3, 9, struct.pack(">2i", 2, 0)))
-            assert soon(lambda: session.follower.take(session.follower.view())["newest"]["burr"][0]["on"] == 0)
+            assert soon(
+                lambda: session.follower.take(session.follower.view())["newest"]["burr"][0]["on"] == 0
+            )
         assert one.counters["messages"] == 1
 
 
@@ -165,7 +175,10 @@ def test_refusals():
     for text, call in (
         ("length of name must be 1 to 99 bytes, got 0", lambda: burrlab.VrpnDevice("", "127.0.0.1")),
         ("port must be 1 to 65535, got 0", lambda: burrlab.VrpnDevice("T", "127.0.0.1", 0)),
-        ("on_button must be 0 to 7, or None, got 8", lambda: burrlab.VrpnDevice("T", "127.0.0.1", on_button=8)),
+        (
+            "on_button must be 0 to 7, or None, got 8",
+            lambda: burrlab.VrpnDevice("T", "127.0.0.1", on_button=8),
+        ),
     ):
         with pytest.raises(ValueError, match=text):
             call()
@@ -175,3 +188,132 @@ def test_refusals():
     session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, realtime=False)
     with pytest.raises(ValueError, match="VrpnDevice must be new: its connection was closed"):
         session.start()
+
+
+# The server
+
+
+CLIENT = b"".join([COOKIE, named(0, -1, "burrlab_burr_0"), named(4, -2, "vrpn_Base ping_message")])
+
+
+def received(peer, reader, count, kind=FORCE):
+    """Messages until `count` of this kind have come."""
+    got = []
+    while sum(one[0] == kind for one in got) < count:
+        data = peer.recv(4096)
+        assert data, "the server closed the connection"
+        got += reader.feed(data)
+    return got
+
+
+def test_every_tick_over_tcp():
+    with Leader(port=None, vrpn=0, burrs=2) as leader:
+        publisher = leader.publisher
+        with socket.create_connection(("127.0.0.1", publisher.vrpn_port), timeout=10) as peer:
+            peer.sendall(CLIENT + message(0, 4))
+            reader = _core.VrpnReader(["burrlab_burr_0", "burrlab_burr_1"])
+            got = received(peer, reader, 1000)
+        leader.loop.stop()
+        records = _core.RecordReader(leader.loop).take()[0]["burr"]
+    assert publisher.port == 0
+    assert publisher.status["dropped"] == {}
+    assert [one[6] for one in got[:3]] == ["vrpn: ver. 07.38  0", "burrlab_burr_0", "burrlab_burr_1"]
+    assert [one[1] for one in got if one[0] == PONG] == [0]
+    for i in range(2):
+        poses, velocities, forces = (
+            np.array([one[4] for one in got if one[:2] == (kind, i)]) for kind in (POSE, VELOCITY, FORCE)
+        )
+        first = int(np.flatnonzero((1e-3 * records["center"][:, i] == poses[0, :3]).all(1))[0])
+        those = records[first : first + len(forces), i]
+        np.testing.assert_array_equal(poses[: len(forces), :3], 1e-3 * those["center"])
+        np.testing.assert_array_equal(poses[: len(forces), [6, 3, 4, 5]], those["orientation"])
+        np.testing.assert_array_equal(velocities[: len(forces), :3], 1e-3 * those["device_velocity"])
+        np.testing.assert_array_equal(forces[:, :3], those["force"])
+        assert set(velocities[:, 7]) == {0.001}
+        assert np.abs(forces).max() > 0.1
+
+
+def test_a_client_of_the_real_library_is_called_back():
+    """It asks by UDP from one address, whatever address it names, gets poses there, and its pings answered."""
+    with (
+        Leader(port=None, vrpn=0) as leader,
+        socket.create_server(("127.0.0.1", 0)) as listener,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as poses,
+    ):
+        server = ("127.0.0.1", leader.publisher.vrpn_port)
+        poses.bind(("127.0.0.1", 0))
+        poses.settimeout(10)
+        listener.settimeout(10)
+        for word in (
+            b"",
+            b"127.0.0.1",
+            b"127.0.0.1 80\0",
+            b"x" * 300,
+            b"192.0.2.7 %d\0" % listener.getsockname()[1],
+        ):
+            poses.sendto(word, server)
+        peer, _ = listener.accept()
+        with peer:
+            peer.settimeout(10)
+            stream = bytearray((GOLDEN / "client_tcp.bin").read_bytes())
+            stream[36:40] = struct.pack(">i", poses.getsockname()[1])
+            peer.sendall(stream)
+            reader = _core.VrpnReader(["burrlab_burr_0"])
+            got = received(peer, reader, 200)
+            packets = [one for _ in range(200) for one in reader.feed_datagram(poses.recv(4096))]
+        assert {one[0] for one in got} == {HELLO, SENDER, FORCE, PONG}
+        assert {one[0] for one in packets} == {POSE, VELOCITY}
+        assert reader.lost == 0
+        status = leader.publisher.status
+        assert (status["vrpn_calls"], status["refused"], status["dropped"]) == (1, 4, {})
+        assert status["datagrams"] >= 200
+
+
+def test_hostile_clients_end_alone():
+    with Leader(port=None, vrpn=0, most_peers=8) as leader:
+        port = leader.publisher.vrpn_port
+        nothing_after = {
+            "bad_version": b"GET / HTTP/1.1\r\nHost: me\r\n\r\n",
+            "implausible_size": COOKIE + message(0, 0, length=5000),
+            "bad_length": COOKIE + named(0, -1, "x" * 150) * 16,
+            "out_of_range": COOKIE + message(70000, -3) * 16,
+        }
+        for reason, words in nothing_after.items():
+            with socket.create_connection(("127.0.0.1", port), timeout=10) as peer:
+                peer.sendall(words)
+                with contextlib.suppress(ConnectionResetError):
+                    while peer.recv(65536):
+                        pass
+            assert soon(lambda reason=reason: leader.publisher.status["dropped"].get(reason, 0) >= 1), reason
+        with contextlib.ExitStack() as peers, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
+            listener = peers.enter_context(socket.create_server(("127.0.0.1", 0), backlog=100))
+            for _ in range(200):  # asks as often as it can
+                asker.sendto(b"127.0.0.1 %d\0" % listener.getsockname()[1], ("127.0.0.1", port))
+            assert soon(lambda: leader.publisher.status["refused"] > 100)
+            status = leader.publisher.status
+            assert status["standard_peers"] <= 8
+            assert status["vrpn_calls"] <= 16
+        before = leader.tick
+        assert soon(lambda: leader.tick > before + 100)
+
+
+def test_session_over_vrpn():
+    """A session's Tracker drives another session."""
+    place = np.tile([0.001, 0.002, 2.9], (4000, 1))
+    with burrlab.Session(
+        make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), seed=1, vrpn=0, realtime=False
+    ) as session:
+        assert session.port is None
+        onward = burrlab.VrpnDevice("burrlab_burr_0", "127.0.0.1", session.vrpn_port, lost_after=1e4)
+        with burrlab.Session(make_bone(BLOCK), TOOL, onward, seed=1, realtime=False) as second:
+            assert soon(lambda: second.ticks > 100)
+            newest = second.follower.take(second.follower.view())["newest"]["burr"][0]
+        np.testing.assert_allclose(newest["center"], place[0], rtol=1e-15)
+        assert onward.counters["lost"] == 0
+    with pytest.raises(ValueError, match=r"vrpn must be a whole number from 0 and below 2\^16"):
+        burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=70000)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as taken,
+        pytest.raises(ValueError, match="host and port must be free to listen on"),
+    ):
+        burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=taken.getsockname()[1])

@@ -221,8 +221,8 @@ def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
 
 def _session(options: Options) -> int:
     check_live(options)
-    if options.publish is None:
-        refuse_options(options, ("host",), "goes with --publish")
+    if options.publish is None and options.vrpn is None:
+        refuse_options(options, ("host",), "goes with --publish or --vrpn")
     host, burr = options.host or "127.0.0.1", Burr(options.radius)
     start = chosen_start(options, burr, chosen_material(options))
     watch = chosen_watch(options, start.bone)
@@ -234,7 +234,7 @@ def _session(options: Options) -> int:
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
         stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,
-        coupling=options.coupling, record=options.record, publish=options.publish, host=host,
+        coupling=options.coupling, record=options.record, publish=options.publish, vrpn=options.vrpn, host=host,
         header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
         watch=watch, on_message=say, wall_clock=not options.virtual_clock,
     )  # fmt: skip
@@ -242,6 +242,8 @@ def _session(options: Options) -> int:
     effects = start_effects(options, session)
     if session.port is not None:
         say(f"published on {host}, port {session.port}; there is no authentication")
+    if session.vrpn_port is not None:
+        say(f"published over VRPN on {host}, port {session.vrpn_port}; there is no authentication")
     with _kept(options, start, session):
         with ended_by_signals(), session:
             _stop_at_enter(session)
@@ -513,6 +515,11 @@ SESSION_COMMANDS = (
             "--publish",
             "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no "
             "authentication: whoever reaches the port can read the session", type=port, metavar="PORT",
+        ),
+        option(
+            "--vrpn",
+            "publish each burr over VRPN on this port (0: any free one; VRPN's own is 3883), as the Tracker and "
+            "ForceDevice burrlab_burr_0, burrlab_burr_1; as open as --publish", type=port, metavar="PORT",
         ),
         option("--host", "address to publish on, default 127.0.0.1: this machine only"),
         option("--header-version",

@@ -111,7 +111,7 @@ void number_messages(std::uint8_t* bytes, std::size_t size, std::uint32_t& next)
 }
 
 Reader::Reader(std::vector<std::string> senders, std::size_t largest_payload)
-    : StreamCutter(header_size, largest_payload),
+    : StreamCutter(header_size, padded(largest_payload)),  // with its padding
       senders_(std::move(senders)),
       kind_of_(most_numbers, std::uint8_t(Kind::none)),
       sender_of_(most_numbers) {}

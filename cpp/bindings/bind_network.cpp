@@ -24,8 +24,8 @@ py::dict to_dict(const PublisherStatus& s) {
       "stalled"_a = s.stalled, "hellos"_a = s.hellos, "by_ticks"_a = s.by_ticks, "by_bricks"_a = s.by_bricks,
       "bad_words"_a = s.bad_words, "ignored"_a = s.ignored, "framing_lost"_a = s.framing_lost,
       "too_many_faults"_a = s.too_many_faults, "out_of_range"_a = s.out_of_range,
-      "bytes_sent"_a = s.bytes_sent, "vrpn_peers"_a = s.vrpn_peers,
-      "vrpn_calls"_a = s.vrpn_calls, "datagrams"_a = s.datagrams, "messages"_a = s.received.messages, "dropped"_a = to_dict(s.received));
+      "bytes_sent"_a = s.bytes_sent, "vrpn_peers"_a = s.vrpn_peers, "vrpn_calls"_a = s.vrpn_calls,
+      "datagrams"_a = s.datagrams, "messages"_a = s.received.messages, "dropped"_a = to_dict(s.received));
 }
 
 py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
@@ -52,20 +52,23 @@ void bind_publisher(py::module_& m) {
   const PublisherSettings defaults;
   py::class_<BoundPublisher>(
       m, "Publisher",
-      "Sends a follower's ticks to standard OpenIGTLink peers, to replicas and to VRPN clients. Nobody waits. "
+      "Sends a follower's ticks to standard OpenIGTLink peers, to replicas and to VRPN clients. Nobody "
+      "waits. "
       "There is no authentication: whoever reaches the port may read. The follower must not be started yet. "
-      "`port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is JSON about the session; `log` is the time of ticks kept for "
+      "`port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is JSON about the "
+      "session; `log` is the time of ticks kept for "
       "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
       "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
       "ValueError if the address or a setting cannot be used.")
-      .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host, std::optional<int> port,
-                       const std::string& hello, int header_version, double log, std::size_t most_peers,
-                       std::size_t most_behind, std::uint64_t thin_after,
+      .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host,
+                       std::optional<int> port, const std::string& hello, int header_version, double log,
+                       std::size_t most_peers, std::size_t most_behind, std::uint64_t thin_after,
                        std::optional<int> vrpn) {
              if (!follower) throw std::invalid_argument("follower must be a Follower, got None");
              if (std::min(port.value_or(0), vrpn.value_or(0)) < 0) refuse("port", "0 to 65535, or None", -1);
-             const PublisherSettings settings{host,       port.value_or(-1), hello,      header_version,    log,
-                                              most_peers, most_behind,       thin_after, vrpn.value_or(-1)};
+             const PublisherSettings settings{
+                 host,       port.value_or(-1), hello,      header_version,   log,
+                 most_peers, most_behind,       thin_after, vrpn.value_or(-1)};
              auto publisher = std::make_shared<Publisher>(*follower, settings);
              follower->add(publisher);
              return BoundPublisher{follower, publisher};

@@ -284,9 +284,10 @@ void bind_vrpn_reader(py::module_& m) {
       reader.feed(view_of(data), receive);
     return out;
   };
-  py::class_<Reader>(m, "VrpnReader",
-                     "Reads a VRPN peer's cookie and messages: (kind, sender, number, pressed, values, time [s], "
-                     "text); for tests.")
+  py::class_<Reader>(
+      m, "VrpnReader",
+      "Reads a VRPN peer's cookie and messages: (kind, sender, number, pressed, values, time [s], "
+      "text); for tests.")
       .def(py::init<std::vector<std::string>, std::size_t>(), "senders"_a, "largest_payload"_a = 65536)
       .def(
           "feed", [=](Reader& r, const py::bytes& data) { return read(r, data, false); }, "data"_a)
@@ -301,7 +302,8 @@ void bind_vrpn_reader(py::module_& m) {
 
 void bind_vrpn_device(py::module_& m) {
   py::class_<VrpnDevice, MailboxDevice, std::shared_ptr<VrpnDevice>>(
-      m, "VrpnDevice", R"doc(A device that sensor 0 of a VRPN server's Tracker, and the Buttons of that name, drive.
+      m, "VrpnDevice",
+      R"doc(A device that sensor 0 of a VRPN server's Tracker, and the Buttons of that name, drive.
 
 VRPN's metres become millimetres. It states no axes: they are the bone's, unless the session's frame turns
 them. Without Velocity messages the velocity is the difference of two poses over that of their time stamps.

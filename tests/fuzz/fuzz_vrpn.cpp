@@ -104,7 +104,8 @@ void check(const Message& message) {
   Bytes bytes;
   encode_cookie(bytes);
   encode_descriptions(bytes, senders);
-  encode_pose(bytes, std::int32_t(message.sender), message.timestamp, {v[0], v[1], v[2]}, {v[6], v[3], v[4], v[5]});
+  encode_pose(bytes, std::int32_t(message.sender), message.timestamp, {v[0], v[1], v[2]},
+              {v[6], v[3], v[4], v[5]});
   Reader reader(senders, largest);
   bool same = false;
   REQUIRE(reader.feed({bytes.data(), bytes.size()}, [&](const Message& again) {

@@ -62,8 +62,7 @@ void MessageFramer::finish(ByteView body, const Receive& receive) {
 
 bool MessageFramer::feed(ByteView bytes, const Receive& receive) {
   return cut(
-      bytes, [this](ByteView head) { begin_body(head); },
-      [&](ByteView body) { finish(body, receive); });
+      bytes, [this](ByteView head) { begin_body(head); }, [&](ByteView body) { finish(body, receive); });
 }
 
 }  // namespace burrlab::openigtlink

@@ -82,7 +82,7 @@ constexpr std::uint64_t most_faults = 16;    // dropped messages before a connec
 constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
-constexpr std::size_t most_calls = 16;      // of VRPN's clients in a second, and as many not yet answered
+constexpr std::size_t most_calls = 16;  // of VRPN's clients in a second, and as many not yet answered
 constexpr std::size_t udp_size = vrpn::pose_size + vrpn::velocity_size;  // of a burr and tick [bytes]
 constexpr std::int64_t grace = 3 * second;  // for a replica to come after its hello, or to come back
 
@@ -106,7 +106,9 @@ struct Publisher::Peer {
   int socket;
   openigtlink::MessageFramer framer{4096};
   std::unique_ptr<vrpn::Reader> vrpn;  // of a VRPN client
-  openigtlink::StreamCutter& cutter() { return vrpn ? static_cast<openigtlink::StreamCutter&>(*vrpn) : framer; }
+  openigtlink::StreamCutter& cutter() {
+    return vrpn ? static_cast<openigtlink::StreamCutter&>(*vrpn) : framer;
+  }
   bool connecting = false;     // called back, and not yet there
   PeerAddress address, poses;  // of a VRPN client, and where it awaits UDP packets
   std::uint32_t next_on_tcp = 0, next_on_udp = 0;
@@ -191,7 +193,8 @@ void Publisher::on_tick(const TickRecord& record) {
   status_.tick = record.index + 1;
 }
 
-/// Poses and velocities first: they may go over UDP. The velocity is the device's; it turned since the last tick.
+/// Poses and velocities first: they may go over UDP. The velocity is the device's; it turned since the last
+/// tick.
 void Publisher::encode_vrpn(const TickRecord& record, std::uint64_t timestamp) {
   scratch_.clear();
   for (std::uint32_t i = 0; vrpn_ && i < burrs_; ++i) {
@@ -378,7 +381,8 @@ void Publisher::call_back(Peers& peers) {
     int port = 0;
     const char* space = std::strchr(text, ' ');
     if (space) port = std::atoi(space + 1);
-    const auto waiting = std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->connecting; });
+    const auto waiting =
+        std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->connecting; });
     if (port < 1024 || port > 65535 || calls_ >= most_calls || std::size_t(waiting) >= most_calls ||
         peers.size() >= settings_.most_peers) {
       const std::lock_guard<std::mutex> lock(mutex_);
@@ -424,9 +428,9 @@ bool Publisher::read(Peer& peer) {
   peer.allowance -= std::size_t(got);
   const openigtlink::Counters before = peer.cutter().counters();
   const ByteView view{bytes, std::size_t(got)};
-  const bool whole =
-      peer.vrpn ? peer.vrpn->feed(view, [&](const vrpn::Message& message) { hear(peer, message); })
-                : peer.framer.feed(view, [&](const Message& message) { hear(peer, message); });
+  const bool whole = peer.vrpn
+                         ? peer.vrpn->feed(view, [&](const vrpn::Message& message) { hear(peer, message); })
+                         : peer.framer.feed(view, [&](const Message& message) { hear(peer, message); });
   const openigtlink::Counters& now = peer.cutter().counters();
   const std::lock_guard<std::mutex> lock(mutex_);
   status_.received.messages += now.messages - before.messages;
@@ -563,8 +567,9 @@ std::uint64_t Publisher::next_ticks(Peer& peer, const TickLog& log) {
 }
 
 bool Publisher::refill_vrpn(Peer& peer) {
+  if (!peer.vrpn->greeted()) return true;
   const std::size_t over_udp = peer.poses.size ? udp_size * burrs_ : 0;
-  for (const std::uint64_t until = next_ticks(peer, vrpn_log_); peer.vrpn->greeted() && peer.tick < until; ++peer.tick) {
+  for (const std::uint64_t until = next_ticks(peer, vrpn_log_); peer.tick < until; ++peer.tick) {
     std::uint64_t from = 0, to = 0;
     if (!vrpn_log_.place_of(peer.tick, from) || !vrpn_log_.place_of(peer.tick + 1, to)) continue;
     if (over_udp) {

@@ -127,8 +127,8 @@ PeerAddress PeerAddress::with_port(int port) const {
 
 namespace {
 
-static_assert(sizeof(sockaddr_in) <= 28 && sizeof(sockaddr_in6) <= 28 && offsetof(sockaddr_in, sin_port) == 2 &&
-              offsetof(sockaddr_in6, sin6_port) == 2);
+static_assert(sizeof(sockaddr_in) <= 28 && sizeof(sockaddr_in6) <= 28 &&
+              offsetof(sockaddr_in, sin_port) == 2 && offsetof(sockaddr_in6, sin6_port) == 2);
 
 /// Calls `fill(sockaddr*, socklen_t*)`, which writes an address.
 template <class Fill>
@@ -179,7 +179,8 @@ UdpSocket::UdpSocket(const TcpServer& beside) {
   if (failed) {
     const std::string reason = text_of(last_error());
     TcpServer::close(socket_);
-    throw std::invalid_argument("port must be free for UDP too, got " + std::to_string(beside.port()) + ": " + reason);
+    throw std::invalid_argument("port must be free for UDP too, got " + std::to_string(beside.port()) + ": " +
+                                reason);
   }
   set_flags(socket_);
 }
@@ -192,7 +193,8 @@ long UdpSocket::receive(std::uint8_t* into, std::size_t room, PeerAddress& from)
 
 bool UdpSocket::send(const PeerAddress& to, const std::uint8_t* bytes, std::size_t size) noexcept {
   return used(to, [&](int, const sockaddr* at, socklen_t length) {
-    return ::sendto(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL, at, length) == long(size);
+    return ::sendto(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL, at, length) ==
+           long(size);
   });
 }
 

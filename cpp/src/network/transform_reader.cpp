@@ -97,7 +97,9 @@ const Vec3& VelocityEstimate::next(const Vec3& position, std::uint64_t timestamp
 }
 
 TransformReader::TransformReader(const std::string& host, int port, std::string device_name, Receive receive)
-    : StreamReader(host, port), device_name_(checked_name(std::move(device_name))), receive_(std::move(receive)) {
+    : StreamReader(host, port),
+      device_name_(checked_name(std::move(device_name))),
+      receive_(std::move(receive)) {
   begin();
 }
 

@@ -39,7 +39,8 @@ void append(Bytes& out, std::int32_t sender, std::int32_t type, std::uint64_t ti
   std::uint8_t* head = out.data() + at;
   put(head, std::uint32_t(size));
   put(head + 4, std::uint32_t(timestamp >> 32));
-  put(head + 8, std::uint32_t(std::min<std::uint64_t>(((timestamp & 0xFFFFFFFF) * 1000000 + 0x80000000) >> 32, 999999)));
+  put(head + 8, std::uint32_t(std::min<std::uint64_t>(((timestamp & 0xFFFFFFFF) * 1000000 + 0x80000000) >> 32,
+                                                      999999)));
   put(head + 12, std::uint32_t(sender));
   put(head + 16, std::uint32_t(type));
 }
@@ -198,13 +199,13 @@ void Reader::describe(const Head& head, ByteView payload, Message& message, Drop
   message.text = {reinterpret_cast<const char*>(text.data), size - 1};
   if (head.type == type_description) {
     const auto* at = std::find(names, names + named_kinds, message.text);
-    kind_of_[std::size_t(head.sender)] = std::uint8_t(at < names + named_kinds ? Kind(at - names) : Kind::none);
+    kind_of_[std::size_t(head.sender)] =
+        std::uint8_t(at < names + named_kinds ? Kind(at - names) : Kind::none);
     return;
   }
   message.kind = Kind::sender;
   const auto at = std::find(senders_.begin(), senders_.end(), message.text);
-  sender_of_[std::size_t(head.sender)] =
-      std::uint8_t(at == senders_.end() ? 0 : 1 + (at - senders_.begin()));
+  sender_of_[std::size_t(head.sender)] = std::uint8_t(at == senders_.end() ? 0 : 1 + (at - senders_.begin()));
 }
 
 Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
@@ -219,7 +220,8 @@ Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
     message.kind = Kind::udp;
   }
   if (head.type < 0) return Drop::none;  // log files, and those to come
-  if (std::size_t(head.type) >= most_numbers || kind_of_[std::size_t(head.type)] == std::uint8_t(Kind::none)) {
+  if (std::size_t(head.type) >= most_numbers ||
+      kind_of_[std::size_t(head.type)] == std::uint8_t(Kind::none)) {
     ++other_type_;
     return Drop::none;
   }
@@ -247,7 +249,8 @@ Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
       break;
     }
     case Kind::buttons: {
-      if (payload.size < 4 || (payload.size - 4) / 4 != get<std::uint32_t>(payload.data)) return Drop::bad_length;
+      if (payload.size < 4 || (payload.size - 4) / 4 != get<std::uint32_t>(payload.data))
+        return Drop::bad_length;
       for (std::size_t i = 0; i < 32 && 8 + 4 * i <= payload.size; ++i)
         if (get<std::uint32_t>(payload.data + 4 + 4 * i)) message.pressed |= 1u << i;
       break;

@@ -32,12 +32,14 @@ VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const V
       tracker_(checked_tracker(name)),
       server_(host + ":" + std::to_string(settings.port)),
       reader_({name}) {
-  if (settings.on_button < -1 || settings.on_button > 7) refuse("on_button", "0 to 7, or None", settings.on_button);
+  if (settings.on_button < -1 || settings.on_button > 7)
+    refuse("on_button", "0 to 7, or None", settings.on_button);
   begin();
 }
 
 void VrpnDevice::start(double period) {
-  if (stopped()) throw std::invalid_argument("VrpnDevice must be new: its connection was closed after a session");
+  if (stopped())
+    throw std::invalid_argument("VrpnDevice must be new: its connection was closed after a session");
   MailboxDevice::start(period);
 }
 
@@ -71,7 +73,6 @@ bool VrpnDevice::open() {
   std::string address;
   const int port = settings_.tcp ? 0 : client_.open_datagrams(address);
   if (port) vrpn::encode_udp(hello, address, port);
-  say("");
   return client_.send(hello.data(), hello.size());
 }
 
@@ -94,7 +95,8 @@ void VrpnDevice::restart() {
   const bool broken = reader_.broken();
   reader_.restart();
   const bool within = reader_.counters()[Drop::truncated] > before;
-  if (!broken && !stopped()) say("the connection to " + server_ + " ended" + (within ? " within a message" : ""));
+  if (!broken && !stopped())
+    say("the connection to " + server_ + " ended" + (within ? " within a message" : ""));
 }
 
 void VrpnDevice::count(ReaderCounters& counters) const {
@@ -109,7 +111,9 @@ void VrpnDevice::take(const vrpn::Message& message) {
   using vrpn::Kind;
   switch (message.kind) {
     case Kind::cookie:
-      if (!reader_.greeted())
+      if (reader_.greeted())
+        say("");
+      else
         say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) + "'");
       return;
     case Kind::sender: {

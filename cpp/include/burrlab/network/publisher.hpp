@@ -76,9 +76,9 @@ struct PublisherStatus {
   std::uint64_t too_many_faults = 0;  ///< connections closed after 16 dropped messages
   std::uint64_t out_of_range = 0;     ///< positions too far for a TRANSFORM
   std::uint64_t bytes_sent = 0;
-  std::uint64_t vrpn_peers = 0;   ///< connected VRPN clients
-  std::uint64_t vrpn_calls = 0;   ///< connections begun because a VRPN client asked for it by UDP
-  std::uint64_t datagrams = 0;    ///< UDP packets sent
+  std::uint64_t vrpn_peers = 0;    ///< connected VRPN clients
+  std::uint64_t vrpn_calls = 0;    ///< connections begun because a VRPN client asked for it by UDP
+  std::uint64_t datagrams = 0;     ///< UDP packets sent
   openigtlink::Counters received;  ///< messages of all peers, and drops by reason
 };
 
@@ -121,7 +121,7 @@ class Publisher : public TickListener {
   bool accept_all(Peers& peers, TcpServer& server);  // false: the system has no room
   bool admit(Peers& peers, std::unique_ptr<Peer> peer);
   void call_back(Peers& peers);  // VRPN's clients that ask for it
-  bool read(Peer& peer);          // false: the connection must be closed; also the next two
+  bool read(Peer& peer);         // false: the connection must be closed; also the next two
   bool write(Peer& peer);
   bool refill(Peer& peer);
   bool refill_standard(Peer& peer);

@@ -23,7 +23,8 @@ class TcpClient {
   bool connect(double timeout = 1.0);
   /// Asks a VRPN server by UDP to connect to this machine, and waits for it; only that server is let in.
   bool be_called(double timeout = 1.0);
-  /// Awaits UDP packets of the server, at the address of the connection; returns the port, 0 if there is none.
+  /// Awaits UDP packets of the server, at the address of the connection; returns the port, 0 if there is
+  /// none.
   int open_datagrams(std::string& address);
   /// Waits for bytes, at most `timeout` [s] (below 0: without limit); 0 if none came, the connection ended or
   /// the client was stopped. With `datagram`, also for a UDP packet, and tells which it was.

@@ -25,8 +25,8 @@ class TcpServer {
     bool readable = false, writable = false;  ///< found; an ended connection is readable
   };
 
-  /// Listens; port 0 is any free one, -1 none at all. `send_buffer`: the system's, for each connection [bytes]. Throws
-  /// std::invalid_argument if the address cannot be used.
+  /// Listens; port 0 is any free one, -1 none at all. `send_buffer`: the system's, for each connection
+  /// [bytes]. Throws std::invalid_argument if the address cannot be used.
   TcpServer(const std::string& host, int port, int send_buffer);
   ~TcpServer();
   TcpServer(const TcpServer&) = delete;

@@ -35,8 +35,8 @@ struct ReaderCounters {
   std::uint64_t lost = 0;          ///< messages over UDP that did not come, or came too late
 };
 
-/// Reads from a server, in its own thread. If the connection ends or its framing is lost, connects again after
-/// 0.1 s; the pause doubles up to 1 s until messages come again.
+/// Reads from a server, in its own thread. If the connection ends or its framing is lost, connects again
+/// after 0.1 s; the pause doubles up to 1 s until messages come again.
 class StreamReader {
  public:
   virtual ~StreamReader() = default;
@@ -74,7 +74,8 @@ class StreamReader {
 /// of their arrivals if there are none; for analysis and coupling only.
 class VelocityEstimate {
  public:
-  /// Velocity [mm/s] at the next position [mm]; `timestamp` in 32.32 fixed point [s], 0 is none; `arrival` [ns].
+  /// Velocity [mm/s] at the next position [mm]; `timestamp` in 32.32 fixed point [s], 0 is none; `arrival`
+  /// [ns].
   const Vec3& next(const Vec3& position, std::uint64_t timestamp, std::uint64_t arrival);
 
  private:

@@ -22,7 +22,19 @@ constexpr std::size_t pose_size = header_size + 64, velocity_size = header_size 
 constexpr std::size_t force_size = header_size + 24;
 
 /// What a message is. The first are types by name; ours have the number of their place, from 0.
-enum class Kind : std::uint8_t { pose, velocity, button, buttons, force, ping, pong, cookie, sender, udp, none };
+enum class Kind : std::uint8_t {
+  pose,
+  velocity,
+  button,
+  buttons,
+  force,
+  ping,
+  pong,
+  cookie,
+  sender,
+  udp,
+  none
+};
 constexpr std::size_t named_kinds = std::size_t(Kind::cookie);
 
 /// An intact message. The text is a view into the reader's buffer.
@@ -49,7 +61,7 @@ class Reader : public openigtlink::StreamCutter {
   bool feed(ByteView bytes, const Receive& receive);
   /// One UDP packet, of whole messages; what is left of a broken one is dropped.
   void feed_datagram(ByteView bytes, const Receive& receive);
-  void restart();  ///< for a new connection
+  void restart();                            ///< for a new connection
   bool greeted() const { return greeted_; }  ///< its cookie has come
   std::uint64_t other_type() const { return other_type_; }
   std::uint64_t other_sender() const { return other_sender_; }

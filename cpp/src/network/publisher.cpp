@@ -82,7 +82,8 @@ constexpr std::uint64_t most_faults = 16;    // dropped messages before a connec
 constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
-constexpr std::size_t most_calls = 16;  // of VRPN's clients in a second, and as many not yet answered
+constexpr std::size_t most_calls =
+    16;  // requests of VRPN's clients read in a second, and calls not yet taken
 constexpr std::size_t udp_size = vrpn::pose_size + vrpn::velocity_size;  // of a burr and tick [bytes]
 constexpr std::int64_t grace = 3 * second;  // for a replica to come after its hello, or to come back
 
@@ -296,11 +297,16 @@ void Publisher::run() {
   std::vector<TcpServer::Interest> interests;
   bool room = true;
   while (!stopping_.load()) {
+    if (steady_now() - last_calls_ > second) {
+      last_calls_ = steady_now();
+      calls_ = 0;
+    }
     interests.clear();
     for (const auto& peer : peers)
       interests.push_back({peer->socket, !peer->closing && peer->allowance > 0, !peer->idle()});
     if (vrpn_)
-      for (const int socket : {room ? vrpn_->server.socket() : -1, vrpn_->datagrams.socket()})
+      for (const int socket :
+           {room ? vrpn_->server.socket() : -1, calls_ < most_calls ? vrpn_->datagrams.socket() : -1})
         interests.push_back({socket, true, false});
     const bool knocking = server_.wait(interests, room, 20);
     waking_.store(false);
@@ -367,31 +373,24 @@ bool Publisher::admit(Peers& peers, std::unique_ptr<Peer> peer) {
 /// A client asks with "host port". Only the port is used: whoever asks is called at the address that asks, as
 /// another one may not want it.
 void Publisher::call_back(Peers& peers) {
-  const std::int64_t now = steady_now();
-  if (now - last_calls_ > second) {
-    last_calls_ = now;
-    calls_ = 0;
-  }
   char text[200];
   PeerAddress from;
-  for (int i = 0; i < 64; ++i) {
+  while (calls_ < most_calls) {
     const long size = vrpn_->datagrams.receive(reinterpret_cast<std::uint8_t*>(text), sizeof text - 1, from);
     if (size < 0) return;
+    ++calls_;
     text[size] = 0;
-    int port = 0;
     const char* space = std::strchr(text, ' ');
-    if (space) port = std::atoi(space + 1);
-    const auto waiting =
-        std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->connecting; });
-    if (port < 1024 || port > 65535 || calls_ >= most_calls || std::size_t(waiting) >= most_calls ||
-        peers.size() >= settings_.most_peers) {
+    const int port = space ? std::atoi(space + 1) : 0;
+    const bool fits = port >= 1024 && port <= 65535;
+    const bool room = std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->connecting; }) <
+                      std::ptrdiff_t(most_calls);
+    const int socket = fits && room ? TcpServer::connect(from.with_port(port), send_buffer) : -1;
+    if (socket < 0) {
       const std::lock_guard<std::mutex> lock(mutex_);
       ++status_.refused;
       continue;
     }
-    ++calls_;
-    const int socket = TcpServer::connect(from.with_port(port), send_buffer);
-    if (socket < 0) continue;
     auto peer = std::make_unique<Peer>(socket);
     peer->vrpn = std::make_unique<vrpn::Reader>(names_of(burrs_), 4096);
     peer->address = from;

@@ -143,7 +143,7 @@ class Publisher : public TickListener {
   double period_ = 1.0;  // [ms]
   TcpServer server_;
   std::unique_ptr<VrpnPort> vrpn_;
-  std::int64_t last_calls_ = 0;  // the second in which `calls_` were made [ns]
+  std::int64_t last_calls_ = 0;  // the second in which `calls_` requests were read [ns]
   std::size_t calls_ = 0;
   std::atomic<bool> stopping_{false}, waking_{false};
   std::atomic<std::size_t> connected_{0};

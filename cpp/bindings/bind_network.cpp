@@ -24,7 +24,8 @@ py::dict to_dict(const PublisherStatus& s) {
       "stalled"_a = s.stalled, "hellos"_a = s.hellos, "by_ticks"_a = s.by_ticks, "by_bricks"_a = s.by_bricks,
       "bad_words"_a = s.bad_words, "ignored"_a = s.ignored, "framing_lost"_a = s.framing_lost,
       "too_many_faults"_a = s.too_many_faults, "out_of_range"_a = s.out_of_range,
-      "bytes_sent"_a = s.bytes_sent, "messages"_a = s.received.messages, "dropped"_a = to_dict(s.received));
+      "bytes_sent"_a = s.bytes_sent, "vrpn_peers"_a = s.vrpn_peers, "vrpn_calls"_a = s.vrpn_calls,
+      "datagrams"_a = s.datagrams, "messages"_a = s.received.messages, "dropped"_a = to_dict(s.received));
 }
 
 py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
@@ -51,18 +52,23 @@ void bind_publisher(py::module_& m) {
   const PublisherSettings defaults;
   py::class_<BoundPublisher>(
       m, "Publisher",
-      "Sends a follower's ticks to standard OpenIGTLink peers and to replicas. Nobody waits for a peer. "
+      "Sends a follower's ticks to standard OpenIGTLink peers, to replicas and to VRPN clients. Nobody "
+      "waits. "
       "There is no authentication: whoever reaches the port may read. The follower must not be started yet. "
-      "`port` 0 is any free one; `hello` is JSON about the session; `log` is the time of ticks kept for "
+      "`port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is JSON about the "
+      "session; `log` is the time of ticks kept for "
       "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
       "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
       "ValueError if the address or a setting cannot be used.")
-      .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host, int port,
-                       const std::string& hello, int header_version, double log, std::size_t most_peers,
-                       std::size_t most_behind, std::uint64_t thin_after) {
+      .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host,
+                       std::optional<int> port, const std::string& hello, int header_version, double log,
+                       std::size_t most_peers, std::size_t most_behind, std::uint64_t thin_after,
+                       std::optional<int> vrpn) {
              if (!follower) throw std::invalid_argument("follower must be a Follower, got None");
-             const PublisherSettings settings{host, port,       hello,       header_version,
-                                              log,  most_peers, most_behind, thin_after};
+             if (std::min(port.value_or(0), vrpn.value_or(0)) < 0) refuse("port", "0 to 65535, or None", -1);
+             const PublisherSettings settings{
+                 host,       port.value_or(-1), hello,      header_version,   log,
+                 most_peers, most_behind,       thin_after, vrpn.value_or(-1)};
              auto publisher = std::make_shared<Publisher>(*follower, settings);
              follower->add(publisher);
              return BoundPublisher{follower, publisher};
@@ -70,9 +76,12 @@ void bind_publisher(py::module_& m) {
            "follower"_a, py::kw_only(), "host"_a = defaults.host, "port"_a = defaults.port,
            "hello"_a = defaults.hello, "header_version"_a = defaults.header_version, "log"_a = defaults.log,
            "most_peers"_a = defaults.most_peers, "most_behind"_a = defaults.most_behind,
-           "thin_after"_a = defaults.thin_after)
+           "thin_after"_a = defaults.thin_after, "vrpn"_a = py::none())
       .def_property_readonly(
-          "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens here.")
+          "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens here; 0: nowhere.")
+      .def_property_readonly(
+          "vrpn_port", [](const BoundPublisher& p) { return p.publisher->vrpn_port(); },
+          "It listens to VRPN's clients here; 0: nowhere.")
       .def_property_readonly("host", [](const BoundPublisher& p) { return p.publisher->settings().host; })
       .def_property_readonly(
           "session", [](const BoundPublisher& p) { return p.publisher->session(); },
@@ -84,7 +93,8 @@ void bind_publisher(py::module_& m) {
           "replicas), stalled (peers that took nothing for 5 s), hellos (asked only for the hello), by_ticks "
           "and by_bricks (replicas that continued), bad_words, ignored (messages without use), framing_lost, "
           "too_many_faults (connections closed), out_of_range (positions not sent), bytes_sent, messages, "
-          "dropped {reason: messages}")
+          "vrpn_peers (connected), vrpn_calls (clients called back), datagrams (sent over UDP), dropped "
+          "{reason: messages}")
       .def(
           "finish",
           [](const BoundPublisher& p, const std::string& reason, bool failed, double linger) {

@@ -270,10 +270,94 @@ ValueError
       .def("stop", &IgtlDevice::stop, no_gil, "Ends the connection.");
 }
 
+void bind_vrpn_reader(py::module_& m) {
+  using Reader = burrlab::vrpn::Reader;
+  const auto read = [](Reader& reader, const py::bytes& data, bool datagram) {
+    py::list out;
+    const Reader::Receive receive = [&](const burrlab::vrpn::Message& one) {
+      out.append(py::make_tuple(int(one.kind), one.sender, one.number, one.pressed, one.values,
+                                timestamp_seconds(one.timestamp), to_text(one.text)));
+    };
+    if (datagram)
+      reader.feed_datagram(view_of(data), receive);
+    else
+      reader.feed(view_of(data), receive);
+    return out;
+  };
+  py::class_<Reader>(
+      m, "VrpnReader",
+      "Reads a VRPN peer's cookie and messages: (kind, sender, number, pressed, values, time [s], "
+      "text); for tests.")
+      .def(py::init<std::vector<std::string>, std::size_t>(), "senders"_a, "largest_payload"_a = 65536)
+      .def(
+          "feed", [=](Reader& r, const py::bytes& data) { return read(r, data, false); }, "data"_a)
+      .def(
+          "feed_datagram", [=](Reader& r, const py::bytes& data) { return read(r, data, true); }, "data"_a)
+      .def_property_readonly("broken", &Reader::broken)
+      .def_property_readonly("other_sender", &Reader::other_sender)
+      .def_property_readonly("other_type", &Reader::other_type)
+      .def_property_readonly("lost", &Reader::lost)
+      .def_property_readonly("counters", [](const Reader& r) { return counts_of(r.counters()); });
+}
+
+void bind_vrpn_device(py::module_& m) {
+  py::class_<VrpnDevice, MailboxDevice, std::shared_ptr<VrpnDevice>>(
+      m, "VrpnDevice",
+      R"doc(A device that sensor 0 of a VRPN server's Tracker, and the Buttons of that name, drive.
+
+VRPN's metres become millimetres. It states no axes: they are the bone's, unless the session's frame turns
+them. Without Velocity messages the velocity is the difference of two poses over that of their time stamps.
+
+Parameters
+----------
+name : str
+    Of the Tracker.
+host : str
+    Name or address of the server.
+port : int
+    Its port.
+tcp : bool
+    Connect directly and do without UDP, as through a tunnel. Default: ask the server by UDP to connect to this
+    machine, as VRPN does; poses then come over UDP.
+on_button : int, optional
+    The burr turns while this button, 0 to 7, is pressed; default always.
+lost_after : float
+    Age at which a position is lost, and the session stops [ms].
+
+Raises
+------
+ValueError
+    If the host has no address, the port is not 1 to 65535, the name is empty or has over 99 bytes, the button
+    is not 0 to 7 or `lost_after` is not positive.
+)doc")
+      .def(py::init([](const std::string& name, const std::string& host, int port, bool tcp,
+                       std::optional<int> on_button, double lost_after) {
+             if (on_button && *on_button < 0) burrlab::refuse("on_button", "0 to 7, or None", *on_button);
+             const VrpnSettings settings{port, tcp, on_button.value_or(-1), lost_after};
+             return std::make_shared<VrpnDevice>(name, host, settings);
+           }),
+           "name"_a, "host"_a, "port"_a = burrlab::vrpn::default_port, py::kw_only(), "tcp"_a = false,
+           "on_button"_a = py::none(), "lost_after"_a = 100.0, no_gil)
+      .def_property_readonly("connected", &VrpnDevice::connected)
+      .def_property_readonly(
+          "counters",
+          [](const VrpnDevice& d) {
+            const ReaderCounters counters = d.counters();
+            auto out = counts_of(counters);
+            out["datagrams"] = counters.datagrams;
+            out["lost"] = counters.lost;
+            return out;
+          },
+          "Poses, drops by reason, connections, UDP packets and messages lost over UDP; a copy.")
+      .def("stop", &VrpnDevice::stop, no_gil, "Ends the connection.");
+}
+
 }  // namespace
 
 void bind_openigtlink(py::module_& m) {
   bind_encoders(m);
   bind_framer(m);
   bind_igtl_device(m);
+  bind_vrpn_reader(m);
+  bind_vrpn_device(m);
 }

@@ -16,6 +16,7 @@ from burrlab._core import Tissue as Tissue
 from burrlab._core import Tissues as Tissues
 from burrlab._core import TouchDevice as TouchDevice
 from burrlab._core import VoxelBone as VoxelBone
+from burrlab._core import VrpnDevice as VrpnDevice
 from burrlab._core import __version__ as __version__
 from burrlab._core import elastic_force as elastic_force
 from burrlab._core import erode as erode

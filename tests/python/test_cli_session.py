@@ -53,7 +53,7 @@ def test_script_and_two_burrs(tmp_path, capsys):
     [
         (
             ["--device", "mouse"],
-            "--device must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT], got 'mouse'",
+            "--device must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or vrpn:NAME@[tcp://]HOST[:PORT], got 'mouse'",
         ),
         (["--device", "igtl:nowhere"], "--device igtl: must be HOST:PORT, got 'nowhere'"),
         (["--device", "scripted:none.csv"], "none.csv"),
@@ -74,7 +74,7 @@ def test_script_and_two_burrs(tmp_path, capsys):
         (["--device", "hand", "--radius", "0.3"], "radius must be at least 4 voxels"),
         (["--device", "hand", "--record", "/nowhere/t.h5"], "--record: /nowhere/t.h5 cannot be written"),
         (["--device", "hand", "--voxel", "0.001"], "--voxel makes a block of 9e+12 voxels"),
-        (["--device", "hand", "--host", "127.0.0.1"], "--host goes with --publish"),
+        (["--device", "hand", "--host", "127.0.0.1"], "--host goes with --publish or --vrpn"),
         ([], "the following arguments are required: --device"),
         (["--device", "hand", "--web", "--view"], "argument --view: not allowed with argument --web"),
         (["--device", "hand", "--web", "65536"], "must be a port, 0 to 65535, got '65536'"),

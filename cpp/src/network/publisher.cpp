@@ -37,6 +37,7 @@ PublisherSettings checked(const PublisherSettings& settings) {
   if (settings.most_behind < 1024) refuse("most_behind", "at least 1024 bytes", double(settings.most_behind));
   if (settings.thin_after < 1 || settings.thin_after >= poses_kept)
     refuse("thin_after", "1 to 1023 ticks", double(settings.thin_after));
+  if (settings.vrpn < -1 || settings.vrpn > 65535) refuse("vrpn", "0 to 65535", settings.vrpn);
   return settings;
 }
 
@@ -44,6 +45,11 @@ std::size_t ticks_of_log(double seconds, double period) {
   const double ticks = std::ceil(seconds * 1e3 / period);
   if (!(ticks <= 2e6)) refuse("ticks of the log", "at most 2000000", ticks);
   return std::size_t(ticks);
+}
+
+const std::vector<std::string>& names_of(std::uint32_t burrs) {
+  static const std::vector<std::string> one{"burrlab_burr_0"}, two{"burrlab_burr_0", "burrlab_burr_1"};
+  return burrs == 1 ? one : two;
 }
 
 std::uint64_t random_number() {
@@ -76,6 +82,9 @@ constexpr std::uint64_t most_faults = 16;    // dropped messages before a connec
 constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
+constexpr std::size_t most_calls =
+    16;  // requests of VRPN's clients read in a second, and calls not yet taken
+constexpr std::size_t udp_size = vrpn::pose_size + vrpn::velocity_size;  // of a burr and tick [bytes]
 constexpr std::int64_t grace = 3 * second;  // for a replica to come after its hello, or to come back
 
 }  // namespace
@@ -97,6 +106,13 @@ struct Publisher::Peer {
 
   int socket;
   openigtlink::MessageFramer framer{4096};
+  std::unique_ptr<vrpn::Reader> vrpn;  // of a VRPN client
+  openigtlink::StreamCutter& cutter() {
+    return vrpn ? static_cast<openigtlink::StreamCutter&>(*vrpn) : framer;
+  }
+  bool connecting = false;     // called back, and not yet there
+  PeerAddress address, poses;  // of a VRPN client, and where it awaits UDP packets
+  std::uint32_t next_on_tcp = 0, next_on_udp = 0;
   openigtlink::Bytes pending;  // bytes to send, the first `sent` of them sent
   std::size_t sent = 0;
   bool closing = false;  // once they are sent
@@ -125,11 +141,15 @@ Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
       burrs_(std::uint32_t(Beginning(follower).burrs)),
       server_(settings.host, settings.port, send_buffer),
       log_(1, 1, 0),
-      poses_(poses_kept * largest_pose * burrs_, poses_kept, 0) {
+      poses_(poses_kept * largest_pose * burrs_, poses_kept, 0),
+      vrpn_log_(poses_kept * (udp_size + vrpn::force_size) * burrs_, poses_kept, 0) {
+  if (settings.vrpn >= 0) vrpn_.reset(new VrpnPort{{settings.host, settings.vrpn, send_buffer}});
   const Beginning begin(follower);
   const std::size_t ticks = ticks_of_log(settings.log, begin.period);
   log_ = TickLog(ticks * (largest_head + largest_burr * burrs_) + 65536, ticks, begin.tick);
   poses_.restart(begin.tick);
+  vrpn_log_.restart(begin.tick);
+  period_ = begin.period;
   hello_ = {replica_protocol::version, session_, begin.tick, begin.digest, settings.hello};
   digest_tick_ = begin.tick;
   status_.tick = begin.tick;
@@ -170,7 +190,28 @@ void Publisher::on_tick(const TickRecord& record) {
     encode_sensor(scratch_, envelope, force, 3);
   }
   poses_.append_tick({scratch_.data(), scratch_.size()});
+  encode_vrpn(record, envelope.timestamp);
   status_.tick = record.index + 1;
+}
+
+/// Poses and velocities first: they may go over UDP. The velocity is the device's; it turned since the last
+/// tick.
+void Publisher::encode_vrpn(const TickRecord& record, std::uint64_t timestamp) {
+  scratch_.clear();
+  for (std::uint32_t i = 0; vrpn_ && i < burrs_; ++i) {
+    const BurrRecord& burr = record.burr[i];
+    const Vec3 center(burr.center.data()), velocity(burr.device_velocity.data());
+    const Eigen::Quaterniond now = to_eigen(burr.orientation);
+    const Eigen::Quaterniond turn = last_turn_[i] == Quaternion{} ? Eigen::Quaterniond::Identity()
+                                                                  : now * to_eigen(last_turn_[i]).conjugate();
+    last_turn_[i] = burr.orientation;
+    vrpn::encode_pose(scratch_, std::int32_t(i), timestamp, 1e-3 * center, burr.orientation);
+    vrpn::encode_velocity(scratch_, std::int32_t(i), timestamp, 1e-3 * velocity,
+                          {turn.w(), turn.x(), turn.y(), turn.z()}, 1e-3 * period_ * record.k);
+  }
+  for (std::uint32_t i = 0; vrpn_ && i < burrs_; ++i)
+    vrpn::encode_force(scratch_, std::int32_t(i), timestamp, Vec3(record.burr[i].force.data()));
+  vrpn_log_.append_tick({scratch_.data(), scratch_.size()});
 }
 
 void Publisher::on_digest(std::uint64_t tick, const Hash128& digest) {
@@ -187,6 +228,8 @@ void Publisher::on_rebuild(std::uint64_t tick) {
   if (tick == log_.next()) return;
   log_.restart(tick);
   poses_.restart(tick);
+  vrpn_log_.restart(tick);
+  last_turn_ = {};
   status_.tick = tick;
 }
 
@@ -254,9 +297,17 @@ void Publisher::run() {
   std::vector<TcpServer::Interest> interests;
   bool room = true;
   while (!stopping_.load()) {
+    if (steady_now() - last_calls_ > second) {
+      last_calls_ = steady_now();
+      calls_ = 0;
+    }
     interests.clear();
     for (const auto& peer : peers)
       interests.push_back({peer->socket, !peer->closing && peer->allowance > 0, !peer->idle()});
+    if (vrpn_)
+      for (const int socket :
+           {room ? vrpn_->server.socket() : -1, calls_ < most_calls ? vrpn_->datagrams.socket() : -1})
+        interests.push_back({socket, true, false});
     const bool knocking = server_.wait(interests, room, 20);
     waking_.store(false);
     const std::int64_t now = steady_now();
@@ -266,14 +317,18 @@ void Publisher::run() {
         peer.allowance = chunk;
         peer.last_allowance = now;
       }
+      if (interests[i].readable || interests[i].writable) peer.connecting = false;
       const bool alive = (!interests[i].readable || read(peer)) && write(peer);
       if (!alive) leave(peers[i], now);
     }
     peers.erase(std::remove(peers.begin(), peers.end(), nullptr), peers.end());
-    room = knocking ? accept_all(peers) : true;
+    room = !knocking || accept_all(peers, server_);
+    if (vrpn_ && interests[interests.size() - 2].readable) room = accept_all(peers, vrpn_->server) && room;
+    if (vrpn_ && interests.back().readable) call_back(peers);
     count_peers(peers);
   }
   server_.stop_listening();
+  vrpn_.reset();
   peers.clear();
   count_peers(peers);
 }
@@ -287,22 +342,64 @@ void Publisher::leave(std::unique_ptr<Peer>& peer, std::int64_t now) {
   peer.reset();
 }
 
-bool Publisher::accept_all(Peers& peers) {
+bool Publisher::accept_all(Peers& peers, TcpServer& server) {
   for (int i = 0; i < 64; ++i) {
     int socket = -1;
-    const TcpServer::Accepted accepted = server_.accept(socket);
+    const TcpServer::Accepted accepted = server.accept(socket);
     if (accepted != TcpServer::Accepted::connection) return accepted == TcpServer::Accepted::none;
     auto peer = std::make_unique<Peer>(socket);
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (peers.size() >= settings_.most_peers) {
+    if (&server != &server_) {
+      peer->vrpn = std::make_unique<vrpn::Reader>(names_of(burrs_), 4096);
+      peer->address = TcpServer::peer_of(socket);
+    }
+    admit(peers, std::move(peer));
+  }
+  return true;
+}
+
+bool Publisher::admit(Peers& peers, std::unique_ptr<Peer> peer) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (peers.size() >= settings_.most_peers) {
+    ++status_.refused;
+    return false;
+  }
+  ++status_.accepted;
+  if (peer->vrpn) vrpn::encode_cookie(peer->pending);
+  peer->tick = poses_.next();
+  peers.push_back(std::move(peer));
+  return true;
+}
+
+/// A client asks with "host port". Only the port is used: whoever asks is called at the address that asks, as
+/// another one may not want it.
+void Publisher::call_back(Peers& peers) {
+  char text[200];
+  PeerAddress from;
+  while (calls_ < most_calls) {
+    const long size = vrpn_->datagrams.receive(reinterpret_cast<std::uint8_t*>(text), sizeof text - 1, from);
+    if (size < 0) return;
+    ++calls_;
+    text[size] = 0;
+    const char* space = std::strchr(text, ' ');
+    const int port = space ? std::atoi(space + 1) : 0;
+    const bool fits = port >= 1024 && port <= 65535;
+    const bool room = std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->connecting; }) <
+                      std::ptrdiff_t(most_calls);
+    const int socket = fits && room ? TcpServer::connect(from.with_port(port), send_buffer) : -1;
+    if (socket < 0) {
+      const std::lock_guard<std::mutex> lock(mutex_);
       ++status_.refused;
       continue;
     }
-    ++status_.accepted;
-    peer->tick = poses_.next();
-    peers.push_back(std::move(peer));
+    auto peer = std::make_unique<Peer>(socket);
+    peer->vrpn = std::make_unique<vrpn::Reader>(names_of(burrs_), 4096);
+    peer->address = from;
+    peer->connecting = true;
+    if (admit(peers, std::move(peer))) {
+      const std::lock_guard<std::mutex> lock(mutex_);
+      ++status_.vrpn_calls;
+    }
   }
-  return true;
 }
 
 void Publisher::count_peers(const Peers& peers) {
@@ -311,6 +408,8 @@ void Publisher::count_peers(const Peers& peers) {
   status_.replicas = std::uint64_t(
       std::count_if(peers.begin(), peers.end(), [](const auto& peer) { return peer->replica; }));
   status_.standard_peers = peers.size() - status_.replicas;
+  status_.vrpn_peers = std::uint64_t(
+      std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->vrpn && p->vrpn->greeted(); }));
   const std::int64_t now = steady_now();
   missing_.erase(std::remove_if(missing_.begin(), missing_.end(), [now](auto until) { return until < now; }),
                  missing_.end());
@@ -326,10 +425,12 @@ bool Publisher::read(Peer& peer) {
   if (got < 0) return false;
   if (got == 0) return true;
   peer.allowance -= std::size_t(got);
-  const openigtlink::Counters before = peer.framer.counters();
-  const bool whole =
-      peer.framer.feed({bytes, std::size_t(got)}, [&](const Message& message) { hear(peer, message); });
-  const openigtlink::Counters& now = peer.framer.counters();
+  const openigtlink::Counters before = peer.cutter().counters();
+  const ByteView view{bytes, std::size_t(got)};
+  const bool whole = peer.vrpn
+                         ? peer.vrpn->feed(view, [&](const vrpn::Message& message) { hear(peer, message); })
+                         : peer.framer.feed(view, [&](const Message& message) { hear(peer, message); });
+  const openigtlink::Counters& now = peer.cutter().counters();
   const std::lock_guard<std::mutex> lock(mutex_);
   status_.received.messages += now.messages - before.messages;
   for (std::size_t i = 0; i < now.dropped.size(); ++i)
@@ -355,6 +456,20 @@ void Publisher::hear(Peer& peer, const Message& message) {
   } else {
     ++status_.bad_words;
     peer.closing = true;
+  }
+}
+
+void Publisher::hear(Peer& peer, const vrpn::Message& message) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (message.kind == vrpn::Kind::cookie && peer.vrpn->greeted()) {
+    vrpn::encode_descriptions(peer.pending, names_of(burrs_));
+    peer.tick = vrpn_log_.next();
+  } else if (message.kind == vrpn::Kind::ping) {
+    vrpn::encode_pong(peer.pending, std::int32_t(message.sender), openigtlink::timestamp_now());
+  } else if (message.kind == vrpn::Kind::udp) {
+    peer.poses = peer.address.with_port(message.number);
+  } else if (message.kind != vrpn::Kind::sender) {
+    ++status_.ignored;
   }
 }
 
@@ -402,7 +517,7 @@ bool Publisher::give_state(Peer& peer) {
 bool Publisher::write(Peer& peer) {
   const std::int64_t now = steady_now();
   std::size_t done = 0;
-  while (done < a_turn) {
+  while (done < a_turn && !peer.connecting) {
     if (peer.idle()) {
       if (peer.closing) return false;
       peer.pending.clear();
@@ -436,16 +551,41 @@ bool Publisher::write(Peer& peer) {
 
 bool Publisher::refill(Peer& peer) {
   const std::lock_guard<std::mutex> lock(mutex_);
+  if (peer.vrpn) return refill_vrpn(peer);
   return peer.replica ? refill_replica(peer) : refill_standard(peer);
 }
 
-bool Publisher::refill_standard(Peer& peer) {
-  if (peer.tick > poses_.next()) peer.tick = poses_.next();
-  if (poses_.next() - peer.tick > settings_.thin_after) {
-    status_.skipped += poses_.next() - 1 - peer.tick;
-    peer.tick = poses_.next() - 1;
+/// The end of the ticks that a standard peer gets at once, from its next one on.
+std::uint64_t Publisher::next_ticks(Peer& peer, const TickLog& log) {
+  if (peer.tick > log.next()) peer.tick = log.next();
+  if (log.next() - peer.tick > settings_.thin_after) {
+    status_.skipped += log.next() - 1 - peer.tick;
+    peer.tick = log.next() - 1;
   }
-  const std::uint64_t until = std::min(poses_.next(), peer.tick + ticks_at_once);
+  return std::min(log.next(), peer.tick + ticks_at_once);
+}
+
+bool Publisher::refill_vrpn(Peer& peer) {
+  if (!peer.vrpn->greeted()) return true;
+  const std::size_t over_udp = peer.poses.size ? udp_size * burrs_ : 0;
+  for (const std::uint64_t until = next_ticks(peer, vrpn_log_); peer.tick < until; ++peer.tick) {
+    std::uint64_t from = 0, to = 0;
+    if (!vrpn_log_.place_of(peer.tick, from) || !vrpn_log_.place_of(peer.tick + 1, to)) continue;
+    if (over_udp) {
+      scratch_.clear();
+      vrpn_log_.copy(from, over_udp, scratch_);
+      vrpn::number_messages(scratch_.data(), over_udp, peer.next_on_udp);
+      status_.datagrams += vrpn_->datagrams.send(peer.poses, scratch_.data(), over_udp);
+    }
+    const std::size_t begin = peer.pending.size();
+    vrpn_log_.copy(from + over_udp, std::size_t(to - from) - over_udp, peer.pending);
+    vrpn::number_messages(peer.pending.data() + begin, peer.pending.size() - begin, peer.next_on_tcp);
+  }
+  return true;
+}
+
+bool Publisher::refill_standard(Peer& peer) {
+  const std::uint64_t until = next_ticks(peer, poses_);
   std::uint64_t from = 0, to = 0;
   if (poses_.place_of(peer.tick, from) && poses_.place_of(until, to))
     poses_.copy(from, std::size_t(to - from), peer.pending);

@@ -2,14 +2,18 @@
 
 #include "burrlab/check.hpp"
 
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+
 #include "socket_options.hpp"
 
 namespace burrlab {
 
 TcpServer::TcpServer(const std::string& host, int port, int send_buffer) {
-  if (port < 0 || port > 65535) refuse("port", "0 to 65535", port);
+  if (port < -1 || port > 65535) refuse("port", "0 to 65535", port);
   start_sockets();
-  listen(host, port, send_buffer);
+  if (port >= 0) listen(host, port, send_buffer);
   if (pipe(wake_)) {
     close(socket_);
     throw std::runtime_error("no pipe could be made: " + text_of(last_error()));
@@ -112,6 +116,86 @@ void TcpServer::close(int socket) noexcept {
 
 void TcpServer::set_send_buffer(int socket, int bytes) noexcept {
   set_option(socket, SOL_SOCKET, SO_SNDBUF, bytes);
+}
+
+PeerAddress PeerAddress::with_port(int port) const {
+  PeerAddress other = *this;
+  other.bytes[2] = std::uint8_t(port >> 8);  // in both kinds of address
+  other.bytes[3] = std::uint8_t(port);
+  return other;
+}
+
+namespace {
+
+static_assert(sizeof(sockaddr_in) <= 28 && sizeof(sockaddr_in6) <= 28 &&
+              offsetof(sockaddr_in, sin_port) == 2 && offsetof(sockaddr_in6, sin6_port) == 2);
+
+/// Calls `fill(sockaddr*, socklen_t*)`, which writes an address.
+template <class Fill>
+auto filled(PeerAddress& address, Fill&& fill) {
+  sockaddr_storage storage{};
+  socklen_t size = sizeof storage;
+  const auto result = fill(reinterpret_cast<sockaddr*>(&storage), &size);
+  address.size = std::min<std::size_t>(size, address.bytes.size());
+  std::memcpy(address.bytes.data(), &storage, address.size);
+  return result;
+}
+
+template <class Use>
+auto used(const PeerAddress& address, Use&& use) {
+  sockaddr_storage storage{};
+  std::memcpy(&storage, address.bytes.data(), address.size);
+  return use(storage.ss_family, reinterpret_cast<const sockaddr*>(&storage), socklen_t(address.size));
+}
+
+}  // namespace
+
+int TcpServer::connect(const PeerAddress& address, int send_buffer) noexcept {
+  return used(address, [&](int family, const sockaddr* at, socklen_t size) {
+    const int socket = int(::socket(family, SOCK_STREAM, 0));
+    if (socket < 0) return -1;
+    set_flags(socket);
+    set_options(socket);
+    set_option(socket, SOL_SOCKET, SO_SNDBUF, send_buffer);
+    if (::connect(socket, at, size) == 0 || last_error() == connecting) return socket;
+    close(socket);
+    return -1;
+  });
+}
+
+PeerAddress TcpServer::peer_of(int socket) noexcept {
+  PeerAddress address;
+  filled(address, [&](sockaddr* at, socklen_t* size) { return ::getpeername(socket, at, size); });
+  return address;
+}
+
+UdpSocket::UdpSocket(const TcpServer& beside) {
+  PeerAddress address;
+  filled(address, [&](sockaddr* at, socklen_t* size) { return ::getsockname(beside.socket(), at, size); });
+  const int failed = used(address, [&](int family, const sockaddr* at, socklen_t size) {
+    socket_ = int(::socket(family, SOCK_DGRAM, 0));
+    return socket_ < 0 ? -1 : ::bind(socket_, at, size);
+  });
+  if (failed) {
+    const std::string reason = text_of(last_error());
+    TcpServer::close(socket_);
+    throw std::invalid_argument("port must be free for UDP too, got " + std::to_string(beside.port()) + ": " +
+                                reason);
+  }
+  set_flags(socket_);
+}
+
+long UdpSocket::receive(std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept {
+  return filled(from, [&](sockaddr* at, socklen_t* size) {
+    return long(::recvfrom(socket_, reinterpret_cast<char*>(into), room, 0, at, size));
+  });
+}
+
+bool UdpSocket::send(const PeerAddress& to, const std::uint8_t* bytes, std::size_t size) noexcept {
+  return used(to, [&](int, const sockaddr* at, socklen_t length) {
+    return ::sendto(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL, at, length) ==
+           long(size);
+  });
 }
 
 }  // namespace burrlab

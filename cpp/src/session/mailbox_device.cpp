@@ -19,8 +19,8 @@ MailboxDevice::MailboxDevice(double lost_after, std::string name, DeviceModel mo
   require_positive("lost_after", lost_after);
 }
 
-void MailboxDevice::put(const Vec3& position, const Vec3& velocity, bool on,
-                        const Quaternion& orientation, std::uint8_t buttons) {
+void MailboxDevice::put_of(std::uint64_t time, const Vec3& position, const Vec3& velocity, bool on,
+                           const Quaternion& orientation, std::uint8_t buttons) {
   Letter letter{};
   for (int axis = 0; axis < 3; ++axis) {
     require_finite("position", letter.position[axis] = position[axis]);
@@ -30,7 +30,7 @@ void MailboxDevice::put(const Vec3& position, const Vec3& velocity, bool on,
   letter.orientation = orientation;
   letter.on = on;
   letter.buttons = buttons;
-  letter.time = now();
+  letter.time = time ? time : now();
   in_.put(letter);
 }
 

@@ -221,8 +221,8 @@ def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
 
 def _session(options: Options) -> int:
     check_live(options)
-    if options.publish is None:
-        refuse_options(options, ("host",), "goes with --publish")
+    if options.publish is None and options.vrpn is None:
+        refuse_options(options, ("host",), "goes with --publish or --vrpn")
     host, burr = options.host or "127.0.0.1", Burr(options.radius)
     start = chosen_start(options, burr, chosen_material(options))
     watch = chosen_watch(options, start.bone)
@@ -234,7 +234,7 @@ def _session(options: Options) -> int:
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
         stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,
-        coupling=options.coupling, record=options.record, publish=options.publish, host=host,
+        coupling=options.coupling, record=options.record, publish=options.publish, vrpn=options.vrpn, host=host,
         header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
         watch=watch, on_message=say, wall_clock=not options.virtual_clock,
     )  # fmt: skip
@@ -242,6 +242,8 @@ def _session(options: Options) -> int:
     effects = start_effects(options, session)
     if session.port is not None:
         say(f"published on {host}, port {session.port}; there is no authentication")
+    if session.vrpn_port is not None:
+        say(f"published over VRPN on {host}, port {session.vrpn_port}; there is no authentication")
     with _kept(options, start, session):
         with ended_by_signals(), session:
             _stop_at_enter(session)
@@ -340,7 +342,7 @@ def _devices(options: Options) -> int:
         else f"{row['device']}: {row['why_not']}"
         for row in rows
     ]
-    lines.append("hand, scripted:FILE and igtl:HOST:PORT need no library")
+    lines.append("hand, scripted:FILE, igtl:HOST:PORT and vrpn:NAME@HOST need no library")
     deliver(options, {"devices": rows}, "\n".join(lines))
     return 0
 
@@ -496,10 +498,11 @@ SESSION_COMMANDS = (
         option(
             "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], a "
                         "server's OpenIGTLink TRANSFORM stream, a Touch by its name in the vendor's set-up, "
-                        "an Omega by its number from 0, or a Haply Inverse3 (extra haply) by the address of its "
-                        "service, default localhost:10001; given twice, two burrs",
+                        "an Omega by its number from 0, a Haply Inverse3 (extra haply) by the address of its "
+                        "service, default localhost:10001, or a VRPN server's Tracker, default port 3883, with tcp:// "
+                        "without UDP; given twice, two burrs",
             action="append", required=True,
-            metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]|haply[:HOST:PORT]",
+            metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]|haply[:HOST:PORT]|vrpn:NAME@[tcp://]HOST[:PORT]",
         ),
         option(
             "--lost-after", "age at which a position of a device or over the network counts as lost, and the session stops "
@@ -512,6 +515,11 @@ SESSION_COMMANDS = (
             "--publish",
             "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no "
             "authentication: whoever reaches the port can read the session", type=port, metavar="PORT",
+        ),
+        option(
+            "--vrpn",
+            "publish each burr over VRPN on this port (0: any free one; VRPN's own is 3883), as the Tracker and "
+            "ForceDevice burrlab_burr_0, burrlab_burr_1; as open as --publish", type=port, metavar="PORT",
         ),
         option("--host", "address to publish on, default 127.0.0.1: this machine only"),
         option("--header-version",

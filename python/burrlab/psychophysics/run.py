@@ -337,8 +337,8 @@ class Sitting:
     tasks : sequence of str, optional
         By default all, in the subject's own order.
     device : str, Device or callable, optional
-        hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT], by default the
-        protocol's. Or your own device that serves one interval after the other, such as a `MailboxDevice`
+        hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or
+        vrpn:NAME@[tcp://]HOST[:PORT], by default the protocol's. Or your own device that serves one interval after the other, such as a `MailboxDevice`
         (examples/experiment_driver.py). Or a function that returns a device for a mode ("probing" or
         "drilling"), called twice per interval: for the wait until the burr is lifted, and for the interval.
         The side-car calls the last two "driver".
@@ -424,7 +424,7 @@ class Sitting:
                 f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} "
                 f"trials{done}"
             )
-            if self._text.startswith("igtl:") and self.protocol.publish is None:
+            if self._text.startswith(("igtl:", "vrpn:")) and self.protocol.publish is None:
                 experimenter.say(_NO_FORCE)
             for note in file.notes:
                 experimenter.say(note)
@@ -499,7 +499,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     if device.kind == "scripted":
         script = burrlab.read_script(device.file)
         return lambda mode: script
-    if device.kind == "igtl":  # each interval has its own connection
+    if device.kind in ("igtl", "vrpn"):  # each interval has its own connection
         return lambda mode: open_device(device, protocol.lost_after)
     opened = open_device(device, protocol.lost_after)
     return lambda mode: opened

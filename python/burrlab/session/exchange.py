@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from burrlab._core import (
     OmegaDevice,
     ScriptedDevice,
     TouchDevice,
+    VrpnDevice,
 )
 from burrlab.common.check import refuse
 from burrlab.session.haply import PORT, HaplyDevice, HeldDevice
@@ -75,7 +77,8 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
         raise ValueError(f"{name}: {error}") from None
 
 
-DeviceKind = Literal["hand", "scripted", "igtl", "touch", "omega", "haply"]
+VRPN_PORT = 3883
+DeviceKind = Literal["hand", "scripted", "igtl", "vrpn", "touch", "omega", "haply"]
 
 
 @dataclass(frozen=True)
@@ -84,16 +87,18 @@ class DeviceText:
 
     Attributes
     ----------
-    kind : {"hand", "scripted", "igtl", "touch", "omega", "haply"}
+    kind : {"hand", "scripted", "igtl", "vrpn", "touch", "omega", "haply"}
     file : str
         Script to follow.
     host : str
     port : int
-        OpenIGTLink server, or Haply's Inverse Service.
+        OpenIGTLink or VRPN server, or Haply's Inverse Service.
     name : str
-        Of a touch in the vendor's set-up; empty for the default device.
+        Of a touch in the vendor's set-up, empty for the default device; of a VRPN Tracker.
     index : int
         Of an omega.
+    tcp : bool
+        Connect to the VRPN server directly.
     """
 
     kind: DeviceKind
@@ -102,6 +107,7 @@ class DeviceText:
     port: int = 0
     name: str = ""
     index: int = 0
+    tcp: bool = False
 
 
 def parse_device(text: str) -> DeviceText:
@@ -129,18 +135,30 @@ def parse_device(text: str) -> DeviceText:
             return DeviceText("igtl" if kind == "igtl" else "haply", "", *parse_address(rest))
         except ValueError as error:
             raise ValueError(f"{kind}: {error}") from None
+    if kind == "vrpn" and rest:
+        name, _, server = rest.rpartition("@")
+        address = server.removeprefix("tcp://")
+        with_port = address if re.search(r":[^:\]]+$", address) else f"{address}:{VRPN_PORT}"
+        refuse(
+            not (name and address), f"vrpn: must be NAME@HOST[:PORT] or NAME@tcp://HOST[:PORT], got '{rest}'"
+        )
+        try:
+            host, port = parse_address(with_port)
+        except ValueError as error:
+            raise ValueError(f"vrpn: {error}") from None
+        return DeviceText("vrpn", host=host, port=port, name=name, tcp=address != server)
     if kind == "touch" and (rest or not colon):
         return DeviceText("touch", name=rest)
     if kind == "omega" and (rest.isdecimal() or not colon):
         return DeviceText("omega", index=int(rest or 0))
     raise ValueError(
-        "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N] or haply[:HOST:PORT], got "
-        f"'{text}'"
+        "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or "
+        f"vrpn:NAME@[tcp://]HOST[:PORT], got '{text}'"
     )
 
 
-def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | HeldDevice:
-    """Opens a device that moves by itself: igtl, touch, omega or haply.
+def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | VrpnDevice | HeldDevice:
+    """Opens a device that moves by itself: igtl, vrpn, touch, omega or haply.
 
     Raises
     ------
@@ -155,6 +173,8 @@ def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | HeldDevic
         return OmegaDevice(device.index, lost_after=lost_after)
     if device.kind == "haply":
         return HaplyDevice(device.host, device.port, lost_after=lost_after)
+    if device.kind == "vrpn":
+        return VrpnDevice(device.name, device.host, device.port, tcp=device.tcp, lost_after=lost_after)
     return IgtlDevice(device.host, device.port, lost_after=lost_after)
 
 

@@ -26,7 +26,8 @@ def open_publisher(
     hello: Mapping[str, Any],
     *,
     host: str = "127.0.0.1",
-    port: int = 0,
+    port: int | None = 0,
+    vrpn: int | None = None,
     header_version: int = 1,
     **options: Any,
 ) -> Publisher:
@@ -38,7 +39,7 @@ def open_publisher(
     hello : mapping
         Data for replicas: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
         shape), and source, the bone's recipe. The provenance of a session holds them.
-    host, port, header_version, options
+    host, port, vrpn, header_version, options
         As for `Publisher`.
 
     Raises
@@ -47,11 +48,16 @@ def open_publisher(
         If the hello is incomplete or not JSON, the address cannot be listened on, or an option is out of
         range.
     """
-    port = whole("port", port, 2**16, "2^16")
+    port, vrpn = (
+        one if one is None else whole(name, one, 2**16, "2^16")
+        for name, one in (("port", port), ("vrpn", vrpn))
+    )
     for name in _NEEDED:
         refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
     text = json_text("hello", hello, default=str)
-    return Publisher(follower, host=host, port=port, hello=text, header_version=header_version, **options)
+    return Publisher(
+        follower, host=host, port=port, vrpn=vrpn, hello=text, header_version=header_version, **options
+    )
 
 
 def follow(

@@ -58,7 +58,7 @@ class Session:
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
-        `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
+        `VrpnDevice`, `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
     seed : int, optional
         Default: a random one; the attribute `seed` holds it.
     rate : float
@@ -94,6 +94,9 @@ class Session:
     publish : int, optional
         Port on which poses, forces and ticks are published over OpenIGTLink (docs/network.md); 0 for any free
         one.
+    vrpn : int, optional
+        Port, TCP and UDP, at which VRPN's clients get each burr as the Tracker and ForceDevice
+        `burrlab_burr_n`; 0 for any free one.
     host : str
         Address to listen on; there is no authentication.
     header_version : {1, 2}
@@ -162,6 +165,7 @@ class Session:
         coupling: float | None = None,
         record: str | os.PathLike[str] | None = None,
         publish: int | None = None,
+        vrpn: int | None = None,
         host: str = "127.0.0.1",
         header_version: int = 1,
         source: Mapping[str, Any] | None = None,
@@ -264,9 +268,14 @@ class Session:
         self._on_message = on_message
         self._publisher: Publisher | None = None
         self._writer: TraceWriter | None = None
-        if publish is not None:
+        if publish is not None or vrpn is not None:
             self._publisher = open_publisher(
-                self._follower, self.provenance, host=host, port=publish, header_version=header_version
+                self._follower,
+                self.provenance,
+                host=host,
+                port=publish,
+                vrpn=vrpn,
+                header_version=header_version,
             )
         if record is not None:
             room = DEFAULT_DURATION if duration is None else duration + 1.0
@@ -373,7 +382,12 @@ class Session:
     @property
     def port(self) -> int | None:
         """The port that the session is published on; None if it is not."""
-        return None if self._publisher is None else self._publisher.port
+        return (self._publisher.port or None) if self._publisher else None
+
+    @property
+    def vrpn_port(self) -> int | None:
+        """The port for VRPN's clients; None if there is none."""
+        return (self._publisher.vrpn_port or None) if self._publisher else None
 
     @property
     def loop(self) -> HapticLoop:
@@ -445,7 +459,8 @@ class Session:
                 self._hand_digests()
                 self._tell_of_anatomy()
                 if self._loop.counts.ticks == 0 and due < _PATIENCE <= due + _LOOK:
-                    self._say("no tick yet: the devices have not given a first position")
+                    why = "".join(f"; {text}" for one in self.devices if (text := getattr(one, "fault", "")))
+                    self._say(f"no tick yet: the devices have not given a first position{why}")
                 due += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)

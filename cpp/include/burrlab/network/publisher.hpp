@@ -1,5 +1,5 @@
-// The leader's side of the network: a server that sends a follower's ticks to standard OpenIGTLink peers and
-// to replicas. Nobody waits for a peer.
+// The leader's side of the network: a server that sends a follower's ticks to standard OpenIGTLink peers, to
+// replicas and to VRPN clients. Nobody waits for a peer.
 #pragma once
 
 #include <atomic>
@@ -15,6 +15,7 @@
 #include "burrlab/network/openigtlink.hpp"
 #include "burrlab/network/replica_protocol.hpp"
 #include "burrlab/network/tcp_server.hpp"
+#include "burrlab/network/vrpn.hpp"
 #include "burrlab/session/follower.hpp"
 
 namespace burrlab {
@@ -46,19 +47,20 @@ class TickLog {
 
 struct PublisherSettings {
   std::string host = "127.0.0.1";                  ///< address to listen on, without authentication
-  int port = 0;                                    ///< 0: any free port
+  int port = 0;                                    ///< of OpenIGTLink; 0: any free port, -1: none
   std::string hello = "{}";                        ///< JSON about the session, for replicas
   int header_version = 1;                          ///< 1 or 2
   double log = 10.0;                               ///< ticks kept for replicas [s]
   std::size_t most_peers = 32;                     ///< connections at once
   std::size_t most_behind = std::size_t(1) << 19;  ///< a replica farther behind is cut off [bytes]
   std::uint64_t thin_after = 100;  ///< a standard peer farther behind gets only the newest [ticks]
+  int vrpn = -1;                   ///< port of VRPN, TCP and UDP; 0: any free port, -1: none
 };
 
 /// Counts since the start, except the first three.
 struct PublisherStatus {
   std::uint64_t tick = 0;             ///< ticks sent or ready to be sent
-  std::uint64_t standard_peers = 0;   ///< connected, or not known yet to be replicas
+  std::uint64_t standard_peers = 0;   ///< connected, or not known yet to be replicas; VRPN's clients too
   std::uint64_t replicas = 0;         ///< connected
   std::uint64_t accepted = 0;         ///< connections
   std::uint64_t refused = 0;          ///< connections beyond `most_peers`
@@ -74,6 +76,9 @@ struct PublisherStatus {
   std::uint64_t too_many_faults = 0;  ///< connections closed after 16 dropped messages
   std::uint64_t out_of_range = 0;     ///< positions too far for a TRANSFORM
   std::uint64_t bytes_sent = 0;
+  std::uint64_t vrpn_peers = 0;    ///< connected VRPN clients
+  std::uint64_t vrpn_calls = 0;    ///< connections begun because a VRPN client asked for it by UDP
+  std::uint64_t datagrams = 0;     ///< UDP packets sent
   openigtlink::Counters received;  ///< messages of all peers, and drops by reason
 };
 
@@ -85,7 +90,8 @@ class Publisher : public TickListener {
   Publisher(Follower& follower, const PublisherSettings& settings);
   ~Publisher() override { stop(); }
 
-  int port() const { return server_.port(); }
+  int port() const { return server_.port(); }  ///< 0: none
+  int vrpn_port() const { return vrpn_ ? vrpn_->server.port() : 0; }
   const PublisherSettings& settings() const { return settings_; }
   std::uint64_t session() const { return session_; }  ///< random number that names the session
   PublisherStatus status() const { return copy_under(mutex_, status_); }
@@ -103,18 +109,28 @@ class Publisher : public TickListener {
  private:
   struct Peer;
   struct State;
+  struct VrpnPort {
+    TcpServer server;
+    UdpSocket datagrams{server};
+  };
   using Peers = std::vector<std::unique_ptr<Peer>>;
 
   static std::shared_ptr<const State> take_state(FollowedBone& bone);
   bool may_take_state();
   void run();
-  bool accept_all(Peers& peers);  // false: the system has no room
-  bool read(Peer& peer);          // false: the connection must be closed; also the next two
+  bool accept_all(Peers& peers, TcpServer& server);  // false: the system has no room
+  bool admit(Peers& peers, std::unique_ptr<Peer> peer);
+  void call_back(Peers& peers);  // VRPN's clients that ask for it
+  bool read(Peer& peer);         // false: the connection must be closed; also the next two
   bool write(Peer& peer);
   bool refill(Peer& peer);
   bool refill_standard(Peer& peer);
+  bool refill_vrpn(Peer& peer);
+  std::uint64_t next_ticks(Peer& peer, const TickLog& log);
+  void encode_vrpn(const TickRecord& record, std::uint64_t timestamp);
   bool refill_replica(Peer& peer);
   void hear(Peer& peer, const openigtlink::Message& message);
+  void hear(Peer& peer, const vrpn::Message& message);
   void serve(Peer& peer, const replica_protocol::Word& word);
   bool give_state(Peer& peer);
   void say_idle(Peer& peer);
@@ -124,15 +140,20 @@ class Publisher : public TickListener {
   PublisherSettings settings_;
   std::uint64_t session_;
   std::uint32_t burrs_;
+  double period_ = 1.0;  // [ms]
   TcpServer server_;
+  std::unique_ptr<VrpnPort> vrpn_;
+  std::int64_t last_calls_ = 0;  // the second in which `calls_` requests were read [ns]
+  std::size_t calls_ = 0;
   std::atomic<bool> stopping_{false}, waking_{false};
   std::atomic<std::size_t> connected_{0};
 
   mutable std::mutex mutex_;  // of all below, held briefly; the haptic loop never takes it
   replica_protocol::Hello hello_;
-  TickLog log_, poses_;  // for replicas and for standard peers
+  TickLog log_, poses_, vrpn_log_;  // for replicas, for standard peers, for VRPN's
   std::uint64_t digest_tick_;
   openigtlink::Bytes scratch_;
+  std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick
   bool wants_state_ = false, ended_ = false;
   std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one
   std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs

@@ -21,9 +21,14 @@ class TcpClient {
 
   /// Tries each address for `timeout` [s]; false if none answers or the client was stopped.
   bool connect(double timeout = 1.0);
+  /// Asks a VRPN server by UDP to connect to this machine, and waits for it; only that server is let in.
+  bool be_called(double timeout = 1.0);
+  /// Awaits UDP packets of the server, at the address of the connection; returns the port, 0 if there is
+  /// none.
+  int open_datagrams(std::string& address);
   /// Waits for bytes, at most `timeout` [s] (below 0: without limit); 0 if none came, the connection ended or
-  /// the client was stopped.
-  std::size_t receive(std::uint8_t* into, std::size_t room, double timeout = -1.0);
+  /// the client was stopped. With `datagram`, also for a UDP packet, and tells which it was.
+  std::size_t receive(std::uint8_t* into, std::size_t room, double timeout = -1.0, bool* datagram = nullptr);
   /// Sends all bytes; false if the connection ended, the client was stopped or `timeout` [s] passed.
   bool send(const std::uint8_t* bytes, std::size_t size, double timeout = 1.0);
   void close();
@@ -41,7 +46,7 @@ class TcpClient {
   bool connect_to(const Address& address, double timeout);
 
   std::vector<Address> addresses_;
-  int socket_ = -1;
+  int socket_ = -1, datagrams_ = -1;
   int wake_[2] = {-1, -1};  // a pipe; a byte in it means stopped
   std::atomic<bool> stopped_{false};
 };

@@ -1,12 +1,20 @@
-// A listening TCP socket, and operations on its connections. Only `wait` waits.
+// A listening TCP socket, operations on its connections, and a UDP socket beside it. Only `wait` waits.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 namespace burrlab {
+
+/// Of a peer, for one of these sockets.
+struct PeerAddress {
+  std::array<std::uint8_t, 28> bytes{};  // a sockaddr_in or sockaddr_in6
+  std::size_t size = 0;
+  PeerAddress with_port(int port) const;
+};
 
 class TcpServer {
  public:
@@ -17,14 +25,15 @@ class TcpServer {
     bool readable = false, writable = false;  ///< found; an ended connection is readable
   };
 
-  /// Listens; port 0 is any free one. `send_buffer`: the system's, for each connection [bytes]. Throws
-  /// std::invalid_argument if the address cannot be used.
+  /// Listens; port 0 is any free one, -1 none at all. `send_buffer`: the system's, for each connection
+  /// [bytes]. Throws std::invalid_argument if the address cannot be used.
   TcpServer(const std::string& host, int port, int send_buffer);
   ~TcpServer();
   TcpServer(const TcpServer&) = delete;
   TcpServer& operator=(const TcpServer&) = delete;
 
   int port() const { return port_; }
+  int socket() const { return socket_; }
   void stop_listening() noexcept;  ///< frees the port
 
   /// Waits at most `milliseconds` for one of these, for `wake`, or, if `accepting`, for a connection. Returns
@@ -36,6 +45,10 @@ class TcpServer {
   enum class Accepted { connection, none, exhausted };
   /// `exhausted`: the system has no room for another.
   Accepted accept(int& socket);
+
+  /// A connection to a peer, not yet made: it is when the socket is writable; -1 if it cannot be.
+  static int connect(const PeerAddress& address, int send_buffer) noexcept;
+  static PeerAddress peer_of(int socket) noexcept;
 
   /// Bytes received or sent; 0 if there is nothing to do, -1 if the connection ended.
   static long receive(int socket, std::uint8_t* into, std::size_t room) noexcept;
@@ -49,6 +62,23 @@ class TcpServer {
   int socket_ = -1, port_ = 0;
   int wake_[2] = {-1, -1};  // a pipe
   std::vector<unsigned char> polled_;
+};
+
+/// A UDP socket at the address and port of a listening TCP socket.
+class UdpSocket {
+ public:
+  /// Throws std::invalid_argument if the port is taken.
+  explicit UdpSocket(const TcpServer& beside);
+  ~UdpSocket() { TcpServer::close(socket_); }
+  UdpSocket(const UdpSocket&) = delete;
+  UdpSocket& operator=(const UdpSocket&) = delete;
+
+  int socket() const { return socket_; }
+  long receive(std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept;  ///< below 0: none
+  bool send(const PeerAddress& to, const std::uint8_t* bytes, std::size_t size) noexcept;
+
+ private:
+  int socket_ = -1;
 };
 
 }  // namespace burrlab

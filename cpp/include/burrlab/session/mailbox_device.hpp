@@ -19,7 +19,9 @@ class MailboxDevice : public Device {
   /// Sets position [mm], velocity [mm/s], switch, orientation and buttons (DeviceReading); throws if a number
   /// is not finite or the orientation is not of length 1.
   void put(const Vec3& position, const Vec3& velocity, bool on,
-           const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0);
+           const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0) {
+    put_of(0, position, velocity, on, orientation, buttons);
+  }
   Vec3 force() const;      ///< last sent by the loop; 0 after `halt` [N]
   bool has_value() const;  ///< there was a `put`
   /// The device is lost, for this reason, and cannot be started again; the first reason counts.
@@ -32,6 +34,11 @@ class MailboxDevice : public Device {
   std::string name() const override { return name_; }
   std::string fault() const override { return failed_.load(std::memory_order_acquire) ? fault_ : ""; }
   DeviceModel model() const override { return model_; }
+
+ protected:
+  /// As `put`, of a position that came at `time` on the steady clock [ns]; 0 is now.
+  void put_of(std::uint64_t time, const Vec3& position, const Vec3& velocity, bool on,
+              const Quaternion& orientation, std::uint8_t buttons);
 
  private:
   struct Letter {

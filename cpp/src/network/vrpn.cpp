@@ -1,0 +1,274 @@
+#include "burrlab/network/vrpn.hpp"
+
+#include <cmath>
+
+#include "burrlab/check.hpp"
+#include "wire.hpp"
+
+namespace burrlab::vrpn {
+
+using openigtlink::ByteReader;
+using openigtlink::ByteWriter;
+using openigtlink::get;
+using openigtlink::get_float;
+using openigtlink::put;
+
+namespace {
+
+constexpr std::string_view cookie = "vrpn: ver. 07.38  0";
+constexpr std::size_t cookie_major = 14;  // characters that must agree: up to the last point
+constexpr std::int32_t sender_description = -1, type_description = -2, udp_description = -3;
+constexpr std::uint32_t longest_name = 100;
+constexpr std::uint32_t longest_gap = 1000000;  // between numbers; a message with another one came too late
+constexpr std::string_view names[named_kinds] = {
+    "vrpn_Tracker Pos_Quat",  "vrpn_Tracker Velocity",  "vrpn_Button Change",    "vrpn_Button States",
+    "vrpn_ForceDevice Force", "vrpn_Base ping_message", "vrpn_Base pong_message"};
+
+/// Messages begin at multiples of 8 bytes; their stated length leaves the padding out.
+constexpr std::size_t padded(std::size_t size) { return (size + 7) / 8 * 8; }
+
+/// Appends a message; `write` appends its payload.
+template <class Write>
+void append(Bytes& out, std::int32_t sender, std::int32_t type, std::uint64_t timestamp, Write&& write) {
+  const std::size_t at = out.size();
+  out.resize(at + header_size);
+  ByteWriter writer(out);
+  write(writer);
+  const std::size_t size = out.size() - at;
+  out.resize(at + padded(size));
+  std::uint8_t* head = out.data() + at;
+  put(head, std::uint32_t(size));
+  put(head + 4, std::uint32_t(timestamp >> 32));
+  put(head + 8, std::uint32_t(std::min<std::uint64_t>(((timestamp & 0xFFFFFFFF) * 1000000 + 0x80000000) >> 32,
+                                                      999999)));
+  put(head + 12, std::uint32_t(sender));
+  put(head + 16, std::uint32_t(type));
+}
+
+void write_real(ByteWriter& writer, double value) {
+  std::uint64_t word;
+  std::memcpy(&word, &value, sizeof word);
+  writer.number(word);
+}
+
+void write_motion(ByteWriter& writer, const Vec3& vector, const Quaternion& q) {
+  writer.number(std::uint64_t(0));  // the sensor's number, and padding
+  for (const double value : {vector[0], vector[1], vector[2], q[1], q[2], q[3], q[0]})
+    write_real(writer, value);
+}
+
+void describe(Bytes& out, std::int32_t what, std::int32_t number, std::string_view name) {
+  append(out, number, what, 0, [&](ByteWriter& writer) {
+    writer.number(std::uint32_t(name.size() + 1)).text(name).number(std::uint8_t(0));
+  });
+}
+
+}  // namespace
+
+void encode_cookie(Bytes& out) {
+  const std::size_t at = out.size();
+  ByteWriter(out).text(cookie);
+  out.resize(at + header_size);
+}
+
+void encode_descriptions(Bytes& out, const std::vector<std::string>& senders) {
+  for (std::size_t i = 0; i < senders.size(); ++i)
+    describe(out, sender_description, std::int32_t(i), senders[i]);
+  for (std::size_t i = 0; i < named_kinds; ++i) describe(out, type_description, std::int32_t(i), names[i]);
+}
+
+void encode_udp(Bytes& out, const std::string& host, int port) {
+  append(out, port, udp_description, 0,
+         [&](ByteWriter& writer) { writer.text(host).number(std::uint8_t(0)); });
+}
+
+void encode_pose(Bytes& out, std::int32_t sender, std::uint64_t timestamp, const Vec3& position,
+                 const Quaternion& orientation) {
+  append(out, sender, std::int32_t(Kind::pose), timestamp,
+         [&](ByteWriter& writer) { write_motion(writer, position, orientation); });
+}
+
+void encode_velocity(Bytes& out, std::int32_t sender, std::uint64_t timestamp, const Vec3& velocity,
+                     const Quaternion& turn, double step) {
+  append(out, sender, std::int32_t(Kind::velocity), timestamp, [&](ByteWriter& writer) {
+    write_motion(writer, velocity, turn);
+    write_real(writer, step);
+  });
+}
+
+void encode_force(Bytes& out, std::int32_t sender, std::uint64_t timestamp, const Vec3& force) {
+  append(out, sender, std::int32_t(Kind::force), timestamp, [&](ByteWriter& writer) {
+    for (int axis = 0; axis < 3; ++axis) write_real(writer, force[axis]);
+  });
+}
+
+void encode_pong(Bytes& out, std::int32_t sender, std::uint64_t timestamp) {
+  append(out, sender, std::int32_t(Kind::pong), timestamp, [](ByteWriter&) {});
+}
+
+void number_messages(std::uint8_t* bytes, std::size_t size, std::uint32_t& next) {
+  for (std::size_t at = 0; at < size; at += padded(get<std::uint32_t>(bytes + at)))
+    put(bytes + at + 20, next++);
+}
+
+Reader::Reader(std::vector<std::string> senders, std::size_t largest_payload)
+    : StreamCutter(header_size, padded(largest_payload)),  // with its padding
+      senders_(std::move(senders)),
+      kind_of_(most_numbers, std::uint8_t(Kind::none)),
+      sender_of_(most_numbers) {}
+
+void Reader::restart() {
+  StreamCutter::restart();
+  kind_of_.assign(most_numbers, std::uint8_t(Kind::none));
+  sender_of_.assign(most_numbers, 0);
+  greeted_ = numbered_ = false;
+}
+
+bool Reader::decode_head(ByteView bytes, Head& head, std::size_t largest) {
+  std::uint32_t sender = 0, type = 0;
+  ByteReader(bytes)
+      .number(head.size)
+      .number(head.seconds)
+      .number(head.microseconds)
+      .number(sender)
+      .number(type)
+      .number(head.sequence);
+  head.sender = std::int32_t(sender);
+  head.type = std::int32_t(type);
+  return head.size >= header_size && head.size - header_size <= largest;
+}
+
+void Reader::begin(ByteView bytes, const Receive& receive) {
+  if (!greeted_) {
+    const std::string_view text(reinterpret_cast<const char*>(bytes.data), cookie.size());
+    Message message;
+    message.kind = Kind::cookie;
+    message.text = text;
+    greeted_ = text.substr(0, cookie_major) == cookie.substr(0, cookie_major);
+    if (!greeted_) lose(Drop::bad_version);
+    receive(message);
+  } else if (!decode_head(bytes, head_, largest_body())) {
+    lose(Drop::implausible_size);
+  } else {
+    expect(padded(head_.size) - header_size);
+  }
+}
+
+bool Reader::feed(ByteView bytes, const Receive& receive) {
+  return cut(
+      bytes, [&](ByteView head) { begin(head, receive); },
+      [&](ByteView body) { finish(head_, body, receive); });
+}
+
+void Reader::feed_datagram(ByteView bytes, const Receive& receive) {
+  Head head;
+  while (greeted_ && bytes.size > 0) {
+    if (bytes.size < header_size || !decode_head(bytes, head, bytes.size - header_size) ||
+        padded(head.size) > bytes.size)
+      return drop(Drop::truncated);
+    const std::uint32_t gap = head.sequence - next_;
+    if (numbered_ && gap < longest_gap) lost_ += gap;
+    if (!numbered_ || gap < longest_gap) next_ = head.sequence + 1;
+    numbered_ = true;
+    finish(head, {bytes.data + header_size, padded(head.size) - header_size}, receive);
+    bytes = {bytes.data + padded(head.size), bytes.size - padded(head.size)};
+  }
+}
+
+void Reader::finish(const Head& head, ByteView body, const Receive& receive) {
+  Message message;
+  message.timestamp = openigtlink::timestamp_of(head.seconds, std::min(head.microseconds, 999999u) * 1000);
+  const Drop reason = decode(head, {body.data, head.size - header_size}, message);
+  if (reason != Drop::none) return drop(reason);
+  if (message.kind == Kind::none) return;
+  ++counters_.messages;
+  receive(message);
+}
+
+/// A sender's or a type's name.
+void Reader::describe(const Head& head, ByteView payload, Message& message, Drop& reason) {
+  std::uint32_t size = 0;
+  ByteView text;
+  ByteReader reader(payload);
+  reader.number(size);
+  if (size < 1 || size > longest_name || !reader.bytes(size, text).ended() || text.data[size - 1] != 0 ||
+      head.sender < 0 || std::size_t(head.sender) >= most_numbers) {
+    reason = Drop::bad_length;
+    return;
+  }
+  message.text = {reinterpret_cast<const char*>(text.data), size - 1};
+  if (head.type == type_description) {
+    const auto* at = std::find(names, names + named_kinds, message.text);
+    kind_of_[std::size_t(head.sender)] =
+        std::uint8_t(at < names + named_kinds ? Kind(at - names) : Kind::none);
+    return;
+  }
+  message.kind = Kind::sender;
+  const auto at = std::find(senders_.begin(), senders_.end(), message.text);
+  sender_of_[std::size_t(head.sender)] = std::uint8_t(at == senders_.end() ? 0 : 1 + (at - senders_.begin()));
+}
+
+Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
+  Drop reason = Drop::none;
+  if (head.type == sender_description || head.type == type_description) {
+    describe(head, payload, message, reason);
+    return reason;
+  }
+  if (head.type == udp_description) {
+    message.number = head.sender;
+    if (head.sender < 1 || head.sender > 65535) return Drop::out_of_range;
+    message.kind = Kind::udp;
+  }
+  if (head.type < 0) return Drop::none;  // log files, and those to come
+  if (std::size_t(head.type) >= most_numbers ||
+      kind_of_[std::size_t(head.type)] == std::uint8_t(Kind::none)) {
+    ++other_type_;
+    return Drop::none;
+  }
+  if (head.sender < 0 || std::size_t(head.sender) >= most_numbers || !sender_of_[std::size_t(head.sender)]) {
+    ++other_sender_;
+    return Drop::none;
+  }
+  const Kind kind = Kind(kind_of_[std::size_t(head.type)]);
+  message.sender = std::size_t(sender_of_[std::size_t(head.sender)] - 1);
+  std::size_t reals = 0;
+  switch (kind) {
+    case Kind::pose:
+      reals = 7;
+      break;
+    case Kind::velocity:
+      reals = 8;
+      break;
+    case Kind::force:
+      reals = 3;
+      break;
+    case Kind::button: {
+      if (payload.size != 8) return Drop::bad_length;
+      message.number = std::int32_t(get<std::uint32_t>(payload.data));
+      message.pressed = get<std::uint32_t>(payload.data + 4) != 0;
+      break;
+    }
+    case Kind::buttons: {
+      if (payload.size < 4 || (payload.size - 4) / 4 != get<std::uint32_t>(payload.data))
+        return Drop::bad_length;
+      for (std::size_t i = 0; i < 32 && 8 + 4 * i <= payload.size; ++i)
+        if (get<std::uint32_t>(payload.data + 4 + 4 * i)) message.pressed |= 1u << i;
+      break;
+    }
+    default:
+      break;
+  }
+  if (reals) {
+    const std::size_t ahead = kind == Kind::force ? 0 : 8;
+    if (payload.size != ahead + 8 * reals) return Drop::bad_length;
+    if (ahead) message.number = std::int32_t(get<std::uint32_t>(payload.data));
+    for (std::size_t i = 0; i < reals; ++i) {
+      message.values[i] = get_float<double>(payload.data + ahead + 8 * i);
+      if (!std::isfinite(message.values[i])) reason = Drop::not_finite;
+    }
+  }
+  message.kind = kind;
+  return reason;
+}
+
+}  // namespace burrlab::vrpn

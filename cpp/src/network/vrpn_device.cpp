@@ -1,0 +1,178 @@
+#include "burrlab/network/bone_frame.hpp"
+#include "burrlab/network/transform_reader.hpp"
+#include "burrlab/session/realtime.hpp"
+
+namespace burrlab {
+
+using openigtlink::Drop;
+
+namespace {
+
+constexpr std::size_t longest_list = 300;  // of senders, in a sentence [bytes]
+
+std::string checked_tracker(const std::string& name) {
+  if (name.empty() || name.size() > 99) refuse("length of name", "1 to 99 bytes", double(name.size()));
+  return name;
+}
+
+std::string printable(std::string_view text) {
+  std::string out(text);
+  for (char& c : out)
+    if (c < ' ' || c > '~') c = '?';
+  return out;
+}
+
+}  // namespace
+
+VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings)
+    : MailboxDevice(settings.lost_after, "vrpn:" + name + "@" + (settings.tcp ? "tcp://" : "") + host + ":" +
+                                             std::to_string(settings.port)),
+      StreamReader(host, settings.port),
+      settings_(settings),
+      tracker_(checked_tracker(name)),
+      server_(host + ":" + std::to_string(settings.port)),
+      reader_({name}) {
+  if (settings.on_button < -1 || settings.on_button > 7)
+    refuse("on_button", "0 to 7, or None", settings.on_button);
+  begin();
+}
+
+void VrpnDevice::start(double period) {
+  if (stopped())
+    throw std::invalid_argument("VrpnDevice must be new: its connection was closed after a session");
+  MailboxDevice::start(period);
+}
+
+void VrpnDevice::say(const std::string& fault) {
+  const std::lock_guard<std::mutex> lock(fault_mutex_);
+  fault_ = fault;
+}
+
+std::string VrpnDevice::fault() const {
+  const std::lock_guard<std::mutex> lock(fault_mutex_);
+  if (fault_.empty() && connected() && !found_ && !heard_.empty())
+    return server_ + " has no sender '" + tracker_ + "', it has " + heard_;
+  return fault_.empty() ? MailboxDevice::fault() : fault_;
+}
+
+bool VrpnDevice::open() {
+  {
+    const std::lock_guard<std::mutex> lock(fault_mutex_);
+    heard_.clear();
+    found_ = false;
+  }
+  buttons_ = 0;
+  has_pose_ = has_velocity_ = false;
+  newest_ = 0;
+  if (!(settings_.tcp ? client_.connect() : client_.be_called())) {
+    if (counters_.connections == 0) say("no VRPN server answers at " + server_);
+    return false;
+  }
+  vrpn::Bytes hello;
+  vrpn::encode_cookie(hello);
+  std::string address;
+  const int port = settings_.tcp ? 0 : client_.open_datagrams(address);
+  if (port) vrpn::encode_udp(hello, address, port);
+  return client_.send(hello.data(), hello.size());
+}
+
+bool VrpnDevice::feed(openigtlink::ByteView bytes, bool datagram) {
+  const auto refused = reader_.counters()[Drop::not_finite];
+  const vrpn::Reader::Receive receive = [&](const vrpn::Message& message) { take(message); };
+  if (datagram) {
+    ++counters_.datagrams;
+    reader_.feed_datagram(bytes, receive);
+  } else if (!reader_.feed(bytes, receive)) {
+    if (reader_.greeted()) say(server_ + " sent a message whose length cannot be");
+    return false;
+  }
+  if (reader_.counters()[Drop::not_finite] > refused) say("a message of '" + tracker_ + "' is not finite");
+  return true;
+}
+
+void VrpnDevice::restart() {
+  const auto before = reader_.counters()[Drop::truncated];
+  const bool broken = reader_.broken();
+  reader_.restart();
+  const bool within = reader_.counters()[Drop::truncated] > before;
+  if (!broken && !stopped())
+    say("the connection to " + server_ + " ended" + (within ? " within a message" : ""));
+}
+
+void VrpnDevice::count(ReaderCounters& counters) const {
+  for (std::size_t i = 0; i < openigtlink::drop_reasons; ++i)
+    counters.messages.dropped[i] += reader_.counters().dropped[i];
+  counters.other_type = reader_.other_type();
+  counters.other_device = reader_.other_sender();
+  counters.lost = reader_.lost();
+}
+
+void VrpnDevice::take(const vrpn::Message& message) {
+  using vrpn::Kind;
+  switch (message.kind) {
+    case Kind::cookie:
+      if (reader_.greeted())
+        say("");
+      else
+        say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) + "'");
+      return;
+    case Kind::sender: {
+      const std::lock_guard<std::mutex> lock(fault_mutex_);
+      found_ = found_ || message.text == tracker_;
+      if (message.text != "VRPN Control" && heard_.size() < longest_list)
+        heard_ += (heard_.empty() ? "" : ", ") + printable(message.text);
+      return;
+    }
+    case Kind::pose:
+      return take_pose(message);
+    case Kind::velocity:
+      if (message.number != 0) return;
+      has_velocity_ = true;
+      for (int axis = 0; axis < 3; ++axis) velocity_[axis] = 1e3 * message.values[std::size_t(axis)];
+      break;
+    case Kind::button:
+      if (message.number < 0 || message.number > 7) return;
+      buttons_ = (buttons_ & ~(1u << message.number)) | message.pressed << message.number;
+      break;
+    case Kind::buttons:
+      buttons_ = message.pressed & 255u;
+      break;
+    default:
+      return;
+  }
+  if (has_pose_) send();
+}
+
+void VrpnDevice::take_pose(const vrpn::Message& message) {
+  if (message.number != 0) return;
+  if (message.timestamp < newest_) {  // overtaken on UDP
+    if (newest_ - message.timestamp < std::uint64_t(1) << 32) return;
+  }
+  newest_ = message.timestamp;
+  const auto& v = message.values;
+  const Vec3 position = 1e3 * Vec3(v[0], v[1], v[2]);
+  if (!openigtlink::is_plausible(position)) {
+    ++counters_.messages.dropped[std::size_t(Drop::out_of_range)];
+    return;
+  }
+  position_ = position;
+  const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
+  const bool is_rotation = std::abs(q.norm() - 1.0) <= 1e-2;
+  const Eigen::Quaterniond one = is_rotation ? q.normalized() : Eigen::Quaterniond::Identity();
+  const double sign = one.w() < 0.0 ? -1.0 : 1.0;
+  orientation_ = {sign * one.w(), sign * one.x(), sign * one.y(), sign * one.z()};
+  arrival_ = std::uint64_t(steady_now());
+  const Vec3& estimate = estimate_.next(position_, message.timestamp, arrival_);
+  if (!has_velocity_) velocity_ = estimate;
+  ++counters_.messages.messages;
+  if (!has_pose_ || !fault_.empty()) say("");  // only this thread writes it
+  has_pose_ = true;
+  send();
+}
+
+void VrpnDevice::send() {
+  const bool on = settings_.on_button < 0 || (buttons_ >> settings_.on_button & 1u);
+  put_of(arrival_, position_, velocity_, on, orientation_, std::uint8_t(buttons_));
+}
+
+}  // namespace burrlab

@@ -1,0 +1,322 @@
+"""VRPN: bytes of the real library, and sessions with scripted peers; bad input. tests/golden/vrpn says what."""
+
+import contextlib
+import math
+import socket
+import struct
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from replica_scenes import BLOCK, Leader, soon
+
+import burrlab
+import burrlab._core as _core
+from burrlab.session.network import make_bone
+
+GOLDEN = Path(__file__).parents[1] / "golden/vrpn"
+COOKIE = b"vrpn: ver. 07.38  0".ljust(24, b"\0")
+TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
+POSE, VELOCITY, BUTTON, BUTTONS, FORCE, PING, PONG, HELLO, SENDER, UDP = range(10)  # kinds
+
+
+def message(sender, kind, payload=b"", *, sequence=0, at=(5, 250_000), length=None):
+    head = struct.pack(
+        ">IIIiiI", 24 + len(payload) if length is None else length, *at, sender, kind, sequence
+    )
+    return head + payload + bytes(-len(payload) % 8)
+
+
+def named(number, what, name):
+    return message(number, what, struct.pack(">I", len(name) + 1) + name.encode() + b"\0")
+
+
+def pose(x, y, z, q=(0.0, 0.0, 0.0, 1.0), sensor=0, **options):
+    return message(3, 7, struct.pack(">2i7d", sensor, 0, x, y, z, *q), **options)
+
+
+HELLO_3 = b"".join(
+    [
+        COOKIE, named(3, -1, "Tracker0"), named(0, -1, "VRPN Control"), named(7, -2, "vrpn_Tracker Pos_Quat"),
+        named(8, -2, "vrpn_Tracker Velocity"), named(9, -2, "vrpn_Button Change"),
+    ]
+)  # fmt: skip
+
+
+@contextlib.contextmanager
+def device(*stream, keep=True, **options):
+    """A device whose server says this over TCP; keeps the connection open."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(20)
+        one = burrlab.VrpnDevice(
+            "Tracker0", "127.0.0.1", listener.getsockname()[1], tcp=True, lost_after=1e4, **options
+        )
+        peer, _ = listener.accept()
+        with peer:
+            peer.sendall(b"".join(stream))
+            if not keep:
+                peer.shutdown(socket.SHUT_WR)
+            yield one, peer
+        one.stop()
+
+
+def test_bytes_of_the_real_library():
+    reader = _core.VrpnReader(["Tracker0"])
+    stream = (GOLDEN / "server_tcp.bin").read_bytes()
+    got = [one for i in range(0, len(stream), 61) for one in reader.feed(stream[i : i + 61])]
+    kinds = [one[0] for one in got]
+    assert (
+        kinds == [HELLO, SENDER, SENDER, BUTTONS, *[POSE, VELOCITY] * 3, BUTTON, POSE, VELOCITY][: len(kinds)]
+    )
+    assert kinds.count(POSE) >= 3
+    assert [one[6] for one in got[:3]] == ["vrpn: ver. 07.38  0", "VRPN Control", "Tracker0"]
+    first = {one[0]: one for one in reversed(got)}
+    assert first[POSE][4][:7] == [0.001, -0.0025, 0.003, 0.5, -0.5, 0.5, 0.5]
+    assert first[VELOCITY][4] == [0.01, 0.02, -0.03, 0, 0, 0, 1, 0.001]
+    assert first[BUTTON][2:4] == (1, 1)
+    assert first[BUTTONS][3] == 0
+    (now, then) = reader.feed_datagram((GOLDEN / "server_udp.bin").read_bytes())
+    assert (now[0], then[0]) == (POSE, VELOCITY)
+    assert now[4] == first[POSE][4]
+    assert not {k: v for k, v in reader.counters.items() if v and k != "messages"}
+    reader = _core.VrpnReader(["burrlab_burr_0"], 4096)
+    got = reader.feed((GOLDEN / "client_tcp.bin").read_bytes())
+    assert [one[0] for one in got][:5] == [HELLO, UDP, SENDER, SENDER, PING]
+    assert 1024 < got[1][2] < 65536
+    assert (GOLDEN / "client_request.bin").read_bytes().startswith(b"127.0.0.1 ")
+
+
+def test_a_session_follows_a_tracker():
+    """Position, orientation, velocity, buttons; frames turn them as those of every device."""
+    turned = (0.0, 0.0, math.sin(0.3), math.cos(0.3))
+    velocity = message(3, 8, struct.pack(">2i8d", 0, 0, 0.01, 0.0, -0.02, 0, 0, 0, 1, 0.001))
+    pressed = message(3, 9, struct.pack(">2i", 2, 1))
+    far = pose(1.0, 1.0, 1.0, sensor=1)
+    with device(HELLO_3, velocity, pressed, far, pose(0.001, -0.002, 0.0029, turned), on_button=2) as (
+        one,
+        peer,
+    ):
+        assert one.name.startswith("vrpn:Tracker0@tcp://127.0.0.1:")
+        with burrlab.Session(
+            make_bone(BLOCK), TOOL, one, seed=1, realtime=False,
+            frames=burrlab.DeviceFrame(rotation=(math.sqrt(0.5), 0, 0, math.sqrt(0.5))),
+        ) as session:  # fmt: skip
+            assert soon(lambda: session.ticks > 20)
+            newest = session.follower.take(session.follower.view())["newest"]["burr"][0]
+            np.testing.assert_allclose(newest["center"], (2.0, 1.0, 2.9), atol=1e-12)
+            np.testing.assert_allclose(newest["device_velocity"], (0.0, 10.0, -20.0), atol=1e-12)
+            half = math.pi / 4 + 0.3
+            np.testing.assert_allclose(
+                newest["orientation"], (math.cos(half), 0, 0, math.sin(half)), atol=1e-12
+            )
+            assert (newest["on"], newest["buttons"]) == (1, 4)
+            peer.sendall(message(3, 9, struct.pack(">2i", 2, 0)))
+            assert soon(
+                lambda: session.follower.take(session.follower.view())["newest"]["burr"][0]["on"] == 0
+            )
+        assert one.counters["messages"] == 1
+
+
+def test_default_handshake_and_udp():
+    """The server calls back; a stranger is not heard; poses over UDP, with their losses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
+        asked.bind(("127.0.0.1", 0))
+        asked.settimeout(20)
+        one = burrlab.VrpnDevice("Tracker0", "127.0.0.1", asked.getsockname()[1], lost_after=1e4)
+        host, port = asked.recv(200).rstrip(b"\0").decode().split()
+        with contextlib.suppress(OSError), socket.socket() as stranger:
+            stranger.bind(("127.0.0.2", 0))
+            stranger.connect((host, int(port)))
+        with socket.create_connection((host, int(port))) as peer:
+            hello = peer.recv(64, socket.MSG_WAITALL)
+            assert hello[:24] == COOKIE
+            udp = struct.unpack_from(">i", hello, 36)[0]
+            assert hello[40:44] == struct.pack(">i", -3)
+            assert hello[48:58] == b"127.0.0.1\0"
+            peer.sendall(HELLO_3)
+            assert soon(lambda: one.connected)
+            time.sleep(0.1)
+            for number in (10, 11, 14, 13):
+                asked.sendto(pose(0.001 * number, 0, 0, sequence=number, at=(5, 1000 * number)), (host, udp))
+            assert soon(lambda: one.counters["datagrams"] == 4)
+            counters = one.counters
+            assert (counters["messages"], counters["lost"]) == (3, 2)
+        one.stop()
+
+
+WRONG = COOKIE.replace(b"07.38", b"06.01")
+NOT_FINITE = "a message of 'Tracker0' is not finite"
+
+
+@pytest.mark.parametrize(
+    ("stream", "keep", "sentence", "count"),
+    [
+        ([WRONG], True, "must be a VRPN server of version 07, it says 'vrpn: ver. 06.01  0'", "bad_version"),
+        ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], True, "version 07, it says 'HTTP/1.1 400 Bad Re", "bad_version"),
+        ([COOKIE, named(0, -1, "Stylus"), named(1, -1, "Tracker1")], True, "has no sender 'Tracker0', it has Stylus, Tracker1", None),
+        ([HELLO_3, pose(0, 0, 0)[:50]], False, " ended within a message", "truncated"),
+        ([HELLO_3, message(3, 7, length=12)], True, "sent a message whose length cannot be", "implausible_size"),
+        ([HELLO_3, message(3, 7, length=2**31)], True, "sent a message whose length cannot be", "implausible_size"),
+        ([HELLO_3, pose(math.nan, 0, 0)], True, NOT_FINITE, "not_finite"),
+        ([HELLO_3, pose(0, 0, 0, (0, math.inf, 0, 0))], True, NOT_FINITE, "not_finite"),
+        ([HELLO_3, message(3, 7, bytes(56))], True, "", "bad_length"),
+        ([HELLO_3, pose(1e6, 0, 0)], True, "", "out_of_range"),
+        ([COOKIE.replace(b"38", b"35"), HELLO_3[24:], message(3, 5), pose(0, 0, 0)], True, "", "messages"),
+    ],
+)  # fmt: skip
+def test_bad_input(stream, keep, sentence, count):
+    with device(*stream, keep=keep) as (one, _):
+        assert soon(lambda: sentence in one.fault and (count is None or one.counters[count] >= 1))
+        assert bool(one.fault) == bool(sentence)
+
+
+def test_refusals():
+    for text, call in (
+        ("length of name must be 1 to 99 bytes, got 0", lambda: burrlab.VrpnDevice("", "127.0.0.1")),
+        ("port must be 1 to 65535, got 0", lambda: burrlab.VrpnDevice("T", "127.0.0.1", 0)),
+        (
+            "on_button must be 0 to 7, or None, got 8",
+            lambda: burrlab.VrpnDevice("T", "127.0.0.1", on_button=8),
+        ),
+    ):
+        with pytest.raises(ValueError, match=text):
+            call()
+    one = burrlab.VrpnDevice("T", "127.0.0.1", 9, tcp=True)
+    assert soon(lambda: one.fault == "no VRPN server answers at 127.0.0.1:9")
+    one.stop()
+    session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, realtime=False)
+    with pytest.raises(ValueError, match="VrpnDevice must be new: its connection was closed"):
+        session.start()
+
+
+# The server
+
+
+CLIENT = b"".join([COOKIE, named(0, -1, "burrlab_burr_0"), named(4, -2, "vrpn_Base ping_message")])
+
+
+def received(peer, reader, count, kind=FORCE):
+    """Messages until `count` of this kind have come."""
+    got = []
+    while sum(one[0] == kind for one in got) < count:
+        data = peer.recv(4096)
+        assert data, "the server closed the connection"
+        got += reader.feed(data)
+    return got
+
+
+def test_every_tick_over_tcp():
+    with Leader(port=None, vrpn=0, burrs=2) as leader:
+        publisher = leader.publisher
+        with socket.create_connection(("127.0.0.1", publisher.vrpn_port), timeout=10) as peer:
+            peer.sendall(CLIENT + message(0, 4))
+            reader = _core.VrpnReader(["burrlab_burr_0", "burrlab_burr_1"])
+            got = received(peer, reader, 1000)
+        leader.loop.stop()
+        every = _core.RecordReader(leader.loop).take()[0]
+    assert publisher.port == 0
+    assert publisher.status["dropped"] == {}
+    assert [one[6] for one in got[:3]] == ["vrpn: ver. 07.38  0", "burrlab_burr_0", "burrlab_burr_1"]
+    assert [one[1] for one in got if one[0] == PONG] == [0]
+    records = every["burr"]
+    for i in range(2):
+        poses, velocities, forces = (
+            np.array([one[4] for one in got if one[:2] == (kind, i)]) for kind in (POSE, VELOCITY, FORCE)
+        )
+        first = int(np.flatnonzero((1e-3 * records["center"][:, i] == poses[0, :3]).all(1))[0])
+        those = records[first : first + len(forces), i]
+        np.testing.assert_array_equal(poses[: len(forces), :3], 1e-3 * those["center"])
+        np.testing.assert_array_equal(poses[: len(forces), [6, 3, 4, 5]], those["orientation"])
+        np.testing.assert_array_equal(velocities[: len(forces), :3], 1e-3 * those["device_velocity"])
+        np.testing.assert_array_equal(forces[:, :3], those["force"])
+        np.testing.assert_allclose(
+            velocities[: len(forces), 7], 1e-3 * every["k"][first : first + len(forces)]
+        )
+        assert np.abs(forces).max() > 0.1
+
+
+def test_a_client_of_the_real_library_is_called_back():
+    """It asks by UDP from one address, whatever address it names, gets poses there, and its pings answered."""
+    with (
+        Leader(port=None, vrpn=0) as leader,
+        socket.create_server(("127.0.0.1", 0)) as listener,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as poses,
+    ):
+        server = ("127.0.0.1", leader.publisher.vrpn_port)
+        poses.bind(("127.0.0.1", 0))
+        poses.settimeout(10)
+        listener.settimeout(10)
+        for word in (
+            b"",
+            b"127.0.0.1",
+            b"127.0.0.1 80\0",
+            b"x" * 300,
+            b"192.0.2.7 %d\0" % listener.getsockname()[1],
+        ):
+            poses.sendto(word, server)
+        peer, _ = listener.accept()
+        with peer:
+            peer.settimeout(10)
+            stream = bytearray((GOLDEN / "client_tcp.bin").read_bytes())
+            stream[36:40] = struct.pack(">i", poses.getsockname()[1])
+            peer.sendall(stream)
+            reader = _core.VrpnReader(["burrlab_burr_0"])
+            got = received(peer, reader, 200)
+            packets = [one for _ in range(200) for one in reader.feed_datagram(poses.recv(4096))]
+        assert {one[0] for one in got} == {HELLO, SENDER, FORCE, PONG}
+        assert {one[0] for one in packets} == {POSE, VELOCITY}
+        assert reader.lost == 0
+        status = leader.publisher.status
+        assert (status["vrpn_calls"], status["refused"], status["dropped"]) == (1, 4, {})
+        assert status["datagrams"] >= 200
+
+
+def test_hostile_clients_end_alone():
+    with Leader(port=None, vrpn=0, most_peers=8) as leader:
+        port = leader.publisher.vrpn_port
+        nothing_after = {
+            "bad_version": b"GET / HTTP/1.1\r\nHost: me\r\n\r\n",
+            "implausible_size": COOKIE + message(0, 0, length=5000),
+            "bad_length": COOKIE + named(0, -1, "x" * 150) * 16,
+            "out_of_range": COOKIE + message(70000, -3) * 16,
+        }
+        for reason, words in nothing_after.items():
+            with socket.create_connection(("127.0.0.1", port), timeout=10) as peer:
+                peer.sendall(words)
+                with contextlib.suppress(ConnectionResetError):
+                    while peer.recv(65536):
+                        pass
+            assert soon(lambda reason=reason: leader.publisher.status["dropped"].get(reason, 0) >= 1), reason
+        with contextlib.ExitStack() as peers, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
+            listener = peers.enter_context(socket.create_server(("127.0.0.1", 0), backlog=100))
+            for _ in range(200):  # asks as often as it can
+                asker.sendto(b"127.0.0.1 %d\0" % listener.getsockname()[1], ("127.0.0.1", port))
+            time.sleep(0.3)  # most of them are never read
+            status = leader.publisher.status
+            assert status["standard_peers"] <= 8
+            assert 1 <= status["vrpn_calls"] <= status["vrpn_calls"] + status["refused"] <= 32
+        before = leader.tick
+        assert soon(lambda: leader.tick > before + 100)
+
+
+def test_session_over_vrpn():
+    """A session's Tracker drives another session."""
+    place = np.tile([0.001, 0.002, 2.9], (4000, 1))
+    with burrlab.Session(
+        make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), seed=1, vrpn=0, realtime=False
+    ) as session:
+        assert session.port is None
+        onward = burrlab.VrpnDevice("burrlab_burr_0", "127.0.0.1", session.vrpn_port, lost_after=1e4)
+        with burrlab.Session(make_bone(BLOCK), TOOL, onward, seed=1, realtime=False) as second:
+            assert soon(lambda: second.ticks > 100)
+            newest = second.follower.take(second.follower.view())["newest"]["burr"][0]
+        np.testing.assert_allclose(newest["center"], place[0], rtol=1e-15)
+        assert onward.counters["lost"] == 0
+    with pytest.raises(ValueError, match=r"vrpn must be a whole number from 0 and below 2\^16"):
+        burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=70000)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as taken,
+        pytest.raises(ValueError, match="host and port must be free to listen on"),
+    ):
+        burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=taken.getsockname()[1])

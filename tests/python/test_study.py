@@ -142,7 +142,9 @@ def test_short_items_are_sent_many_at_once(monkeypatch):
     """A quarter of a worker's share at most; long items go one by one, and threads get no more at once."""
     here, items = Here(), range(-500, 500)
     clock, real = itertools.count(), time.perf_counter
-    monkeypatch.setattr(time, "perf_counter", lambda: 1e-6 * next(clock))  # a busy machine's items may be long
+    monkeypatch.setattr(
+        time, "perf_counter", lambda: 1e-6 * next(clock)
+    )  # a busy machine's items may be long
     assert run_items(abs, items, executor=here) == [abs(i) for i in items]
     assert here.sizes == [1, 250, 250, 250, 249]
     assert run_items(abs, items, executor=here, chunk=600) == [abs(i) for i in items]

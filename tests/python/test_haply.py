@@ -230,7 +230,9 @@ def test_texts():
     assert (parse_device("haply").host, parse_device("haply").port) == ("localhost", 10001)
     assert (parse_device("haply:[::1]:7").host, parse_device("haply:[::1]:7").port) == ("::1", 7)
     for text in ("haply:", "haply:host", "haply:host:0", "haply:host:x"):
-        with pytest.raises(ValueError, match=r"must be (HOST:PORT|hand, .* haply\[:HOST:PORT\] or vrpn.*), got"):
+        with pytest.raises(
+            ValueError, match=r"must be (HOST:PORT|hand, .* haply\[:HOST:PORT\] or vrpn.*), got"
+        ):
             parse_device(text)
     for host in ("", "a/b", "a b"):
         with pytest.raises(ValueError, match="host must be a name or an address, got"):

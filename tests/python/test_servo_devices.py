@@ -175,5 +175,7 @@ def test_texts():
     assert [parse_device(text).name for text in ("touch", "touch:Left Hand")] == ["", "Left Hand"]
     assert [parse_device(text).index for text in ("omega", "omega:1")] == [0, 1]
     for text in ("touch:", "omega:", "omega:x", "omega:-1"):
-        with pytest.raises(ValueError, match=r"must be hand, .* omega\[:N\], haply\[:HOST:PORT\] or vrpn.*, got"):
+        with pytest.raises(
+            ValueError, match=r"must be hand, .* omega\[:N\], haply\[:HOST:PORT\] or vrpn.*, got"
+        ):
             parse_device(text)

@@ -67,8 +67,9 @@ bench: $(VENV)/benched
 fuzz: SECONDS := 600
 fuzz: $(VENV)/developed
 	$(CONFIGURE) -DBURRLAB_TESTS=ON
-	$(BIN)/cmake --build build --target fuzz_openigtlink
+	$(BIN)/cmake --build build --target fuzz_openigtlink fuzz_vrpn
 	build/tests/fuzz/fuzz_openigtlink 10000000000 $(SECONDS)
+	build/tests/fuzz/fuzz_vrpn 10000000000 $(SECONDS)
 	sed -n 's/^    "\([a-z]*\)": (.*/\1/p' tests/fuzz/readers.py | xargs -P 2 -I TARGET $(BIN)/python tests/fuzz/fuzz.py TARGET --seconds $(SECONDS)
 
 figures: $(VENV)/developed

@@ -82,8 +82,7 @@ constexpr std::uint64_t most_faults = 16;    // dropped messages before a connec
 constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
-constexpr std::size_t most_calls =
-    16;  // requests of VRPN's clients read in a second, and calls not yet taken
+constexpr std::size_t most_calls = 16;  // requests by UDP read in a second, and calls back not yet taken
 constexpr std::size_t udp_size = vrpn::pose_size + vrpn::velocity_size;  // of a burr and tick [bytes]
 constexpr std::int64_t grace = 3 * second;  // for a replica to come after its hello, or to come back
 
@@ -197,8 +196,9 @@ void Publisher::on_tick(const TickRecord& record) {
 /// Poses and velocities first: they may go over UDP. The velocity is the device's; it turned since the last
 /// tick.
 void Publisher::encode_vrpn(const TickRecord& record, std::uint64_t timestamp) {
+  if (!vrpn_) return;
   scratch_.clear();
-  for (std::uint32_t i = 0; vrpn_ && i < burrs_; ++i) {
+  for (std::uint32_t i = 0; i < burrs_; ++i) {
     const BurrRecord& burr = record.burr[i];
     const Vec3 center(burr.center.data()), velocity(burr.device_velocity.data());
     const Eigen::Quaterniond now = to_eigen(burr.orientation);
@@ -209,7 +209,7 @@ void Publisher::encode_vrpn(const TickRecord& record, std::uint64_t timestamp) {
     vrpn::encode_velocity(scratch_, std::int32_t(i), timestamp, 1e-3 * velocity,
                           {turn.w(), turn.x(), turn.y(), turn.z()}, 1e-3 * period_ * record.k);
   }
-  for (std::uint32_t i = 0; vrpn_ && i < burrs_; ++i)
+  for (std::uint32_t i = 0; i < burrs_; ++i)
     vrpn::encode_force(scratch_, std::int32_t(i), timestamp, Vec3(record.burr[i].force.data()));
   vrpn_log_.append_tick({scratch_.data(), scratch_.size()});
 }
@@ -328,7 +328,7 @@ void Publisher::run() {
     count_peers(peers);
   }
   server_.stop_listening();
-  vrpn_.reset();
+  if (vrpn_) vrpn_->close();  // it stays: the follower's thread asks whether there is one
   peers.clear();
   count_peers(peers);
 }

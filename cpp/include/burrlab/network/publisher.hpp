@@ -112,6 +112,7 @@ class Publisher : public TickListener {
   struct VrpnPort {
     TcpServer server;
     UdpSocket datagrams{server};
+    void close() noexcept { server.stop_listening(), datagrams.close(); }
   };
   using Peers = std::vector<std::unique_ptr<Peer>>;
 

@@ -5,6 +5,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace burrlab {
@@ -69,11 +70,12 @@ class UdpSocket {
  public:
   /// Throws std::invalid_argument if the port is taken.
   explicit UdpSocket(const TcpServer& beside);
-  ~UdpSocket() { TcpServer::close(socket_); }
+  ~UdpSocket() { close(); }
   UdpSocket(const UdpSocket&) = delete;
   UdpSocket& operator=(const UdpSocket&) = delete;
 
   int socket() const { return socket_; }
+  void close() noexcept { TcpServer::close(std::exchange(socket_, -1)); }
   long receive(std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept;  ///< below 0: none
   bool send(const PeerAddress& to, const std::uint8_t* bytes, std::size_t size) noexcept;
 

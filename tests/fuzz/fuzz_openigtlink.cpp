@@ -1,13 +1,13 @@
 // Mutated OpenIGTLink streams, without libFuzzer: valid messages, broken as by bad wires and by attackers.
 // fuzz_openigtlink [INPUTS [SECONDS [SEED]]] ends after either; defaults 10^5 inputs and 600 s.
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <random>
 #include <string>
 
 #include "burrlab/network/replica_protocol.hpp"
+#include "fuzz_run.hpp"
 #include "openigtlink_target.hpp"
 
 namespace {
@@ -211,31 +211,23 @@ class Mutator {
 }  // namespace
 
 int main(int count, char** argument) {
-  const std::uint64_t inputs = count > 1 ? std::strtoull(argument[1], nullptr, 10) : 100000;
-  const double seconds = count > 2 ? std::strtod(argument[2], nullptr) : 600.0;
-  const std::uint64_t seed = count > 3 ? std::strtoull(argument[3], nullptr, 10) : 1;
-  const auto begin = std::chrono::steady_clock::now();
-  const auto elapsed = [&] {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  };
-  Mutator mutator(seed);
+  FuzzRun run(count, argument);
+  Mutator mutator(run.seed);
   Counters total;
-  std::uint64_t done = 0;
-  for (; done < inputs && (done % 1024 || elapsed() < seconds); ++done) {
+  for (; run.more(); ++run.done) {
     const Bytes stream = mutator.stream();
     const Counters counters = fuzz::run(stream, mutator.word());
     total.messages += counters.messages;
     for (std::size_t i = 0; i < drop_reasons; ++i) total.dropped[i] += counters.dropped[i];
   }
-  std::printf("%llu inputs in %.1f s, seed %llu: %llu messages accepted\n", (unsigned long long)done,
-              elapsed(), (unsigned long long)seed, (unsigned long long)total.messages);
+  run.say(total.messages);
   bool all_met = true;
   for (std::size_t i = 0; i < drop_reasons; ++i) {
     const bool of_framer = i >= std::size_t(Drop::bad_version) && i <= std::size_t(Drop::truncated);
     if (of_framer) std::printf("%10llu %s\n", (unsigned long long)total.dropped[i], drop_name(Drop(i)));
     if (of_framer && total.dropped[i] == 0) all_met = false;
   }
-  if (all_met || done < 10000) return 0;
+  if (all_met || run.done < 10000) return 0;
   std::printf("a reason was never met: the mutations are too tame\n");
   return 1;
 }

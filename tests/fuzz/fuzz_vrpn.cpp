@@ -1,12 +1,12 @@
 // Broken VRPN streams and UDP packets, as fuzz_openigtlink does. fuzz_vrpn [INPUTS [SECONDS [SEED]]].
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <random>
 
 #include "burrlab/network/vrpn.hpp"
+#include "fuzz_run.hpp"
 
 namespace {
 
@@ -117,25 +117,18 @@ void check(const Message& message) {
 }  // namespace
 
 int main(int count, char** argument) {
-  const std::uint64_t inputs = count > 1 ? std::strtoull(argument[1], nullptr, 10) : 100000;
-  const double seconds = count > 2 ? std::strtod(argument[2], nullptr) : 600.0;
-  const std::uint64_t seed = count > 3 ? std::strtoull(argument[3], nullptr, 10) : 1;
-  const auto begin = std::chrono::steady_clock::now();
-  const auto elapsed = [&] {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-  };
-  Mutator mutator(seed);
+  FuzzRun run(count, argument);
+  Mutator mutator(run.seed);
   Counters total;
-  std::uint64_t done = 0;
   Reader whole(senders, largest), pieces(senders, largest);
   const auto add = [&](Reader& reader) {
     total.messages += reader.counters().messages;
     for (std::size_t i = 0; i < burrlab::openigtlink::drop_reasons; ++i)
       total.dropped[i] += reader.counters().dropped[i];
   };
-  for (; done < inputs && (done % 1024 || elapsed() < seconds); ++done) {
+  for (; run.more(); ++run.done) {
     const Bytes bytes = mutator.stream(true), packet = mutator.stream(false);
-    const bool checked = done % 16 == 0;
+    const bool checked = run.done % 16 == 0;
     std::size_t heard = 0, heard_in_pieces = 0;
     const auto once = [&](const Message& message) {
       ++heard;
@@ -156,12 +149,11 @@ int main(int count, char** argument) {
     pieces.restart();
   }
   add(whole);
-  std::printf("%llu inputs in %.1f s, seed %llu: %llu messages accepted\n", (unsigned long long)done,
-              elapsed(), (unsigned long long)seed, (unsigned long long)total.messages);
+  run.say(total.messages);
   for (const Drop reason : {Drop::bad_version, Drop::implausible_size, Drop::truncated, Drop::bad_length,
                             Drop::not_finite, Drop::out_of_range}) {
     std::printf("%10llu %s\n", (unsigned long long)total[reason], drop_name(reason));
-    if (total[reason] == 0 && done >= 10000) return std::printf("a reason was never met\n"), 1;
+    if (total[reason] == 0 && run.done >= 10000) return std::printf("a reason was never met\n"), 1;
   }
   return 0;
 }

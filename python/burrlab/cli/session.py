@@ -246,8 +246,8 @@ def _session(options: Options) -> int:
         say(f"published over VRPN on {host}, port {session.vrpn_port}; there is no authentication")
     with _kept(options, start, session):
         with ended_by_signals(), session:
-            _stop_at_enter(session)
             try:
+                _stop_at_enter(session)
                 show_live(options, session, effects)
                 while not session.wait(1.0):
                     show_line(_line(session))

@@ -3,7 +3,7 @@
 #include "bindings.hpp"
 #include "burrlab/check.hpp"
 #include "burrlab/network/message_framer.hpp"
-#include "burrlab/network/transform_reader.hpp"
+#include "burrlab/network/network_device.hpp"
 
 using namespace burrlab::openigtlink;
 

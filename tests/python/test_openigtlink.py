@@ -263,3 +263,56 @@ def test_pyigtl_drives_the_burr(pyigtl, version):
         loop.stop()
         device.stop()
         server.stop()
+
+
+@pytest.mark.parametrize("frame", ["", "ToTracker"])
+def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
+    """Its tools come as PLUS sends them, names cut at 20 bytes. The force on the hand goes back, at last zero."""
+    server = pyigtl.OpenIGTLinkServer(port=free_port(), local_server=True)
+    bone = burrlab.VoxelBone.block((6, 6, 4), 0.1, origin=(-2.95, -2.95, -3.95))
+    device = burrlab.IgtlDevice("127.0.0.1", server.port, lost_after=5000)
+
+    def felt():
+        return server.wait_for_message("Force" + frame, 5).matrix[:3, 3]
+
+    sent, answers = [], []
+    try:
+        with burrlab.Session(
+            bone, (burrlab.Burr(1.5), burrlab.materials["bone"]), device, seed=1, realtime=False,
+            slew_limit=0.1, stop_button=1, record=tmp_path / "t.h5",
+        ) as run:  # fmt: skip
+            assert soon(server.is_connected)
+            for i in range(60):
+                pose, velocity, buttons = np.eye(4), np.eye(4), np.eye(4)
+                pose[:3, 3] = 0.002 * i, -0.001 * i, 1.49 - 0.005 * i
+                velocity[:3, 3] = 20.0, -10.0, -5.0
+                buttons[:3, 0] = 1, i == 59, 0
+                tools = {"Stylus": pose, "StylusVelocity": velocity, "Buttons": buttons}
+                for name, matrix in tools.items():
+                    message = pyigtl.TransformMessage(matrix, device_name=(name + frame)[:20])
+                    server.send_message(message, wait=True)
+                sent.append(np.float32(pose[:3, 3]).astype(float) * (-1, -1, 1))
+                answers.append(felt())
+            assert run.wait(10)
+        assert soon(lambda: (felt() == 0).all())  # the session has ended
+    finally:
+        server.stop()
+    assert run.reason == "a stop button of device 0 was pressed"
+    assert device.counters["messages"] == 60
+    assert device.counters["other_device"] == 0
+    trace = burrlab.load_trace(tmp_path / "t.h5")
+    assert np.isin(trace.array("center_mm"), np.array(sent)).all()
+    np.testing.assert_array_equal(trace.array("device_velocity_mm_s")[-1], [-20, 10, -5])
+    forces = (trace.array("sent_force_N") * (-1, -1, 1)).astype(np.float32)
+    assert np.isin(np.array(answers, np.float32), np.append(forces, 0.0)).all()
+    assert np.abs(answers).max() > 0.1
+
+
+def test_forces_of_other_peers_are_no_poses():
+    """A session's own stream holds forces as TRANSFORM; a device that reads any name passes them over."""
+    poses = [_core.encode_transform("burr", (i, 0, 0)) for i in range(3)]
+    with serve([*poses, *(_core.encode_transform(name, (9, 9, 9)) for name in ("Force", "Force_1"))]) as port:
+        device = _core.IgtlDevice("127.0.0.1", port)
+        assert soon(lambda: device.counters["other_device"] == 2)
+        device.stop()
+    assert device.counters["messages"] == 3

@@ -39,10 +39,10 @@ def replica_word(leader, holds, tick):
 def receive(peer, ticks, burrs=1):
     """Messages of a number of ticks."""
     framer, messages = _core.MessageFramer(), []
-    while len(messages) < 2 * burrs * ticks:
+    while len(messages) < 3 * burrs * ticks:
         messages += framer.feed(peer.recv(4096))
     assert framer.counters["messages"] == len(messages)
-    return messages[: 2 * burrs * ticks]
+    return messages[: 3 * burrs * ticks]
 
 
 def records_of(leader):
@@ -71,6 +71,10 @@ def test_poses_and_forces_of_every_tick(version, burrs):
         first = int(np.flatnonzero((sent[:, i] == poses[0]).all(1))[0])
         assert np.array_equal(poses, sent[first : first + 1000, i])
         assert np.array_equal(forces, felt[first : first + 1000, i])
+        name = ("Force", "Force_1")[i]
+        moved = np.array([m.value for m in messages if m.type == "TRANSFORM" and m.device_name == name])
+        assert np.array_equal(moved[:, :3, 3], forces.astype(np.float32))
+        assert (moved[:, :3, :3] == np.eye(3)).all()
         assert np.abs(forces).max() > 0.1
 
 
@@ -79,7 +83,7 @@ def test_slow_standard_peer_gets_the_newest():
         framer, positions = _core.MessageFramer(), []
 
         def read():
-            positions.extend(m.value[:3, 3] for m in framer.feed(peer.recv(1000)) if m.type == "TRANSFORM")
+            positions.extend(m.value[:3, 3] for m in framer.feed(peer.recv(1000)) if "burr_" in m.device_name)
 
         end = time.monotonic() + 2.0
         while time.monotonic() < end:
@@ -130,7 +134,7 @@ def test_replica_is_told_what_the_protocol_says():
         ending.start()
         for data in messages_of(peer):
             (message,) = framer.feed(data)
-            if (name := name_of(data)).startswith(("burrlab_burr", "burrlab_force")):
+            if (name := name_of(data)).startswith(("burrlab_burr", "burrlab_force", "Force")):
                 assert not names
                 continue
             names.append(name)
@@ -308,14 +312,42 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
         records = records_of(leader)
         assert leader.publisher.status["skipped"] == 0
     lines = [line.split() for line in (tmp_path / "out").read_text().splitlines()]
-    poses = np.array([[float(line[3 + i]) for i in (3, 7, 11)] for line in lines if line[0] == "TRANSFORM"])
+    poses, felt = (
+        np.array([[float(line[3 + i]) for i in (3, 7, 11)] for line in lines if line[:2] == ["TRANSFORM", name]])
+        for name in ("burrlab_burr_0", "Force")
+    )
     forces = np.array([[float(v) for v in line[5:]] for line in lines if line[0] == "SENSOR"])
-    assert {line[1] for line in lines} == {"burrlab_burr_0", "burrlab_force_0"}
+    assert {line[1] for line in lines} == {"burrlab_burr_0", "burrlab_force_0", "Force"}
     assert {line[3] + " " + line[4] for line in lines if line[0] == "SENSOR"} == {"0 11^1"}
     assert len(poses) == len(forces) >= 1000
     last = records[-len(poses) :]["burr"]
     assert np.array_equal(poses.astype(np.float32), in_ras(last["center"][:, 0]))
     assert np.array_equal(forces, last["force"][:, 0] * (-1, -1, 1))
+    assert np.array_equal(felt.astype(np.float32), forces.astype(np.float32))
+    assert np.abs(felt).max() > 0.1
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_pyigtl_gets_the_force_as_transform_and_text(pyigtl, version):
+    with Leader(header_version=version) as leader:
+        client = pyigtl.OpenIGTLinkClient("127.0.0.1", leader.port)
+        leader.run_to(500)
+        try:
+            assert soon(lambda: np.abs(client.wait_for_message("Force", 5).matrix[:3, 3]).max() > 0.1)
+            leader.loop.stop()
+            force = records_of(leader)[-1]["burr"]["force"][0] * (-1, -1, 1)
+            last = force.astype(np.float32)
+            assert soon(lambda: np.array_equal(client.wait_for_message("Force", 5).matrix[:3, 3], last))
+            for name in ("", "Force", "Force_1"):  # the last does not exist
+                query = pyigtl.StringMessage("", device_name=name)
+                query._message_type = "GET_STRING"
+                client.send_message(query, wait=True)
+                if name != "Force_1":
+                    text = client.wait_for_message("Force", 5).string
+                    assert [float(one) for one in text.split()] == pytest.approx(force, rel=1e-8)
+            assert soon(lambda: leader.publisher.status["ignored"] == 1)
+        finally:
+            client.stop()
 
 
 def test_example_client_of_libopenigtlink(build, tmp_path):

@@ -44,7 +44,7 @@ void MessageFramer::begin_body(ByteView head) {
   const Drop reason = decode_header(head, header_);
   if (reason != Drop::none) return lose(reason);
   const std::string_view type = header_.type.view();
-  if (type != transform_type && type != sensor_type && type != ndarray_type)
+  if (type != transform_type && type != sensor_type && type != ndarray_type && type != get_string_type)
     skip(Drop::unknown_type, header_.body_size);
   else if (header_.body_size > largest_body())
     skip(Drop::oversized, header_.body_size);

@@ -234,6 +234,15 @@ void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, s
   });
 }
 
+void encode_string(Bytes& out, const Envelope& envelope, std::string_view text) {
+  if (text.size() > 65535) refuse("length of text", "at most 65535 bytes", double(text.size()));
+  append(out, envelope, string_type, 4 + text.size(), [&](std::uint8_t* at) {
+    put(at, us_ascii);
+    put(at + 2, std::uint16_t(text.size()));
+    std::copy(text.begin(), text.end(), at + 4);
+  });
+}
+
 void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                             const std::uint16_t* shape, std::size_t dimensions) {
   if (dimensions < 1 || dimensions > 255) refuse("number of dimensions", "1 to 255", double(dimensions));

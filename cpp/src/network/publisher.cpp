@@ -9,6 +9,7 @@
 #include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
 #include "burrlab/session/realtime.hpp"
+#include "wire.hpp"
 
 namespace burrlab {
 
@@ -21,7 +22,7 @@ using replica_protocol::Word;
 namespace {
 
 constexpr std::size_t largest_head = 130, largest_burr = 128;  // of a tick's message, either version [bytes]
-constexpr std::size_t largest_pose = 260, poses_kept = 1024;   // of one burr; ticks
+constexpr std::size_t largest_pose = 380, poses_kept = 1024;   // of one burr; ticks
 constexpr int send_buffer = 8192;  // of standard peers: small, so that a slow one gets no old poses [bytes]
 constexpr std::size_t most_states = 4;           // of the bone in memory at once
 constexpr std::int64_t state_pause = 100000000;  // between two of them [ns]
@@ -46,6 +47,9 @@ std::size_t ticks_of_log(double seconds, double period) {
   if (!(ticks <= 2e6)) refuse("ticks of the log", "at most 2000000", ticks);
   return std::size_t(ticks);
 }
+
+/// Of the forces as PLUS and 3D Slicer read them.
+constexpr std::string_view force_name[] = {"Force", "Force_1"};
 
 const std::vector<std::string>& names_of(std::uint32_t burrs) {
   static const std::vector<std::string> one{"burrlab_burr_0"}, two{"burrlab_burr_0", "burrlab_burr_1"};
@@ -171,7 +175,7 @@ void Publisher::on_tick(const TickRecord& record) {
 
   scratch_.clear();
   static constexpr std::string_view burr_name[] = {"burrlab_burr_0", "burrlab_burr_1"};
-  static constexpr std::string_view force_name[] = {"burrlab_force_0", "burrlab_force_1"};
+  static constexpr std::string_view sensor_name[] = {"burrlab_force_0", "burrlab_force_1"};
   openigtlink::Envelope envelope;
   envelope.timestamp = openigtlink::timestamp_now();
   envelope.version = settings_.header_version;
@@ -184,9 +188,11 @@ void Publisher::on_tick(const TickRecord& record) {
     } else {
       ++status_.out_of_range;
     }
-    const double force[3] = {0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]};
+    forces_[i] = Vec3(0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]);
+    envelope.device_name = sensor_name[i];
+    encode_sensor(scratch_, envelope, forces_[i].data(), 3);
     envelope.device_name = force_name[i];
-    encode_sensor(scratch_, envelope, force, 3);
+    encode_transform(scratch_, envelope, openigtlink::to_ras(Vec3(burr.force.data())));
   }
   poses_.append_tick({scratch_.data(), scratch_.size()});
   encode_vrpn(record, envelope.timestamp);
@@ -444,7 +450,9 @@ bool Publisher::read(Peer& peer) {
 void Publisher::hear(Peer& peer, const Message& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   Word word;
-  if (peer.closing || replica_protocol::kind_of(message) != replica_protocol::Kind::word) {
+  if (!peer.closing && !peer.replica && message.header.type.view() == openigtlink::get_string_type) {
+    say_force(peer, message.header.device_name.view());
+  } else if (peer.closing || replica_protocol::kind_of(message) != replica_protocol::Kind::word) {
     ++status_.ignored;
   } else if (peer.replica) {
     if (decode(message, word) && word.holds == Holds::all)
@@ -457,6 +465,20 @@ void Publisher::hear(Peer& peer, const Message& message) {
     ++status_.bad_words;
     peer.closing = true;
   }
+}
+
+void Publisher::say_force(Peer& peer, std::string_view name) {
+  for (std::uint32_t i = 0; i < burrs_; ++i) {
+    if (name != force_name[i] && !(name.empty() && i == 0)) continue;
+    char text[80];
+    std::snprintf(text, sizeof text, "%.9g %.9g %.9g", forces_[i][0], forces_[i][1], forces_[i][2]);
+    openigtlink::Envelope envelope;
+    envelope.device_name = force_name[i];
+    envelope.timestamp = openigtlink::timestamp_now();
+    envelope.version = settings_.header_version;
+    return encode_string(peer.pending, envelope, text);
+  }
+  ++status_.ignored;
 }
 
 void Publisher::hear(Peer& peer, const vrpn::Message& message) {

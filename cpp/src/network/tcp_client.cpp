@@ -179,6 +179,11 @@ bool TcpClient::send(const std::uint8_t* bytes, std::size_t size, double timeout
   return size == 0;
 }
 
+std::size_t TcpClient::send_some(const std::uint8_t* bytes, std::size_t size) {
+  const auto sent = ::send(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL);
+  return sent > 0 ? std::size_t(sent) : 0;
+}
+
 void TcpClient::close() {
   for (int* one : {&socket_, &datagrams_}) {
     if (*one >= 0) close_socket(*one);

@@ -1,6 +1,5 @@
 #include "burrlab/network/bone_frame.hpp"
-#include "burrlab/network/transform_reader.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "burrlab/network/network_device.hpp"
 
 namespace burrlab {
 
@@ -25,9 +24,9 @@ std::string printable(std::string_view text) {
 }  // namespace
 
 VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings)
-    : MailboxDevice(settings.lost_after, "vrpn:" + name + "@" + (settings.tcp ? "tcp://" : "") + host + ":" +
-                                             std::to_string(settings.port)),
-      StreamReader(host, settings.port),
+    : NetworkDevice("vrpn:" + name + "@" + (settings.tcp ? "tcp://" : "") + host + ":" +
+                        std::to_string(settings.port),
+                    host, settings.port, settings.lost_after),
       settings_(settings),
       tracker_(checked_tracker(name)),
       server_(host + ":" + std::to_string(settings.port)),
@@ -35,12 +34,6 @@ VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const V
   if (settings.on_button < -1 || settings.on_button > 7)
     refuse("on_button", "0 to 7, or None", settings.on_button);
   begin();
-}
-
-void VrpnDevice::start(double period) {
-  if (stopped())
-    throw std::invalid_argument("VrpnDevice must be new: its connection was closed after a session");
-  MailboxDevice::start(period);
 }
 
 void VrpnDevice::say(const std::string& fault) {
@@ -61,8 +54,6 @@ bool VrpnDevice::open() {
     heard_.clear();
     found_ = false;
   }
-  buttons_ = 0;
-  has_pose_ = has_velocity_ = false;
   newest_ = 0;
   if (!(settings_.tcp ? client_.connect() : client_.be_called())) {
     if (counters_.connections == 0) say("no VRPN server answers at " + server_);
@@ -95,7 +86,7 @@ void VrpnDevice::restart() {
   const bool broken = reader_.broken();
   reader_.restart();
   const bool within = reader_.counters()[Drop::truncated] > before;
-  if (!broken && !stopped())
+  if (!broken && !client_.stopped())
     say("the connection to " + server_ + " ended" + (within ? " within a message" : ""));
 }
 
@@ -126,21 +117,17 @@ void VrpnDevice::take(const vrpn::Message& message) {
     case Kind::pose:
       return take_pose(message);
     case Kind::velocity:
-      if (message.number != 0) return;
-      has_velocity_ = true;
-      for (int axis = 0; axis < 3; ++axis) velocity_[axis] = 1e3 * message.values[std::size_t(axis)];
-      break;
+      if (message.number == 0) put_velocity(1e3 * Vec3(message.values.data()));
+      return;
     case Kind::button:
-      if (message.number < 0 || message.number > 7) return;
-      buttons_ = (buttons_ & ~(1u << message.number)) | message.pressed << message.number;
-      break;
+      if (message.number >= 0 && message.number <= 7)
+        put_buttons((buttons() & ~(1u << message.number)) | message.pressed << message.number);
+      return;
     case Kind::buttons:
-      buttons_ = message.pressed & 255u;
-      break;
+      return put_buttons(message.pressed & 255u);
     default:
       return;
   }
-  if (has_pose_) send();
 }
 
 void VrpnDevice::take_pose(const vrpn::Message& message) {
@@ -150,29 +137,13 @@ void VrpnDevice::take_pose(const vrpn::Message& message) {
   }
   newest_ = message.timestamp;
   const auto& v = message.values;
-  const Vec3 position = 1e3 * Vec3(v[0], v[1], v[2]);
-  if (!openigtlink::is_plausible(position)) {
-    ++counters_.messages.dropped[std::size_t(Drop::out_of_range)];
-    return;
-  }
-  position_ = position;
   const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
   const bool is_rotation = std::abs(q.norm() - 1.0) <= 1e-2;
   const Eigen::Quaterniond one = is_rotation ? q.normalized() : Eigen::Quaterniond::Identity();
   const double sign = one.w() < 0.0 ? -1.0 : 1.0;
-  orientation_ = {sign * one.w(), sign * one.x(), sign * one.y(), sign * one.z()};
-  arrival_ = std::uint64_t(steady_now());
-  const Vec3& estimate = estimate_.next(position_, message.timestamp, arrival_);
-  if (!has_velocity_) velocity_ = estimate;
-  ++counters_.messages.messages;
-  if (!has_pose_ || !fault_.empty()) say("");  // only this thread writes it
-  has_pose_ = true;
-  send();
-}
-
-void VrpnDevice::send() {
-  const bool on = settings_.on_button < 0 || (buttons_ >> settings_.on_button & 1u);
-  put_of(arrival_, position_, velocity_, on, orientation_, std::uint8_t(buttons_));
+  if (!fault_.empty()) say("");  // only this thread writes it
+  put_pose(1e3 * Vec3(v.data()), {sign * one.w(), sign * one.x(), sign * one.y(), sign * one.z()},
+           message.timestamp, true);
 }
 
 }  // namespace burrlab

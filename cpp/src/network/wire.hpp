@@ -13,11 +13,13 @@
 namespace burrlab::openigtlink {
 
 constexpr std::string_view transform_type = "TRANSFORM", sensor_type = "SENSOR", ndarray_type = "NDARRAY";
+constexpr std::string_view string_type = "STRING", get_string_type = "GET_STRING";
 // The document of version 3 draws 14 bytes; its library, 3D Slicer and pyigtl send 12: two lengths of 16
 // bits, the metadata's of 32, the message's id.
 constexpr std::size_t extended_header_size = 12;
 constexpr std::size_t metadata_count_size = 2, metadata_entry_size = 8;
 constexpr std::size_t transform_size = 48, sensor_head_size = 10, byte_string_prefix = 8;
+constexpr std::uint16_t us_ascii = 3;  // IANA
 constexpr std::uint8_t scalar_uint8 = 3, scalar_float64 = 11;
 
 /// Whether an array of this shape has `count` elements; safe against overflow.

@@ -73,7 +73,7 @@ class StreamCutter {
 /// dropped.
 class MessageFramer : public StreamCutter {
  public:
-  /// Called with each intact TRANSFORM, SENSOR or NDARRAY; must not throw.
+  /// Called with each intact TRANSFORM, SENSOR, NDARRAY or GET_STRING; must not throw.
   using Receive = std::function<void(const Message&)>;
 
   explicit MessageFramer(std::size_t largest_body = std::size_t(1) << 20);

@@ -1,4 +1,4 @@
-// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, NDARRAY of float64 and of uint8. The wire
+// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, STRING, NDARRAY of float64 and of uint8. The wire
 // format is that of github.com/openigtlink/OpenIGTLink, Documents/Protocol (version 3), big-endian.
 #pragma once
 
@@ -33,7 +33,7 @@ enum class Drop : std::uint8_t {
   bad_type,             // a type name that is not printable ASCII: framing is lost
   implausible_size,     // a body beyond 4 GiB: framing is lost
   oversized,            // a body beyond the framer's limit
-  unknown_type,         // none of TRANSFORM, SENSOR, NDARRAY
+  unknown_type,         // none of TRANSFORM, SENSOR, NDARRAY, GET_STRING
   bad_crc,              // the body differs from the sent one
   bad_extended_header,  // version 2: lengths that do not fit the body
   bad_metadata,         // version 2: keys and values that do not fit their lengths
@@ -121,6 +121,8 @@ std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
 void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform);
 void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                    std::uint64_t unit = newton);
+/// US-ASCII, at most 65535 bytes.
+void encode_string(Bytes& out, const Envelope& envelope, std::string_view text);
 /// Values in C order; their number is the product of `shape` (1 to 255 dimensions).
 void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                             const std::uint16_t* shape, std::size_t dimensions);

@@ -132,6 +132,7 @@ class Publisher : public TickListener {
   bool refill_replica(Peer& peer);
   void hear(Peer& peer, const openigtlink::Message& message);
   void hear(Peer& peer, const vrpn::Message& message);
+  void say_force(Peer& peer, std::string_view name);
   void serve(Peer& peer, const replica_protocol::Word& word);
   bool give_state(Peer& peer);
   void say_idle(Peer& peer);
@@ -155,6 +156,7 @@ class Publisher : public TickListener {
   std::uint64_t digest_tick_;
   openigtlink::Bytes scratch_;
   std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick
+  std::array<Vec3, most_burrs> forces_{Vec3::Zero(), Vec3::Zero()};  // of the last tick, RAS [N]
   bool wants_state_ = false, ended_ = false;
   std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one
   std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs

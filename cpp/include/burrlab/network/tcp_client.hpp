@@ -31,6 +31,8 @@ class TcpClient {
   std::size_t receive(std::uint8_t* into, std::size_t room, double timeout = -1.0, bool* datagram = nullptr);
   /// Sends all bytes; false if the connection ended, the client was stopped or `timeout` [s] passed.
   bool send(const std::uint8_t* bytes, std::size_t size, double timeout = 1.0);
+  /// Sends what the system takes at once, and returns how much that is.
+  std::size_t send_some(const std::uint8_t* bytes, std::size_t size);
   void close();
   /// Waits [s]; false if the client was stopped.
   bool pause(double seconds);

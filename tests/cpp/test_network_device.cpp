@@ -1,5 +1,5 @@
-// The reader of TRANSFORM streams and the network device, with a server in this process.
-#include "burrlab/network/transform_reader.hpp"
+// The device of a TRANSFORM stream, with a server in this process.
+#include "burrlab/network/network_device.hpp"
 
 #include "burrlab/network/tcp_server.hpp"
 #include "check.hpp"
@@ -52,26 +52,10 @@ bool soon(Condition&& condition) {
   return condition();
 }
 
-void test_pose() {
-  Server server;
-  TransformReader reader("127.0.0.1", server.port());
-  NetworkPose pose;
-  CHECK(!reader.newest(pose));
-  server.accept();
-  server.send(transform(0.1f, -2.5f, 3.0f));
-  CHECK(soon([&] { return reader.newest(pose); }));
-  CHECK(pose.position[0] == -double(0.1f) && pose.position[1] == 2.5 && pose.position[2] == 3.0);
-  CHECK((pose.rotation == std::array<double, 9>{1, 2, -3, 4, 5, -6, -7, -8, 9}));
-  CHECK(pose.on == 1 && pose.count == 1 && pose.arrival > 0 && pose.timestamp == 0);
-  server.send(transform(1, 2, 3, "burr_off"));
-  CHECK(soon([&] { return reader.newest(pose) && pose.count == 2; }));
-  CHECK(pose.on == 0);
-}
-
 void test_drops_and_reconnects() {
   Server server;
-  TransformReader reader("localhost", server.port(), "burr");
-  NetworkPose pose{};
+  IgtlDevice reader("localhost", server.port(), "burr");
+  const auto x = [&] { return reader.read(0, 1).position[0]; };
   server.accept();
   server.send(transform(2e6f, 0, 0));
   server.send(transform(7, 0, 0, "drill"));
@@ -87,12 +71,12 @@ void test_drops_and_reconnects() {
   ReaderCounters counters = reader.counters();
   CHECK(counters.messages[Drop::out_of_range] == 1 && counters.messages[Drop::bad_crc] == 1);
   CHECK(counters.other_device == 1 && counters.other_type == 1 && counters.connections == 1);
-  CHECK(reader.newest(pose) && pose.count == 1 && pose.position[0] == -1.0);
+  CHECK(x() == -1.0);
 
   server.send(Bytes(58, 0xFF));  // no header
   server.accept();
   server.send(transform(2, 0, 0));
-  CHECK(soon([&] { return reader.newest(pose) && pose.count == 2; }));
+  CHECK(soon([&] { return x() == -2.0; }));
   counters = reader.counters();
   CHECK(counters.broken == 1 && counters.connections == 2 && counters.messages[Drop::bad_version] == 1);
 
@@ -102,16 +86,16 @@ void test_drops_and_reconnects() {
   server.hang_up();
   server.accept();
   server.send(transform(4, 0, 0));
-  CHECK(soon([&] { return reader.newest(pose) && pose.count == 3; }));
+  CHECK(soon([&] { return x() == -4.0; }));
   counters = reader.counters();
-  CHECK(counters.messages[Drop::truncated] == 1 && counters.connections == 3 && pose.position[0] == -4.0);
+  CHECK(counters.messages[Drop::truncated] == 1 && counters.connections == 3);
   CHECK(reader.connected());
 }
 
 void test_stop() {
   Server server;
   for (const bool connected : {false, true}) {  // during its pause, and while it waits for bytes
-    TransformReader reader("127.0.0.1", connected ? server.port() : 1);
+    IgtlDevice reader("127.0.0.1", connected ? server.port() : 1);
     if (connected) server.accept();
     std::this_thread::sleep_for(std::chrono::milliseconds(20));
     reader.stop();
@@ -142,7 +126,6 @@ void test_device() {
 }  // namespace
 
 int main() {
-  test_pose();
   test_drops_and_reconnects();
   test_stop();
   test_device();

@@ -1,0 +1,104 @@
+#include "burrlab/check.hpp"
+#include "burrlab/network/bone_frame.hpp"
+#include "burrlab/network/network_device.hpp"
+
+namespace burrlab {
+
+using openigtlink::Drop;
+using openigtlink::Message;
+
+namespace {
+
+constexpr std::string_view off_suffix = "_off";
+
+/// The name without "_off", and whether the burr is on.
+std::pair<std::string_view, bool> split_switch(std::string_view name) {
+  const bool off =
+      name.size() >= off_suffix.size() && name.substr(name.size() - off_suffix.size()) == off_suffix;
+  return {off ? name.substr(0, name.size() - off_suffix.size()) : name, !off};
+}
+
+/// What stands before "To" and a capital, as PLUS names transforms.
+std::string_view tool_of(std::string_view name) {
+  const std::size_t to = name.find("To");
+  return name.substr(0, to);
+}
+
+std::string checked_name(std::string name) {
+  if (name.size() > openigtlink::device_name_size)
+    refuse("length of device_name", "at most 20 bytes", double(name.size()));
+  return name;
+}
+
+}  // namespace
+
+IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& device_name, double lost_after)
+    : NetworkDevice("igtl:" + host + ":" + std::to_string(port), host, port, lost_after),
+      device_name_(checked_name(device_name)) {
+  begin();
+}
+
+void IgtlDevice::take(const Message& message) {
+  openigtlink::Transform transform;
+  const Drop reason = decode_transform(message, transform);
+  if (reason == Drop::wrong_type) {
+    ++counters_.other_type;
+    return;
+  }
+  const auto [name, on] = split_switch(message.header.device_name.view());
+  const auto wanted = split_switch(device_name_).first;
+  const std::string_view tool = tool_of(name);
+  const bool stylus = tool == "Stylus";
+  const bool beside = name != wanted && (wanted.empty() || tool_of(wanted) == "Stylus") &&
+                      (tool == "StylusVelocity" || tool == "Buttons");
+  const bool a_force = wanted.empty() && (tool == "Force" || tool == "Force_1");
+  if (a_force || (!beside && !wanted.empty() && name != wanted)) {
+    ++counters_.other_device;
+    return;
+  }
+  if (reason != Drop::none) {
+    ++counters_.messages.dropped[std::size_t(reason)];
+    return;
+  }
+  const Vec3 translation = openigtlink::position_from_ras(transform);
+  RotationRows rotation;
+  std::copy_n(transform.rotation.begin(), 9, rotation.data());
+  if (beside && tool == "Buttons") {
+    std::uint32_t buttons = 0;
+    for (int row = 0; row < 3; ++row) buttons |= std::uint32_t(rotation(row, 0) != 0.0) << row;
+    return put_buttons(buttons);
+  }
+  if (beside) return put_velocity(translation);
+  Quaternion orientation{1.0, 0.0, 0.0, 0.0};
+  to_quaternion(openigtlink::turned(rotation), orientation);  // 1 if it is none
+  put_pose(translation, orientation, message.header.timestamp, on);
+  if (!stylus) return;
+  force_name_ = "Force" + std::string(name.substr(tool.size()));
+  force_version_ = message.header.version;
+  if (unsent_.empty()) encode_force(force());
+  const std::size_t sent = client_.send_some(unsent_.data(), unsent_.size());
+  unsent_.erase(unsent_.begin(), unsent_.begin() + std::ptrdiff_t(sent));
+}
+
+void IgtlDevice::encode_force(const Vec3& force) {
+  openigtlink::Envelope envelope;
+  envelope.device_name = force_name_;
+  envelope.timestamp = openigtlink::timestamp_now();
+  envelope.version = force_version_;
+  encode_transform(unsent_, envelope, openigtlink::to_ras(force));
+}
+
+void IgtlDevice::leave() {
+  if (force_name_.empty()) return;
+  encode_force(Vec3::Zero());
+  client_.send(unsent_.data(), unsent_.size(), 0.0);
+  unsent_.clear();
+  force_name_.clear();
+}
+
+void IgtlDevice::count(ReaderCounters& counters) const {
+  for (std::size_t i = 0; i < openigtlink::drop_reasons; ++i)
+    counters.messages.dropped[i] += framer_.counters().dropped[i];
+}
+
+}  // namespace burrlab

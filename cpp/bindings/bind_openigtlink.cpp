@@ -241,7 +241,8 @@ void bind_igtl_device(py::module_& m) {
 
 The position is rounded once, on arrival. The burr is on unless the sender's device name ends in ``_off`` (our
 choice). The velocity, which TRANSFORM does not carry, is the difference of two poses over that of their
-time stamps.
+time stamps. Of PLUS's haptic devices the tools Stylus, StylusVelocity and Buttons are read, and each Stylus is
+answered with the force on the hand (docs/network.md).
 
 Parameters
 ----------

@@ -282,19 +282,20 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
             slew_limit=0.1, stop_button=1, record=tmp_path / "t.h5",
         ) as run:  # fmt: skip
             assert soon(server.is_connected)
-            for i in range(60):
+            for i in range(61):
                 pose, velocity, buttons = np.eye(4), np.eye(4), np.eye(4)
                 pose[:3, 3] = 0.002 * i, -0.001 * i, 1.49 - 0.005 * i
                 velocity[:3, 3] = 20.0, -10.0, -5.0
-                buttons[:3, 0] = 1, i == 59, 0
-                tools = {"Stylus": pose, "StylusVelocity": velocity, "Buttons": buttons}
-                for name, matrix in tools.items():
+                buttons[:3, 0] = 1, i == 60, 0
+                tools = {"StylusVelocity": velocity, "Buttons": buttons, "Stylus": pose}
+                for name, matrix in list(tools.items())[: 2 if i == 60 else 3]:
                     message = pyigtl.TransformMessage(matrix, device_name=(name + frame)[:20])
                     server.send_message(message, wait=True)
-                sent.append(np.float32(pose[:3, 3]).astype(float) * (-1, -1, 1))
-                answers.append(felt())
+                if i < 60:
+                    sent.append(np.float32(pose[:3, 3]).astype(float) * (-1, -1, 1))
+                    answers.append(felt())
             assert run.wait(10)
-        assert soon(lambda: (felt() == 0).all())  # the session has ended
+        assert (felt() == 0).all()  # the session has ended
     finally:
         server.stop()
     assert run.reason == "a stop button of device 0 was pressed"
@@ -316,3 +317,31 @@ def test_forces_of_other_peers_are_no_poses():
         assert soon(lambda: device.counters["other_device"] == 2)
         device.stop()
     assert device.counters["messages"] == 3
+
+
+def test_a_server_that_does_not_stop_gets_the_last_force():
+    """A connection closed on bytes that were not read would be reset, and the zero might be lost."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        device = _core.IgtlDevice("127.0.0.1", listener.getsockname()[1])
+        peer, _ = listener.accept()
+    with peer:
+        stylus, framer, forces = _core.encode_transform("Stylus", (0, 0, 5)), _core.MessageFramer(), []
+        peer.settimeout(10)
+        _, loop, _ = loop_of(device)
+        loop.start()
+        stopping = threading.Timer(0.3, loop.stop)
+        stopping.start()
+        peer.setblocking(False)
+        end = time.monotonic() + 10
+        while time.monotonic() < end:
+            peer.sendall(stylus * 20)
+            with contextlib.suppress(BlockingIOError):
+                got = peer.recv(65536)
+                if not got:
+                    break
+                forces += framer.feed(got)
+            time.sleep(0.001)
+        stopping.join()
+    assert [one.device_name for one in forces[-2:]] == ["Force"] * 2
+    assert (forces[-1].value[:3, 3] == 0).all()
+    assert framer.counters["truncated"] == 0

@@ -91,7 +91,7 @@ void IgtlDevice::encode_force(const Vec3& force) {
 void IgtlDevice::leave() {
   if (force_name_.empty()) return;
   encode_force(Vec3::Zero());
-  client_.send(unsent_.data(), unsent_.size(), 0.0);
+  client_.close_after(unsent_.data(), unsent_.size());
   unsent_.clear();
   force_name_.clear();
 }

@@ -191,6 +191,17 @@ void TcpClient::close() {
   }
 }
 
+void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
+  if (socket_ < 0 || !send(bytes, size, 0.0)) return close();
+  ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
+  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(100);
+  pollfd waiting = polled_for(socket_, POLLIN);
+  char unread[4096];
+  while (std::chrono::steady_clock::now() < end && poll(&waiting, 1, 100) > 0)
+    if (::recv(socket_, unread, sizeof unread, 0) <= 0) break;
+  close();
+}
+
 bool TcpClient::pause(double seconds) { return wait(0, seconds) != Wait::stopped; }
 
 void TcpClient::stop() {

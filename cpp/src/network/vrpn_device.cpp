@@ -24,9 +24,9 @@ std::string printable(std::string_view text) {
 }  // namespace
 
 VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings)
-    : NetworkDevice("vrpn:" + name + "@" + (settings.tcp ? "tcp://" : "") + host + ":" +
-                        std::to_string(settings.port),
-                    host, settings.port, settings.lost_after),
+    : NetworkDevice(
+          "vrpn:" + name + "@" + (settings.tcp ? "tcp://" : "") + host + ":" + std::to_string(settings.port),
+          host, settings.port, settings.lost_after),
       settings_(settings),
       tracker_(checked_tracker(name)),
       server_(host + ":" + std::to_string(settings.port)),

@@ -75,8 +75,8 @@ class NetworkDevice : public MailboxDevice {
   std::thread thread_;
 };
 
-/// The burr is on unless the sender's device name ends in "_off" (our choice: OpenIGTLink has no switch). If a
-/// device name is given, only that name, with or without "_off", is read.
+/// The burr is on unless the sender's device name ends in "_off" (our choice: OpenIGTLink has no switch). If
+/// a device name is given, only that name, with or without "_off", is read.
 ///
 /// A haptic device behind PLUS sends the tools Stylus, StylusVelocity (translation part, mm/s) and Buttons
 /// (first column), alone or as in "StylusToTracker". Each Stylus is answered with the tool Force, whose
@@ -137,7 +137,7 @@ class VrpnDevice : public NetworkDevice {
   VrpnSettings settings_;
   std::string tracker_, server_;
   vrpn::Reader reader_;
-  std::uint64_t newest_ = 0;         // time stamp of the newest pose
+  std::uint64_t newest_ = 0;        // time stamp of the newest pose
   mutable std::mutex fault_mutex_;  // the haptic loop takes it only when the device is lost
   std::string fault_, heard_;       // and the senders that the server has
   bool found_ = false;

@@ -1,5 +1,5 @@
-// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, STRING, NDARRAY of float64 and of uint8. The wire
-// format is that of github.com/openigtlink/OpenIGTLink, Documents/Protocol (version 3), big-endian.
+// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, STRING, NDARRAY of float64 and of uint8.
+// The wire format is that of github.com/openigtlink/OpenIGTLink, Documents/Protocol (version 3), big-endian.
 #pragma once
 
 #include <array>

@@ -155,7 +155,7 @@ class Publisher : public TickListener {
   TickLog log_, poses_, vrpn_log_;  // for replicas, for standard peers, for VRPN's
   std::uint64_t digest_tick_;
   openigtlink::Bytes scratch_;
-  std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick
+  std::array<Quaternion, most_burrs> last_turn_{};                   // orientations of the last tick
   std::array<Vec3, most_burrs> forces_{Vec3::Zero(), Vec3::Zero()};  // of the last tick, RAS [N]
   bool wants_state_ = false, ended_ = false;
   std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one

@@ -313,7 +313,9 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
         assert leader.publisher.status["skipped"] == 0
     lines = [line.split() for line in (tmp_path / "out").read_text().splitlines()]
     poses, felt = (
-        np.array([[float(line[3 + i]) for i in (3, 7, 11)] for line in lines if line[:2] == ["TRANSFORM", name]])
+        np.array(
+            [[float(line[3 + i]) for i in (3, 7, 11)] for line in lines if line[:2] == ["TRANSFORM", name]]
+        )
         for name in ("burrlab_burr_0", "Force")
     )
     forces = np.array([[float(v) for v in line[5:]] for line in lines if line[0] == "SENSOR"])

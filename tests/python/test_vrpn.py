@@ -186,7 +186,7 @@ def test_refusals():
     assert soon(lambda: one.fault == "no VRPN server answers at 127.0.0.1:9")
     one.stop()
     session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, realtime=False)
-    with pytest.raises(ValueError, match="vrpn:.* must be new: its connection was closed"):
+    with pytest.raises(ValueError, match=r"vrpn:.* must be new: its connection was closed"):
         session.start()
 
 

@@ -166,11 +166,6 @@ array([0. , 0. , 3.2])
 }
 
 /// Settings from Python, where no button is None.
-ServoSettings servo_settings(double lost_after, std::optional<int> on_button) {
-  if (on_button && *on_button < 0) refuse("on_button", "0 to 7, or None", *on_button);
-  return {lost_after, on_button.value_or(-1)};
-}
-
 void bind_servo(py::module_& m) {
   py::class_<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
                                                                 "A device that a vendor's library drives.")
@@ -217,7 +212,7 @@ force zero.
 )")
       .def(py::init([](const std::string& name, double lost_after, std::optional<int> on_button,
                        const std::string& library) {
-             const ServoSettings settings = servo_settings(lost_after, on_button);
+             const ServoSettings settings{lost_after, button_of(on_button)};
              return without_gil([&] { return std::make_shared<TouchDevice>(name, settings, library); });
            }),
            "name"_a = "", py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
@@ -255,7 +250,7 @@ force zero. The library adds the force that carries the device's own weight.
 )")
       .def(py::init(
                [](int index, double lost_after, std::optional<int> on_button, const std::string& library) {
-                 const ServoSettings settings = servo_settings(lost_after, on_button);
+                 const ServoSettings settings{lost_after, button_of(on_button)};
                  return without_gil([&] { return std::make_shared<OmegaDevice>(index, settings, library); });
                }),
            "index"_a = 0, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(), "library"_a = "")

@@ -253,17 +253,21 @@ device_name : str
     Only this device is read; empty for any.
 lost_after : float
     Age at which a position is lost, and the session stops [ms].
+on_button : int, optional
+    The burr turns while this button of PLUS, 0 to 2, is pressed; default: unless the name ends in ``_off``.
 
 Raises
 ------
 ValueError
-    If the host has no address, the port is not 1 to 65535, the name has over 20 bytes or `lost_after` is not
-    positive.
+    If the host has no address, the port is not 1 to 65535, the name has over 20 bytes, the button is not 0 to
+    7 or `lost_after` is not positive.
 )doc")
-      .def(py::init([](const std::string& host, int port, const std::string& device_name, double lost_after) {
-             return std::make_shared<IgtlDevice>(host, port, device_name, lost_after);
+      .def(py::init([](const std::string& host, int port, const std::string& device_name, double lost_after,
+                       std::optional<int> on_button) {
+             return std::make_shared<IgtlDevice>(host, port, device_name, lost_after, button_of(on_button));
            }),
-           "host"_a, "port"_a, py::kw_only(), "device_name"_a = "", "lost_after"_a = 100.0, no_gil)
+           "host"_a, "port"_a, py::kw_only(), "device_name"_a = "", "lost_after"_a = 100.0,
+           "on_button"_a = py::none(), no_gil)
       .def_property_readonly("connected", &IgtlDevice::connected)
       .def_property_readonly(
           "counters", [](const IgtlDevice& d) { return counts_of(d.counters()); },
@@ -333,8 +337,7 @@ ValueError
 )doc")
       .def(py::init([](const std::string& name, const std::string& host, int port, bool tcp,
                        std::optional<int> on_button, double lost_after) {
-             if (on_button && *on_button < 0) burrlab::refuse("on_button", "0 to 7, or None", *on_button);
-             const VrpnSettings settings{port, tcp, on_button.value_or(-1), lost_after};
+             const VrpnSettings settings{port, tcp, button_of(on_button), lost_after};
              return std::make_shared<VrpnDevice>(name, host, settings);
            }),
            "name"_a, "host"_a, "port"_a = burrlab::vrpn::default_port, py::kw_only(), "tcp"_a = false,

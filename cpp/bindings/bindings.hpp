@@ -31,6 +31,12 @@ using Tools = std::vector<std::pair<Burr, Material>>;
 /// Releases the GIL during a call.
 inline const py::call_guard<py::gil_scoped_release> no_gil;
 
+/// The button that switches a burr on, -1 for none.
+inline int button_of(std::optional<int> on_button) {
+  if (on_button && *on_button < 0) refuse("on_button", "0 to 7, or None", *on_button);
+  return on_button.value_or(-1);
+}
+
 /// Runs `work` without the GIL; returns its result.
 template <class Work>
 auto without_gil(Work&& work) {

@@ -751,7 +751,15 @@ class MessageFramer(metaclass=_Pybind11Type):
     def counters(self) -> dict[str, int]: ...
 
 class IgtlDevice(MailboxDevice):
-    def __init__(self, host: str, port: int, *, device_name: str = "", lost_after: float = 100.0) -> None: ...
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        *,
+        device_name: str = "",
+        lost_after: float = 100.0,
+        on_button: int | None = None,
+    ) -> None: ...
     @property
     def connected(self) -> bool: ...
     @property

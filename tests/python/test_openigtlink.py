@@ -270,7 +270,7 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
     """Its tools come as PLUS sends them, names cut at 20 bytes. The force on the hand goes back, at last zero."""
     server = pyigtl.OpenIGTLinkServer(port=free_port(), local_server=True)
     bone = burrlab.VoxelBone.block((6, 6, 4), 0.1, origin=(-2.95, -2.95, -3.95))
-    device = burrlab.IgtlDevice("127.0.0.1", server.port, lost_after=5000)
+    device = burrlab.IgtlDevice("127.0.0.1", server.port, lost_after=5000, on_button=0)
 
     def felt():
         return server.wait_for_message("Force" + frame, 5).matrix[:3, 3]
@@ -286,7 +286,7 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
                 pose, velocity, buttons = np.eye(4), np.eye(4), np.eye(4)
                 pose[:3, 3] = 0.002 * i, -0.001 * i, 1.49 - 0.005 * i
                 velocity[:3, 3] = 20.0, -10.0, -5.0
-                buttons[:3, 0] = 1, i == 60, 0
+                buttons[:3, 0] = i > 10, i == 60, 0
                 tools = {"StylusVelocity": velocity, "Buttons": buttons, "Stylus": pose}
                 for name, matrix in list(tools.items())[: 2 if i == 60 else 3]:
                     message = pyigtl.TransformMessage(matrix, device_name=(name + frame)[:20])
@@ -304,6 +304,9 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
     trace = burrlab.load_trace(tmp_path / "t.h5")
     assert np.isin(trace.array("center_mm"), np.array(sent)).all()
     np.testing.assert_array_equal(trace.array("device_velocity_mm_s")[-1], [-20, 10, -5])
+    height, on = trace.array("center_mm")[:, 2], trace.array("on").astype(bool)
+    assert on[height < sent[10][2]].all()  # button 0 was pressed
+    assert not on[height > sent[10][2]].any()
     forces = (trace.array("sent_force_N") * (-1, -1, 1)).astype(np.float32)
     assert np.isin(np.array(answers, np.float32), np.append(forces, 0.0)).all()
     assert np.abs(answers).max() > 0.1

@@ -32,8 +32,9 @@ std::string checked_name(std::string name) {
 
 }  // namespace
 
-IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& device_name, double lost_after)
-    : NetworkDevice("igtl:" + host + ":" + std::to_string(port), host, port, lost_after),
+IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& device_name, double lost_after,
+                       int on_button)
+    : NetworkDevice("igtl:" + host + ":" + std::to_string(port), host, port, lost_after, on_button),
       device_name_(checked_name(device_name)) {
   begin();
 }

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 
+#include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
 #include "burrlab/session/realtime.hpp"
 
@@ -12,6 +13,12 @@ namespace {
 constexpr double shortest_step = 1e-4, longest_step = 1.0;  // between poses [s]; else no velocity is known
 
 }  // namespace
+
+NetworkDevice::NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after,
+                             int on_button)
+    : MailboxDevice(lost_after, name), client_(host, port), on_button_(on_button) {
+  if (on_button < -1 || on_button > 7) refuse("on_button", "0 to 7, or None", on_button);
+}
 
 void NetworkDevice::start(double period) {
   if (client_.stopped())
@@ -111,7 +118,8 @@ void NetworkDevice::put_buttons(std::uint32_t buttons) {
 }
 
 void NetworkDevice::put_all() {
-  if (arrival_) put_of(arrival_, position_, velocity_, is_on(on_), orientation_, std::uint8_t(buttons_));
+  const bool on = on_button_ < 0 ? on_ : (buttons_ >> on_button_ & 1u) != 0;
+  if (arrival_) put_of(arrival_, position_, velocity_, on, orientation_, std::uint8_t(buttons_));
 }
 
 }  // namespace burrlab

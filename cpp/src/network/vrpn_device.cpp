@@ -26,13 +26,11 @@ std::string printable(std::string_view text) {
 VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings)
     : NetworkDevice(
           "vrpn:" + name + "@" + (settings.tcp ? "tcp://" : "") + host + ":" + std::to_string(settings.port),
-          host, settings.port, settings.lost_after),
+          host, settings.port, settings.lost_after, settings.on_button),
       settings_(settings),
       tracker_(checked_tracker(name)),
       server_(host + ":" + std::to_string(settings.port)),
       reader_({name}) {
-  if (settings.on_button < -1 || settings.on_button > 7)
-    refuse("on_button", "0 to 7, or None", settings.on_button);
   begin();
 }
 

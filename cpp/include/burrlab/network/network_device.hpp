@@ -33,8 +33,8 @@ class NetworkDevice : public MailboxDevice {
   ReaderCounters counters() const { return copy_under(counters_mutex_, published_); }
 
  protected:
-  NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after)
-      : MailboxDevice(lost_after, name), client_(host, port) {}
+  /// `on_button`: 0 to 7, the burr turns while it is pressed; -1: as the sender says.
+  NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after, int on_button);
   void begin();  // the last line of a constructor; the destructor must call `stop`
 
   virtual bool open() { return client_.connect(); }
@@ -50,7 +50,6 @@ class NetworkDevice : public MailboxDevice {
   void put_velocity(const Vec3& velocity);  // [mm/s]
   void put_buttons(std::uint32_t buttons);
   std::uint32_t buttons() const { return buttons_; }
-  virtual bool is_on(bool sent) const { return sent; }  // whether the burr turns
 
   TcpClient client_;
   ReaderCounters counters_;  // of the device's thread; counters_.messages.messages are poses accepted
@@ -65,6 +64,7 @@ class NetworkDevice : public MailboxDevice {
   Vec3 position_ = Vec3::Zero(), velocity_ = Vec3::Zero();  // [mm], [mm/s]
   Quaternion orientation_{1.0, 0.0, 0.0, 0.0};
   std::uint64_t timestamp_ = 0, arrival_ = 0;  // of the pose; 0: none on this connection [ns]
+  int on_button_;
   std::uint32_t buttons_ = 0;
   bool on_ = true, has_velocity_ = false;
 
@@ -86,7 +86,7 @@ class IgtlDevice : public NetworkDevice {
   /// lost_after [ms]. Throws std::invalid_argument if `host` has no address, `port` is not 1 to 65535 or the
   /// name is longer than 20 bytes.
   IgtlDevice(const std::string& host, int port, const std::string& device_name = "",
-             double lost_after = 100.0);
+             double lost_after = 100.0, int on_button = -1);
   ~IgtlDevice() override { stop(); }
 
  private:
@@ -127,9 +127,6 @@ class VrpnDevice : public NetworkDevice {
   bool feed(openigtlink::ByteView bytes, bool datagram) override;
   void restart() override;
   void count(ReaderCounters& counters) const override;
-  bool is_on(bool) const override {
-    return settings_.on_button < 0 || (buttons() >> settings_.on_button & 1u);
-  }
   void take(const vrpn::Message& message);
   void take_pose(const vrpn::Message& message);
   void say(const std::string& fault);

@@ -151,6 +151,7 @@ class VrpnDevice : public MailboxDevice, public StreamReader {
   void start(double period) override;  ///< throws after `stop`
   void stop() noexcept override { StreamReader::stop(); }
   std::string fault() const override;  ///< why there is no position, empty without a fault
+  std::string note() const;            ///< that the server's minor version is another, else empty
 
  private:
   bool open() override;
@@ -173,6 +174,7 @@ class VrpnDevice : public MailboxDevice, public StreamReader {
   bool has_pose_ = false, has_velocity_ = false;
   mutable std::mutex fault_mutex_;  // the haptic loop takes it only when the device is lost
   std::string fault_, heard_;       // and the senders that the server has
+  std::string note_;
   bool found_ = false;
 };
 

@@ -120,7 +120,7 @@ void VrpnDevice::take(const vrpn::Message& message) {
         say("");
       else
         say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) + "'");
-      if (reader_.greeted() && message.number) {
+      if (reader_.greeted() && message.number && note_.empty()) {  // only this thread writes it
         const std::lock_guard<std::mutex> lock(fault_mutex_);
         note_ = server_ + " says '" + printable(message.text) + "', its minor version is not 38";
       }

@@ -167,15 +167,7 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
     -----
     Read are Pos_Quat and Velocity of Trackers, Change and States of Buttons, and Force of ForceDevices, in the axes
     of their senders. Messages over UDP can come before the log names their numbers: they are of "sender 3", or
-    counted as "type 7".
-
-    Examples
-    --------
-    A Tracker's path drives a burr, if its times increase:
-
-    >>> def device_of(poses):
-    ...     poses = poses[poses["sensor"] == 0]
-    ...     return burrlab.ScriptedDevice(poses["time"], poses["position"], None, poses["orientation"])
+    counted as "type 7". How a Tracker's path drives a burr stands in docs/network.md.
     """
     file, other = Path(path), Counter[str]()
     rows: dict[tuple[str, str], bytearray] = defaultdict(bytearray)
@@ -192,10 +184,20 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
     started = min((int(one.min()) for one in times.values()), default=0)
     tables: dict[str, dict[str, NDArray[np.void]]] = {name: {} for name, _ in _TABLES.values()}
     for (kind, sender), given in wire.items():
-        table = _in_our_units(given, (times[kind, sender] - started) / 1e6)
-        finite = all(np.isfinite(table[name]).all() for name in table.dtype.names or ())
-        refuse(not finite, f"{file}: a message of {sender!r} is not finite")
-        tables[_TABLES[kind][0]][sender] = table
+        name, fields = _TABLES[kind]
+        ours = [
+            (one, "?" if one == "pressed" else form[1:], *shape) for one, form, *shape in fields if one != "_"
+        ]
+        table = tables[name][sender] = np.empty(len(given), [("time", "f8"), *ours])
+        table["time"] = (times[kind, sender] - started) / 1e6
+        for column, *_ in ours:
+            value = given[column]
+            refuse(not np.isfinite(value).all(), f"{file}: a message of {sender!r} is not finite")
+            if column in ("position", "velocity"):
+                value = 1e3 * value
+            elif column in ("orientation", "turn"):
+                value = np.roll(value, 1, axis=1)
+            table[column] = value
     return VrpnLog(file, started / 1e6, **tables, other=dict(other))
 
 
@@ -205,8 +207,8 @@ def _messages(file: Path) -> Iterator[tuple[str, str, bytes, bytes]]:
     with open(file, "rb") as log:
         cookie, end, at = log.read(_HEAD.size), os.fstat(log.fileno()).st_size, _HEAD.size
         begins = f"it {'begins with' if len(cookie) == at else 'holds only'} {cookie.rstrip(bytes(1))!r}"
-        not_ours = cookie[:14] != b"vrpn: ver. 07." or len(cookie) < at
-        refuse(not_ours, f"{file} must be a log of VRPN 07, {begins}")
+        of_07 = cookie[:14] == b"vrpn: ver. 07." and len(cookie) == at
+        refuse(not of_07, f"{file} must be a log of VRPN 07, {begins}")
         if cookie[14:16] != b"38":
             warnings.warn(f"{file} is read as a log of VRPN 07.38, {begins}", stacklevel=4)
         while head := log.read(_HEAD.size):
@@ -225,24 +227,6 @@ def _messages(file: Path) -> Iterator[tuple[str, str, bytes, bytes]]:
                 names[kind][number] = payload[4:].rstrip(b"\0").decode(errors="replace")
             elif kind >= 0:
                 yield name, names[_SENDER].get(number, f"sender {number}"), stamp, payload
-
-
-def _in_our_units(given: NDArray[np.void], time: NDArray[np.float64]) -> NDArray[np.void]:
-    """The columns of messages of one type as a table; their column "time" is replaced."""
-    columns = {name: given[name] for name in given.dtype.names or () if name != "_"}
-    columns["time"] = time
-    for name in columns.keys() & {"position", "velocity"}:
-        columns[name] = 1e3 * columns[name]
-    for name in columns.keys() & {"orientation", "turn"}:
-        columns[name] = np.roll(columns[name], 1, axis=1)
-    if "pressed" in columns:
-        columns["pressed"] = columns["pressed"] != 0
-    table = np.empty(
-        len(time), [(name, one.dtype.newbyteorder("="), one.shape[1:]) for name, one in columns.items()]
-    )
-    for name, one in columns.items():
-        table[name] = one
-    return table
 
 
 VRPN_PORT = 3883

@@ -18,14 +18,15 @@ py::dict to_dict(const openigtlink::Counters& counters) {
 }
 
 py::dict to_dict(const PublisherStatus& s) {
-  return py::dict(
-      "tick"_a = s.tick, "standard_peers"_a = s.standard_peers, "replicas"_a = s.replicas,
-      "accepted"_a = s.accepted, "refused"_a = s.refused, "skipped"_a = s.skipped, "cut_off"_a = s.cut_off,
-      "stalled"_a = s.stalled, "hellos"_a = s.hellos, "by_ticks"_a = s.by_ticks, "by_bricks"_a = s.by_bricks,
-      "bad_words"_a = s.bad_words, "ignored"_a = s.ignored, "framing_lost"_a = s.framing_lost,
-      "too_many_faults"_a = s.too_many_faults, "out_of_range"_a = s.out_of_range,
-      "bytes_sent"_a = s.bytes_sent, "vrpn_peers"_a = s.vrpn_peers, "vrpn_calls"_a = s.vrpn_calls,
-      "datagrams"_a = s.datagrams, "messages"_a = s.received.messages, "dropped"_a = to_dict(s.received));
+  return py::dict("tick"_a = s.tick, "standard_peers"_a = s.standard_peers, "replicas"_a = s.replicas,
+                  "accepted"_a = s.accepted, "refused"_a = s.refused, "skipped"_a = s.skipped,
+                  "cut_off"_a = s.cut_off, "stalled"_a = s.stalled, "hellos"_a = s.hellos,
+                  "by_ticks"_a = s.by_ticks, "by_bricks"_a = s.by_bricks, "bad_words"_a = s.bad_words,
+                  "ignored"_a = s.ignored, "framing_lost"_a = s.framing_lost,
+                  "too_many_faults"_a = s.too_many_faults, "out_of_range"_a = s.out_of_range,
+                  "bytes_sent"_a = s.bytes_sent, "vrpn_peers"_a = s.vrpn_peers, "vrpn_calls"_a = s.vrpn_calls,
+                  "datagrams"_a = s.datagrams, "messages"_a = s.received.messages,
+                  "dropped"_a = to_dict(s.received), "vrpn_others"_a = s.vrpn_others);
 }
 
 py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
@@ -94,7 +95,7 @@ void bind_publisher(py::module_& m) {
           "and by_bricks (replicas that continued), bad_words, ignored (messages without use), framing_lost, "
           "too_many_faults (connections closed), out_of_range (positions not sent), bytes_sent, messages, "
           "vrpn_peers (connected), vrpn_calls (clients called back), datagrams (sent over UDP), dropped "
-          "{reason: messages}")
+          "{reason: messages}, vrpn_others (VRPN clients of another minor version)")
       .def(
           "finish",
           [](const BoundPublisher& p, const std::string& reason, bool failed, double linger) {

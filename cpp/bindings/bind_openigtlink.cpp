@@ -343,6 +343,8 @@ ValueError
            "name"_a, "host"_a, "port"_a = burrlab::vrpn::default_port, py::kw_only(), "tcp"_a = false,
            "on_button"_a = py::none(), "lost_after"_a = 100.0, no_gil)
       .def_property_readonly("connected", &VrpnDevice::connected)
+      .def_property_readonly("note", &VrpnDevice::note,
+                             "That the server's minor version is another, else empty.")
       .def_property_readonly(
           "counters",
           [](const VrpnDevice& d) {

@@ -65,7 +65,9 @@ from burrlab.measured.synthetic import synthetic_trace as synthetic_trace
 from burrlab.session.devices import DeviceFrame as DeviceFrame
 from burrlab.session.devices import DeviceLimits as DeviceLimits
 from burrlab.session.devices import device_limits as device_limits
+from burrlab.session.exchange import VrpnLog as VrpnLog
 from burrlab.session.exchange import read_script as read_script
+from burrlab.session.exchange import read_vrpn_log as read_vrpn_log
 from burrlab.session.haply import HaplyDevice as HaplyDevice
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
 from burrlab.session.metrics import session_metrics as session_metrics

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 import socket
 import struct
 import time
@@ -87,17 +88,106 @@ def test_bytes_of_the_real_library():
     assert (GOLDEN / "client_request.bin").read_bytes().startswith(b"127.0.0.1 ")
 
 
+def test_log_of_the_real_library():
+    """Its tables; the messages of a server that was started again have new numbers."""
+    log = burrlab.read_vrpn_log(GOLDEN / "client_in.vrpn")
+    told = (
+        "6 poses of Tracker0, 6 velocities of Tracker0, 3 forces of Force0, 7 buttons of Tracker0, 9 others"
+    )
+    assert repr(log) == f"VrpnLog({told})"
+    assert log.other == {"vrpn_Analog Channel": 3, "vrpn_Base pong_message": 6}
+    assert log.started == 1795454089.817998
+    poses, velocities = log.poses["Tracker0"], log.velocities["Tracker0"]
+    np.testing.assert_array_equal(poses["sensor"], [0, 1, 0, 1, 0, 1])
+    x = 1e3 * (0.001 * np.repeat([0, 1, 2], 2))
+    np.testing.assert_array_equal(poses["position"], np.column_stack([x, [-2.5, 997.5] * 3, [3.0] * 6]))
+    np.testing.assert_array_equal(poses["orientation"], [(0.9, 0.1, -0.3, 0.3)] * 6)
+    np.testing.assert_array_equal(poses["time"], np.repeat([0.200259, 0.252723, 0.300708], 2))
+    np.testing.assert_array_equal(velocities["velocity"], [(10.0, 20.0, -30.0)] * 6)
+    np.testing.assert_array_equal(velocities["turn"], [(0.8, 0, 0, 0.6)] * 6)
+    np.testing.assert_array_equal(velocities["step"], [0.001] * 6)
+    np.testing.assert_array_equal(log.forces["Force0"]["force"], [(1.25, -2.5, 0.75 * i) for i in range(3)])
+    buttons = log.buttons["Tracker0"]
+    np.testing.assert_array_equal(buttons["button"], [0, 1, 0, 1, 0, 1, 1])
+    np.testing.assert_array_equal(buttons["pressed"], [False] * 6 + [True])
+    path = poses[poses["sensor"] == 0]
+    device = burrlab.ScriptedDevice(path["time"], path["position"], None, path["orientation"])
+    assert device.duration == pytest.approx(0.300708)
+
+
+def logged(number, kind, payload=b"", *, at=(5, 250_000), length=None):
+    size = len(payload) if length is None else length
+    return struct.pack(">2i3Ii", kind, number, *at, size, 0) + payload
+
+
+def called(kind, number, name, more=0):
+    return logged(number, kind, struct.pack(">I", len(name) + 1 + more) + name.encode() + b"\0")
+
+
+LOG = (
+    COOKIE + called(-1, 3, "T") + called(-2, 7, "vrpn_Tracker Pos_Quat") + called(-2, 9, "vrpn_Button States")
+)
+LOGGED = struct.pack(">2i7d", 0, 0, 0.001, 0, 0, 0, 0, 0, 1)
+
+
+def test_a_log_over_two_connections(tmp_path):
+    """Numbers are those of the last description; times go back; what has no name is counted or has its number."""
+    file = tmp_path / "in.vrpn"
+    file.write_bytes(
+        LOG + logged(3, 7, LOGGED) + logged(0, -5) + called(-1, 3, "U") + logged(3, 7, LOGGED, at=(4, 999_999))
+        + called(-2, 7, "mine") + logged(3, 7, LOGGED) + logged(4, 8) + logged(4, 9, struct.pack(">3i", 2, 0, 1))
+    )  # fmt: skip
+    log = burrlab.read_vrpn_log(file)
+    assert {name: rows["time"].tolist() for name, rows in log.poses.items()} == {"T": [0.250001], "U": [0.0]}
+    assert log.buttons["sender 4"].tolist() == [(0.250001, 0, False), (0.250001, 1, True)]
+    assert (log.other, log.started) == ({"mine": 1, "type 8": 1}, 4.999999)
+    file.write_bytes(COOKIE.replace(b"38", b"35"))
+    with pytest.warns(
+        UserWarning, match=r"is read as a log of VRPN 07.38, it begins with b'vrpn: ver. 07.35  0'"
+    ):
+        assert repr(burrlab.read_vrpn_log(file)) == "VrpnLog(0 others)"
+
+
+NOT_WHOLE = " is truncated or damaged: at byte {} stands no whole message"
+
+
+@pytest.mark.parametrize(
+    ("stream", "sentence"),
+    [
+        (b"", " must be a log of VRPN 07, it holds only b''"),
+        (COOKIE[:18], " must be a log of VRPN 07, it holds only b'vrpn: ver. 07.38  '"),
+        (COOKIE.replace(b"07", b"06"), " must be a log of VRPN 07, it begins with b'vrpn: ver. 06.38  0'"),
+        (b"time_s,x_mm,y_mm,z_mm\n0,0,0,0\n", " must be a log of VRPN 07, it begins with b'time_s,x_mm,y_mm,z_mm\\n0,'"),
+        (LOG + bytes(23), NOT_WHOLE),
+        (LOG + logged(3, 7, LOGGED)[:-1], NOT_WHOLE),
+        (LOG + logged(3, 7, LOGGED, length=2**32 - 1), NOT_WHOLE),
+        (LOG + logged(3, 7, LOGGED[:56]), NOT_WHOLE),
+        (LOG + logged(3, 9, struct.pack(">2i", 2**29, 1)), NOT_WHOLE),
+        (LOG + called(-1, 4, "T", more=1), NOT_WHOLE),
+        (LOG + logged(3, 2000), NOT_WHOLE),
+        (LOG + logged(3, 7, LOGGED[:56] + struct.pack(">d", math.nan)), ": a message of 'T' is not finite"),
+    ],
+)  # fmt: skip
+def test_logs_that_are_refused(tmp_path, stream, sentence):
+    file = tmp_path / "in.vrpn"
+    file.write_bytes(stream)
+    with pytest.raises(ValueError, match=f"^{re.escape(f'{file}{sentence.format(len(LOG))}')}$"):
+        burrlab.read_vrpn_log(file)
+
+
 def test_a_session_follows_a_tracker():
     """Position, orientation, velocity, buttons; frames turn them as those of every device."""
     turned = (0.0, 0.0, math.sin(0.3), math.cos(0.3))
     velocity = message(3, 8, struct.pack(">2i8d", 0, 0, 0.01, 0.0, -0.02, 0, 0, 0, 1, 0.001))
     pressed = message(3, 9, struct.pack(">2i", 2, 1))
     far = pose(1.0, 1.0, 1.0, sensor=1)
-    with device(HELLO_3, velocity, pressed, far, pose(0.001, -0.002, 0.0029, turned), on_button=2) as (
+    old = HELLO_3.replace(b"38", b"35", 1)
+    with device(old, velocity, pressed, far, pose(0.001, -0.002, 0.0029, turned), on_button=2) as (
         one,
         peer,
     ):
-        assert one.name.startswith("vrpn:Tracker0@tcp://127.0.0.1:")
+        server = one.name.removeprefix("vrpn:Tracker0@tcp://")
+        note = f"{server} says 'vrpn: ver. 07.35  0', its minor version is not 38"
         with burrlab.Session(
             make_bone(BLOCK), TOOL, one, seed=1, realtime=False,
             frames=burrlab.DeviceFrame(rotation=(math.sqrt(0.5), 0, 0, math.sqrt(0.5))),
@@ -115,6 +205,8 @@ def test_a_session_follows_a_tracker():
             assert soon(
                 lambda: session.follower.take(session.follower.view())["newest"]["burr"][0]["on"] == 0
             )
+            assert soon(lambda: note in session.messages)
+            assert session.messages.count(note) == 1
         assert one.counters["messages"] == 1
 
 
@@ -210,13 +302,13 @@ def test_every_tick_over_tcp():
     with Leader(port=None, vrpn=0, burrs=2) as leader:
         publisher = leader.publisher
         with socket.create_connection(("127.0.0.1", publisher.vrpn_port), timeout=10) as peer:
-            peer.sendall(CLIENT + message(0, 4))
+            peer.sendall(CLIENT.replace(b"38", b"37", 1) + message(0, 4))
             reader = _core.VrpnReader(["burrlab_burr_0", "burrlab_burr_1"])
             got = received(peer, reader, 1000)
         leader.loop.stop()
         every = _core.RecordReader(leader.loop).take()[0]
     assert publisher.port == 0
-    assert publisher.status["dropped"] == {}
+    assert (publisher.status["dropped"], publisher.status["vrpn_others"]) == ({}, 1)
     assert [one[6] for one in got[:3]] == ["vrpn: ver. 07.38  0", "burrlab_burr_0", "burrlab_burr_1"]
     assert [one[1] for one in got if one[0] == PONG] == [0]
     records = every["burr"]
@@ -269,6 +361,7 @@ def test_a_client_of_the_real_library_is_called_back():
         assert reader.lost == 0
         status = leader.publisher.status
         assert (status["vrpn_calls"], status["refused"], status["dropped"]) == (1, 4, {})
+        assert status["vrpn_others"] == 0
         assert status["datagrams"] >= 200
 
 
@@ -312,7 +405,7 @@ def test_session_over_vrpn():
             assert soon(lambda: second.ticks > 100)
             newest = second.follower.take(second.follower.view())["newest"]["burr"][0]
         np.testing.assert_allclose(newest["center"], place[0], rtol=1e-15)
-        assert onward.counters["lost"] == 0
+        assert (onward.counters["lost"], onward.note) == (0, "")
     with pytest.raises(ValueError, match=r"vrpn must be a whole number from 0 and below 2\^16"):
         burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=70000)
     with (

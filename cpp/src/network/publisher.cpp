@@ -484,6 +484,7 @@ void Publisher::say_force(Peer& peer, std::string_view name) {
 void Publisher::hear(Peer& peer, const vrpn::Message& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (message.kind == vrpn::Kind::cookie && peer.vrpn->greeted()) {
+    status_.vrpn_others += std::uint64_t(message.number);
     vrpn::encode_descriptions(peer.pending, names_of(burrs_));
     peer.tick = vrpn_log_.next();
   } else if (message.kind == vrpn::Kind::ping) {

@@ -17,6 +17,7 @@ namespace {
 
 constexpr std::string_view cookie = "vrpn: ver. 07.38  0";
 constexpr std::size_t cookie_major = 14;  // characters that must agree: up to the last point
+constexpr std::size_t cookie_minor = 16;  // that should
 constexpr std::int32_t sender_description = -1, type_description = -2, udp_description = -3;
 constexpr std::uint32_t longest_name = 100;
 constexpr std::uint32_t longest_gap = 1000000;  // between numbers; a message with another one came too late
@@ -144,6 +145,7 @@ void Reader::begin(ByteView bytes, const Receive& receive) {
     Message message;
     message.kind = Kind::cookie;
     message.text = text;
+    message.number = text.substr(0, cookie_minor) != cookie.substr(0, cookie_minor);
     greeted_ = text.substr(0, cookie_major) == cookie.substr(0, cookie_major);
     if (!greeted_) lose(Drop::bad_version);
     receive(message);

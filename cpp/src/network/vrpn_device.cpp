@@ -46,6 +46,11 @@ std::string VrpnDevice::fault() const {
   return fault_.empty() ? MailboxDevice::fault() : fault_;
 }
 
+std::string VrpnDevice::note() const {
+  const std::lock_guard<std::mutex> lock(fault_mutex_);
+  return note_;
+}
+
 bool VrpnDevice::open() {
   {
     const std::lock_guard<std::mutex> lock(fault_mutex_);
@@ -104,6 +109,10 @@ void VrpnDevice::take(const vrpn::Message& message) {
         say("");
       else
         say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) + "'");
+      if (reader_.greeted() && message.number && note_.empty()) {  // only this thread writes it
+        const std::lock_guard<std::mutex> lock(fault_mutex_);
+        note_ = server_ + " says '" + printable(message.text) + "', its minor version is not 38";
+      }
       return;
     case Kind::sender: {
       const std::lock_guard<std::mutex> lock(fault_mutex_);

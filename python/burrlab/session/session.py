@@ -461,6 +461,9 @@ class Session:
                 if self._loop.counts.ticks == 0 and due < _PATIENCE <= due + _LOOK:
                     why = "".join(f"; {text}" for one in self.devices if (text := getattr(one, "fault", "")))
                     self._say(f"no tick yet: the devices have not given a first position{why}")
+                notes = {getattr(one, "note", "") for one in self.devices} - {"", *self.messages}
+                for note in notes:
+                    self._say(note)
                 due += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)

@@ -121,6 +121,7 @@ class VrpnDevice : public NetworkDevice {
   ~VrpnDevice() override { stop(); }
 
   std::string fault() const override;  ///< why there is no position, empty without a fault
+  std::string note() const;            ///< that the server's minor version is another, else empty
 
  private:
   bool open() override;
@@ -137,6 +138,7 @@ class VrpnDevice : public NetworkDevice {
   std::uint64_t newest_ = 0;        // time stamp of the newest pose
   mutable std::mutex fault_mutex_;  // the haptic loop takes it only when the device is lost
   std::string fault_, heard_;       // and the senders that the server has
+  std::string note_;
   bool found_ = false;
 };
 

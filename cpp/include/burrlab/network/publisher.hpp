@@ -77,6 +77,7 @@ struct PublisherStatus {
   std::uint64_t out_of_range = 0;     ///< positions too far for a TRANSFORM
   std::uint64_t bytes_sent = 0;
   std::uint64_t vrpn_peers = 0;    ///< connected VRPN clients
+  std::uint64_t vrpn_others = 0;   ///< VRPN clients of another minor version
   std::uint64_t vrpn_calls = 0;    ///< connections begun because a VRPN client asked for it by UDP
   std::uint64_t datagrams = 0;     ///< UDP packets sent
   openigtlink::Counters received;  ///< messages of all peers, and drops by reason

@@ -41,7 +41,7 @@ constexpr std::size_t named_kinds = std::size_t(Kind::cookie);
 struct Message {
   Kind kind = Kind::none;
   std::size_t sender = 0;          ///< place in the reader's `senders`
-  std::int32_t number = 0;         ///< sensor, button or UDP port
+  std::int32_t number = 0;         ///< sensor, button, UDP port; of a cookie: 1 if its version is not ours
   std::uint32_t pressed = 0;       ///< of a button: 0 or 1; of `buttons`: bit i is button i
   std::array<double, 8> values{};  ///< position [m] or velocity [m/s], x, y, z, w, time step [s]; force [N]
   std::uint64_t timestamp = 0;     ///< 32.32 fixed point [s]

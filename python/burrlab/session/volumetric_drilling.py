@@ -384,18 +384,23 @@ class DrillingRecording:
         ValueError
             If the recording has no pose, or with a bone no pose of the volume.
         """
-        of_quaternion = scipy.spatial.transform.Rotation.from_quat
-        position, turn = self.position, of_quaternion(np.roll(self.orientation, -1, axis=1))
+        turn = scipy.spatial.transform.Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
+        position = self.position
         if bone is not None:
-            if self.volume_pose is None:
-                raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
-            ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
-            to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
-            position = to_bone.apply(position - self.volume_pose[:3]) + 1000.0 * ours[:3]
+            to_bone, position = self._in_frame_of(bone, source)
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
         quaternion = np.roll(turn.as_quat(), 1, axis=1)
         return ScriptedDevice(self.time[new], position[new], None, quaternion[new])
+
+    def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array]:
+        """The rotation from the world to the bone's frame, and the drill's positions in the latter [mm]."""
+        if self.volume_pose is None:
+            raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
+        of_quaternion = scipy.spatial.transform.Rotation.from_quat
+        ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
+        to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
+        return to_bone, to_bone.apply(self.position - self.volume_pose[:3]) + 1000.0 * ours[:3]
 
     def _handling(self, burr: int) -> Handling:
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")
@@ -507,12 +512,12 @@ def read_volumetric_drilling(
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder, or a file with a group of the layouts."""
+    """Whether a path is a folder of recordings, or a file with a group of the layouts."""
     try:
         with open_any_hdf5(path, _KIND) as file, told_as_damage(path):
             return _has_groups(file)
     except (OSError, ValueError):  # told by who reads it
-        return Path(path).is_dir()
+        return any(Path(path).glob("*.hdf5"))
 
 
 def _has_groups(file: h5py.File) -> bool:

@@ -280,7 +280,7 @@ class Scene:
     ----------
     bone : VoxelBone
     radii : sequence of float
-        Burr radii [mm].
+        Burr radii [mm]; NaN: not known.
     off_screen : bool
         Draw to pictures only; else in a window.
     size : (width, height)
@@ -328,7 +328,7 @@ class Scene:
         note: str = "",
     ) -> None:
         for radius in radii:
-            check_positive("radii", radius)
+            check_positive("radii", 1.0 if np.isnan(radius) else radius)
         refuse(min(size) < 16, f"size must be at least 16 pixels each way, got {size[0]} x {size[1]}")
         module = pyvista()
         if off_screen:
@@ -400,8 +400,11 @@ class Scene:
             self.panels.cut(bone, self.panels.point)
         return len(blocks)
 
-    def move_burrs(self, centers: ArrayLike, on: Sequence[bool] | None = None) -> None:
-        """Places the burrs' centres, (burrs, 3) [mm]. Burrs that do not turn are darker.
+    def move_burrs(
+        self, centers: ArrayLike, on: Sequence[bool] | None = None, radii: Sequence[float] | None = None
+    ) -> None:
+        """Places the burrs' centres, (burrs, 3) [mm]. Burrs that do not turn are darker. `radii` [mm] replace
+        those before.
 
         Raises
         ------
@@ -413,7 +416,8 @@ class Scene:
             places.shape != (len(self.radii), 3),
             f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}",
         )
-        self._burrs.place(places, on)
+        self.radii = self.radii if radii is None else tuple(radii)
+        self._burrs.place(places, on, self.radii)
         if self.panels is not None:
             self.panels.move_burrs(places, self.radii)
 

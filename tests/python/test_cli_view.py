@@ -156,6 +156,54 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
     assert {file.name for file in tmp_path.iterdir()} == {"ct.nrrd", "broken.h5"}
 
 
+@pytest.fixture(scope="module")
+def recording(trace):
+    """The trace as the other simulator would have recorded it, and its bone."""
+    found = burrlab.load_trace(trace)
+    burrlab.export_volumetric_drilling(found, trace.with_name("there.hdf5"))
+    save_bone(trace.with_name("whole.h5"), found.bone(), 0)
+    return trace.with_name("there.hdf5"), trace.with_name("whole.h5")
+
+
+def test_pictures_of_a_recording(recording, tmp_path, capsys):
+    file, bone = recording
+    made = tmp_path / "a.png"
+    code, out, err = call(
+        capsys, "view", file, "--bone", bone, "--at", 0.3, "--pictures", made, "--json", "-"
+    )
+    told, absent = json.loads(out), "not recorded: penetration, whether the burr turned"
+    assert (code, told["at_s"], told["notes"][-1]) == (0, 0.3, absent)
+    assert err.endswith(f"burrlab: {absent}\n")
+    assert told["written"] == [str(made), str(tmp_path / "a-depth.png")]
+    other = tmp_path / "other.h5"
+    save_bone(other, burrlab.VoxelBone.block((4, 4, 4), 0.5), 0)
+    for said, *arguments in (
+        ("there.hdf5 is a recording, which holds no bone: it needs one of --bone FILE, and", file),
+        ("which holds no bone: it needs one of", file, "--bone", bone, "--volume", bone),
+        ("--effects goes with a trace, not with a recording", file, "--bone", bone, "--effects", "--web"),
+        ("bone must have voxels of 0.008 mm^3, as the recording's volume", file, "--bone", other),
+        ("--at must be from 0 to 0.4", file, "--bone", bone, "--at", 1),
+    ):
+        code, _, err = call(capsys, "view", *arguments)
+        assert (code, said in err.splitlines()[-1]) == (2, True)
+
+
+@pytest.mark.slow
+def test_picture_and_film_of_a_recording(recording, tmp_path, capsys):
+    need_drawing()
+    file, bone = recording
+    pictures = []
+    for at in (0, 0.3):
+        assert (
+            call(capsys, "view", file, "--bone", bone, "--at", at, "--png", tmp_path / "a.png", *SMALL)[0]
+            == 0
+        )
+        pictures.append(read(tmp_path / "a.png").astype(int))
+    assert (np.abs(pictures[1] - pictures[0]).max(axis=2) > 8).sum() > 200
+    film = result(capsys, "view", file, "--bone", bone, "--video", tmp_path / "a.gif", "--fps", 10, *SMALL)
+    assert film["frames"] == frames_in(tmp_path / "a.gif") == 5
+
+
 def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
     pytest.importorskip("pyvista")
     if not sys.platform.startswith("linux"):

@@ -343,7 +343,7 @@ class DrillingRecording:
         ours, theirs = float(np.prod(bone.spacing)), self.voxel_volume
         refuse(
             theirs is not None and not abs(ours - theirs) <= 1e-3 * ours,
-            f"bone must have voxels of {theirs} mm^3, as the recording's volume, got {ours:.6g} mm^3",
+            f"bone must have voxels of {theirs or 0:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3",
         )
         places = _Grid.of(bone, source).places(self.removed)
         outside = int(((places < 0) | (places >= bone.shape)).any(axis=1).sum())

@@ -210,7 +210,8 @@ class _Rim:
         side = np.cross(away, np.eye(3)[np.argmin(np.abs(away))])
         side /= np.linalg.norm(side)
         if np.isnan(radius):
-            arm = _ARM * distance * np.linspace(-1.0, 1.0, 2 * _DASHES)[:, None]
+            step = np.arange(2 * _DASHES)[:, None]  # without the gaps
+            arm = _ARM * distance * ((step // 4 + np.minimum(step % 4, 2) / 2) * 4 / _DASHES - 1.0)
             self.lines.place(center + np.vstack([arm * side, arm * np.cross(away, side)]))
             return
         turn = np.linspace(0.0, 2 * np.pi, 4 * _DASHES, endpoint=False)[:, None]

@@ -95,8 +95,8 @@ class Scene:
     def update(self, bone, bricks=None):
         self.updated.append(np.asarray(bricks))
 
-    def move_burrs(self, centers, on, radii):
-        self.centers, self.on, self.radii = centers, on, radii
+    def move_burrs(self, centers, on):
+        self.centers, self.on = centers, on
 
     def set_parcels(self, parcels):
         self.parcels = parcels

@@ -178,8 +178,8 @@ def test_pictures_of_a_recording(recording, tmp_path, capsys):
     other = tmp_path / "other.h5"
     save_bone(other, burrlab.VoxelBone.block((4, 4, 4), 0.5), 0)
     for said, *arguments in (
-        ("there.hdf5 is a recording, which holds no bone: it needs one of --bone FILE, and", file),
-        ("which holds no bone: it needs one of", file, "--bone", bone, "--volume", bone),
+        ("there.hdf5 is a recording without bone: it needs one of --bone FILE, and", file),
+        ("is a recording without bone: it needs one of", file, "--bone", bone, "--volume", bone),
         ("--effects goes with a trace, not with a recording", file, "--bone", bone, "--effects", "--web"),
         ("bone must have voxels of 0.008 mm^3, as the recording's volume", file, "--bone", other),
         ("--at must be from 0 to 0.4", file, "--bone", bone, "--at", 1),

@@ -87,19 +87,14 @@ def _view(options: Options) -> int:
         window = options.png is None and options.video is None
         both = window and bool(options.stereo)  # files have two whole pictures
         size = options.size or (SIZE if both else (1024, 768))
-        shown: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both}
+        shown: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
         if player is None:
-            scene = Scene(bone, [], note=note, **shown)
+            scene = Scene(bone, [], **shown)
             if options.slices:
                 scene.set_slices(options.entry or middle)
         else:
             view = TraceView(
-                player,
-                effects=effects,
-                slices=bool(options.slices),
-                progress=on_terminal(),
-                note=note,
-                **shown,
+                player, effects=effects, slices=bool(options.slices), progress=on_terminal(), **shown
             )
             scene = view.scene
         if (viewpoint := _viewpoint(options, bone, player)) is not None:
@@ -136,18 +131,15 @@ def _view(options: Options) -> int:
 def _check(options: Options) -> None:
     """ValueError for options that exclude one another and files that could not be written."""
     of_volume = options.volume is not None or options.labels is not None
-    bones, recorded = (
-        (options.bone is not None) + of_volume,
-        bool(options.file) and is_recording(options.file),
+    recorded = options.file is not None and is_recording(options.file)
+    one = (
+        f"{options.file} is a recording without bone: it needs one of"
+        if recorded
+        else "view needs one of TRACE,"
     )
     refuse(
-        recorded and bones != 1,
-        f"{options.file} is a recording, which holds no bone: it needs one of --bone FILE, and --volume or "
-        "--labels FILE",
-    )
-    refuse(
-        not recorded and (options.file is not None) + bones != 1,
-        "view needs one of TRACE, --bone FILE, and --volume or --labels FILE",
+        (options.file is not None and not recorded) + (options.bone is not None) + of_volume != 1,
+        f"{one} --bone FILE, and --volume or --labels FILE",
     )
     film_alone = options.video is not None and not (options.png or options.pictures)
     for applies, names, why in (
@@ -259,8 +251,8 @@ def _widest_opening(bone: VoxelBone) -> str:
 
 VIEW_COMMAND = Command("view", _view,
     "Show a recorded session, a bone or a volume: window, PNG, film or web page.", (
-    option("file", "a trace; its --entry and --axis are in the bone frame. Or a recording of volumetric_drilling, with "
-        "--bone, --volume or --labels", metavar="TRACE", nargs="?"),
+    option("file", "a trace; its --entry and --axis are in the bone frame. Or a recording of volumetric_drilling, "
+        "with --bone, --volume or --labels", metavar="TRACE", nargs="?"),
     option("--bone",
         "a bone that was kept (.h5, or a volume with its state) instead of a trace", metavar="FILE"),
     option("--at", "time of the trace [s], default its end", type=number, metavar="S"),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone, read_bricks, restore_bricks, take_changed_bricks
 from burrlab.common.check import refuse
@@ -389,18 +389,14 @@ class _Walk:
         return changed
 
 
-class _Held:
-    """Values that are valid from their times until the next; NaN before the first, and without any."""
-
-    def __init__(
-        self, times: NDArray[np.float64] | None, rows: NDArray[np.float64] | None, width: int
-    ) -> None:
-        if times is None or rows is None:
-            times, rows = np.zeros(0), np.zeros((0, width))
-        self.times, self.rows = times, np.vstack([np.full((1, width), np.nan), rows.reshape(-1, width)])
-
-    def at(self, times: ArrayLike) -> NDArray[np.float64]:
-        return np.asarray(self.rows[np.searchsorted(self.times, times, side="right")])
+def _held(
+    times: NDArray[np.float64] | None, rows: NDArray[np.float64] | None, width: int
+) -> Callable[[Any], NDArray[np.float64]]:
+    """Rows valid from their times until the next, as a function of time; NaN before, and without any."""
+    if times is None or rows is None:
+        times, rows = np.zeros(0), np.zeros((0, width))
+    table = np.vstack([np.full((1, width), np.nan), rows.reshape(-1, width)])
+    return lambda at: table[np.searchsorted(times, at, side="right")]
 
 
 _ABSENT = {
@@ -459,14 +455,13 @@ class RecordingPlayer:
         self._brick, self._within = (flat[once] // 512).astype(np.uint32), flat[once] % 512
         bricks, row = np.unique(self._brick, return_inverse=True)
         self._level = read_bricks(bone, bricks)[row, self._within]
-        placed = recording.volume_pose is not None
-        self._center = _Held(time, recording._in_frame_of(bone, source)[1] if placed else None, 3)
-        self._center.rows[0] = self._center.rows[:2][-1]
-        self._force = _Held(force_time, recording.force, 3)
-        self._radius = _Held(recording.burr_time, recording.burr_radius, 1)
+        centers = None if recording.volume_pose is None else recording._in_frame_of(bone, source)[1]
+        self._center = _held(np.where(np.arange(len(time)), time, -np.inf), centers, 3)
+        self._force = _held(force_time, recording.force, 3)
+        self._radius = _held(recording.burr_time, recording.burr_radius, 1)
         ends = [times[-1:] for times in (time, self._when, force_time) if times is not None]
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
-        force = np.linalg.norm(self._force.at(time), axis=1)
+        force = np.linalg.norm(self._force(time), axis=1)
         self.history = History(time, force[:, None], np.full((len(time), 1), np.nan))
         absent = [told for name, told in _ABSENT.items() if name in recording.absent]
         self.note = ", ".join(["not recorded: penetration", "whether the burr turned", *absent])
@@ -477,18 +472,18 @@ class RecordingPlayer:
 
     @property
     def burrs(self) -> Burrs:
-        """The burr at the last pose, before the first at that."""
-        return Burrs(self._center.at([self.time]), self._radius.at(self.time), None, None)
+        """The burr at the last pose; before the first, there."""
+        return Burrs(self._center([self.time]), self._radius(self.time), None, None)
 
     @property
     def force(self) -> NDArray[np.float64]:
         """The last force, in the recording's axes [N], shape (1, 3)."""
-        return self._force.at([self.time])
+        return self._force([self.time])
 
     def removals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """When each voxel went [s], its middle [mm], and the way there from the burr's centre [mm]."""
         places = self.bone.origin + self._voxels[:, ::-1] * np.array(self.bone.spacing)
-        return self._when, places, places - self._center.at(self._when)
+        return self._when, places, places - self._center(self._when)
 
     def seek(self, seconds: float, *, progress: Progress | None = None) -> NDArray[np.uint32]:
         """Goes to a time [s]; parameters, result and error are those of `TracePlayer.seek`."""
@@ -506,8 +501,7 @@ class RecordingPlayer:
         return bricks
 
     def __repr__(self) -> str:
-        done = f"{self.time:.3f} of {self.duration:.3f} s; {self._gone} of {len(self._when)} voxels"
-        return f"RecordingPlayer({done} removed; {self.note})"
+        return f"RecordingPlayer({self.time:.3f} of {self.duration:.3f} s; {self._gone} voxels removed)"
 
 
 Player: TypeAlias = TracePlayer | RecordingPlayer

@@ -491,8 +491,7 @@ def read_volumetric_drilling(
     times = {name: table[0] for name, table in tables.items() if table[0] is not None}
     started = float(min((time[0] for time in times.values() if len(time)), default=0.0))
     for name, time in times.items():
-        if (np.diff(time) < 0).any():
-            raise ValueError(f"{files[0]} is damaged: the times of its {name} go back")
+        refuse((np.diff(time) < 0).any(), f"{files[0]} is damaged: the times of its {name} go back")
         tables[name][0] = time - started
     structure, structures = None, []
     removed_time, removed, colours = tables["voxels"]

@@ -281,8 +281,8 @@ class PageSource:
     ) -> int:
         """Shows the moment in a scene, where `bricks` changed; returns the number of blocks made anew."""
         blocks = scene.update(self.bone, bricks) if len(bricks) else 0
-        on = None if self.burrs.on is None else self.burrs.on.tolist()
-        scene.move_burrs(self.burrs.centers, on, self.burrs.radii.tolist())
+        scene.radii, on = tuple(self.burrs.radii.tolist()), self.burrs.on
+        scene.move_burrs(self.burrs.centers, None if on is None else on.tolist())
         scene.set_parcels(self.parcels if parcels else None)
         if slices and self.first_center is not None:
             scene.set_slices(self.first_center)

@@ -302,6 +302,8 @@ class Scene:
     ----------
     plotter : pyvista.Plotter
     surface : Surface
+    radii : tuple of float
+        Burr radii [mm], taken over by `move_burrs`.
 
     Raises
     ------
@@ -400,11 +402,8 @@ class Scene:
             self.panels.cut(bone, self.panels.point)
         return len(blocks)
 
-    def move_burrs(
-        self, centers: ArrayLike, on: Sequence[bool] | None = None, radii: Sequence[float] | None = None
-    ) -> None:
-        """Places the burrs' centres, (burrs, 3) [mm]. Burrs that do not turn are darker. `radii` [mm] replace
-        those before.
+    def move_burrs(self, centers: ArrayLike, on: Sequence[bool] | None = None) -> None:
+        """Places the burrs' centres, (burrs, 3) [mm]. Burrs that do not turn are darker.
 
         Raises
         ------
@@ -416,7 +415,6 @@ class Scene:
             places.shape != (len(self.radii), 3),
             f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}",
         )
-        self.radii = self.radii if radii is None else tuple(radii)
         self._burrs.place(places, on, self.radii)
         if self.panels is not None:
             self.panels.move_burrs(places, self.radii)

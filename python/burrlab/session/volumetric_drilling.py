@@ -125,7 +125,14 @@ def export_volumetric_drilling(
             volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
             volume.attrs["units"] = "mm^3, millimeters cubed"
             about.create_dataset("README", data=_README)
-            _write_data(group("data"), trace, grid, pose, stamps)
+            rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
+            drills, volumes = pose[rows], np.tile(grid.pose(trace._bone), (len(rows), 1))
+            _put(
+                group("data"),
+                time=stamps[rows],
+                pose_mastoidectomy_drill=drills,
+                pose_mastoidectomy_volume=volumes,
+            )
             drill = group("high_frequency_poses/mastoidectomy_drill")
             _put(drill, time_stamp=stamps, pose=pose)
             wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
@@ -191,14 +198,6 @@ class _Grid:
 def _put(group: h5py.Group, **columns: NDArray[np.generic]) -> None:
     for name, values in columns.items():
         group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
-
-
-def _write_data(
-    group: h5py.Group, trace: Trace, grid: _Grid, pose: NDArray[np.float64], stamps: NDArray[np.float64]
-) -> None:
-    rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
-    volume = np.tile(grid.pose(trace._bone), (len(rows), 1))
-    _put(group, time=stamps[rows], pose_mastoidectomy_drill=pose[rows], pose_mastoidectomy_volume=volume)
 
 
 def _write_voxels(
@@ -547,18 +546,15 @@ class _Part:
         self.volume_pose = None if volume is None or not len(volume) else np.hstack(_split(volume[:1]))[0]
         forces = self._table("drill_force_feedback", "time_stamp", ("wrench", "N", 6))
         burrs = self._table("burr_change", "time_stamp", ("burr_size", "mm", 0))
+        poses = [self._table(drill, "time_stamp", ("pose", "m", 7)) for drill in _DRILLS]
+        if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
+            poses.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))
         self.tables: dict[str, list[NDArray[Any]] | None] = {
-            "poses": self._poses(),
+            "poses": next(([time, *_split(pose)] for time, pose in filter(None, poses)), None),
             "forces": forces and [forces[0], forces[1][:, :3]],
             "burrs": burrs and [burrs[0], burrs[1] / 2.0],
             "voxels": self._voxels(),
         }
-
-    def _poses(self) -> list[NDArray[Any]] | None:
-        found = [self._table(drill, "time_stamp", ("pose", "m", 7)) for drill in _DRILLS]
-        if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
-            found.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))
-        return next(([time, *_split(pose)] for time, pose in filter(None, found)), None)
 
     def _voxels(self) -> list[NDArray[Any]] | None:
         stamps = self._column("voxels_removed", "voxel_time_stamp", "s", 0)

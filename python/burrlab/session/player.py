@@ -498,6 +498,7 @@ class RecordingPlayer:
         levels[row, self._within[rows]] = 0 if gone > self._gone else self._level[rows]
         restore_bricks(self.bone, bricks, levels)
         self._gone, self.time = gone, float(seconds)
+        reporter(progress, "seek")(1.0)
         return bricks
 
     def __repr__(self) -> str:

@@ -330,7 +330,7 @@ class Scene:
         note: str = "",
     ) -> None:
         for radius in radii:
-            check_positive("radii", 1.0 if np.isnan(radius) else radius)
+            check_positive("radii", radius if radius == radius else 1.0)  # NaN
         refuse(min(size) < 16, f"size must be at least 16 pixels each way, got {size[0]} x {size[1]}")
         module = pyvista()
         if off_screen:

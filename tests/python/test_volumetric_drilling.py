@@ -335,7 +335,15 @@ def test_a_recording_is_seen_at_any_time(made, tmp_path):
         burr_time=np.array([0.0, 1.0]), burr_radius=np.array([2.0, 3.0]),
     )  # fmt: skip
     player, ours = RecordingPlayer(back, whole, trace.source), TracePlayer(trace)
-    for at in (1.5005, 0.2005, player.duration, 0.0, *np.random.default_rng(1).uniform(0, 2, 20)):
+    times = (
+        1.5005,
+        0.2005,
+        player.duration,
+        back.removed_time[100],
+        0.0,
+        *np.random.default_rng(1).uniform(0, 2, 20),
+    )
+    for at in times:
         before = player.bone.density.copy()
         bricks = player.seek(at)
         assert player.bone.digest() == back.drilled(whole, trace.source, until=at).digest()

@@ -156,6 +156,32 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
     assert {file.name for file in tmp_path.iterdir()} == {"ct.nrrd", "broken.h5"}
 
 
+@pytest.fixture(scope="module")
+def recording(trace):
+    """The trace as the other simulator would have recorded it, and --bone with its bone."""
+    found, file = burrlab.load_trace(trace), trace.with_name("there.hdf5")
+    burrlab.export_volumetric_drilling(found, file)
+    save_bone(trace.with_name("whole.h5"), found.bone(), 0)
+    return file, "--bone", trace.with_name("whole.h5")
+
+
+def test_pictures_of_a_recording(recording, tmp_path, capsys):
+    made, other = tmp_path / "a.png", tmp_path / "other.h5"
+    told = result(capsys, "view", *recording, "--at", 0.3, "--pictures", made)
+    assert (told["at_s"], told["written"]) == (0.3, [str(made), str(tmp_path / "a-depth.png")])
+    assert told["notes"][-1] == "not recorded: penetration, whether the burr turned"
+    save_bone(other, burrlab.VoxelBone.block((4, 4, 4), 0.5), 0)
+    for said, *arguments in (
+        ("there.hdf5 is a recording without bone: it needs one of --bone FILE, and --volume", recording[0]),
+        ("is a recording without bone: it needs one of", *recording, "--volume", other),
+        ("--effects goes with a trace, not with a recording", *recording, "--effects", "--web"),
+        ("bone must have voxels of 0.008 mm^3, as the recording's", recording[0], "--bone", other),
+        ("--at must be from 0 to 0.4", *recording, "--at", 1),
+    ):
+        code, _, err = call(capsys, "view", *arguments)
+        assert (code, said in err.splitlines()[-1]) == (2, True)
+
+
 def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
     pytest.importorskip("pyvista")
     if not sys.platform.startswith("linux"):
@@ -167,7 +193,7 @@ def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
 
 
 @pytest.mark.slow
-def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
+def test_picture_film_and_stereo_of_a_trace(trace, recording, tmp_path, capsys):
     need_drawing()
     png, stereo, film = tmp_path / "a.png", tmp_path / "b.png", tmp_path / "c.gif"
     assert call(capsys, "view", trace, "--png", png, "--at", 0.2, *SMALL)[0] == 0
@@ -200,6 +226,8 @@ def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
     frames = int(duration * 10 / 0.5 + 1e-9) + 1
     assert told["frames"] == frames
     assert frames_in(film) == frames
+    assert result(capsys, "view", *recording, "--video", film, "--fps", 10, *SMALL)["frames"] == 5
+    assert frames_in(film) == 5
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT"])

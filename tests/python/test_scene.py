@@ -34,6 +34,10 @@ def test_a_burr_is_drawn_where_it_is_and_as_large(scene):
     assert (columns.mean() - 159.5) * pixel == pytest.approx(1.0 * nearer, abs=0.1)
     assert (119.5 - rows.mean()) * pixel == pytest.approx(-0.5 * nearer, abs=0.1)
     assert np.ptp(columns) * pixel == pytest.approx(2.0 * nearer, rel=0.08)
+    scene.radii = (0.5,)
+    scene.move_burrs([[1.0, -0.5, 1.5]], [True])
+    columns = np.nonzero(differing(scene.picture(), before))[1]
+    assert np.ptp(columns) * pixel == pytest.approx(1.0 * nearer, rel=0.08)
     scene.move_burrs([[np.nan] * 3])
     assert not differing(scene.picture(), before).any()
 
@@ -49,6 +53,11 @@ def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
         assert not differing(outlined.picture(), before).any()  # no place is known yet
         outlined.move_burrs(hidden, [True])
         rows, columns = np.nonzero(differing(outlined.picture(), before))
+        outlined.radii = (np.nan,)  # not known: a cross
+        outlined.move_burrs(hidden)
+        cross = np.nonzero(differing(outlined.picture(), before))
+        assert 2 * np.ptp(cross[1]) < np.ptp(columns)
+        assert abs(cross[1].mean() - columns.mean()) < 1.5
         outlined.move_burrs([[np.nan] * 3])
         assert not differing(outlined.picture(), before).any()
     distance = scene.viewpoint.distance

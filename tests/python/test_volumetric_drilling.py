@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from command_line import said
 from label_scenes import coloured
+from page_scenes import make_page
 from PIL import Image
 from scipy.spatial.transform import Rotation
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
@@ -16,7 +17,12 @@ from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 import burrlab
 from burrlab.bone.recipe import LabelledRecipe
 from burrlab.bone.tissues import default_tissues
+from burrlab.effects.effects import Effects
 from burrlab.session.volumetric_drilling import _NEW
+from burrlab.view import RecordingPlayer, TracePlayer
+from burrlab.view.camera import trace_approach
+from burrlab.view.page_source import page_source
+from burrlab.view.surface import brick_numbers
 
 TICKS = 2005
 NEW = "physics_data/intermittent_data/voxels_removed/"
@@ -204,6 +210,10 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
         there = 1000 * pose[:3] + there @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # that quarter turn
         drill = path[np.rint((stamps[removed[:, 0]] - trace.provenance["started_unix_s"]) * 1e3).astype(int)]
         assert np.linalg.norm(there - drill, axis=1).max() < 2.2
+        shown = RecordingPlayer(burrlab.read_volumetric_drilling(tmp_path / "out.hdf5"), bone, trace.source)
+        found, wanted = trace_approach(shown), trace_approach(TracePlayer(trace))
+        assert found.axis @ wanted.axis > 0.9
+        np.testing.assert_allclose(found.entry, wanted.entry, atol=2)
     back = burrlab.read_volumetric_drilling(tmp_path / "out.hdf5", tissues=bone.tissues)
     assert back.structures == tuple(t.name for t in sorted(bone.tissues, key=lambda t: t.colour) if t.label)
     places = back.removed_from(bone, trace.source)
@@ -313,6 +323,63 @@ def test_a_file_as_the_documents_describe_it(tmp_path, layout):
             pose=np.tile([1, 2, 3, 0, 0, 0, 1.0], (10, 1)),
         )
     assert burrlab.read_volumetric_drilling(file).position.tolist() == [[1000, 2000, 3000]] * 10
+
+
+def test_a_recording_is_seen_at_any_time(made, tmp_path):
+    trace, whole = made[1], made[1].bone()
+    burrlab.export_volumetric_drilling(trace, tmp_path / "out.hdf5")
+    back = burrlab.read_volumetric_drilling(tmp_path / "out.hdf5")
+    late = np.full(50, back.removed_time[-1])  # voxels that are removed once more
+    back = replace(
+        back, removed=np.vstack([back.removed, back.removed[:50]]), removed_time=np.append(back.removed_time, late),
+        burr_time=np.array([0.0, 1.0]), burr_radius=np.array([2.0, 3.0]),
+    )  # fmt: skip
+    player, ours = RecordingPlayer(back, whole, trace.source), TracePlayer(trace)
+    times = (
+        1.5005,
+        0.2005,
+        player.duration,
+        back.removed_time[100],
+        0.0,
+        *np.random.default_rng(1).uniform(0, 2, 20),
+    )
+    for at in times:
+        before = player.bone.density.copy()
+        bricks = player.seek(at)
+        assert player.bone.digest() == back.drilled(whole, trace.source, until=at).digest()
+        found = brick_numbers(np.argwhere(player.bone.density != before) // 8, whole)
+        assert bricks.tolist() == np.unique(found).tolist()
+        ours.seek(min(at, ours.duration))
+        np.testing.assert_allclose(player.burrs.centers[0], ours.burrs.centers[0], atol=1e-9)
+        assert player.burrs.radii == (2.0 if at < 1.0 else 3.0)
+        if ours.done:
+            np.testing.assert_array_equal(player.force[0], trace.array("sent_force_N", 0)[ours.done - 1])
+    page = make_page(page_source(player))
+    page._advance(1.0)
+    assert [row["name"] for row in page.state.numbers] == ["force", "burr", "centre", "bone removed"]
+    assert [chart["name"] for chart in page.state.charts] == ["force"]
+    for told, call in (
+        ("from 0 to 2.0", lambda: player.seek(3.0)), ("must be a Dril", lambda: RecordingPlayer(trace, whole)),
+        ("with a recording", lambda: page_source(player, Effects(whole, seed=1))),
+    ):  # fmt: skip
+        with pytest.raises((ValueError, TypeError), match=told):
+            call()
+
+
+def test_what_was_not_recorded_is_not_shown(tmp_path):
+    bone = burrlab.VoxelBone.block((8, 8, 8), 0.5)
+    back = burrlab.read_volumetric_drilling(made_up(tmp_path / "a.hdf5", "new"))
+    page = make_page(page_source(RecordingPlayer(back, bone)))
+    page.look("burr")
+    assert ([row["name"] for row in page.state.numbers], page.state.charts) == (["centre", "bone removed"], [])  # fmt: skip
+    assert (page.scene.on, np.isnan(page.scene.radii).all()) == (None, True)
+    assert page.state.source_state.endswith("penetration, whether the burr turned, its radius, force")
+    bare = RecordingPlayer(replace(back, volume_pose=None, removed=None, removed_time=None), bone)
+    assert "removed voxels, the burr's place, its radius" in bare.note
+    assert len(bare.seek(bare.duration)) == 0
+    assert (np.isnan(bare.burrs.centers).all(), trace_approach(bare)) == (True, None)
+    bone.restore(np.zeros(bone.shape, np.uint8))
+    assert RecordingPlayer(back, bone).note.endswith("; 3 of 3 removed voxels are empty in this bone")
 
 
 def test_the_files_of_one_session(tmp_path, capsys):

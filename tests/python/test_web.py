@@ -123,7 +123,7 @@ def test_parcels_stop_when_asked(trace):
 
 def test_refused_sources(trace):
     for source, effects, sentence in (
-        ("a", None, "source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got 'a'"),
+        ("a", None, "source must be a Trace, TracePlayer, RecordingPlayer, Session, .*, got 'a'"),
         (trace, 1, "effects of a trace must be Effects, got 1"),
         (nerve_session(), 1, "effects of a session must be a Companion, got 1"),
         (nerve_bone(), 1, "effects go with a trace or a session, got 1 with a bone"),

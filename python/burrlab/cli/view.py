@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +37,9 @@ from burrlab.cli.options import (
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
 from burrlab.effects.effects import Effects
-from burrlab.session.player import TracePlayer
+from burrlab.session.player import Player, RecordingPlayer, TracePlayer
 from burrlab.session.trace import load_trace
+from burrlab.session.volumetric_drilling import is_recording, read_volumetric_drilling
 from burrlab.view.camera import Viewpoint, approach_view, surgeon_view, trace_approach
 from burrlab.view.film import TraceView, check_film, write_video
 from burrlab.view.pictures import depth_map, plot_depth_map, plot_slices
@@ -57,16 +59,17 @@ def _size(text: str) -> tuple[int, int]:
 
 def _view(options: Options) -> int:
     _check(options)
+    player: Player | None = None
     if options.file is None:
-        player, (bone, notes) = None, _chosen_bone(options)
+        bone, notes, _ = _chosen_bone(options)
         result: dict[str, Any] = {"file": str(options.bone or options.volume or options.labels)}
     else:
-        player = _player(options.file)
-        bone, notes = player.bone, list(player.trace.notes)
+        player, notes = _player(options)
+        bone = player.bone
         at = player.duration if options.at is None else options.at
         result = {"file": str(options.file), "at_s": at}
     note, effects = assumed(notes), None
-    if player is not None and options.effects:
+    if isinstance(player, TracePlayer) and options.effects:
         effects = Effects(player.trace.bone(), seed=player.trace.seed, nozzle=Nozzle())
     if options.web:
         serve(
@@ -84,9 +87,9 @@ def _view(options: Options) -> int:
         window = options.png is None and options.video is None
         both = window and bool(options.stereo)  # files have two whole pictures
         size = options.size or (SIZE if both else (1024, 768))
-        shown: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both}
+        shown: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
         if player is None:
-            scene = Scene(bone, [], note=note, **shown)
+            scene = Scene(bone, [], **shown)
             if options.slices:
                 scene.set_slices(options.entry or middle)
         else:
@@ -128,13 +131,20 @@ def _view(options: Options) -> int:
 def _check(options: Options) -> None:
     """ValueError for options that exclude one another and files that could not be written."""
     of_volume = options.volume is not None or options.labels is not None
+    recorded = options.file is not None and is_recording(options.file)
+    one = (
+        f"{options.file} is a recording without bone: it needs one of"
+        if recorded
+        else "view needs one of TRACE,"
+    )
     refuse(
-        (options.file is not None) + (options.bone is not None) + of_volume != 1,
-        "view needs one of TRACE, --bone FILE, and --volume or --labels FILE",
+        (options.file is not None and not recorded) + (options.bone is not None) + of_volume != 1,
+        f"{one} --bone FILE, and --volume or --labels FILE",
     )
     film_alone = options.video is not None and not (options.png or options.pictures)
     for applies, names, why in (
         (options.file is None, ("at", "video", "effects"), "goes with a trace"),
+        (recorded, ("effects",), "goes with a trace, not with a recording"),
         (
             not of_volume, ("map", "spacing", "series", "crop", "voxel", "transpose"),
             "goes with --volume or --labels",
@@ -170,7 +180,7 @@ def _needs_scene(options: Options) -> bool:
     return options.png is not None or options.video is not None or options.pictures is None
 
 
-def _viewpoint(options: Options, bone: VoxelBone, player: TracePlayer | None) -> Viewpoint | None:
+def _viewpoint(options: Options, bone: VoxelBone, player: Player | None) -> Viewpoint | None:
     """The viewpoint that the options ask for, in the bone frame; None if they ask for none."""
     if options.entry is not None:
         return surgeon_view(bone, options.entry, options.axis, width=options.width)
@@ -179,18 +189,26 @@ def _viewpoint(options: Options, bone: VoxelBone, player: TracePlayer | None) ->
     return approach_view(bone, None if player is None else trace_approach(player), width=options.width)
 
 
-def _player(file: str) -> TracePlayer:
+def _player(options: Options) -> tuple[Player, list[str]]:
+    """The player of the trace, or of the recording and its bone, and the notes on it."""
+    if is_recording(options.file):
+        recording = read_volumetric_drilling(options.file)
+        bone, notes, source = _chosen_bone(options)
+        shown = RecordingPlayer(recording, bone, source)
+        print(f"burrlab: {shown.note}", file=sys.stderr)
+        return shown, [*notes, shown.note]
     try:
-        return TracePlayer(load_trace(file))
+        player = TracePlayer(load_trace(options.file))
+        return player, list(player.trace.notes)
     except (ValueError, IsADirectoryError) as error:
         if isinstance(error, ValueError) and "is not a burrlab trace" not in str(error):
             raise
         raise ValueError(f"{sentence(error)}; --volume shows a volume, --bone a bone that was kept") from None
 
 
-def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
-    """The bone of --bone, --volume or --labels, and the assumptions about it; brings entry and axis into the
-    bone frame."""
+def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str], dict[str, Any]]:
+    """The bone of --bone, --volume or --labels, the assumptions about it, and its source; brings entry and axis
+    into the bone frame."""
     recipe = (
         chosen_recipe(options, materials["bone"]) if options.bone is None else DrilledRecipe(options.bone)
     )
@@ -202,7 +220,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
         if options.axis is not None:
             options.axis = tuple((grid.direction.T @ np.asarray(options.axis)).tolist())
     say_notes(recipe)
-    return bone, list(recipe.notes())
+    return bone, list(recipe.notes()), recipe.plain()
 
 
 def _write_pictures(path: str, bone: VoxelBone, point: Any, note: str, **burrs: Any) -> list[str]:
@@ -233,7 +251,8 @@ def _widest_opening(bone: VoxelBone) -> str:
 
 VIEW_COMMAND = Command("view", _view,
     "Show a recorded session, a bone or a volume: window, PNG, film or web page.", (
-    option("file", "a trace; its --entry and --axis are in the bone frame", metavar="TRACE", nargs="?"),
+    option("file", "a trace; its --entry and --axis are in the bone frame. Or a recording of volumetric_drilling, "
+        "with --bone, --volume or --labels", metavar="TRACE", nargs="?"),
     option("--bone",
         "a bone that was kept (.h5, or a volume with its state) instead of a trace", metavar="FILE"),
     option("--at", "time of the trace [s], default its end", type=number, metavar="S"),

@@ -1,13 +1,13 @@
-"""A recorded session at any moment: bone, burrs, force and depth. Kept states of the bone make seeks fast."""
+"""A session at any moment: bone, burrs, force and depth; of a trace, or as another simulator recorded it."""
 
 from __future__ import annotations
 
 import bisect
 import operator
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
+from burrlab.session.volumetric_drilling import DrillingRecording
 
 _State = tuple[int, NDArray[np.uint32], NDArray[np.uint8]]  # tick, bricks that changed, their levels
 _tick = operator.itemgetter(0)
@@ -133,17 +134,17 @@ class Burrs:
     Attributes
     ----------
     centers : ndarray, shape (n, 3)
-        Bone frame [mm]; NaN where the trace has no tick.
+        Bone frame [mm]; NaN where the trace has no tick, or the recording no place.
     radii : ndarray, shape (n,)
-        [mm]
-    on, touching : ndarray, shape (n,), bool
-        Whether the burr turns; whether bone lies in the sphere.
+        [mm]; NaN where a recording has none.
+    on, touching : ndarray, shape (n,), bool, or None
+        Whether the burr turns; whether bone lies in the sphere. None in a recording, which does not say it.
     """
 
     centers: NDArray[np.float64]
     radii: NDArray[np.float64]
-    on: NDArray[np.bool_]
-    touching: NDArray[np.bool_]
+    on: NDArray[np.bool_] | None
+    touching: NDArray[np.bool_] | None
 
 
 def unknown_burrs(radii: Sequence[float] | NDArray[np.float64]) -> Burrs:
@@ -386,3 +387,122 @@ class _Walk:
             self._kept.add(end, _union(self._since), self.bone)
             self._since = []
         return changed
+
+
+def _held(
+    times: NDArray[np.float64] | None, rows: NDArray[np.float64] | None, width: int
+) -> Callable[[Any], NDArray[np.float64]]:
+    """Rows valid from their times until the next, as a function of time; NaN before, and without any."""
+    if times is None or rows is None:
+        times, rows = np.zeros(0), np.zeros((0, width))
+    table = np.vstack([np.full((1, width), np.nan), rows.reshape(-1, width)])
+    return lambda at: table[np.searchsorted(times, at, side="right")]
+
+
+_ABSENT = {
+    "removed": "removed voxels", "volume_pose": "the burr's place", "burr_radius": "its radius", "force": "force",
+}  # fmt: skip
+
+
+class RecordingPlayer:
+    """Random access to a recording of volumetric_drilling, on the bone that was drilled there.
+
+    The bone at a time is that of `DrillingRecording.drilled`, to the bit. What is not recorded is NaN.
+
+    Parameters
+    ----------
+    recording : DrillingRecording
+    bone : VoxelBone
+        Made of the recording's volume; it is copied.
+    source : str or mapping
+        As in `DrillingRecording.removed_from`.
+
+    Attributes
+    ----------
+    bone : VoxelBone
+        The bone at `time`: always the same object, which `seek` changes.
+    time, duration : float
+        Since the recording's start, and until its last pose, force or removal [s].
+    depth : ndarray, shape (1,)
+        NaN: penetration is not recorded.
+    history : History
+        A row a pose.
+    note : str
+        What is not recorded.
+
+    Raises
+    ------
+    TypeError
+        If `recording` is not a recording.
+    ValueError
+        If the bone has voxels of another size, or does not hold all that were removed.
+    """
+
+    prepared = 1.0  # every seek is fast
+
+    def __init__(
+        self, recording: DrillingRecording, bone: VoxelBone, source: str | Mapping[str, Any] = ""
+    ) -> None:
+        if not isinstance(recording, DrillingRecording):
+            raise TypeError(f"recording must be a DrillingRecording, got {recording!r}")
+        self.recording, self.bone, self.time, self._gone = recording, bone.copy(), 0.0, 0
+        time, when, force_time = recording.time, recording.removed_time, recording.force_time
+        voxels = np.zeros((0, 3), np.int64) if when is None else recording.removed_from(bone, source)
+        _, rows, columns = (-(-n // 8) for n in bone.shape)
+        flat = 512 * (voxels // 8 @ (rows * columns, columns, 1)) + voxels % 8 @ (64, 8, 1)  # brick by brick
+        once = np.sort(np.unique(flat, return_index=True)[1])  # each voxel when it first went
+        self._voxels, self._when = voxels[once], np.zeros(0) if when is None else when[once]
+        self._brick, self._within = (flat[once] // 512).astype(np.uint32), flat[once] % 512
+        bricks, row = np.unique(self._brick, return_inverse=True)
+        self._level = read_bricks(bone, bricks)[row, self._within]
+        centers = None if recording.volume_pose is None else recording._in_frame_of(bone, source)[1]
+        self._center = _held(np.where(np.arange(len(time)), time, -np.inf), centers, 3)
+        self._force = _held(force_time, recording.force, 3)
+        self._radius = _held(recording.burr_time, recording.burr_radius, 1)
+        ends = [times[-1:] for times in (time, self._when, force_time) if times is not None]
+        self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
+        force = np.linalg.norm(self._force(time), axis=1)
+        self.history = History(time, force[:, None], np.full((len(time), 1), np.nan))
+        absent = [told for name, told in _ABSENT.items() if name in recording.absent]
+        self.note = ", ".join(["not recorded: penetration", "whether the burr turned", *absent])
+        empty = int(np.count_nonzero(self._level == 0))
+        if 2 * empty > len(self._level):
+            self.note += f"; {empty} of {len(self._level)} removed voxels are empty in this bone"
+        self.seek(0.0)
+
+    @property
+    def burrs(self) -> Burrs:
+        """The burr at the last pose; before the first, there."""
+        return Burrs(self._center([self.time]), self._radius(self.time), None, None)
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """The last force, in the recording's axes [N], shape (1, 3)."""
+        return self._force([self.time])
+
+    def removals(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """When each voxel went [s], its middle [mm], and the way there from the burr's centre [mm]."""
+        places = self.bone.origin + self._voxels[:, ::-1] * np.array(self.bone.spacing)
+        return self._when, places, places - self._center(self._when)
+
+    def seek(self, seconds: float, *, progress: Progress | None = None) -> NDArray[np.uint32]:
+        """Goes to a time [s]; parameters, result and error are those of `TracePlayer.seek`."""
+        refuse(
+            not 0 <= seconds <= self.duration + 1e-9,
+            f"seconds must be from 0 to {self.duration:g}, got {seconds!r}",
+        )
+        gone = int(np.searchsorted(self._when, seconds, side="right"))
+        rows = slice(*sorted((self._gone, gone)))
+        bricks, row = np.unique(self._brick[rows], return_inverse=True)
+        levels = read_bricks(self.bone, bricks)
+        levels[row, self._within[rows]] = 0 if gone > self._gone else self._level[rows]
+        restore_bricks(self.bone, bricks, levels)
+        self._gone, self.time = gone, float(seconds)
+        reporter(progress, "seek")(1.0)
+        return bricks
+
+    def __repr__(self) -> str:
+        return f"RecordingPlayer({self.time:.3f} of {self.duration:.3f} s; {self._gone} voxels removed)"
+
+
+Player: TypeAlias = TracePlayer | RecordingPlayer

@@ -125,7 +125,14 @@ def export_volumetric_drilling(
             volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
             volume.attrs["units"] = "mm^3, millimeters cubed"
             about.create_dataset("README", data=_README)
-            _write_data(group("data"), trace, grid, pose, stamps)
+            rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
+            drills, volumes = pose[rows], np.tile(grid.pose(trace._bone), (len(rows), 1))
+            _put(
+                group("data"),
+                time=stamps[rows],
+                pose_mastoidectomy_drill=drills,
+                pose_mastoidectomy_volume=volumes,
+            )
             drill = group("high_frequency_poses/mastoidectomy_drill")
             _put(drill, time_stamp=stamps, pose=pose)
             wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
@@ -191,14 +198,6 @@ class _Grid:
 def _put(group: h5py.Group, **columns: NDArray[np.generic]) -> None:
     for name, values in columns.items():
         group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
-
-
-def _write_data(
-    group: h5py.Group, trace: Trace, grid: _Grid, pose: NDArray[np.float64], stamps: NDArray[np.float64]
-) -> None:
-    rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
-    volume = np.tile(grid.pose(trace._bone), (len(rows), 1))
-    _put(group, time=stamps[rows], pose_mastoidectomy_drill=pose[rows], pose_mastoidectomy_volume=volume)
 
 
 def _write_voxels(
@@ -343,7 +342,7 @@ class DrillingRecording:
         ours, theirs = float(np.prod(bone.spacing)), self.voxel_volume
         refuse(
             theirs is not None and not abs(ours - theirs) <= 1e-3 * ours,
-            f"bone must have voxels of {theirs} mm^3, as the recording's volume, got {ours:.6g} mm^3",
+            f"bone must have voxels of {theirs or 0:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3",
         )
         places = _Grid.of(bone, source).places(self.removed)
         outside = int(((places < 0) | (places >= bone.shape)).any(axis=1).sum())
@@ -384,18 +383,23 @@ class DrillingRecording:
         ValueError
             If the recording has no pose, or with a bone no pose of the volume.
         """
-        of_quaternion = scipy.spatial.transform.Rotation.from_quat
-        position, turn = self.position, of_quaternion(np.roll(self.orientation, -1, axis=1))
+        turn = scipy.spatial.transform.Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
+        position = self.position
         if bone is not None:
-            if self.volume_pose is None:
-                raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
-            ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
-            to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
-            position = to_bone.apply(position - self.volume_pose[:3]) + 1000.0 * ours[:3]
+            to_bone, position = self._in_frame_of(bone, source)
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
         quaternion = np.roll(turn.as_quat(), 1, axis=1)
         return ScriptedDevice(self.time[new], position[new], None, quaternion[new])
+
+    def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array]:
+        """The rotation from the world to the bone's frame, and the drill's positions in the latter [mm]."""
+        if self.volume_pose is None:
+            raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
+        of_quaternion = scipy.spatial.transform.Rotation.from_quat
+        ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
+        to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
+        return to_bone, to_bone.apply(self.position - self.volume_pose[:3]) + 1000.0 * ours[:3]
 
     def _handling(self, burr: int) -> Handling:
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")
@@ -486,8 +490,7 @@ def read_volumetric_drilling(
     times = {name: table[0] for name, table in tables.items() if table[0] is not None}
     started = float(min((time[0] for time in times.values() if len(time)), default=0.0))
     for name, time in times.items():
-        if (np.diff(time) < 0).any():
-            raise ValueError(f"{files[0]} is damaged: the times of its {name} go back")
+        refuse((np.diff(time) < 0).any(), f"{files[0]} is damaged: the times of its {name} go back")
         tables[name][0] = time - started
     structure, structures = None, []
     removed_time, removed, colours = tables["voxels"]
@@ -507,12 +510,12 @@ def read_volumetric_drilling(
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder, or a file with a group of the layouts."""
+    """Whether a path is a folder of recordings, or a file with a group of the layouts."""
     try:
         with open_any_hdf5(path, _KIND) as file, told_as_damage(path):
             return _has_groups(file)
     except (OSError, ValueError):  # told by who reads it
-        return Path(path).is_dir()
+        return any(Path(path).glob("*.hdf5"))
 
 
 def _has_groups(file: h5py.File) -> bool:
@@ -543,18 +546,15 @@ class _Part:
         self.volume_pose = None if volume is None or not len(volume) else np.hstack(_split(volume[:1]))[0]
         forces = self._table("drill_force_feedback", "time_stamp", ("wrench", "N", 6))
         burrs = self._table("burr_change", "time_stamp", ("burr_size", "mm", 0))
+        poses = [self._table(drill, "time_stamp", ("pose", "m", 7)) for drill in _DRILLS]
+        if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
+            poses.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))
         self.tables: dict[str, list[NDArray[Any]] | None] = {
-            "poses": self._poses(),
+            "poses": next(([time, *_split(pose)] for time, pose in filter(None, poses)), None),
             "forces": forces and [forces[0], forces[1][:, :3]],
             "burrs": burrs and [burrs[0], burrs[1] / 2.0],
             "voxels": self._voxels(),
         }
-
-    def _poses(self) -> list[NDArray[Any]] | None:
-        found = [self._table(drill, "time_stamp", ("pose", "m", 7)) for drill in _DRILLS]
-        if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
-            found.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))
-        return next(([time, *_split(pose)] for time, pose in filter(None, found)), None)
 
     def _voxels(self) -> list[NDArray[Any]] | None:
         stamps = self._column("voxels_removed", "voxel_time_stamp", "s", 0)

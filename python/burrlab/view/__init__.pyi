@@ -1,5 +1,6 @@
 from burrlab.session.player import Burrs as Burrs
 from burrlab.session.player import History as History
+from burrlab.session.player import RecordingPlayer as RecordingPlayer
 from burrlab.session.player import TracePlayer as TracePlayer
 from burrlab.view.camera import Viewpoint as Viewpoint
 from burrlab.view.camera import surgeon_view as surgeon_view

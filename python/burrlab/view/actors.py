@@ -137,6 +137,7 @@ class BlockActors:
 ON, OFF = (0.78, 0.80, 0.84), (0.50, 0.52, 0.56)
 _OUTLINE = (0.30, 0.78, 1.0)
 _DASHES = 36
+_ARM = 0.02  # of a cross, over the distance to the eye
 _IN_FRONT = -66000.0  # VTK's depth offset that puts lines before all else
 
 
@@ -149,16 +150,16 @@ class BurrActors:
     module : module
         pyvista.
     radii : sequence of float
-        [mm]
+        [mm]; NaN: not known.
     outline : bool
-        Draw the rim of each as a dashed line through everything in front of it.
+        Draw the rim of each as a dashed line through everything in front of it; a cross if the radius is not known.
     """
 
     def __init__(self, plotter: Any, module: Any, radii: Sequence[float], *, outline: bool) -> None:
-        self.plotter, self.radii, self.balls = plotter, tuple(radii), []
+        self.plotter, self.radii, self.balls = plotter, radii, []
         self.centers = np.full((len(self.radii), 3), np.nan)
-        for radius in self.radii:
-            sphere = module.Sphere(radius=radius, theta_resolution=48, phi_resolution=48)
+        for _ in self.radii:
+            sphere = module.Sphere(radius=1.0, theta_resolution=48, phi_resolution=48)
             ball = plotter.add_mesh(
                 sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
                 specular_power=40, render=False, reset_camera=False,
@@ -166,14 +167,15 @@ class BurrActors:
             self.balls.append(configure(ball, Visibility=False))  # hidden until its place is known
         self.rims = [_Rim(plotter.renderer) for _ in self.radii] if outline else []
 
-    def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None) -> None:
+    def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None, radii: Sequence[float]) -> None:
         """Places the centres (burrs, 3) [mm]. Burrs that do not turn are darker."""
-        self.centers = centers
-        for i, (actor, center) in enumerate(zip(self.balls, centers, strict=True)):
-            known = bool(np.isfinite(center).all())
+        self.centers, self.radii = centers, radii
+        for i, (actor, center, radius) in enumerate(zip(self.balls, centers, radii, strict=True)):
+            known = bool(np.isfinite([*center, radius]).all())
             actor.SetVisibility(known)
             if known:
                 actor.SetPosition(*center)
+                actor.SetScale(radius)
             actor.prop.color = ON if on is None or on[i] else OFF
 
     def fit(self) -> None:
@@ -184,7 +186,7 @@ class BurrActors:
 
 
 class _Rim:
-    """The rim of a ball as seen from the eye: a dashed circle in front of everything else."""
+    """The rim of a ball as seen from the eye, a dashed circle in front of everything else; or a cross."""
 
     def __init__(self, renderer: Any) -> None:
         # three points a dash, and a gap of one step
@@ -200,13 +202,18 @@ class _Rim:
     def fit(self, eye: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> None:
         away = eye - center
         distance = float(np.linalg.norm(away))
-        shown = bool(np.isfinite(distance)) and distance > radius
+        shown = bool(np.isfinite(distance)) and not distance <= radius
         self.actor.SetVisibility(shown)
         if not shown:
             return
         away /= distance
         side = np.cross(away, np.eye(3)[np.argmin(np.abs(away))])
         side /= np.linalg.norm(side)
+        if np.isnan(radius):
+            step = np.arange(2 * _DASHES)[:, None]  # without the gaps
+            arm = _ARM * distance * ((step // 4 + np.minimum(step % 4, 2) / 2) * 4 / _DASHES - 1.0)
+            self.lines.place(center + np.vstack([arm * side, arm * np.cross(away, side)]))
+            return
         turn = np.linspace(0.0, 2 * np.pi, 4 * _DASHES, endpoint=False)[:, None]
         share = radius / distance
         around = np.cos(turn) * side + np.sin(turn) * np.cross(away, side)
@@ -435,6 +442,10 @@ class SceneChart:
             if not shown:
                 continue
             y = np.asarray(values, float)[kept]
+            if np.isnan(y).all():  # not recorded: the chart above takes its place
+                chart.visible = False
+                self.charts[0].loc, self.charts[0].x_label = chart.loc, "time [s]"
+                continue
             line.update(t[kept], y)
             chart.x_range = (float(t[kept][0]), float(max(t[-1], t[kept][0] + 1e-3)))
             most = max(least, float(np.nanmax(y, initial=0.0)))

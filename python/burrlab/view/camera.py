@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import refuse
-from burrlab.session.player import TracePlayer
+from burrlab.session.player import Player, RecordingPlayer
 
 _ANGLE = 30.0  # of the view, top to bottom [degree]
 _TILT = 28.0  # between approach and line of sight [degree]
@@ -138,6 +138,7 @@ def _tuple(values: NDArray[np.float64]) -> tuple[float, ...]:
 
 #: Time after first contact in which the force is along the normal; later the burr cuts sideways too [ms].
 _MEETING = 250.0
+UNKNOWN_RADIUS = 2.0  # gives a view its width where no radius is recorded [mm]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,19 +150,27 @@ class Approach:
     width: float
 
 
-def trace_approach(player: TracePlayer) -> Approach | None:
-    """The approach of all burrs of a trace, along the first forces on them; None if none touched bone."""
-    burr = player.trace.ticks["burr"]
-    touched = burr["touching"] > 0
-    if not touched.any():
+def trace_approach(player: Player) -> Approach | None:
+    """The approach of all burrs of a trace, along the first forces on them; None if none touched bone.
+
+    Of a recording, the way from the burr to the first voxels that it removed.
+    """
+    if isinstance(player, RecordingPlayer):
+        when, centers, ways = player.removals()
+        first = -ways[when <= when[:1] + _MEETING / 1000.0]
+    else:
+        burr = player.trace.ticks["burr"]
+        touched = burr["touching"] > 0
+        centers, forces = burr["center_mm"][touched], burr["force_N"][touched]
+        first = forces[: max(round(_MEETING / player.trace.period), 1)]
+    if not len(centers):
         return None
-    centers, forces = burr["center_mm"][touched], burr["force_N"][touched]
-    first = forces[: max(round(_MEETING / player.trace.period), 1)]
     push = -first.sum(axis=0)
-    if np.linalg.norm(push) < 1e-6 * max(np.linalg.norm(first, axis=1).sum(), 1e-12):
+    if not np.linalg.norm(push) >= 1e-6 * max(np.linalg.norm(first, axis=1).sum(), 1e-12):  # or not known
         push = np.array(_DOWN)
     low, high = centers.min(axis=0), centers.max(axis=0)
-    width = 1.6 * float(np.linalg.norm(high - low)) + 7 * float(player.burrs.radii.max())
+    radius = float(np.nan_to_num(player.burrs.radii.max(), nan=UNKNOWN_RADIUS))
+    width = 1.6 * float(np.linalg.norm(high - low)) + 7 * radius
     return Approach((low + high) / 2, push / np.linalg.norm(push), width)
 
 

@@ -18,7 +18,7 @@ from burrlab.common.check import check_positive, refuse
 from burrlab.common.files import new_part
 from burrlab.common.progress import Progress, reporter
 from burrlab.effects.effects import Effects
-from burrlab.session.player import TracePlayer
+from burrlab.session.player import Player, RecordingPlayer, TracePlayer
 from burrlab.session.trace import Trace
 from burrlab.view.camera import approach_view
 from burrlab.view.page_source import ReplaySource
@@ -30,7 +30,7 @@ class TraceView:
 
     Parameters
     ----------
-    trace : Trace or TracePlayer
+    trace : Trace, TracePlayer or RecordingPlayer
     effects : Effects, optional
         Effects of the trace's initial bone, without a frame yet. Dust, blood and water are made here for the
         whole trace.
@@ -43,25 +43,25 @@ class TraceView:
 
     Attributes
     ----------
-    player : TracePlayer
+    player : TracePlayer or RecordingPlayer
     scene : Scene
 
     Raises
     ------
     TypeError
-        If `trace` is neither.
+        If `trace` is none of these, or a recording with effects.
     """
 
     def __init__(
         self,
-        trace: Trace | TracePlayer,
+        trace: Trace | Player,
         *,
         effects: Effects | None = None,
         slices: bool = False,
         progress: Progress | None = None,
         **options: Any,
     ) -> None:
-        self.player = trace if isinstance(trace, TracePlayer) else TracePlayer(trace)
+        self.player = trace if isinstance(trace, TracePlayer | RecordingPlayer) else TracePlayer(trace)
         self._replay, self.slices = ReplaySource(self.player, effects), slices
         if self._replay.past is not None:
             self._replay.past.make(progress=progress)

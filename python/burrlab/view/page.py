@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.view.camera import Viewpoint, approach_view, looking_at, surgeon_view
+from burrlab.view.camera import UNKNOWN_RADIUS, Viewpoint, approach_view, looking_at, surgeon_view
 from burrlab.view.page_source import PageSource
 from burrlab.view.scene import Scene
 
@@ -25,7 +25,7 @@ _COLUMNS = 500
 
 def top(values: NDArray[np.float64]) -> float:
     """End of an axis from 0 that holds the values: 1, 2 or 5 times a power of ten."""
-    largest = float(values.max(initial=0.0))
+    largest = float(np.nanmax(values, initial=0.0))
     if largest <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(largest))
@@ -48,7 +48,7 @@ def polyline(
     most : float
         End of the value axis, which begins at 0.
     """
-    inside = (time >= span[0]) & (time <= span[1])
+    inside = (time >= span[0]) & (time <= span[1]) & np.isfinite(values)
     time, values = time[inside], values[inside]
     width = span[1] - span[0]
     if not len(time) or width <= 0:
@@ -64,18 +64,21 @@ def polyline(
 
 
 def numbers(source: PageSource) -> list[dict[str, str]]:
-    """Rows of name, value and unit."""
+    """Rows of name, value and unit; none for what is not recorded."""
     rows, force, depth, burrs = [], source.force, source.depth, source.burrs
     for i, radius in enumerate(burrs.radii):
         which = f" {i + 1}" if len(burrs.radii) > 1 else ""
         known = bool(np.isfinite(burrs.centers[i]).all())
         place = ", ".join(f"{value:.2f}" for value in burrs.centers[i]) if known else "not known"
+        told = [] if np.isnan(radius) else [f"R = {radius:g} mm"]
+        told += [] if burrs.on is None else ["turns" if burrs.on[i] else "stands"]
         rows += [
             ("force" + which, f"{np.linalg.norm(force[i]):.2f}", "N"),
             ("penetration" + which, f"{depth[i]:.3f}", "mm"),
-            ("burr" + which, f"R = {radius:g} mm, {'turns' if burrs.on[i] else 'stands'}", ""),
+            ("burr" + which, ", ".join(told) or "nan", ""),
             ("centre" + which, place, "mm" if known else ""),
         ]
+    rows = [row for row in rows if row[1] != "nan"]
     rows.append(("bone removed", f"{source.bone.removed:.2f}", "mm³"))
     return [{"name": name, "value": value, "unit": unit} for name, value, unit in rows]
 
@@ -96,7 +99,7 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
     """Force and penetration over time, one line a burr."""
     history, span, rows = source.history, source.span, []
     for name, unit, values in (("force", "N", history.force), ("penetration", "mm", history.depth)):
-        if values.shape[1]:
+        if values.shape[1] and not (len(values) and np.isnan(values).all()):
             most = top(values)
             lines = [polyline(history.time, column, span, most) for column in values.T]
             rows.append({"name": name, "unit": unit, "most": f"{most:g}", "lines": lines})
@@ -106,7 +109,10 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
 def values(source: PageSource) -> list[list[str]]:
     """Present values of the charts' curves: one text for each chart and burr."""
     force = np.linalg.norm(source.force, axis=1)
-    return [[f"{value:.{places}f}" for value in now] for now, places in ((force, 2), (source.depth, 3))]
+    return [
+        [f"{value:.{places}f}".replace("nan", "-") for value in now]
+        for now, places in ((force, 2), (source.depth, 3))
+    ]
 
 
 def events(source: PageSource) -> list[dict[str, Any]]:
@@ -216,7 +222,8 @@ class Page:
         source, view = self.source, self._surgeon
         if preset == "burr" and source.first_center is not None:
             into = None if self._approach is None else self._approach.axis
-            view = looking_at(source.first_center, into, 8.0 * source.radii[0], 40.0)
+            radius = float(np.nan_to_num(source.burrs.radii[0], nan=UNKNOWN_RADIUS))
+            view = looking_at(source.first_center, into, 8.0 * radius, 40.0)
         elif preset in _AXES:
             view = surgeon_view(source.bone, axis=_AXES[preset], tilt=0.0)
         self.scene.look(view)

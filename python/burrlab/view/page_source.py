@@ -20,7 +20,7 @@ from burrlab.bone.header import assumed, told_notes
 from burrlab.common.progress import Progress, reporter
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
-from burrlab.session.player import Burrs, History, TracePlayer, unknown_burrs
+from burrlab.session.player import Burrs, History, Player, RecordingPlayer, TracePlayer, unknown_burrs
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
 from burrlab.view.camera import Approach, trace_approach
@@ -76,7 +76,7 @@ class StructureDistances:
     def rows(self, burrs: Burrs) -> list[dict[str, Any]]:
         """A row a structure: name, colour, value [mm], near (within the approach limit). Empty at first."""
         watch = self._watch
-        known = np.isfinite(burrs.centers).all(axis=1)
+        known = np.isfinite(np.column_stack([burrs.centers, burrs.radii])).all(axis=1)
         if watch is None or not known.any():
             return []
         rows = []
@@ -185,7 +185,7 @@ def _drawn(parcels: NDArray[np.void]) -> NDArray[np.void]:
 
 
 #: What a page can show.
-Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
+Shown: TypeAlias = Trace | Player | Session | Replica | VoxelBone
 _SHOWN = 30.0  # time of a session in the charts [s]
 _CURVE_POINTS = 600  # of a scene's curves
 
@@ -281,7 +281,8 @@ class PageSource:
     ) -> int:
         """Shows the moment in a scene, where `bricks` changed; returns the number of blocks made anew."""
         blocks = scene.update(self.bone, bricks) if len(bricks) else 0
-        scene.move_burrs(self.burrs.centers, self.burrs.on.tolist())
+        scene.radii, on = tuple(self.burrs.radii.tolist()), self.burrs.on
+        scene.move_burrs(self.burrs.centers, None if on is None else on.tolist())
         scene.set_parcels(self.parcels if parcels else None)
         if slices and self.first_center is not None:
             scene.set_slices(self.first_center)
@@ -295,22 +296,29 @@ class PageSource:
 
 
 class ReplaySource(PageSource):
-    """A trace, which can be looked at while it is prepared in the background."""
+    """A trace, which can be looked at while it is prepared in the background; or a recording of others."""
 
     kind = "replay"
 
-    def __init__(self, player: TracePlayer, effects: Effects | None = None) -> None:
-        trace = player.trace
-        super().__init__(player.bone, [burr.radius for burr, _ in trace.tools], trace.watch)
-        self.player, self.title, self.span = player, trace.path.name, (0.0, player.duration)
-        self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {trace.seed}"
-        self.note = assumed(trace.notes)
-        if player.events:
-            names = [row["name"] for row in trace.watch["structures"]]
+    def __init__(self, player: Player, effects: Effects | None = None) -> None:
+        watch = None if isinstance(player, RecordingPlayer) else player.trace.watch
+        super().__init__(player.bone, player.burrs.radii.tolist(), watch)
+        self.player, self.span = player, (0.0, player.duration)
+        self.past: ParcelHistory | None = None
+        if isinstance(player, RecordingPlayer):
+            if effects is not None:
+                raise TypeError(f"effects go with a trace or a session, got {effects!r} with a recording")
+            self.title = player.recording.path.name
+            self.state = f"{player.duration:.1f} s, {len(player.history.time)} poses; {player.note}"
+        else:
+            trace = player.trace
+            self.title, self.note = trace.path.name, assumed(trace.notes)
+            self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {trace.seed}"
             for event in player.events:
+                names = [row["name"] for row in trace.watch["structures"]]
                 at = min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1)
                 self.events.append(page_event(float(player.history.time[at]), event, names))
-        self.past = None if effects is None else ParcelHistory(trace, effects)
+            self.past = None if effects is None else ParcelHistory(trace, effects)
         self.has_effects = effects is not None
         self._cancel = threading.Event()
         self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
@@ -352,7 +360,9 @@ class ReplaySource(PageSource):
             self._thread.join()
 
     def _prepare(self) -> None:
-        if self.player.prepare(cancel=self._cancel) and self.past is not None:
+        player = self.player
+        done = isinstance(player, RecordingPlayer) or player.prepare(cancel=self._cancel)
+        if done and self.past is not None:
             self.past.make(self._cancel)
 
 
@@ -451,7 +461,7 @@ class LiveSource(PageSource):
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:
     """The page source of an object. TypeError if it cannot be shown, or the effects do not go with it."""
-    if isinstance(source, Trace | TracePlayer):
+    if isinstance(source, Trace | TracePlayer | RecordingPlayer):
         if not isinstance(effects, Effects | None):
             raise TypeError(f"effects of a trace must be Effects, got {effects!r}")
         return ReplaySource(TracePlayer(source) if isinstance(source, Trace) else source, effects)
@@ -463,4 +473,6 @@ def page_source(source: Shown, effects: Any = None) -> PageSource:
         if effects is not None:
             raise TypeError(f"effects go with a trace or a session, got {effects!r} with a bone")
         return PageSource(source)
-    raise TypeError(f"source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got {source!r}")
+    raise TypeError(
+        f"source must be a Trace, TracePlayer, RecordingPlayer, Session, Replica or VoxelBone, got {source!r}"
+    )

@@ -280,7 +280,7 @@ class Scene:
     ----------
     bone : VoxelBone
     radii : sequence of float
-        Burr radii [mm].
+        Burr radii [mm]; NaN: not known.
     off_screen : bool
         Draw to pictures only; else in a window.
     size : (width, height)
@@ -302,6 +302,8 @@ class Scene:
     ----------
     plotter : pyvista.Plotter
     surface : Surface
+    radii : tuple of float
+        Burr radii [mm], taken over by `move_burrs`.
 
     Raises
     ------
@@ -328,7 +330,7 @@ class Scene:
         note: str = "",
     ) -> None:
         for radius in radii:
-            check_positive("radii", radius)
+            check_positive("radii", radius if radius == radius else 1.0)  # NaN
         refuse(min(size) < 16, f"size must be at least 16 pixels each way, got {size[0]} x {size[1]}")
         module = pyvista()
         if off_screen:
@@ -413,7 +415,7 @@ class Scene:
             places.shape != (len(self.radii), 3),
             f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}",
         )
-        self._burrs.place(places, on)
+        self._burrs.place(places, on, self.radii)
         if self.panels is not None:
             self.panels.move_burrs(places, self.radii)
 

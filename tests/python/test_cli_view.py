@@ -172,8 +172,8 @@ def test_pictures_of_a_recording(recording, tmp_path, capsys):
     assert told["notes"][-1] == "not recorded: penetration, whether the burr turned"
     save_bone(other, burrlab.VoxelBone.block((4, 4, 4), 0.5), 0)
     for said, *arguments in (
-        ("there.hdf5 is a recording without bone: it needs one of --bone FILE, and --volume", recording[0]),
-        ("is a recording without bone: it needs one of", *recording, "--volume", other),
+        ("there.hdf5 is a recording without bone: it needs either --bone FILE, or --volume", recording[0]),
+        ("is a recording without bone: it needs either", *recording, "--volume", other),
         ("--effects goes with a trace, not with a recording", *recording, "--effects", "--web"),
         ("bone must have voxels of 0.008 mm^3, as the recording's", recording[0], "--bone", other),
         ("--at must be from 0 to 0.4", *recording, "--at", 1),

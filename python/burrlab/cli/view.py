@@ -132,15 +132,12 @@ def _check(options: Options) -> None:
     """ValueError for options that exclude one another and files that could not be written."""
     of_volume = options.volume is not None or options.labels is not None
     recorded = options.file is not None and is_recording(options.file)
-    one = (
-        f"{options.file} is a recording without bone: it needs one of"
+    needed = (
+        f"{options.file} is a recording without bone: it needs either --bone FILE, or --volume or --labels FILE"
         if recorded
-        else "view needs one of TRACE,"
+        else "view needs one of TRACE, --bone FILE, and --volume or --labels FILE"
     )
-    refuse(
-        (options.file is not None and not recorded) + (options.bone is not None) + of_volume != 1,
-        f"{one} --bone FILE, and --volume or --labels FILE",
-    )
+    refuse((options.file is not None and not recorded) + (options.bone is not None) + of_volume != 1, needed)
     film_alone = options.video is not None and not (options.png or options.pictures)
     for applies, names, why in (
         (options.file is None, ("at", "video", "effects"), "goes with a trace"),

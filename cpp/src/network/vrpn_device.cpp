@@ -29,7 +29,6 @@ VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const V
           host, settings.port, settings.lost_after),
       settings_(settings),
       tracker_(checked_tracker(name)),
-      server_(host + ":" + std::to_string(settings.port)),
       reader_({name}) {
   if (settings.on_button < -1 || settings.on_button > 7)
     refuse("on_button", "0 to 7, or None", settings.on_button);
@@ -45,7 +44,7 @@ std::string VrpnDevice::fault() const {
   const std::lock_guard<std::mutex> lock(fault_mutex_);
   if (fault_.empty() && connected() && !found_ && !heard_.empty())
     return server_ + " has no sender '" + tracker_ + "', it has " + heard_;
-  return fault_.empty() ? MailboxDevice::fault() : fault_;
+  return fault_.empty() ? NetworkDevice::fault() : fault_;
 }
 
 bool VrpnDevice::open() {
@@ -55,10 +54,7 @@ bool VrpnDevice::open() {
     found_ = false;
   }
   newest_ = 0;
-  if (!(settings_.tcp ? client_.connect() : client_.be_called())) {
-    if (counters_.connections == 0) say("no VRPN server answers at " + server_);
-    return false;
-  }
+  if (!(settings_.tcp ? client_.connect() : client_.be_called())) return false;
   vrpn::Bytes hello;
   vrpn::encode_cookie(hello);
   std::string address;
@@ -91,8 +87,6 @@ void VrpnDevice::restart() {
 }
 
 void VrpnDevice::count(ReaderCounters& counters) const {
-  for (std::size_t i = 0; i < openigtlink::drop_reasons; ++i)
-    counters.messages.dropped[i] += reader_.counters().dropped[i];
   counters.other_type = reader_.other_type();
   counters.other_device = reader_.other_sender();
   counters.lost = reader_.lost();

@@ -56,6 +56,10 @@ const std::vector<std::string>& names_of(std::uint32_t burrs) {
   return burrs == 1 ? one : two;
 }
 
+Vec3 force_in_ras(const BurrRecord& burr) {
+  return {0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]};
+}
+
 std::uint64_t random_number() {
   std::random_device device;
   for (;;)
@@ -172,37 +176,46 @@ void Publisher::on_tick(const TickRecord& record) {
   scratch_.clear();
   encode(scratch_, settings_.header_version, replica_protocol::TickMessage{record, digest_tick_});
   log_.append_tick({scratch_.data(), scratch_.size()});
+  newest_ = record;
+  tell_standard();
+  status_.tick = record.index + 1;
+}
 
+/// A peer that gives the force to a hand must not hold the last one.
+void Publisher::on_end() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (BurrRecord& burr : newest_.burr) burr.force = {};
+  if (poses_.end() > 0) tell_standard();
+}
+
+/// Tells standard peers and VRPN clients the newest tick.
+void Publisher::tell_standard() {
   scratch_.clear();
-  static constexpr std::string_view burr_name[] = {"burrlab_burr_0", "burrlab_burr_1"};
   static constexpr std::string_view sensor_name[] = {"burrlab_force_0", "burrlab_force_1"};
   openigtlink::Envelope envelope;
   envelope.timestamp = openigtlink::timestamp_now();
   envelope.version = settings_.header_version;
   for (std::uint32_t i = 0; i < burrs_; ++i) {
-    const BurrRecord& burr = record.burr[i];
-    const Vec3 center(burr.center[0], burr.center[1], burr.center[2]);
+    const BurrRecord& burr = newest_.burr[i];
+    const Vec3 center(burr.center.data());
     if (openigtlink::is_plausible(center)) {
-      envelope.device_name = burr_name[i];
+      envelope.device_name = names_of(burrs_)[i];
       encode_transform(scratch_, envelope, openigtlink::to_ras(center, burr.orientation));
     } else {
       ++status_.out_of_range;
     }
-    forces_[i] = Vec3(0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]);
     envelope.device_name = sensor_name[i];
-    encode_sensor(scratch_, envelope, forces_[i].data(), 3);
+    encode_sensor(scratch_, envelope, force_in_ras(burr).data(), 3);
     envelope.device_name = force_name[i];
     encode_transform(scratch_, envelope, openigtlink::to_ras(Vec3(burr.force.data())));
   }
   poses_.append_tick({scratch_.data(), scratch_.size()});
-  encode_vrpn(record, envelope.timestamp);
-  status_.tick = record.index + 1;
+  if (vrpn_) encode_vrpn(newest_, envelope.timestamp);
 }
 
 /// Poses and velocities first: they may go over UDP. The velocity is the device's; it turned since the last
 /// tick.
 void Publisher::encode_vrpn(const TickRecord& record, std::uint64_t timestamp) {
-  if (!vrpn_) return;
   scratch_.clear();
   for (std::uint32_t i = 0; i < burrs_; ++i) {
     const BurrRecord& burr = record.burr[i];
@@ -308,8 +321,10 @@ void Publisher::run() {
       calls_ = 0;
     }
     interests.clear();
-    for (const auto& peer : peers)
-      interests.push_back({peer->socket, !peer->closing && peer->allowance > 0, !peer->idle()});
+    for (const auto& peer : peers) {  // the answers that a peer does not take must not pile up
+      const bool may_ask = !peer->closing && peer->allowance > 0 && peer->pending.size() < a_turn;
+      interests.push_back({peer->socket, may_ask, !peer->idle()});
+    }
     if (vrpn_)
       for (const int socket :
            {room ? vrpn_->server.socket() : -1, calls_ < most_calls ? vrpn_->datagrams.socket() : -1})
@@ -334,7 +349,8 @@ void Publisher::run() {
     count_peers(peers);
   }
   server_.stop_listening();
-  if (vrpn_) vrpn_->close();  // it stays: the follower's thread asks whether there is one
+  if (vrpn_) vrpn_->close();                    // it stays: the follower's thread asks whether there is one
+  for (const auto& peer : peers) write(*peer);  // what is left, as far as the system takes it at once
   peers.clear();
   count_peers(peers);
 }
@@ -471,7 +487,8 @@ void Publisher::say_force(Peer& peer, std::string_view name) {
   for (std::uint32_t i = 0; i < burrs_; ++i) {
     if (name != force_name[i] && !(name.empty() && i == 0)) continue;
     char text[80];
-    std::snprintf(text, sizeof text, "%.9g %.9g %.9g", forces_[i][0], forces_[i][1], forces_[i][2]);
+    const Vec3 force = force_in_ras(newest_.burr[i]);
+    std::snprintf(text, sizeof text, "%.9g %.9g %.9g", force[0], force[1], force[2]);
     openigtlink::Envelope envelope;
     envelope.device_name = force_name[i];
     envelope.timestamp = openigtlink::timestamp_now();

@@ -105,6 +105,7 @@ class Publisher : public TickListener {
   void on_digest(std::uint64_t tick, const Hash128& digest) override;
   void on_rebuild(std::uint64_t tick) override;
   void on_bone(FollowedBone& bone) override;
+  void on_end() override;
 
  private:
   struct Peer;
@@ -128,6 +129,7 @@ class Publisher : public TickListener {
   bool refill_standard(Peer& peer);
   bool refill_vrpn(Peer& peer);
   std::uint64_t next_ticks(Peer& peer, const TickLog& log);
+  void tell_standard();
   void encode_vrpn(const TickRecord& record, std::uint64_t timestamp);
   bool refill_replica(Peer& peer);
   void hear(Peer& peer, const openigtlink::Message& message);
@@ -155,8 +157,8 @@ class Publisher : public TickListener {
   TickLog log_, poses_, vrpn_log_;  // for replicas, for standard peers, for VRPN's
   std::uint64_t digest_tick_;
   openigtlink::Bytes scratch_;
-  std::array<Quaternion, most_burrs> last_turn_{};                   // orientations of the last tick
-  std::array<Vec3, most_burrs> forces_{Vec3::Zero(), Vec3::Zero()};  // of the last tick, RAS [N]
+  TickRecord newest_;
+  std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick
   bool wants_state_ = false, ended_ = false;
   std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one
   std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs

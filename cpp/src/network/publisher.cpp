@@ -66,23 +66,6 @@ std::uint64_t random_number() {
     if (const std::uint64_t number = (std::uint64_t(device()) << 32) | device()) return number;
 }
 
-/// What the publisher needs of its follower.
-struct Beginning {
-  std::size_t burrs = 0;
-  double period = 0.0;
-  std::uint64_t tick = 0;
-  std::string digest;
-
-  explicit Beginning(Follower& follower) {
-    follower.visit([this](FollowedBone& bone) {
-      burrs = bone.executor().burrs();
-      period = bone.executor().setup().period;
-      tick = bone.tick();
-      digest = bone.initial_digest().text();
-    });
-  }
-};
-
 constexpr std::size_t chunk = 65536;         // bytes taken from a log at once
 constexpr std::size_t a_turn = 4 * chunk;    // bytes sent to one peer in its turn
 constexpr std::uint64_t ticks_at_once = 64;  // taken for a standard peer
@@ -145,21 +128,19 @@ struct Publisher::Peer {
 Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
     : settings_(checked(settings)),
       session_(random_number()),
-      burrs_(std::uint32_t(Beginning(follower).burrs)),
-      server_(settings.host, settings.port, send_buffer),
-      log_(1, 1, 0),
-      poses_(poses_kept * largest_pose * burrs_, poses_kept, 0),
-      vrpn_log_(poses_kept * (udp_size + vrpn::force_size) * burrs_, poses_kept, 0) {
+      server_(settings.host, settings.port, send_buffer) {
   if (settings.vrpn >= 0) vrpn_.reset(new VrpnPort{{settings.host, settings.vrpn, send_buffer}});
-  const Beginning begin(follower);
-  const std::size_t ticks = ticks_of_log(settings.log, begin.period);
-  log_ = TickLog(ticks * (largest_head + largest_burr * burrs_) + 65536, ticks, begin.tick);
-  poses_.restart(begin.tick);
-  vrpn_log_.restart(begin.tick);
-  period_ = begin.period;
-  hello_ = {replica_protocol::version, session_, begin.tick, begin.digest, settings.hello};
-  digest_tick_ = begin.tick;
-  status_.tick = begin.tick;
+  follower.visit([this](FollowedBone& bone) {
+    burrs_ = std::uint32_t(bone.executor().burrs());
+    period_ = bone.executor().setup().period;
+    status_.tick = digest_tick_ = bone.tick();
+    hello_ = {replica_protocol::version, session_, bone.tick(), bone.initial_digest().text(),
+              settings_.hello};
+  });
+  const std::size_t ticks = ticks_of_log(settings.log, period_);
+  log_ = TickLog(ticks * (largest_head + largest_burr * burrs_) + 65536, ticks, digest_tick_);
+  poses_ = TickLog(poses_kept * largest_pose * burrs_, poses_kept, digest_tick_);
+  vrpn_log_ = TickLog(poses_kept * (udp_size + vrpn::force_size) * burrs_, poses_kept, digest_tick_);
   thread_ = std::thread([this] { run(); });
 }
 

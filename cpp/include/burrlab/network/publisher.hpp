@@ -143,7 +143,7 @@ class Publisher : public TickListener {
 
   PublisherSettings settings_;
   std::uint64_t session_;
-  std::uint32_t burrs_;
+  std::uint32_t burrs_ = 1;
   double period_ = 1.0;  // [ms]
   TcpServer server_;
   std::unique_ptr<VrpnPort> vrpn_;
@@ -154,8 +154,8 @@ class Publisher : public TickListener {
 
   mutable std::mutex mutex_;  // of all below, held briefly; the haptic loop never takes it
   replica_protocol::Hello hello_;
-  TickLog log_, poses_, vrpn_log_;  // for replicas, for standard peers, for VRPN's
-  std::uint64_t digest_tick_;
+  TickLog log_{1, 1, 0}, poses_{1, 1, 0}, vrpn_log_{1, 1, 0};  // for replicas, standard peers, VRPN's
+  std::uint64_t digest_tick_ = 0;
   openigtlink::Bytes scratch_;
   TickRecord newest_;
   std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <random>
+#include <sstream>
 
 #include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
@@ -467,14 +468,16 @@ void Publisher::hear(Peer& peer, const Message& message) {
 void Publisher::say_force(Peer& peer, std::string_view name) {
   for (std::uint32_t i = 0; i < burrs_; ++i) {
     if (name != force_name[i] && !(name.empty() && i == 0)) continue;
-    char text[80];
     const Vec3 force = force_in_ras(newest_.burr[i]);
-    std::snprintf(text, sizeof text, "%.9g %.9g %.9g", force[0], force[1], force[2]);
+    std::ostringstream text;
+    text.imbue(std::locale::classic());  // a decimal point, whatever the program's language
+    text.precision(9);
+    text << force[0] << ' ' << force[1] << ' ' << force[2];
     openigtlink::Envelope envelope;
     envelope.device_name = force_name[i];
     envelope.timestamp = openigtlink::timestamp_now();
     envelope.version = settings_.header_version;
-    return encode_string(peer.pending, envelope, text);
+    return encode_string(peer.pending, envelope, text.str());
   }
   ++status_.ignored;
 }

@@ -167,7 +167,9 @@ def test_waiting_device_is_said(tmp_path):
     ) as session:
         assert told.wait(10)
         assert session.ticks == 0
-    assert said[0] == "no tick yet: the devices have not given a first position"
+    assert said[0] == (
+        "no tick yet: the devices have not given a first position; no server answers at 127.0.0.1:9"
+    )
 
 
 def test_volume_that_is_elsewhere(monkeypatch, capsys):

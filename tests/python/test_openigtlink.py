@@ -313,11 +313,14 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
 
 
 def test_forces_of_other_peers_are_no_poses():
-    """A session's own stream holds forces as TRANSFORM; a device that reads any name passes them over."""
-    poses = [_core.encode_transform("burr", (i, 0, 0)) for i in range(3)]
-    with serve([*poses, *(_core.encode_transform(name, (9, 9, 9)) for name in ("Force", "Force_1"))]) as port:
+    """A session's own stream holds forces as TRANSFORM; a device that reads any name passes them over.
+
+    Once a Stylus has come, no other tool is the burr: its force would stay where the last zero does not go.
+    """
+    names = "burr", "ForceTool", "Force", "Force_1", "ForceToTracker", "Stylus_off", "burr", "StylusToTracker"
+    with serve([_core.encode_transform(name, (9, 9, 9)) for name in names]) as port:
         device = _core.IgtlDevice("127.0.0.1", port)
-        assert soon(lambda: device.counters["other_device"] == 2)
+        assert soon(lambda: device.counters["other_device"] == 5)
         device.stop()
     assert device.counters["messages"] == 3
 

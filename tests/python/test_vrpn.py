@@ -254,6 +254,7 @@ NOT_FINITE = "a message of 'Tracker0' is not finite"
         ([HELLO_3, pose(0, 0, 0, (0, math.inf, 0, 0))], True, NOT_FINITE, "not_finite"),
         ([HELLO_3, message(3, 7, bytes(56))], True, "", "bad_length"),
         ([HELLO_3, pose(1e6, 0, 0)], True, "", "out_of_range"),
+        ([HELLO_3, pose(0, 0, 0), message(3, 8, struct.pack(">2i8d", 0, 0, 1e306, *[0] * 7))], True, "", "out_of_range"),
         ([COOKIE.replace(b"38", b"35"), HELLO_3[24:], message(3, 5), pose(0, 0, 0)], True, "", "messages"),
     ],
 )  # fmt: skip
@@ -275,7 +276,7 @@ def test_refusals():
         with pytest.raises(ValueError, match=text):
             call()
     one = burrlab.VrpnDevice("T", "127.0.0.1", 9, tcp=True)
-    assert soon(lambda: one.fault == "no VRPN server answers at 127.0.0.1:9")
+    assert soon(lambda: one.fault == "no server answers at 127.0.0.1:9")
     one.stop()
     session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, realtime=False)
     with pytest.raises(ValueError, match=r"vrpn:.* must be new: its connection was closed"):

@@ -9,7 +9,7 @@ using openigtlink::Message;
 
 namespace {
 
-constexpr std::string_view off_suffix = "_off";
+constexpr std::string_view off_suffix = "_off", stylus_name = "Stylus";
 
 /// The name without "_off", and whether the burr is on.
 std::pair<std::string_view, bool> split_switch(std::string_view name) {
@@ -21,7 +21,8 @@ std::pair<std::string_view, bool> split_switch(std::string_view name) {
 /// What stands before "To" and a capital, as PLUS names transforms.
 std::string_view tool_of(std::string_view name) {
   const std::size_t to = name.find("To");
-  return name.substr(0, to);
+  const bool framed = to != name.npos && to + 2 < name.size() && name[to + 2] >= 'A' && name[to + 2] <= 'Z';
+  return framed ? name.substr(0, to) : name;
 }
 
 std::string checked_name(std::string name) {
@@ -47,10 +48,10 @@ void IgtlDevice::take(const Message& message) {
     return;
   }
   const auto [name, on] = split_switch(message.header.device_name.view());
-  const auto wanted = split_switch(device_name_).first;
+  const std::string_view wanted = stylus_.empty() ? split_switch(device_name_).first : stylus_;
   const std::string_view tool = tool_of(name);
-  const bool stylus = tool == "Stylus";
-  const bool beside = name != wanted && (wanted.empty() || tool_of(wanted) == "Stylus") &&
+  const bool stylus = tool == stylus_name;
+  const bool beside = name != wanted && (wanted.empty() || tool_of(wanted) == stylus_name) &&
                       (tool == "StylusVelocity" || tool == "Buttons");
   const bool a_force = wanted.empty() && (tool == "Force" || tool == "Force_1");
   if (a_force || (!beside && !wanted.empty() && name != wanted)) {
@@ -74,7 +75,7 @@ void IgtlDevice::take(const Message& message) {
   to_quaternion(openigtlink::turned(rotation), orientation);  // 1 if it is none
   put_pose(translation, orientation, message.header.timestamp, on);
   if (!stylus) return;
-  force_name_ = "Force" + std::string(name.substr(tool.size()));
+  stylus_ = name;
   force_version_ = message.header.version;
   if (unsent_.empty()) encode_force(force());
   const std::size_t sent = client_.send_some(unsent_.data(), unsent_.size());
@@ -83,23 +84,19 @@ void IgtlDevice::take(const Message& message) {
 
 void IgtlDevice::encode_force(const Vec3& force) {
   openigtlink::Envelope envelope;
-  envelope.device_name = force_name_;
+  const std::string name = "Force" + stylus_.substr(stylus_name.size());
+  envelope.device_name = name;
   envelope.timestamp = openigtlink::timestamp_now();
   envelope.version = force_version_;
   encode_transform(unsent_, envelope, openigtlink::to_ras(force));
 }
 
 void IgtlDevice::leave() {
-  if (force_name_.empty()) return;
+  if (stylus_.empty()) return;
   encode_force(Vec3::Zero());
   client_.close_after(unsent_.data(), unsent_.size());
   unsent_.clear();
-  force_name_.clear();
-}
-
-void IgtlDevice::count(ReaderCounters& counters) const {
-  for (std::size_t i = 0; i < openigtlink::drop_reasons; ++i)
-    counters.messages.dropped[i] += framer_.counters().dropped[i];
+  stylus_.clear();
 }
 
 }  // namespace burrlab

@@ -16,7 +16,10 @@ constexpr double shortest_step = 1e-4, longest_step = 1.0;  // between poses [s]
 
 NetworkDevice::NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after,
                              int on_button)
-    : MailboxDevice(lost_after, name), client_(host, port), on_button_(on_button) {
+    : MailboxDevice(lost_after, name),
+      client_(host, port),
+      server_(host + ":" + std::to_string(port)),
+      on_button_(on_button) {
   if (on_button < -1 || on_button > 7) refuse("on_button", "0 to 7, or None", on_button);
 }
 
@@ -24,6 +27,11 @@ void NetworkDevice::start(double period) {
   if (client_.stopped())
     throw std::invalid_argument(name() + " must be new: its connection was closed after a session");
   MailboxDevice::start(period);
+}
+
+std::string NetworkDevice::fault() const {
+  const std::string given = MailboxDevice::fault();
+  return given.empty() && counters().connections == 0 ? "no server answers at " + server_ : given;
 }
 
 void NetworkDevice::begin() {
@@ -41,6 +49,8 @@ void NetworkDevice::run() {
   while (!client_.stopped()) {
     const std::uint64_t before = counters_.messages.messages;
     buttons_ = 0;
+    arrival_ = timestamp_ = 0;
+    velocity_.setZero();
     has_velocity_ = false;
     if (open()) {
       ++counters_.connections;
@@ -74,17 +84,23 @@ void NetworkDevice::read_connection() {
 
 void NetworkDevice::publish_counters() {
   ReaderCounters now = counters_;
+  for (std::size_t i = 0; i < openigtlink::drop_reasons; ++i)
+    now.messages.dropped[i] += cutter().counters().dropped[i];
   count(now);
   const std::lock_guard<std::mutex> lock(counters_mutex_);
   published_ = now;
 }
 
+/// Whether a tick can use it; counted if not.
+bool NetworkDevice::fits(const Vec3& vector) {
+  const bool fits = openigtlink::is_plausible(vector);
+  if (!fits) ++counters_.messages.dropped[std::size_t(openigtlink::Drop::out_of_range)];
+  return fits;
+}
+
 void NetworkDevice::put_pose(const Vec3& position, const Quaternion& orientation, std::uint64_t timestamp,
                              bool on) {
-  if (!openigtlink::is_plausible(position)) {
-    ++counters_.messages.dropped[std::size_t(openigtlink::Drop::out_of_range)];
-    return;
-  }
+  if (!fits(position)) return;
   const auto arrival = std::uint64_t(steady_now());
   if (!has_velocity_) estimate_velocity(position, timestamp, arrival);
   position_ = position;
@@ -107,6 +123,7 @@ void NetworkDevice::estimate_velocity(const Vec3& position, std::uint64_t timest
 }
 
 void NetworkDevice::put_velocity(const Vec3& velocity) {
+  if (!fits(velocity)) return;
   has_velocity_ = true;
   velocity_ = velocity;
   put_all();

@@ -123,6 +123,15 @@ void append(Bytes& out, const Envelope& envelope, std::string_view type, std::si
   put(head + 50, crc64({body, body_size}));
 }
 
+/// Returns where the data begin.
+std::uint8_t* put_array_head(std::uint8_t* at, std::uint8_t scalar, const std::uint16_t* shape,
+                             std::size_t dimensions) {
+  *at++ = scalar;
+  *at++ = std::uint8_t(dimensions);
+  for (std::size_t i = 0; i < dimensions; ++i, at += 2) put(at, shape[i]);
+  return at;
+}
+
 /// Calls `entry(key, encoding, value)` for each pair; false if the lengths do not fit.
 template <class Entry>
 bool each_metadata(ByteView header, ByteView texts, Entry&& entry) {
@@ -248,10 +257,7 @@ void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* 
   if (dimensions < 1 || dimensions > 255) refuse("number of dimensions", "1 to 255", double(dimensions));
   if (!holds(shape, dimensions, count)) refuse("product of shape", "the number of values", double(count));
   append(out, envelope, ndarray_type, 2 + 2 * dimensions + 8 * count, [&](std::uint8_t* at) {
-    at[0] = scalar_float64;
-    at[1] = std::uint8_t(dimensions);
-    at += 2;
-    for (std::size_t i = 0; i < dimensions; ++i, at += 2) put(at, shape[i]);
+    at = put_array_head(at, scalar_float64, shape, dimensions);
     for (std::size_t i = 0; i < count; ++i, at += 8) put_float(at, values[i]);
   });
 }
@@ -268,17 +274,11 @@ void encode_ndarray_uint8(Bytes& out, const Envelope& envelope, ByteView bytes) 
   const std::size_t rows = (used + 65534) / 65535;
   const std::size_t columns = (used + rows - 1) / rows;
   const std::size_t dimensions = rows == 1 ? 1 : 2;
+  const std::uint16_t shape[] = {std::uint16_t(rows), std::uint16_t(columns)};
   append(out, envelope, ndarray_type, 2 + 2 * dimensions + rows * columns, [&](std::uint8_t* at) {
-    at[0] = scalar_uint8;
-    at[1] = std::uint8_t(dimensions);
-    at += 2;
-    if (dimensions == 2) {
-      put(at, std::uint16_t(rows));
-      at += 2;
-    }
-    put(at, std::uint16_t(columns));
-    put(at + 2, std::uint64_t(bytes.size));
-    std::copy(bytes.data, bytes.data + bytes.size, at + 2 + byte_string_prefix);
+    at = put_array_head(at, scalar_uint8, shape + 2 - dimensions, dimensions);
+    put(at, std::uint64_t(bytes.size));
+    std::copy(bytes.data, bytes.data + bytes.size, at + byte_string_prefix);
   });
 }
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <random>
+#include <sstream>
 
 #include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
@@ -56,28 +57,15 @@ const std::vector<std::string>& names_of(std::uint32_t burrs) {
   return burrs == 1 ? one : two;
 }
 
+Vec3 force_in_ras(const BurrRecord& burr) {
+  return {0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]};
+}
+
 std::uint64_t random_number() {
   std::random_device device;
   for (;;)
     if (const std::uint64_t number = (std::uint64_t(device()) << 32) | device()) return number;
 }
-
-/// What the publisher needs of its follower.
-struct Beginning {
-  std::size_t burrs = 0;
-  double period = 0.0;
-  std::uint64_t tick = 0;
-  std::string digest;
-
-  explicit Beginning(Follower& follower) {
-    follower.visit([this](FollowedBone& bone) {
-      burrs = bone.executor().burrs();
-      period = bone.executor().setup().period;
-      tick = bone.tick();
-      digest = bone.initial_digest().text();
-    });
-  }
-};
 
 constexpr std::size_t chunk = 65536;         // bytes taken from a log at once
 constexpr std::size_t a_turn = 4 * chunk;    // bytes sent to one peer in its turn
@@ -141,21 +129,19 @@ struct Publisher::Peer {
 Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
     : settings_(checked(settings)),
       session_(random_number()),
-      burrs_(std::uint32_t(Beginning(follower).burrs)),
-      server_(settings.host, settings.port, send_buffer),
-      log_(1, 1, 0),
-      poses_(poses_kept * largest_pose * burrs_, poses_kept, 0),
-      vrpn_log_(poses_kept * (udp_size + vrpn::force_size) * burrs_, poses_kept, 0) {
+      server_(settings.host, settings.port, send_buffer) {
   if (settings.vrpn >= 0) vrpn_.reset(new VrpnPort{{settings.host, settings.vrpn, send_buffer}});
-  const Beginning begin(follower);
-  const std::size_t ticks = ticks_of_log(settings.log, begin.period);
-  log_ = TickLog(ticks * (largest_head + largest_burr * burrs_) + 65536, ticks, begin.tick);
-  poses_.restart(begin.tick);
-  vrpn_log_.restart(begin.tick);
-  period_ = begin.period;
-  hello_ = {replica_protocol::version, session_, begin.tick, begin.digest, settings.hello};
-  digest_tick_ = begin.tick;
-  status_.tick = begin.tick;
+  follower.visit([this](FollowedBone& bone) {
+    burrs_ = std::uint32_t(bone.executor().burrs());
+    period_ = bone.executor().setup().period;
+    status_.tick = digest_tick_ = bone.tick();
+    hello_ = {replica_protocol::version, session_, bone.tick(), bone.initial_digest().text(),
+              settings_.hello};
+  });
+  const std::size_t ticks = ticks_of_log(settings.log, period_);
+  log_ = TickLog(ticks * (largest_head + largest_burr * burrs_) + 65536, ticks, digest_tick_);
+  poses_ = TickLog(poses_kept * largest_pose * burrs_, poses_kept, digest_tick_);
+  vrpn_log_ = TickLog(poses_kept * (udp_size + vrpn::force_size) * burrs_, poses_kept, digest_tick_);
   thread_ = std::thread([this] { run(); });
 }
 
@@ -172,37 +158,46 @@ void Publisher::on_tick(const TickRecord& record) {
   scratch_.clear();
   encode(scratch_, settings_.header_version, replica_protocol::TickMessage{record, digest_tick_});
   log_.append_tick({scratch_.data(), scratch_.size()});
+  newest_ = record;
+  tell_standard();
+  status_.tick = record.index + 1;
+}
 
+/// A peer that gives the force to a hand must not hold the last one.
+void Publisher::on_end() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  for (BurrRecord& burr : newest_.burr) burr.force = {};
+  if (poses_.end() > 0) tell_standard();
+}
+
+/// Tells standard peers and VRPN clients the newest tick.
+void Publisher::tell_standard() {
   scratch_.clear();
-  static constexpr std::string_view burr_name[] = {"burrlab_burr_0", "burrlab_burr_1"};
   static constexpr std::string_view sensor_name[] = {"burrlab_force_0", "burrlab_force_1"};
   openigtlink::Envelope envelope;
   envelope.timestamp = openigtlink::timestamp_now();
   envelope.version = settings_.header_version;
   for (std::uint32_t i = 0; i < burrs_; ++i) {
-    const BurrRecord& burr = record.burr[i];
-    const Vec3 center(burr.center[0], burr.center[1], burr.center[2]);
+    const BurrRecord& burr = newest_.burr[i];
+    const Vec3 center(burr.center.data());
     if (openigtlink::is_plausible(center)) {
-      envelope.device_name = burr_name[i];
+      envelope.device_name = names_of(burrs_)[i];
       encode_transform(scratch_, envelope, openigtlink::to_ras(center, burr.orientation));
     } else {
       ++status_.out_of_range;
     }
-    forces_[i] = Vec3(0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]);
     envelope.device_name = sensor_name[i];
-    encode_sensor(scratch_, envelope, forces_[i].data(), 3);
+    encode_sensor(scratch_, envelope, force_in_ras(burr).data(), 3);
     envelope.device_name = force_name[i];
     encode_transform(scratch_, envelope, openigtlink::to_ras(Vec3(burr.force.data())));
   }
   poses_.append_tick({scratch_.data(), scratch_.size()});
-  encode_vrpn(record, envelope.timestamp);
-  status_.tick = record.index + 1;
+  if (vrpn_) encode_vrpn(newest_, envelope.timestamp);
 }
 
 /// Poses and velocities first: they may go over UDP. The velocity is the device's; it turned since the last
 /// tick.
 void Publisher::encode_vrpn(const TickRecord& record, std::uint64_t timestamp) {
-  if (!vrpn_) return;
   scratch_.clear();
   for (std::uint32_t i = 0; i < burrs_; ++i) {
     const BurrRecord& burr = record.burr[i];
@@ -308,8 +303,10 @@ void Publisher::run() {
       calls_ = 0;
     }
     interests.clear();
-    for (const auto& peer : peers)
-      interests.push_back({peer->socket, !peer->closing && peer->allowance > 0, !peer->idle()});
+    for (const auto& peer : peers) {  // the answers that a peer does not take must not pile up
+      const bool may_ask = !peer->closing && peer->allowance > 0 && peer->pending.size() < a_turn;
+      interests.push_back({peer->socket, may_ask, !peer->idle()});
+    }
     if (vrpn_)
       for (const int socket :
            {room ? vrpn_->server.socket() : -1, calls_ < most_calls ? vrpn_->datagrams.socket() : -1})
@@ -334,7 +331,8 @@ void Publisher::run() {
     count_peers(peers);
   }
   server_.stop_listening();
-  if (vrpn_) vrpn_->close();  // it stays: the follower's thread asks whether there is one
+  if (vrpn_) vrpn_->close();                    // it stays: the follower's thread asks whether there is one
+  for (const auto& peer : peers) write(*peer);  // what is left, as far as the system takes it at once
   peers.clear();
   count_peers(peers);
 }
@@ -470,13 +468,16 @@ void Publisher::hear(Peer& peer, const Message& message) {
 void Publisher::say_force(Peer& peer, std::string_view name) {
   for (std::uint32_t i = 0; i < burrs_; ++i) {
     if (name != force_name[i] && !(name.empty() && i == 0)) continue;
-    char text[80];
-    std::snprintf(text, sizeof text, "%.9g %.9g %.9g", forces_[i][0], forces_[i][1], forces_[i][2]);
+    const Vec3 force = force_in_ras(newest_.burr[i]);
+    std::ostringstream text;
+    text.imbue(std::locale::classic());  // a decimal point, whatever the program's language
+    text.precision(9);
+    text << force[0] << ' ' << force[1] << ' ' << force[2];
     openigtlink::Envelope envelope;
     envelope.device_name = force_name[i];
     envelope.timestamp = openigtlink::timestamp_now();
     envelope.version = settings_.header_version;
-    return encode_string(peer.pending, envelope, text);
+    return encode_string(peer.pending, envelope, text.str());
   }
   ++status_.ignored;
 }

@@ -35,12 +35,19 @@ openigtlink::Envelope envelope(Kind kind, int header_version) {
   return envelope;
 }
 
-void append(Bytes& out, Kind kind, int header_version, const Bytes& content) {
+template <class Write>
+void append(Bytes& out, Kind kind, int header_version, Write&& write) {
+  Bytes content;
+  ByteWriter writer(content);
+  write(writer);
   openigtlink::encode_ndarray_uint8(out, envelope(kind, header_version), {content.data(), content.size()});
 }
 
-bool open(const Message& message, Kind kind, ByteView& bytes) {
-  return kind_of(message) == kind && openigtlink::decode_ndarray_uint8(message, bytes) == Drop::none;
+/// Has no first number if the message is no intact one of this kind.
+ByteReader open(const Message& message, Kind kind) {
+  ByteView bytes;
+  if (kind_of(message) == kind) openigtlink::decode_ndarray_uint8(message, bytes);
+  return ByteReader(bytes);
 }
 
 bool is_digest(const std::string& text) {
@@ -65,33 +72,29 @@ Kind kind_of(const Message& message) {
 }
 
 void encode(Bytes& out, int header_version, const Word& word) {
-  Bytes content;
-  ByteWriter(content).number(version).number(std::uint32_t(word.holds)).number(word.session);
-  ByteWriter(content).number(word.tick).text(word.digest);
-  append(out, Kind::word, header_version, content);
+  append(out, Kind::word, header_version, [&](ByteWriter& writer) {
+    writer.number(version).number(std::uint32_t(word.holds)).number(word.session);
+    writer.number(word.tick).text(word.digest);
+  });
 }
 
 bool decode(const Message& message, Word& word) {
-  ByteView bytes;
-  if (!open(message, Kind::word, bytes)) return false;
   std::uint32_t theirs = 0, holds = 0;
-  ByteReader reader(bytes);
+  ByteReader reader = open(message, Kind::word);
   reader.number(theirs).number(holds).number(word.session).number(word.tick).text(digest_digits, word.digest);
   word.holds = Holds(holds);
   return reader.ended() && theirs == version && holds <= std::uint32_t(Holds::all);
 }
 
 void encode(Bytes& out, int header_version, const Hello& hello) {
-  Bytes content;
-  ByteWriter(content).number(hello.version).number(hello.session).number(hello.first_tick);
-  ByteWriter(content).text(hello.digest).text(hello.text);
-  append(out, Kind::hello, header_version, content);
+  append(out, Kind::hello, header_version, [&](ByteWriter& writer) {
+    writer.number(hello.version).number(hello.session).number(hello.first_tick);
+    writer.text(hello.digest).text(hello.text);
+  });
 }
 
 bool decode(const Message& message, Hello& hello) {
-  ByteView bytes;
-  if (!open(message, Kind::hello, bytes)) return false;
-  ByteReader reader(bytes);
+  ByteReader reader = open(message, Kind::hello);
   reader.number(hello.version).number(hello.session).number(hello.first_tick);
   reader.text(digest_digits, hello.digest).rest(hello.text);
   return reader.ended() && hello.session != 0 && is_digest(hello.digest);
@@ -149,28 +152,23 @@ bool decode(const Message& message, TickMessage& tick) {
 }
 
 void encode(Bytes& out, int header_version, const Digest& digest) {
-  Bytes content;
-  ByteWriter(content).number(digest.tick).text(digest.digest);
-  append(out, Kind::digest, header_version, content);
+  append(out, Kind::digest, header_version,
+         [&](ByteWriter& writer) { writer.number(digest.tick).text(digest.digest); });
 }
 
 bool decode(const Message& message, Digest& digest) {
-  ByteView bytes;
-  if (!open(message, Kind::digest, bytes)) return false;
-  return ByteReader(bytes).number(digest.tick).text(digest_digits, digest.digest).ended();
+  return open(message, Kind::digest).number(digest.tick).text(digest_digits, digest.digest).ended();
 }
 
 void encode(Bytes& out, int header_version, const Bricks& bricks) {
-  Bytes content;
-  ByteWriter(content).number(bricks.tick).text(bricks.digest).number(bricks.total).number(bricks.first);
-  ByteWriter(content).bytes(bricks.bricks.data, bricks.bricks.size);
-  append(out, Kind::bricks, header_version, content);
+  append(out, Kind::bricks, header_version, [&](ByteWriter& writer) {
+    writer.number(bricks.tick).text(bricks.digest).number(bricks.total).number(bricks.first);
+    writer.bytes(bricks.bricks.data, bricks.bricks.size);
+  });
 }
 
 bool decode(const Message& message, Bricks& bricks) {
-  ByteView bytes;
-  if (!open(message, Kind::bricks, bytes)) return false;
-  ByteReader reader(bytes);
+  ByteReader reader = open(message, Kind::bricks);
   reader.number(bricks.tick).text(digest_digits, bricks.digest).number(bricks.total).number(bricks.first);
   if (!reader.ok() || reader.left() % brick_bytes) return false;
   const std::size_t here = reader.left() / brick_bytes;
@@ -180,26 +178,21 @@ bool decode(const Message& message, Bricks& bricks) {
 }
 
 void encode(Bytes& out, int header_version, const Idle& idle) {
-  Bytes content;
-  ByteWriter(content).number(idle.tick);
-  append(out, Kind::idle, header_version, content);
+  append(out, Kind::idle, header_version, [&](ByteWriter& writer) { writer.number(idle.tick); });
 }
 
 bool decode(const Message& message, Idle& idle) {
-  ByteView bytes;
-  return open(message, Kind::idle, bytes) && ByteReader(bytes).number(idle.tick).ended();
+  return open(message, Kind::idle).number(idle.tick).ended();
 }
 
 void encode(Bytes& out, int header_version, const End& end) {
-  Bytes content;
-  ByteWriter(content).number(end.tick).text(end.digest).number(end.failed).text(end.reason);
-  append(out, Kind::end, header_version, content);
+  append(out, Kind::end, header_version, [&](ByteWriter& writer) {
+    writer.number(end.tick).text(end.digest).number(end.failed).text(end.reason);
+  });
 }
 
 bool decode(const Message& message, End& end) {
-  ByteView bytes;
-  if (!open(message, Kind::end, bytes)) return false;
-  ByteReader reader(bytes);
+  ByteReader reader = open(message, Kind::end);
   reader.number(end.tick).text(digest_digits, end.digest).number(end.failed).rest(end.reason);
   return reader.ended() && end.failed <= 1;
 }

@@ -2,6 +2,7 @@
 
 #include "burrlab/check.hpp"
 
+#include <algorithm>
 #include <chrono>
 #include <cstring>
 
@@ -10,6 +11,8 @@
 namespace burrlab {
 
 namespace {
+
+constexpr int client_send_buffer = 8192;  // what a client sends is little [bytes]
 
 /// The IPv4 address of one end of a socket; no port if there is none.
 template <class Name>
@@ -51,8 +54,9 @@ TcpClient::TcpClient(const std::string& host, int port) {
     throw std::invalid_argument("host must be a name or an address that can be looked up, got '" + host +
                                 "': " + ::gai_strerror(error));
   for (const addrinfo* at = found; at; at = at->ai_next) {
-    const auto* bytes = reinterpret_cast<const std::uint8_t*>(at->ai_addr);
-    addresses_.emplace_back(bytes, bytes + at->ai_addrlen);
+    PeerAddress& address = addresses_.emplace_back();
+    address.size = std::min<std::size_t>(at->ai_addrlen, address.bytes.size());
+    std::memcpy(address.bytes.data(), at->ai_addr, address.size);
   }
   ::freeaddrinfo(found);
   if (pipe(wake_)) throw std::runtime_error("no pipe could be made: " + text_of(last_error()));
@@ -82,16 +86,9 @@ TcpClient::Wait TcpClient::wait(short events, double seconds) const {
   }
 }
 
-bool TcpClient::connect_to(const Address& address, double timeout) {
-  sockaddr_storage storage{};
-  std::memcpy(&storage, address.data(), address.size());
-  socket_ = int(::socket(storage.ss_family, SOCK_STREAM, 0));
-  if (socket_ < 0) return false;
-  set_flags(socket_);
-  set_options(socket_);
-  if (::connect(socket_, reinterpret_cast<const sockaddr*>(&storage), socklen_t(address.size())) == 0)
-    return true;
-  if (last_error() != connecting || wait(POLLOUT, timeout) != Wait::ready) return false;
+bool TcpClient::connect_to(const PeerAddress& address, double timeout) {
+  socket_ = TcpServer::connect(address, client_send_buffer);
+  if (socket_ < 0 || wait(POLLOUT, timeout) != Wait::ready) return false;
   int error = 0;
   socklen_t size = sizeof error;
   auto* at = reinterpret_cast<char*>(&error);
@@ -100,7 +97,7 @@ bool TcpClient::connect_to(const Address& address, double timeout) {
 
 bool TcpClient::connect(double timeout) {
   close();
-  for (const Address& address : addresses_) {
+  for (const PeerAddress& address : addresses_) {
     if (stopped()) return false;
     if (connect_to(address, timeout)) return true;
     close();
@@ -110,10 +107,10 @@ bool TcpClient::connect(double timeout) {
 
 bool TcpClient::be_called(double timeout) {
   close();
-  for (const Address& bytes : addresses_) {
+  for (const PeerAddress& address : addresses_) {
     sockaddr_in server{};
-    if (bytes.size() != sizeof server) continue;  // VRPN knows IPv4 only
-    std::memcpy(&server, bytes.data(), sizeof server);
+    if (address.size != sizeof server) continue;  // VRPN knows IPv4 only
+    std::memcpy(&server, address.bytes.data(), sizeof server);
     const int ask = int(::socket(AF_INET, SOCK_DGRAM, 0));
     if (ask < 0) return false;
     set_flags(ask);
@@ -159,29 +156,25 @@ std::size_t TcpClient::receive(std::uint8_t* into, std::size_t room, double time
       *datagram = got > 0 && from.sin_addr.s_addr == address_of(socket_, ::getpeername).sin_addr.s_addr;
       if (*datagram) return std::size_t(got);
     }
-    const auto got = ::recv(socket_, reinterpret_cast<char*>(into), room, 0);
+    const long got = TcpServer::receive(socket_, into, room);
     if (got > 0) return std::size_t(got);
-    if (got == 0 || !try_again(last_error())) break;
+    if (got < 0) break;
   }
   return 0;
 }
 
 bool TcpClient::send(const std::uint8_t* bytes, std::size_t size, double timeout) {
   while (size && socket_ >= 0) {
-    const auto sent = ::send(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL);
-    if (sent >= 0) {
-      bytes += sent;
-      size -= std::size_t(sent);
-    } else if (const int error = last_error(); error != EINTR) {
-      if (!try_again(error) || wait(POLLOUT, timeout) != Wait::ready) return false;
-    }
+    const long sent = TcpServer::send(socket_, bytes, size);
+    if (sent < 0 || (sent == 0 && wait(POLLOUT, timeout) != Wait::ready)) return false;
+    bytes += sent;
+    size -= std::size_t(sent);
   }
   return size == 0;
 }
 
 std::size_t TcpClient::send_some(const std::uint8_t* bytes, std::size_t size) {
-  const auto sent = ::send(socket_, reinterpret_cast<const char*>(bytes), size, MSG_NOSIGNAL);
-  return sent > 0 ? std::size_t(sent) : 0;
+  return std::size_t(std::max(TcpServer::send(socket_, bytes, size), 0L));
 }
 
 void TcpClient::close() {
@@ -196,9 +189,9 @@ void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
   ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
   const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(100);
   pollfd waiting = polled_for(socket_, POLLIN);
-  char unread[4096];
+  std::uint8_t unread[4096];
   while (std::chrono::steady_clock::now() < end && poll(&waiting, 1, 100) > 0)
-    if (::recv(socket_, unread, sizeof unread, 0) <= 0) break;
+    if (TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
   close();
 }
 

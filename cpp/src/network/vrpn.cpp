@@ -24,6 +24,7 @@ constexpr std::uint32_t longest_gap = 1000000;  // between numbers; a message wi
 constexpr std::string_view names[named_kinds] = {
     "vrpn_Tracker Pos_Quat",  "vrpn_Tracker Velocity",  "vrpn_Button Change",    "vrpn_Button States",
     "vrpn_ForceDevice Force", "vrpn_Base ping_message", "vrpn_Base pong_message"};
+constexpr std::size_t reals_of[named_kinds] = {7, 8, 0, 0, 3, 0, 0};
 
 /// Messages begin at multiples of 8 bytes; their stated length leaves the padding out.
 constexpr std::size_t padded(std::size_t size) { return (size + 7) / 8 * 8; }
@@ -46,16 +47,9 @@ void append(Bytes& out, std::int32_t sender, std::int32_t type, std::uint64_t ti
   put(head + 16, std::uint32_t(type));
 }
 
-void write_real(ByteWriter& writer, double value) {
-  std::uint64_t word;
-  std::memcpy(&word, &value, sizeof word);
-  writer.number(word);
-}
-
 void write_motion(ByteWriter& writer, const Vec3& vector, const Quaternion& q) {
   writer.number(std::uint64_t(0));  // the sensor's number, and padding
-  for (const double value : {vector[0], vector[1], vector[2], q[1], q[2], q[3], q[0]})
-    write_real(writer, value);
+  for (const double value : {vector[0], vector[1], vector[2], q[1], q[2], q[3], q[0]}) writer.number(value);
 }
 
 void describe(Bytes& out, std::int32_t what, std::int32_t number, std::string_view name) {
@@ -93,13 +87,13 @@ void encode_velocity(Bytes& out, std::int32_t sender, std::uint64_t timestamp, c
                      const Quaternion& turn, double step) {
   append(out, sender, std::int32_t(Kind::velocity), timestamp, [&](ByteWriter& writer) {
     write_motion(writer, velocity, turn);
-    write_real(writer, step);
+    writer.number(step);
   });
 }
 
 void encode_force(Bytes& out, std::int32_t sender, std::uint64_t timestamp, const Vec3& force) {
   append(out, sender, std::int32_t(Kind::force), timestamp, [&](ByteWriter& writer) {
-    for (int axis = 0; axis < 3; ++axis) write_real(writer, force[axis]);
+    for (int axis = 0; axis < 3; ++axis) writer.number(force[axis]);
   });
 }
 
@@ -188,34 +182,30 @@ void Reader::finish(const Head& head, ByteView body, const Receive& receive) {
 }
 
 /// A sender's or a type's name.
-void Reader::describe(const Head& head, ByteView payload, Message& message, Drop& reason) {
+Drop Reader::describe(const Head& head, ByteView payload, Message& message) {
   std::uint32_t size = 0;
   ByteView text;
   ByteReader reader(payload);
   reader.number(size);
   if (size < 1 || size > longest_name || !reader.bytes(size, text).ended() || text.data[size - 1] != 0 ||
-      head.sender < 0 || std::size_t(head.sender) >= most_numbers) {
-    reason = Drop::bad_length;
-    return;
-  }
+      head.sender < 0 || std::size_t(head.sender) >= most_numbers)
+    return Drop::bad_length;
   message.text = {reinterpret_cast<const char*>(text.data), size - 1};
   if (head.type == type_description) {
     const auto* at = std::find(names, names + named_kinds, message.text);
     kind_of_[std::size_t(head.sender)] =
         std::uint8_t(at < names + named_kinds ? Kind(at - names) : Kind::none);
-    return;
+    return Drop::none;
   }
   message.kind = Kind::sender;
   const auto at = std::find(senders_.begin(), senders_.end(), message.text);
   sender_of_[std::size_t(head.sender)] = std::uint8_t(at == senders_.end() ? 0 : 1 + (at - senders_.begin()));
+  return Drop::none;
 }
 
 Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
-  Drop reason = Drop::none;
-  if (head.type == sender_description || head.type == type_description) {
-    describe(head, payload, message, reason);
-    return reason;
-  }
+  if (head.type == sender_description || head.type == type_description)
+    return describe(head, payload, message);
   if (head.type == udp_description) {
     message.number = head.sender;
     if (head.sender < 1 || head.sender > 65535) return Drop::out_of_range;
@@ -233,44 +223,28 @@ Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
   }
   const Kind kind = Kind(kind_of_[std::size_t(head.type)]);
   message.sender = std::size_t(sender_of_[std::size_t(head.sender)] - 1);
-  std::size_t reals = 0;
-  switch (kind) {
-    case Kind::pose:
-      reals = 7;
-      break;
-    case Kind::velocity:
-      reals = 8;
-      break;
-    case Kind::force:
-      reals = 3;
-      break;
-    case Kind::button: {
-      if (payload.size != 8) return Drop::bad_length;
-      message.number = std::int32_t(get<std::uint32_t>(payload.data));
-      message.pressed = get<std::uint32_t>(payload.data + 4) != 0;
-      break;
-    }
-    case Kind::buttons: {
-      if (payload.size < 4 || (payload.size - 4) / 4 != get<std::uint32_t>(payload.data))
-        return Drop::bad_length;
-      for (std::size_t i = 0; i < 32 && 8 + 4 * i <= payload.size; ++i)
-        if (get<std::uint32_t>(payload.data + 4 + 4 * i)) message.pressed |= 1u << i;
-      break;
-    }
-    default:
-      break;
-  }
-  if (reals) {
+  message.kind = kind;
+  if (kind == Kind::button) {
+    if (payload.size != 8) return Drop::bad_length;
+    message.number = std::int32_t(get<std::uint32_t>(payload.data));
+    message.pressed = get<std::uint32_t>(payload.data + 4) != 0;
+  } else if (kind == Kind::buttons) {
+    if (payload.size < 4 || (payload.size - 4) / 4 != get<std::uint32_t>(payload.data))
+      return Drop::bad_length;
+    for (std::size_t i = 0; i < 32 && 8 + 4 * i <= payload.size; ++i)
+      if (get<std::uint32_t>(payload.data + 4 + 4 * i)) message.pressed |= 1u << i;
+  } else if (const std::size_t reals = reals_of[std::size_t(kind)]) {
     const std::size_t ahead = kind == Kind::force ? 0 : 8;
     if (payload.size != ahead + 8 * reals) return Drop::bad_length;
     if (ahead) message.number = std::int32_t(get<std::uint32_t>(payload.data));
+    bool finite = true;
     for (std::size_t i = 0; i < reals; ++i) {
       message.values[i] = get_float<double>(payload.data + ahead + 8 * i);
-      if (!std::isfinite(message.values[i])) reason = Drop::not_finite;
+      finite = finite && std::isfinite(message.values[i]);
     }
+    return finite ? Drop::none : Drop::not_finite;
   }
-  message.kind = kind;
-  return reason;
+  return Drop::none;
 }
 
 }  // namespace burrlab::vrpn

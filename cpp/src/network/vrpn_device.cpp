@@ -29,7 +29,6 @@ VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const V
           host, settings.port, settings.lost_after, settings.on_button),
       settings_(settings),
       tracker_(checked_tracker(name)),
-      server_(host + ":" + std::to_string(settings.port)),
       reader_({name}) {
   begin();
 }
@@ -43,7 +42,7 @@ std::string VrpnDevice::fault() const {
   const std::lock_guard<std::mutex> lock(fault_mutex_);
   if (fault_.empty() && connected() && !found_ && !heard_.empty())
     return server_ + " has no sender '" + tracker_ + "', it has " + heard_;
-  return fault_.empty() ? MailboxDevice::fault() : fault_;
+  return fault_.empty() ? NetworkDevice::fault() : fault_;
 }
 
 std::string VrpnDevice::note() const {
@@ -58,10 +57,7 @@ bool VrpnDevice::open() {
     found_ = false;
   }
   newest_ = 0;
-  if (!(settings_.tcp ? client_.connect() : client_.be_called())) {
-    if (counters_.connections == 0) say("no VRPN server answers at " + server_);
-    return false;
-  }
+  if (!(settings_.tcp ? client_.connect() : client_.be_called())) return false;
   vrpn::Bytes hello;
   vrpn::encode_cookie(hello);
   std::string address;
@@ -94,8 +90,6 @@ void VrpnDevice::restart() {
 }
 
 void VrpnDevice::count(ReaderCounters& counters) const {
-  for (std::size_t i = 0; i < openigtlink::drop_reasons; ++i)
-    counters.messages.dropped[i] += reader_.counters().dropped[i];
   counters.other_type = reader_.other_type();
   counters.other_device = reader_.other_sender();
   counters.lost = reader_.lost();

@@ -71,10 +71,14 @@ class ByteWriter {
  public:
   explicit ByteWriter(Bytes& out) : out_(out) {}
 
-  template <class Unsigned>
-  ByteWriter& number(Unsigned value) {
+  template <class Number>
+  ByteWriter& number(Number value) {
     out_.resize(out_.size() + sizeof value);
-    put(out_.data() + out_.size() - sizeof value, value);
+    std::uint8_t* at = out_.data() + out_.size() - sizeof value;
+    if constexpr (std::is_floating_point_v<Number>)
+      put_float(at, value);
+    else
+      put(at, value);
     return *this;
   }
   ByteWriter& bytes(const std::uint8_t* data, std::size_t size) {

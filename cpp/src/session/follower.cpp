@@ -57,6 +57,7 @@ void Follower::run() {
     if (!worked) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
   const std::lock_guard<std::mutex> lock(mutex_);
+  for (const auto& listener : listeners_) listener->on_end();
   if (digests_.back().tick == bone_.tick()) return;
   digests_.push_back({bone_.tick(), bone_.digest().text()});
   for (const auto& listener : listeners_) listener->on_digest(bone_.tick(), bone_.digest());

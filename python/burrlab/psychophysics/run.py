@@ -324,7 +324,7 @@ class Runner:
 
 
 _DRIVER = "driver"  # a side-car's name of a device from the caller
-_NO_FORCE = "no force goes back over the network, but to a Stylus of PLUS: [experiment] publish says no port"
+_NO_FORCE = "[experiment] publish says no port: no force goes back over the network but to a Stylus of PLUS"
 
 
 class Sitting:

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "burrlab/network/openigtlink.hpp"
 #include "burrlab/quaternion.hpp"
@@ -20,13 +21,16 @@ inline RotationRows turned(const RotationRows& rotation) {
   return other;
 }
 
-/// A position and an orientation (w, x, y, z) in the bone frame as a TRANSFORM, rounded to float32.
+/// A position and an orientation (w, x, y, z) in the bone frame as a TRANSFORM, rounded to a finite float32.
 inline Transform to_ras(const Vec3& position, const Quaternion& q = {1.0, 0.0, 0.0, 0.0}) {
   Transform transform;
   const RotationRows rotation = turned(to_eigen(q).toRotationMatrix());
   std::copy_n(rotation.data(), 9, transform.rotation.begin());
-  for (int axis = 0; axis < 3; ++axis)
-    transform.position[axis] = float(axis < 2 ? 0.0 - position[axis] : position[axis]);  // no -0
+  constexpr double most = std::numeric_limits<float>::max();
+  for (int axis = 0; axis < 3; ++axis) {
+    const double value = std::clamp(position[axis], -most, most);
+    transform.position[axis] = float(axis < 2 ? 0.0 - value : value);  // no -0
+  }
   return transform;
 }
 

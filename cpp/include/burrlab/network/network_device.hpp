@@ -31,6 +31,7 @@ class NetworkDevice : public MailboxDevice {
   void stop() noexcept override;       ///< ends the thread at once
   bool connected() const { return connected_.load(std::memory_order_relaxed); }
   ReaderCounters counters() const { return copy_under(counters_mutex_, published_); }
+  std::string fault() const override;  ///< why there is no position, empty without a fault
 
  protected:
   /// `on_button`: 0 to 7, the burr turns while it is pressed; -1: as the sender says.
@@ -42,22 +43,25 @@ class NetworkDevice : public MailboxDevice {
   virtual void leave() {}                                             // before the connection is closed
   virtual void restart() = 0;                                         // it is closed
   virtual void count(ReaderCounters&) const {}                        // what only the derived class knows
+  virtual const openigtlink::StreamCutter& cutter() const = 0;
 
-  /// A position [mm], with the sender's time in 32.32 fixed point [s], 0 is none; counted, and dropped if no
-  /// tick can use it. Without velocities it is the difference of two over that of their time stamps, or of
-  /// their arrivals: for analysis and coupling only.
+  /// A position [mm], with the sender's time in 32.32 fixed point [s], 0 is none. It is counted; dropped, as
+  /// a velocity is, if no tick can use it. Without velocities the velocity is the difference of two over that
+  /// of their time stamps, or of their arrivals: for analysis and coupling only.
   void put_pose(const Vec3& position, const Quaternion& orientation, std::uint64_t timestamp, bool on);
   void put_velocity(const Vec3& velocity);  // [mm/s]
   void put_buttons(std::uint32_t buttons);
   std::uint32_t buttons() const { return buttons_; }
 
   TcpClient client_;
+  std::string server_;
   ReaderCounters counters_;  // of the device's thread; counters_.messages.messages are poses accepted
 
  private:
   void run();
   void read_connection();
   void publish_counters();
+  bool fits(const Vec3& vector);
   void estimate_velocity(const Vec3& position, std::uint64_t timestamp, std::uint64_t arrival);
   void put_all();
 
@@ -68,7 +72,7 @@ class NetworkDevice : public MailboxDevice {
   std::uint32_t buttons_ = 0;
   bool on_ = true, has_velocity_ = false;
 
-  mutable std::mutex counters_mutex_;  // the haptic loop never takes it
+  mutable std::mutex counters_mutex_;  // the haptic loop takes it only when the device is lost
   ReaderCounters published_;
   std::atomic<bool> connected_{false};
   std::mutex stop_mutex_;
@@ -79,8 +83,9 @@ class NetworkDevice : public MailboxDevice {
 /// a device name is given, only that name, with or without "_off", is read.
 ///
 /// A haptic device behind PLUS sends the tools Stylus, StylusVelocity (translation part, mm/s) and Buttons
-/// (first column), alone or as in "StylusToTracker". Each Stylus is answered with the tool Force, whose
-/// translation part is the newest force on the hand [N]; it is zero before the connection is closed.
+/// (first column), alone or as in "StylusToTracker"; once a Stylus has come, no other tool is the burr. Each
+/// Stylus is answered with the tool Force, whose translation part is the newest force on the hand [N]; it is
+/// zero before the connection is closed.
 class IgtlDevice : public NetworkDevice {
  public:
   /// lost_after [ms]. Throws std::invalid_argument if `host` has no address, `port` is not 1 to 65535 or the
@@ -93,14 +98,14 @@ class IgtlDevice : public NetworkDevice {
   bool feed(openigtlink::ByteView bytes, bool) override { return framer_.feed(bytes, on_message_); }
   void leave() override;
   void restart() override { framer_.restart(); }
-  void count(ReaderCounters& counters) const override;
+  const openigtlink::StreamCutter& cutter() const override { return framer_; }
   void take(const openigtlink::Message& message);
   void encode_force(const Vec3& force);
 
   std::string device_name_;
   openigtlink::MessageFramer framer_{65536};
   openigtlink::MessageFramer::Receive on_message_ = [this](const openigtlink::Message& m) { take(m); };
-  std::string force_name_;  // of the answers, empty if none is wanted
+  std::string stylus_;  // as it is named on this connection, which then reads no other; empty: none yet
   int force_version_ = 1;
   openigtlink::Bytes unsent_;  // at most one answer
 };
@@ -120,20 +125,21 @@ class VrpnDevice : public NetworkDevice {
   VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings = {});
   ~VrpnDevice() override { stop(); }
 
-  std::string fault() const override;  ///< why there is no position, empty without a fault
-  std::string note() const;            ///< that the server's minor version is another, else empty
+  std::string fault() const override;
+  std::string note() const;  ///< that the server's minor version is another, else empty
 
  private:
   bool open() override;
   bool feed(openigtlink::ByteView bytes, bool datagram) override;
   void restart() override;
   void count(ReaderCounters& counters) const override;
+  const openigtlink::StreamCutter& cutter() const override { return reader_; }
   void take(const vrpn::Message& message);
   void take_pose(const vrpn::Message& message);
   void say(const std::string& fault);
 
   VrpnSettings settings_;
-  std::string tracker_, server_;
+  std::string tracker_;
   vrpn::Reader reader_;
   std::uint64_t newest_ = 0;        // time stamp of the newest pose
   mutable std::mutex fault_mutex_;  // the haptic loop takes it only when the device is lost

@@ -106,6 +106,7 @@ class Publisher : public TickListener {
   void on_digest(std::uint64_t tick, const Hash128& digest) override;
   void on_rebuild(std::uint64_t tick) override;
   void on_bone(FollowedBone& bone) override;
+  void on_end() override;
 
  private:
   struct Peer;
@@ -129,6 +130,7 @@ class Publisher : public TickListener {
   bool refill_standard(Peer& peer);
   bool refill_vrpn(Peer& peer);
   std::uint64_t next_ticks(Peer& peer, const TickLog& log);
+  void tell_standard();
   void encode_vrpn(const TickRecord& record, std::uint64_t timestamp);
   bool refill_replica(Peer& peer);
   void hear(Peer& peer, const openigtlink::Message& message);
@@ -142,7 +144,7 @@ class Publisher : public TickListener {
 
   PublisherSettings settings_;
   std::uint64_t session_;
-  std::uint32_t burrs_;
+  std::uint32_t burrs_ = 1;
   double period_ = 1.0;  // [ms]
   TcpServer server_;
   std::unique_ptr<VrpnPort> vrpn_;
@@ -153,11 +155,11 @@ class Publisher : public TickListener {
 
   mutable std::mutex mutex_;  // of all below, held briefly; the haptic loop never takes it
   replica_protocol::Hello hello_;
-  TickLog log_, poses_, vrpn_log_;  // for replicas, for standard peers, for VRPN's
-  std::uint64_t digest_tick_;
+  TickLog log_{1, 1, 0}, poses_{1, 1, 0}, vrpn_log_{1, 1, 0};  // for replicas, standard peers, VRPN's
+  std::uint64_t digest_tick_ = 0;
   openigtlink::Bytes scratch_;
-  std::array<Quaternion, most_burrs> last_turn_{};                   // orientations of the last tick
-  std::array<Vec3, most_burrs> forces_{Vec3::Zero(), Vec3::Zero()};  // of the last tick, RAS [N]
+  TickRecord newest_;
+  std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick
   bool wants_state_ = false, ended_ = false;
   std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one
   std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs

@@ -7,6 +7,8 @@
 #include <string>
 #include <vector>
 
+#include "burrlab/network/tcp_server.hpp"
+
 namespace burrlab {
 
 constexpr double first_pause = 0.1, longest_pause = 1.0;  ///< of a client between connections [s]
@@ -45,12 +47,11 @@ class TcpClient {
   bool stopped() const { return stopped_.load(std::memory_order_acquire); }
 
  private:
-  using Address = std::vector<std::uint8_t>;
   enum class Wait { ready, stopped, timeout };
   Wait wait(short events, double seconds) const;  // seconds < 0: without limit
-  bool connect_to(const Address& address, double timeout);
+  bool connect_to(const PeerAddress& address, double timeout);
 
-  std::vector<Address> addresses_;
+  std::vector<PeerAddress> addresses_;
   int socket_ = -1, datagrams_ = -1;
   int wake_[2] = {-1, -1};  // a pipe; a byte in it means stopped
   std::atomic<bool> stopped_{false};

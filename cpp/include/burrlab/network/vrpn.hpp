@@ -79,7 +79,7 @@ class Reader : public openigtlink::StreamCutter {
   static bool decode_head(ByteView bytes, Head& head, std::size_t largest);
   void begin(ByteView bytes, const Receive& receive);
   void finish(const Head& head, ByteView body, const Receive& receive);
-  void describe(const Head& head, ByteView payload, Message& message, Drop& reason);
+  Drop describe(const Head& head, ByteView payload, Message& message);
   Drop decode(const Head& head, ByteView payload, Message& message);
 
   std::vector<std::string> senders_;

@@ -28,6 +28,8 @@ class TickListener {
   virtual void on_rebuild(std::uint64_t tick) = 0;
   /// After each batch of ticks, with the bone.
   virtual void on_bone(FollowedBone& bone) = 0;
+  /// After the loop's last tick.
+  virtual void on_end() = 0;
 };
 
 struct FollowerSettings {

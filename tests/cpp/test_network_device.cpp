@@ -1,6 +1,7 @@
 // The device of a TRANSFORM stream, with a server in this process.
 #include "burrlab/network/network_device.hpp"
 
+#include "burrlab/network/bone_frame.hpp"
 #include "burrlab/network/tcp_server.hpp"
 #include "check.hpp"
 
@@ -126,6 +127,7 @@ void test_device() {
 }  // namespace
 
 int main() {
+  CHECK(std::isfinite(openigtlink::to_ras({1e300, -1e300, 0}).position[1]));  // a force beyond float32
   test_drops_and_reconnects();
   test_stop();
   test_device();

@@ -326,28 +326,36 @@ def test_forces_of_other_peers_are_no_poses():
 
 
 def test_a_server_that_does_not_stop_gets_the_last_force():
-    """A connection closed on bytes that were not read would be reset, and the zero might be lost."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-        device = _core.IgtlDevice("127.0.0.1", listener.getsockname()[1])
-        peer, _ = listener.accept()
-    with peer:
-        stylus, framer, forces = _core.encode_transform("Stylus", (0, 0, 5)), _core.MessageFramer(), []
-        peer.settimeout(10)
+    """The connection ends in order: one closed on bytes that were not read is reset, and a zero may be lost.
+
+    A server that does not see the end for 0.1 s, as on a busy machine, is reset: then another one is tried.
+    """
+
+    def stream(peer):
+        with contextlib.suppress(OSError):  # it is over
+            while True:
+                peer.sendall(20 * _core.encode_transform("Stylus", (0, 0, 5)))
+                time.sleep(0.001)
+
+    for _ in range(5):
+        with socket.create_server(("127.0.0.1", 0)) as listener:
+            device = _core.IgtlDevice("127.0.0.1", listener.getsockname()[1])
+            peer, _ = listener.accept()
         _, loop, _ = loop_of(device)
-        loop.start()
-        stopping = threading.Timer(0.3, loop.stop)
-        stopping.start()
-        peer.setblocking(False)
-        end = time.monotonic() + 10
-        while time.monotonic() < end:
-            peer.sendall(stylus * 20)
-            with contextlib.suppress(BlockingIOError):
-                got = peer.recv(65536)
-                if not got:
-                    break
+        framer, forces, ended = _core.MessageFramer(), [], False
+        sender, stopping = threading.Thread(target=stream, args=(peer,)), threading.Timer(0.3, loop.stop)
+        with peer, contextlib.suppress(ConnectionResetError):
+            peer.settimeout(10)
+            loop.start()
+            sender.start()
+            stopping.start()
+            while got := peer.recv(65536):
                 forces += framer.feed(got)
-            time.sleep(0.001)
+            ended = True
+        sender.join()
         stopping.join()
-    assert [one.device_name for one in forces[-2:]] == ["Force"] * 2
-    assert (forces[-1].value[:3, 3] == 0).all()
-    assert framer.counters["truncated"] == 0
+        assert {one.device_name for one in forces} == {"Force"}
+        assert (forces[-1].value[:3, 3] == 0).all()
+        if ended:
+            break
+    assert ended

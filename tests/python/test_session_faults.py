@@ -238,7 +238,7 @@ class TestDevices:
         run = session(device, wall_clock=True, realtime=False)
         with pytest.raises(ValueError, match=r"igtl:.* must be new: its connection was closed"):
             run.start()
-        assert run.reason.startswith("the loop could not be started: igtl:")
+        assert run.reason.startswith("the loop could not be started: igtl:127.0.0.1:9 must be new")
         assert run.failed
         assert run.wait(20)
 

@@ -99,11 +99,11 @@ void VrpnDevice::take(const vrpn::Message& message) {
   using vrpn::Kind;
   switch (message.kind) {
     case Kind::cookie:
-      if (reader_.greeted())
-        say("");
-      else
-        say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) + "'");
-      if (reader_.greeted() && message.number && note_.empty()) {  // only this thread writes it
+      if (!reader_.greeted())
+        return say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) +
+                   "'");
+      say("");
+      if (message.number && note_.empty()) {  // only this thread writes it
         const std::lock_guard<std::mutex> lock(fault_mutex_);
         note_ = server_ + " says '" + printable(message.text) + "', its minor version is not 38";
       }

@@ -49,8 +49,8 @@ def serve(
     Parameters
     ----------
     source : Trace, TracePlayer, RecordingPlayer, Session, Replica or VoxelBone
-        A trace or a recording is replayed, with a time line; a session or a started replica is shown live, and goes on when
-        the page ends; a bone does not change.
+        A trace or a recording is replayed, with a time line; a session or a started replica is shown live,
+        and goes on when the page ends; a bone does not change.
     effects : Effects or Companion, optional
         Dust, blood and water. For a trace: effects of its initial bone, made in the background. For a session
         or a replica: a companion that runs beside it.

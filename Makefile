@@ -1,4 +1,4 @@
-# make demo | test | test-slow | bench | fuzz | figures | docs | linkcheck | wheel | windows | format | clean.
+# make demo | test | test-slow | oldest | bench | fuzz | figures | docs | linkcheck | wheel | windows | format | clean.
 # Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,7 +9,7 @@ SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow bench fuzz figures docs linkcheck wheel windows format clean machine
+.PHONY: demo test test-slow oldest bench fuzz figures docs linkcheck wheel windows format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -56,6 +56,15 @@ test: $(VENV)/developed
 
 test-slow: $(VENV)/developed
 	$(BIN)/python -m pytest -m slow tests/python
+
+# The quick tests with the lowest versions that pyproject.toml allows, which may warn; for Python 3.11 (PYTHON=python3.11)
+oldest: $(VENV)/installed
+	$(PIP) uv
+	$(BIN)/uv venv -q --clear --python $(BIN)/python build/oldest
+	$(BIN)/uv pip compile -q --resolution lowest-direct -o build/oldest.txt pyproject.toml \
+	  $(addprefix --extra ,cluster haply medical pandas psychometric viz3d)
+	$(BIN)/uv pip install -q --python build/oldest -r build/oldest.txt --group dev
+	PYTHONPATH=python build/oldest/bin/python -m pytest -n 2 -m "not slow" -W ignore::DeprecationWarning tests/python
 
 # BENCH=--quick only tries whether it runs; BENCH=--waits measures where a researcher waits
 bench: $(VENV)/benched

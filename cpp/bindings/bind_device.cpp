@@ -1,3 +1,5 @@
+#include <algorithm>
+
 #include "bindings.hpp"
 #include "burrlab/check.hpp"
 #include "burrlab/session/hand_device.hpp"
@@ -40,6 +42,16 @@ std::shared_ptr<ScriptedDevice> scripted(const Reals& time, const Reals& positio
   for (py::ssize_t i = 0; i < n; ++i)
     rows.push_back({time.at(i), row_of(position, i), on ? on->at(i) : true, quaternion_of(orientation, i)});
   return std::make_shared<ScriptedDevice>(std::move(rows));
+}
+
+py::array_t<double> path_of(const ScriptedDevice& device) {
+  py::array_t<double> out({py::ssize_t(device.rows().size()), py::ssize_t(4)});
+  double* at = out.mutable_data();
+  for (const ScriptedDevice::Row& row : device.rows()) {
+    *at++ = row.time;
+    at = std::copy_n(row.position.data(), 3, at);
+  }
+  return out;
 }
 
 std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<Reals>& velocity,
@@ -289,6 +301,7 @@ ValueError
       .def(py::init(&scripted), "time"_a, "position"_a, "on"_a = py::none(), "orientation"_a = py::none())
       .def("__len__", [](const ScriptedDevice& d) { return d.rows().size(); })
       .def_property_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
+      .def_property_readonly("path", &path_of, "(n, 4) time [s] and position [mm] of each row; a copy")
       .def_property_readonly("force", &ScriptedDevice::force, "(3,) last sent by the loop [N]; a copy");
   py::class_<ReplayDevice, Device, std::shared_ptr<ReplayDevice>>(
       m, "ReplayDevice", R"(A device that repeats the positions of recorded ticks, then ends the session.

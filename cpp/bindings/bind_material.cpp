@@ -58,8 +58,9 @@ f : array_like, shape (n,), or callable
     f at x, or a function that gives it for the array x. f(0) is the maximum, below x = 1 f is above 1e-9
     f(0), and f(1) is zero (to 1e-9 f(0)) or positive.
 order : float, optional
-    Order k of the zero at x = 1, in (0, 8]; 0 where f(1) > 0. By default the whole number next to the slope
-    of log f over log(1 - x) between the two points before the last, 1 at least.
+    Order k of the zero at x = 1, in (0, 8]; 0 where f(1) > 0. By default the table's own: the slope of log f
+    over log(1 - x), extrapolated to x = 1 from the last two, as a whole number where one lies within that
+    step, else to 0.05. Three points, or slopes that differ much, give the whole number next to the last.
 
 Returns
 -------
@@ -200,8 +201,8 @@ UserWarning
 
 Notes
 -----
-The unit of c_e follows from F = c_e R^2 (h/R)^(3/2). Only an alpha per millisecond gives the paper's
-millimetres in seconds. Both units are our decisions: the paper prints none.
+The unit of c_e follows from F = c_e R^2 (h/R)^(3/2). alpha is read per millisecond, the
+haptic period. Both units are our decisions: the paper prints none.
 
 Examples
 --------

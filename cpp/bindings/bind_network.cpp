@@ -1,4 +1,5 @@
 #include "bindings.hpp"
+#include "burrlab/network/force_watchdog.hpp"
 #include "burrlab/network/publisher.hpp"
 #include "burrlab/network/replica.hpp"
 
@@ -57,27 +58,28 @@ void bind_publisher(py::module_& m) {
       "waits. "
       "There is no authentication: whoever reaches the port may read. The follower must not be started yet. "
       "`port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is JSON about the "
-      "session; `log` is the time of ticks kept for "
+      "session; `sensor`: the force as SENSOR too; `log` is the time of ticks kept for "
       "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
       "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
       "ValueError if the address or a setting cannot be used.")
       .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host,
-                       std::optional<int> port, const std::string& hello, int header_version, double log,
-                       std::size_t most_peers, std::size_t most_behind, std::uint64_t thin_after,
+                       std::optional<int> port, const std::string& hello, int header_version, bool sensor,
+                       double log, std::size_t most_peers, std::size_t most_behind, std::uint64_t thin_after,
                        std::optional<int> vrpn) {
              if (!follower) throw std::invalid_argument("follower must be a Follower, got None");
              if (std::min(port.value_or(0), vrpn.value_or(0)) < 0) refuse("port", "0 to 65535, or None", -1);
              const PublisherSettings settings{
-                 host,       port.value_or(-1), hello,      header_version,   log,
-                 most_peers, most_behind,       thin_after, vrpn.value_or(-1)};
+                 host, port.value_or(-1), hello,       header_version, sensor,
+                 log,  most_peers,        most_behind, thin_after,     vrpn.value_or(-1)};
              auto publisher = std::make_shared<Publisher>(*follower, settings);
              follower->add(publisher);
              return BoundPublisher{follower, publisher};
            }),
            "follower"_a, py::kw_only(), "host"_a = defaults.host, "port"_a = defaults.port,
-           "hello"_a = defaults.hello, "header_version"_a = defaults.header_version, "log"_a = defaults.log,
-           "most_peers"_a = defaults.most_peers, "most_behind"_a = defaults.most_behind,
-           "thin_after"_a = defaults.thin_after, "vrpn"_a = py::none())
+           "hello"_a = defaults.hello, "header_version"_a = defaults.header_version,
+           "sensor"_a = defaults.sensor, "log"_a = defaults.log, "most_peers"_a = defaults.most_peers,
+           "most_behind"_a = defaults.most_behind, "thin_after"_a = defaults.thin_after,
+           "vrpn"_a = py::none())
       .def_property_readonly(
           "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens here; 0: nowhere.")
       .def_property_readonly(
@@ -91,7 +93,8 @@ void bind_publisher(py::module_& m) {
           "status", [](const BoundPublisher& p) { return to_dict(p.publisher->status()); },
           "A dict: tick; standard_peers and replicas connected; counts since the start: accepted, refused "
           "(connections beyond `most_peers`), skipped (ticks that slow standard peers missed), cut_off (slow "
-          "replicas), stalled (peers that took nothing for 5 s), hellos (asked only for the hello), by_ticks "
+          "replicas), stalled (peers that took nothing, or VRPN clients that did not greet, for 5 s), hellos "
+          "(asked only for the hello), by_ticks "
           "and by_bricks (replicas that continued), bad_words, ignored (messages without use), framing_lost, "
           "too_many_faults (connections closed), out_of_range (positions not sent), bytes_sent, messages, "
           "vrpn_peers (connected), vrpn_calls (clients called back), datagrams (sent over UDP), dropped "
@@ -170,9 +173,24 @@ void bind_replica(py::module_& m) {
            "Changes one voxel (z, y, x); for tests of the repair.");
 }
 
+void bind_force_watchdog(py::module_& m) {
+  py::class_<ForceWatchdog>(m, "ForceWatchdog",
+                            "Sends `rest`, a whole message with force zero, over a connected socket, a "
+                            "descriptor that it duplicates, "
+                            "once no `beat` came for `silence` [ms], also while other code holds the "
+                            "interpreter. ValueError if that "
+                            "is not positive or the socket is none.")
+      .def(py::init<int, std::string, double>(), "socket"_a, "rest"_a, "silence"_a)
+      .def("send", &ForceWatchdog::send, "message"_a, no_gil,
+           "Sends a whole message; False if the connection ended, or took nothing for a second.")
+      .def("beat", &ForceWatchdog::beat,
+           "The program lives. Returns whether `rest` was sent since the last call.");
+}
+
 }  // namespace
 
 void bind_network(py::module_& m) {
+  bind_force_watchdog(m);
   bind_publisher(m);
   bind_replica(m);
 }

@@ -260,7 +260,7 @@ void bind_haptic_loop(py::module_& m) {
           },
           "burr"_a = 0,
           "(energy given to the hand minus taken from it, its largest value so far) [mJ]; above zero, "
-          "sampling made it.")
+          "sampling or an edge of the bone made it.")
       .def_property_readonly("jitter", &HapticLoop::jitter, py::return_value_policy::reference_internal,
                              "|time since the last tick - whole periods|")
       .def_property_readonly("lateness", &HapticLoop::lateness, py::return_value_policy::reference_internal,

@@ -67,6 +67,28 @@ Shape read_table(const std::string& name) {
   return Shape::from_table(x, f, order);
 }
 
+/// Order of the zero of f at x = 1: the slope of log f over log delta, extrapolated to delta = 0 from the
+/// last two. Within that step of a whole number, or 0.1, it is that number, else the next multiple of 0.05.
+/// Three points, or slopes that differ much, give the whole number next to the last slope.
+double order_at_end(const std::vector<double>& x, const std::vector<double>& f) {
+  const auto depth = [&](std::size_t i) { return 1.0 - x[i]; };
+  const auto slope = [&](std::size_t i) {
+    return std::log(f[i - 1] / f[i]) / std::log(depth(i - 1) / depth(i));
+  };
+  const auto middle = [&](std::size_t i) { return std::sqrt(depth(i - 1) * depth(i)); };
+  const std::size_t i = x.size() - 2;
+  const double near = slope(i);
+  double order = std::max(std::rint(near), 1.0);
+  if (i > 1) {
+    const double step = middle(i) * (near - slope(i - 1)) / (middle(i - 1) - middle(i)), limit = near + step;
+    if (std::abs(step) <= 0.7 && limit >= 0.25) {
+      const bool whole = std::abs(limit - std::rint(limit)) <= std::max(std::abs(step), 0.1);
+      order = whole ? std::max(std::rint(limit), 1.0) : std::rint(20.0 * limit) / 20.0;
+    }
+  }
+  return std::min(order, 8.0);
+}
+
 }  // namespace
 
 std::vector<std::string> Shape::names() {
@@ -109,10 +131,7 @@ Shape Shape::from_table(const std::vector<double>& x, const std::vector<double>&
 
   Table table;
   const bool zero = f[last] <= least * f[0];
-  if (std::isnan(order) && zero) {  // the slope of log f over log delta before the end, as a whole number
-    const double f_ratio = f[last - 2] / f[last - 1], depth_ratio = (1.0 - x[last - 2]) / (1.0 - x[last - 1]);
-    order = std::clamp(std::rint(std::log(f_ratio) / std::log(depth_ratio)), 1.0, 8.0);
-  }
+  if (std::isnan(order) && zero) order = order_at_end(x, f);
   if (std::isnan(order)) order = 0.0;
   if (zero && !(order > 0.0 && order <= 8.0)) refuse("order of a table with f(1) = 0", "in (0, 8]", order);
   if (!zero && order != 0.0) refuse("order of a table with f(1) above 0", "0", order);

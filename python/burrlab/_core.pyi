@@ -503,6 +503,8 @@ class ScriptedDevice(Device):
     @property
     def duration(self) -> float: ...
     @property
+    def path(self) -> NDArray[np.float64]: ...
+    @property
     def force(self) -> NDArray[np.float64]: ...
 
 class ReplayDevice(Device):
@@ -800,6 +802,11 @@ class VrpnDevice(MailboxDevice):
     def counters(self) -> dict[str, int]: ...
     def stop(self) -> None: ...
 
+class ForceWatchdog(metaclass=_Pybind11Type):
+    def __init__(self, socket: int, rest: bytes, silence: float) -> None: ...
+    def send(self, message: bytes) -> bool: ...
+    def beat(self) -> bool: ...
+
 class Publisher(metaclass=_Pybind11Type):
     def __init__(
         self,
@@ -809,6 +816,7 @@ class Publisher(metaclass=_Pybind11Type):
         port: int | None = 0,
         hello: str = "{}",
         header_version: int = 1,
+        sensor: bool = True,
         log: float = 10.0,
         most_peers: int = 32,
         most_behind: int = 524288,

@@ -1,6 +1,6 @@
 """Cost of the surface: update of the changed blocks of a scene, against a rebuild, in one run; needs viz3d.
 
-Run: python tests/bench/view.py"""
+Run: python tests/bench/view.py; with --live 10, pictures a second beside a session of 10 s at 1 kHz instead."""
 
 import argparse
 import json
@@ -16,6 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkImageData
 from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
 import burrlab
+from burrlab.view.live import LiveView
 from burrlab.view.scene import Scene
 from burrlab.view.surface import Surface
 
@@ -48,13 +49,47 @@ def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, i
     edges.Update()
 
 
+def drawn_pictures(seconds: float, side: int, size: tuple[int, int]) -> dict[str, Any]:
+    """Pictures a second of a block of side^3 voxels that a burr of 3 mm cuts, as drawn, off-screen."""
+    half = side * VOXEL / 2
+    bone = burrlab.VoxelBone.block((2 * half,) * 3, VOXEL, origin=(-half, -half, -2 * half))
+    times = np.arange(0.0, seconds + 30.0, 0.005)
+    x, y = (half - 4) * np.sin(2 * np.pi * times / 0.9), (half - 5) * np.sin(2 * np.pi * times / 17)
+    device = burrlab.ScriptedDevice(times, np.stack([x, y, 2.8 - 0.06 * times], axis=1))
+    tool = burrlab.Burr(3.0), burrlab.materials["bone"]
+    with burrlab.Session(bone, tool, device, seed=1, duration=seconds + 30.0) as session:
+        view = LiveView(session, off_screen=True, size=size)
+        for _ in range(2):  # the first pictures load everything
+            view.step()
+            view.scene.picture()
+        begin, busy = time.monotonic(), time.process_time()
+        drawn = sum(1 for _ in view.frames(seconds, fps=20.0))
+        wall, busy = time.monotonic() - begin, time.process_time() - busy
+        triangles = sum(len(block.triangles) for block in view.scene.surface.blocks.values())
+        renderer = view.scene.plotter.render_window.ReportCapabilities()
+        view.close()
+        counts = {name: getattr(session.report(), name) for name in ("ticks", "late")}
+    drawer = next(line for line in renderer.splitlines() if "renderer string" in line).split(":")[1].strip()
+    return {
+        "pictures": drawn, "pictures_a_second": drawn / wall, "cpu_ms_a_picture_session_included": 1e3 * busy / drawn,
+        "voxels": side, "size": size, "triangles": triangles, "renderer": drawer, **counts,
+    }  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--rebuilds", type=int, default=5)
     parser.add_argument("--draw", action="store_true", help="draw each frame too, and say what it costs")
+    parser.add_argument("--live", type=float, metavar="SECONDS")
+    parser.add_argument("--side", type=int, default=256, help="of the live block [voxels]")
+    parser.add_argument("--size", default="1024x768", help="of the live pictures [pixels]")
     parser.add_argument("--json", metavar="FILE")
     options = parser.parse_args()
+    if options.live:
+        width, height = map(int, options.size.split("x"))
+        print(json.dumps(drawn_pictures(options.live, options.side, (width, height)), indent=2))
+        return
     half = SIDE * VOXEL / 2
     bone = burrlab.VoxelBone.block(
         (2 * half,) * 3, VOXEL, origin=(VOXEL / 2 - half, VOXEL / 2 - half, VOXEL / 2 - 2 * half)

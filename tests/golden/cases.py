@@ -239,6 +239,7 @@ design fit.json --forces 0.5,2 --static 0.2 --seed 1
 #: Texts that differ between runs or machines.
 VARIES = [
     (r"(/[\w.-]+)+/(?=[\w-]+\.\w)", ""), (r"function evals +=.*|\d+ in [\d.]+ s\b", "EVALUATIONS"), (r"burrlab \d+\.\d+\.\d+\S*", "burrlab VERSION"), (r"\b\d+(\.\d+)? (us|ms of CPU)", "TIME us"),
+    (r"(BOBYQA .*) \d+(?=  [A-Z]+_)", r"\1 EVALUATIONS"), (r"(?<=>)\d+\.\d{12,}(?=<)", lambda digits: f"{float(digits[0]):.9g}"),
     (r"seed \d{6,}", "seed DRAWN"), (r"(?m)^  (tick|period|after|follower|real-time|timer|burr \d+: energy).*$", "  VARIES"),
     (r"(?m)^(\d+% done, about .* more|.* so far; Ctrl-C ends it)\n", ""), (r"\d\d:\d\d:\d\d", "CLOCK"), (r"\d{4}-\d\d-\d\d\S*", "DATE"),
 ]  # fmt: skip

@@ -22,6 +22,16 @@ ROOT = Path(__file__).parents[2]
 os.environ["BURRLAB_CACHE"] = ""  # nothing is kept between tests
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _signals_are_heard() -> Iterator[None]:
+    """Whoever runs the tests in the background may ignore these signals, and every child would inherit that."""
+    handlers = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @pytest.fixture(autouse=True)
 def _no_figures_left() -> Iterator[None]:
     """Closes all figures: pyplot keeps open ones, and warns at the twenty-first."""

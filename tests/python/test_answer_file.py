@@ -290,14 +290,20 @@ def test_a_simulated_subject_needs_no_response_time_and_goes_on_as_itself(tmp_pa
         one.resume("01", "match")
 
 
-def test_a_run_begun_without_a_column_of_repeats_goes_on_without(tmp_path):
-    one, path = begun(tmp_path, count=3)
-    path.write_text("".join(line.rsplit("\t", 1)[0] + "\n" for line in path.read_text().splitlines()))
+@pytest.mark.parametrize(
+    ("device", "columns", "repeats"), [("hand", 16, [None] * 4), ("touch", 16, [None] * 4), ("touch", 17, [0, 0, 0, 1])]
+)  # fmt: skip
+def test_a_run_of_an_earlier_version_goes_on_with_its_columns(tmp_path, device, columns, repeats):
+    """Without repeats, or what limits clipped."""
+    one, path = begun(tmp_path, count=3, text=SMALL.replace("seed = 7", f'seed = 7\ndevice = "{device}"'))
+    rows = [line.split("\t") for line in path.read_text().splitlines()]
+    assert len(rows[0]) == (17 if device == "hand" else 19)
+    path.write_text("".join("\t".join([*row[:16], row[-1]][:columns]) + "\n" for row in rows))
     file, order = one.resume("01", "probing")
     with file:
         file.append(Answer(order.next(), 1e3, 1.0, "same", 1.0, ("time", "time"), repeats=1))
-    assert [row.repeats for row in read_answers(path).rows] == [None] * 4
-    assert {line.count("\t") for line in path.read_text().splitlines()} == {15}
+    assert [row.repeats for row in read_answers(path).rows] == repeats
+    assert {line.count("\t") for line in path.read_text().splitlines()} == {columns - 1}
 
 
 def test_what_was_begun_comes_first_when_the_order_of_tasks_has_moved(tmp_path):

@@ -80,6 +80,7 @@ def test_segments_have_their_run_s_mean():
     ("options", "told"),
     [
         ({"store": "s.jsonl"}, "a store needs a seed"), ({"n": 1}, "n must be at least 2: got 1"),
+        ({"n": "many"}, "n must be a whole number from 0 and below 2.31, got 'many'"),
         ({"kind": "jackknife"}, "kind must be one of parametric, residual: got 'jackknife'"),
     ],
 )  # fmt: skip

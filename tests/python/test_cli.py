@@ -1,6 +1,8 @@
 """The command line."""
 
+import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,40 @@ import pytest
 from command_line import call, refusal, result
 
 import burrlab
+
+
+def test_a_closed_pipe_ends_silently():
+    reader, writer = os.pipe()
+    os.close(reader)
+    for words in (["materials"], ["--help"]):
+        program = [sys.executable, "-m", "burrlab", *words]
+        done = subprocess.run(program, stdout=writer, stderr=subprocess.PIPE, timeout=60, check=False)
+        assert (done.returncode, done.stderr) == (141, b"")
+    os.close(writer)
+
+
+def test_what_needs_no_work_imports_none_of_its_libraries():
+    program = (
+        "import contextlib, sys; from burrlab.cli import main\n"
+        "for words in (['--version'], ['--help'], ['desend'], ['fit', '--verbos'], ['fit', '--help'],\n"
+        "              ['session', '--devize'], ['view', '--pgn'], ['experiment', 'run', '--al'], ['tissues', '-x']):\n"
+        "    with contextlib.suppress(SystemExit): main(words)\n"
+        "print(*{'h5py', 'matplotlib', 'nlopt', 'scipy'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == ""
+
+
+def test_standard_input_and_quiet(capsys, monkeypatch, tmp_path):
+    """`-` is a CSV from standard input; notes, which --quiet leaves out, name it."""
+    file, text = tmp_path / "a.csv", "F,v\n0.5,0.3\n1,0.8\n1.5,1.4\n2,2.2\n"
+    file.write_text(text)
+    words = ["compare", "-", file, "--radius", 3, "--columns", "force=F,velocity=v"]
+    for quiet in ([], ["--quiet"]):
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+        code, out, err = call(capsys, *words, *quiet)
+        assert (code, "standard input and " in out, "burrlab: -: " in err) == (0, True, not quiet)
+        assert not (quiet and err)
 
 
 def test_overrides_and_figure(capsys, tmp_path):
@@ -47,6 +83,8 @@ CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
         (["fit", "none.csv", "--radius", "3"], "none.csv"),
         (["fit", "none.csv", "--test", "2.1"], "--test: must be C_E,ALPHA"),
         (["fit", "none.csv", "--store", "s.jsonl"], "--store goes with --engine voxel"),
+        (["fit", "none.csv", "--voxel", "0.1"], "--voxel goes with --engine voxel"),
+        (["compare", "a.csv", "a.csv"], "needs another FILE.csv for each data set: got a.csv twice"),
         (["fit", "--indentation", "i.csv"], "a fit needs velocities"),
         (["fit", "a.csv", "--test", "2.1,-1"], "must be positive"),
         (["fit", "a.csv", "--radius", "3", "--indentation", "missing.csv"], "missing.csv"),

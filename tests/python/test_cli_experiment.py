@@ -199,7 +199,7 @@ def test_begun_or_not_or_by_another(config, capsys):
         (["analyse", "test.toml"], "there is no file of answers"),
         (["analyse", "test.toml", "--plot", "test.toml"], "--plot: test.toml is no folder"),
         (["analyse", "test.toml", "--json", "/nowhere/a.json"], "--json: /nowhere/a.json cannot be written"),
-        (["new", "/nowhere/a.toml"], "/nowhere/a.toml"),
+        (["new", "/nowhere/a.toml"], "folder must exist, got /nowhere"),
         (["new", "test.toml"], "test.toml exists and is not replaced"),
     ],
 )  # fmt: skip

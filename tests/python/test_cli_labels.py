@@ -13,7 +13,7 @@ from drilled_scenes import stack
 from label_scenes import MAP, SPACING, greys, volume, write_files
 
 import burrlab
-from burrlab._core import Burr, VoxelBone
+from burrlab._core import Burr, Replica, VoxelBone
 from burrlab.bone import slices
 from burrlab.bone.kept import load_drilled
 from burrlab.bone.recipe import DrilledRecipe
@@ -198,13 +198,38 @@ def test_a_descent_into_labels(run: Callable[..., str], capsys: pytest.CaptureFi
     overlap = run(*words, *GREY, "--labels", "a.seg.nrrd", "--onto", status=2)
     assert "labels must overlap the volume: those of" in overlap
     alone = [*descend, "--radius", "2", "--labels", "a.seg.nrrd", "--entry", "8,10,18", "--axis", "0,0,-1"]
-    for options, told in (([], "11 to 17 %"), (["--smooth", "0.8"], "3 to 6 %")):
+    for options, told in (
+        ([], "11 to 17 %"),
+        (["--smooth", "0.79"], "3 to 6 %"),
+        (["--smooth", "0.6"], "11 to 17 %"),
+    ):
         _, out, err = call(capsys, *alone, *options, "--json", "-")
-        assert f"scatter by {told} at R/voxel = 10 (here 5)" in "".join(json.loads(out)["warnings"])
+        warnings = "".join(json.loads(out)["warnings"])
+        assert f"scatter by {told} at R/voxel = 10 (here 5)" in warnings
+        assert ("as measured on made-up surfaces without smoothing" in warnings) == ("0.6" in options)
         assert "occupancy from labels alone" in err
-        assert ("smoothed by 0.8 mm" in err) == bool(options)
+        assert (f"smoothed by {''.join(options[1:])} mm" in err) == bool(options)
+        assert ("labels alone, smoothed by" in warnings) == bool(options)
     assert "--smooth goes without --volume" in run(*words, *BOTH, "--smooth", "0.8", status=2)
     assert "--labels needs --entry" in run("descend", "--force", "1", "--labels", "a.seg.nrrd", status=2)
+
+
+def test_a_script_in_the_coordinates_of_the_volume(run: Callable[..., str]) -> None:
+    entry, axis = (np.array(text.split(","), float) for text in (ENTRY, AXIS))
+    path = entry + np.outer((-2.0, 1.0), axis)
+    session = ["session", "--radius", "1", "--seed", "3", "--virtual-clock", *GREY, "--record"]
+    for name, places, options in (
+        ("own", path, ["--volume-frame"]), ("bone", VOLUME.bone_point(path.T).T, []), ("wrong", path, []),
+    ):  # fmt: skip
+        rows = "".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(places.tolist()))
+        Path(f"{name}.csv").write_text(f"time_s,x_mm,y_mm,z_mm\n{rows}")
+        told = run(*session, f"{name}.h5", "--device", f"scripted:{name}.csv", *options)
+        assert ("never met the bone: its script missed it by" in told) == (name == "wrong")
+    own, bone = (load_trace(f"{name}.h5") for name in ("own", "bone"))
+    np.testing.assert_allclose(own.array("center_mm"), bone.array("center_mm"), atol=1e-12)
+    assert own.array("removed_levels").sum() > 0
+    told = run("session", "--device", "scripted:own.csv", "--volume-frame", status=2)
+    assert "--volume-frame goes with --volume, --labels or a volume's --bone" in told
 
 
 def test_a_kept_bone_of_another_material(run: Callable[..., str]) -> None:
@@ -220,10 +245,18 @@ def test_a_published_session_on_a_kept_bone_is_followed(tmp_path: Path) -> None:
     device = burrlab.HandDevice((4, 4, 6))
     session = burrlab.Session(
         kept.bone(), (Burr(1.0), burrlab.materials["bone"]), device, seed=1, tick=kept.tick, duration=1.5,
-        publish=0, source=kept.plain(),
+        publish=0, source=kept.plain() | {"notes": [f"read from {tmp_path / 'b.h5'}"]},
     )  # fmt: skip
     with session:
-        replica = follow("127.0.0.1", session.port)
+        hello = Replica("127.0.0.1", session.port)
+        assert hello.fetch_hello()
+        source = json.loads(hello.hello)["source"]
+        assert (source["path"], source["notes"]) == (
+            "b.h5",
+            ["read from b.h5"],
+        )  # a folder can name a patient
+        assert session.provenance["source"]["path"] == str(tmp_path / "b.h5")
+        replica = follow("127.0.0.1", session.port, volume=tmp_path / "b.h5")
         assert session.wait(20)
         replica.wait(5)
     found, tick = session.snapshot()

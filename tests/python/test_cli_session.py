@@ -1,5 +1,6 @@
 """The commands session and replica."""
 
+import contextlib
 import json
 import signal
 import subprocess
@@ -97,18 +98,27 @@ def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
     assert (tmp_path / "x.nrrd").read_text() == ""
 
 
-def start(*arguments):
-    """(a command in a separate process, its first line)"""
-    run = subprocess.Popen(
-        [sys.executable, "-m", "burrlab", *map(str, arguments)],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    return run, run.stderr.readline()
+@pytest.fixture
+def start():
+    """A function that gives (a command in a separate process, its first line); the process ends with the test."""
+    with contextlib.ExitStack() as processes:
+
+        def run(*arguments):
+            process = processes.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-m", "burrlab", *map(str, arguments)],
+                    stderr=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                )
+            )
+            processes.callback(process.kill)
+            return process, process.stderr.readline()
+
+        yield run
 
 
-def test_leader_and_replica(tmp_path):
+def test_leader_and_replica(start, tmp_path):
     """The replica's process is interrupted and run again; then the leader's is interrupted."""
     path, bone = tmp_path / "leader.h5", tmp_path / "bone.h5"
     leader, first = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
@@ -142,7 +152,7 @@ def test_leader_and_replica(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_interrupted_session_is_whole(tmp_path, name):
+def test_interrupted_session_is_whole(start, tmp_path, name):
     """The trace is as whole as after Ctrl-C, which ends the leader above."""
     path = tmp_path / "cut.h5"
     run, _ = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)

@@ -251,11 +251,14 @@ view.TraceView = Endless
 sys.exit(main(["view", {str(trace)!r}, "--video", {str(tmp_path / "a.gif")!r}]))
 """
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as film:
-        assert film.stdout.readline() == b"0\n"
-        assert [file.suffixes[-2:] for file in tmp_path.iterdir()] == [[".part", ".gif"]]
-        film.send_signal(getattr(signal, name))
-        film.stdout.read()
-        assert film.wait(20) == 130
+        try:
+            assert film.stdout.readline() == b"0\n"
+            assert [file.suffixes[-2:] for file in tmp_path.iterdir()] == [[".part", ".gif"]]
+            film.send_signal(getattr(signal, name))
+            film.communicate(timeout=60)
+        finally:
+            film.kill()
+        assert film.returncode == 130
     assert list(tmp_path.iterdir()) == []
 
 

@@ -14,8 +14,9 @@ from burrlab._core import Tissue, Tissues
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.tissues import write_tissues
+from burrlab.cli.commands import WATCH
 from burrlab.cli.options import add_options
-from burrlab.cli.session import WATCH, chosen_watch
+from burrlab.cli.session import chosen_watch
 from burrlab.session.anatomy import replica_events, replica_report
 from burrlab.session.network import follow
 

@@ -226,6 +226,7 @@ def test_coarse_and_faint_are_said():
         ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
         ({"voxel": -0.1}, "voxel must be a positive number or three"),
         ({"voxel": 1.0}, "radius must be at least 4 voxels, got 3; a spacing of 0.4 mm or finer would do"),
+        ({"voxel": 4.0}, "voxel must be at most R = 3 mm, got 4 mm"),
         ({"voxel": 0.001}, r"voxel must be coarser: a block for R = 3 mm at 0\.001 mm has"),
         ({"scheme": "cube"}, "scheme must be layer or cell, got 'cube'"),
         ({"material": None}, "material must be given unless a rig of your own is"),

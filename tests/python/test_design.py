@@ -7,6 +7,7 @@ from functools import partial
 import matplotlib as mpl
 import numpy as np
 import pytest
+import scipy
 from command_line import refusal, said
 from command_line import result as result_of
 from fit_scenes import BONE, BURR, curve_of, with_sigma
@@ -118,7 +119,7 @@ def area(result, end=None):
     region = result.region()
     x = np.log(region.c_e)
     even = np.linspace(x[0], min(x[-1], np.log(result.bounds["c_e"][1] if end is None else end)), 3000)
-    return np.trapezoid(np.interp(even, x, np.log(region.upper / region.lower)), even)
+    return scipy.integrate.trapezoid(np.interp(even, x, np.log(region.upper / region.lower)), even)
 
 
 def simulated(before, result, candidate):

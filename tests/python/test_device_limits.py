@@ -246,6 +246,7 @@ def test_options_of_the_command(capsys):
     assert told["provenance"]["limits"][0]["continuous_force_N"] == 1.75
     assert told["provenance"]["ramp_s"] == 0.5
     assert told["stability"][0]["model"] == "touch_x"
+    assert "limits" not in result(capsys, *hand, "--model", "none")["provenance"]
     assert "did you mean 'touch_x'?" in refusal(capsys, *hand, "--model", "touchx")
     assert "must be TISSUE:MM, got 'nerve'" in refusal(capsys, *hand, "--stop-within", "nerve")
     assert "must be used with a watch" in refusal(capsys, *hand, "--stop-within", "nerve:1")
@@ -277,6 +278,7 @@ def near(**distances):
             ({"peak_force": math.nan}, "peak_force must be positive and finite, or None, got nan"),
             ({"workspace": (1.0, "2")}, "workspace must be positive and finite, or None, got '2'"),
         ]),
+        (lambda: device_limits("xx"), ValueError, "model must be one of touch, .*, got 'xx'"),
         (lambda: near(sinus=1.0), ValueError, "structure must be one of nerve, got 'sinus'"),
         (lambda: near(nerve=-1.0), ValueError, r"stop_within of nerve must be from 0 to 15 mm, got -1\.0"),
     ],

@@ -8,6 +8,7 @@ import time
 
 import numpy as np
 import pytest
+from label_scenes import volume
 
 import burrlab
 import burrlab._core as _core
@@ -170,6 +171,11 @@ def test_read_script(tmp_path):
     half = 0.5**0.5  # the shorter way, by 180 degrees
     assert np.allclose(turned[[49, 99]], [(half, 0, 0, -half), (0, 0, 0, -1)])
     assert np.allclose(np.linalg.norm(turned, axis=1), 1.0, atol=1e-15)
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # the bone's x is the volume's y
+    there = read_script(path, volume=volume(quarter))
+    assert abs(play(there)[0]["burr"]["orientation"][0, 0] @ (half, 0, 0, -half)) > 0.9999
+    with pytest.raises(ValueError, match=r"way.csv: no orientation can be given in coordinates that mirror"):
+        read_script(path, volume=volume(-quarter))
 
 
 @pytest.mark.parametrize(

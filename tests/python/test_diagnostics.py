@@ -73,6 +73,25 @@ def test_data_that_contradict_the_model_without_sigma(velocity, name):
     assert found.evidence.unscaled is None  # their scatter is estimated: the intervals hold it already
 
 
+@pytest.mark.parametrize("power", [1, 2])
+def test_parameters_that_a_window_bounds_are_not_identified(power):
+    forces = np.geomspace(0.4, 2.4, 24)
+    found = fit(VelocityCurve(forces, 0.5 * forces**power, radius=3.0))
+    assert (found.status, found.separately_identified) == ({1: "implausible", 2: "poor-fit"}[power], False)
+    assert "are separately identified" not in found.verdict
+    assert "velocities were" not in found.verdict
+    assert "c_e ended at its lower bound of 1.386 N/mm^2" in found.verdict
+    assert [found.report().count(said) for said in ("over the force: F", "c_e ended at")] == [1, 1]
+    near = fit(curve(0.1, np.geomspace(1.0, 3.6, 8), repeats=3))
+    assert (near.status, near.separately_identified) == ("ok", False)
+    assert near.verdict.endswith(
+        "c_e only within 2.08 to 2.47 N/mm^2 (95 %), where a window sets the lower end."
+    )
+    end = fit(curve(0.1, np.geomspace(1.0, 3.6, 8), repeats=3, seed=3))
+    assert (end.status, end.separately_identified) == ("at-bound", False)
+    assert end.verdict.startswith(end.reason)
+
+
 def test_influence():
     bad = fit(with_outlier(curve()))
     rows = bad.influence()

@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 import burrlab
+from burrlab.bone.cached import _files
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")
@@ -48,6 +49,38 @@ def test_turned_and_with_names_in_another_order(tmp_path, step):
     again = burrlab.read_volume([tmp_path / "ct" / name for name in sorted(names)])
     np.testing.assert_array_equal(again.values, volume.values)
     assert "6 files in" in again.path
+
+
+def test_an_orientation_of_four_digits(tmp_path):
+    turn = np.linalg.qr(np.random.default_rng(20).normal(size=(3, 3)))[0][:, :2].T
+    digits = [f"{number:.4f}" for number in turn.ravel()]
+    write_series(tmp_path / "ct", VALUES, rows=turn[0], columns=turn[1], ImageOrientationPatient=digits)
+    direction = burrlab.read_volume(tmp_path / "ct").direction
+    np.testing.assert_allclose(direction.T @ direction, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(direction, np.column_stack([*turn, np.cross(*turn)]), atol=1e-4)
+    digits[0] = f"{float(digits[0]) + 1e-3:.4f}"
+    write_series(tmp_path / "off", VALUES, rows=turn[0], columns=turn[1], ImageOrientationPatient=digits)
+    refused(tmp_path / "off", r"not orthonormal \(off by .*, at most 0\.0004\)")
+
+
+def test_files_in_subfolders(tmp_path):
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "DICOMDIR").write_bytes(b"index")
+    (tmp_path / "study" / "patient").mkdir()
+    ct = [tmp_path / "study" / "patient" / name for name in ("a", "b")]
+    for half, place in enumerate(ct):
+        rows = slice(3 * half, 3 * half + 3)
+        write_series(place, VALUES[rows], first=(1, 2, 3 + 2.25 * half), names=["1", "2", "3"])
+    (ct[1] / "notes.txt").write_text("no slice")
+    volume = burrlab.read_volume(tmp_path / "study")
+    np.testing.assert_array_equal(volume.values, VALUES)
+    assert "1 file of the folder left out, as no DICOM: notes.txt" in volume.notes[-1]
+    write_series(ct[0] / "other", VALUES[:4], series="9.8.7")
+    refused(tmp_path / "study", "series must say which of 2 DICOM series")
+    assert burrlab.read_volume(tmp_path / "study", series="9.8.7").shape == (4, 4, 5)
+    assert burrlab.read_volume(ct[0]).shape == (3, 4, 5)  # it holds slices itself
+    files = _files(str(tmp_path / "study"))
+    assert {str(ct[1] / "3"), str(ct[0] / "other" / "slice000.dcm")} <= set(files)
 
 
 def test_slope_and_intercept_of_each_slice(tmp_path):

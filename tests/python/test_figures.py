@@ -23,7 +23,7 @@ PLOTS = [
     "depth trace.plot", "mean field.plot", "shapes.plot", "shapes.plot_power", "metrics.plot", "anatomy.plot",
     "descent.plot", "design.plot", "scatter.plot", "target.plot", "session.plot", "psychometric.plot",
     "scored.plot_scores", "scored.plot_intervals", "scored.plot_d_prime", "thresholds.plot_thresholds",
-    "slices.plot", "map.plot", "curves.plot", "compared.plot", "near many.plot",
+    "slices.plot", "map.plot", "curves.plot", "compared.plot", "compared four.plot", "near many.plot",
 ]  # fmt: skip
 
 
@@ -74,6 +74,10 @@ def results():
         "scatter": burrlab.predicted_scatter(BURR, BONE, [0.8, 1.6], burrlab.BoneField(), repeats=3, voxel=0.4, seed=1),
         "target": compare_with_target(LABELLED, REGION), "session": session.report(), "scored": only(FOUR),
         "near many": many, "compared": burrlab.compare(*list(four().values())[:2], margin=0.2),
+        "compared four": burrlab.compare(
+            *(one if isinstance(one, burrlab.Fit) else burrlab.fit(one) for one in four().values()),
+            margin=0.2, names=[f"folder/a curve of {name}.csv" for name in four()],
+        ),
         "psychometric": psychometric_function([1.1, 1.3, 1.6], [11, 15, 19], [20, 20, 20]),
         "thresholds": thresholds((1.2, (1.1, 1.3)), (1.3, None), (1.25, None), design={"parameter": "c_e"}),
     }  # fmt: skip

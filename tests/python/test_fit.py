@@ -181,6 +181,16 @@ class TestHonesty:
             "JSON text: this is not the JSON of a fit")
           for text in ("[1]", '{"c_e": 1}')),
         (lambda: fitted("wide").plot(alpha_lines=0.2), ValueError, r"alpha_lines must be above 0 and below alpha, 0\.\d+ /ms: got 0\.2"),
+        (lambda: fitted("wide").plot(log="x"), ValueError, "log must be True or False, got 'x'"),
+        (lambda: fitted("wide").plot(colour="red"), TypeError, "a plot has no property 'colour'; did you mean 'color'"),
+        (lambda: fitted("wide").intervals["ce"], ValueError, "intervals are of c_e, alpha: got 'ce'; did you mean 'c_e'"),
+        (lambda: Fit.from_json('{"a": 1}'), ValueError, "file must be a name or an open file"),
+        *((lambda f=force: fitted("wide").velocity(f), ValueError, match) for force, match in (
+            (-1, "force must be positive and finite, got -1"), (np.inf, "force must be positive and finite, got inf"),
+            ("1", "force must be of real numbers that a float holds, got '1'"),
+        )),
+        (lambda: fitted("wide").velocity(1, radius=0), ValueError, "radius must be positive and finite, got 0"),
+        (lambda: fitted("wide").velocity(1, "x"), ValueError, "start_mm must be of real numbers"),
         (lambda: fitted("wide").region("90"), ValueError, r"level must be one of 68, 95, 99\.7: got '90'"),
         *((lambda v=values: fitted("wide").test(*v), ValueError,
             "must be positive and finite, got") for values in ((0.0, 0.1), (2.0, NAN))),
@@ -328,6 +338,10 @@ class TestWhatItSays:
         assert fitted("wide").verdict.startswith(told)
         assert "no upper end" in fitted("ridge").verdict
         assert not fitted("ridge").separately_identified
+        assert repr(fitted("ridge")).startswith("Fit(ridge: alpha/c_e^2.667 = 0.0107 to 0.0141 ")
+        assert "Fit(ridge: " in fitted("ridge")._repr_html_()
+        (line,) = (line for line in fitted("ridge").plot().lines if line.get_linestyle() == "-")
+        assert line.get_label().startswith("ridge: ")
         assert "not separately identified" in fit(DATA["ridge"], bounds={"c_e": (0.5, 90.0)}).verdict
 
 

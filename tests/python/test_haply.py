@@ -6,8 +6,13 @@ import contextlib
 import itertools
 import math
 import re
+import select
+import signal
 import socket
+import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -15,6 +20,7 @@ from command_line import call, refusal, result
 from test_servo_devices import session, wait_for
 
 import burrlab
+from burrlab import _core
 from burrlab.session.exchange import parse_device
 from haply_service import HaplyService
 
@@ -86,6 +92,45 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
         wait_for(lambda: np.any(service.forces[seen:]))
     assert not again.failed
     wait_for(lambda: not any(service.forces[-1]))
+
+
+_SCRIPT = """
+import ctypes, sys, burrlab
+device = burrlab.HaplyDevice("127.0.0.1", int(sys.argv[1]))
+bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
+with burrlab.Session(bone, (burrlab.Burr(3.0), burrlab.materials["bone"]), device, realtime=False) as run:
+    sys.stdin.readline()
+    ctypes.PyDLL(None).usleep(5_000_000 if sys.argv[2] == "hold" else 0)
+    print("Python goes on", flush=True)
+    run.wait()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="SIGTERM does not end a program gently there")
+@pytest.mark.parametrize("case", ["hold", "SIGTERM"])
+def test_a_force_ends_with_its_program(service, case):
+    """While other code holds Python's interpreter, and when a signal ends the program."""
+    service.position = (0, 0, DEEP)
+    child = subprocess.Popen(
+        [sys.executable, "-c", _SCRIPT, str(service.port), case],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        wait_for(lambda: service.forces and service.forces[-1][2] > 0.05)
+        child.stdin.write("\n")
+        child.stdin.flush()
+        if case == "hold":
+            wait_for(lambda: not any(service.forces[-1]))
+            assert not select.select([child.stdout], [], [], 0)[0]  # it is still held
+        else:
+            child.stdout.readline()
+            assert any(service.forces[-1])
+            child.send_signal(signal.SIGTERM)
+            assert child.wait(10) == -signal.SIGTERM
+            wait_for(lambda: not any(service.forces[-1]))
+    finally:
+        child.kill()
+        child.communicate()
 
 
 @pytest.mark.parametrize(
@@ -195,6 +240,21 @@ def test_a_device_of_its_own_and_no_grip(service):
     wait_for(lambda: service.forces)
     seen = len(service.forces)
     wait_for(lambda: opened(service) and len(service.forces) > seen)
+
+
+def test_two_writers_do_not_mix():
+    """The watchdog is due while half a message waits for its reader."""
+    ours, theirs = socket.socketpair()
+    watchdog, message = _core.ForceWatchdog(ours.fileno(), b"rest", 20.0), b"m" * (1 << 20)
+    ours.close()  # it has a descriptor of its own
+    with ThreadPoolExecutor() as pool, theirs:
+        sent = pool.submit(watchdog.send, message)
+        time.sleep(0.1)
+        got = b""
+        while len(got) < len(message) + 4:
+            got += theirs.recv(1 << 16)
+        assert (sent.result(), got) == (True, message + b"rest")
+    assert [watchdog.beat(), watchdog.beat(), watchdog.send(b"x")] == [True, False, False]
 
 
 def test_commands(service, capsys, monkeypatch):

@@ -1,6 +1,7 @@
 """Tests of the fit's assumptions: they hold their level under the model and reject other data."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,13 +10,15 @@ from scipy import stats
 
 from burrlab._core import Material
 from burrlab.bone.materials import materials
+from burrlab.fitting.diagnostics import goodness
 from burrlab.fitting.fit import fit
-from burrlab.fitting.hypotheses import fall_with_depth, lack_of_fit
+from burrlab.fitting.hypotheses import POOR, fall_with_depth, indentation_tests, lack_of_fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
+from burrlab.measured.indentation import Indentation
 from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
 
 FEW = FORCES[::2]
@@ -57,6 +60,59 @@ class TestLackOfFit:
         assert "contradicts the given sigma" in str(test)
         assert fit(curve_of(repeats=1)).lack_of_fit is None
         assert fitted("wide").fall is None
+
+
+class TestIndentation:
+    DEPTHS = np.linspace(0.05, 0.6, 24)
+
+    @staticmethod
+    def scattered(residuals: str, depths, velocities: int) -> tuple[Likelihood, np.ndarray, np.ndarray]:
+        """A likelihood of velocities and presses, and what is expected of them."""
+        curve, unit = (
+            curve_of(np.geomspace(0.4, 2.4, 8), repeats=velocities, scatter=0),
+            np.sqrt(3) * depths**1.5,
+        )
+        pressed = Indentation(BONE.c_e * unit, depths, 3.0)
+        o = Observations.of([with_sigma(curve), with_sigma(pressed, 0.05)], None)
+        return Likelihood(o, residuals, MeanFieldModel(o, BONE.shape)), o.velocity, o.pressed
+
+    @pytest.mark.parametrize(
+        ("residuals", "depths", "velocities"),
+        [("relative", DEPTHS, 3), ("relative", np.repeat(DEPTHS[::3], 3), 1), ("sigma", DEPTHS, 3)],
+    )
+    @pytest.mark.parametrize("n", [300, pytest.param(4000, marks=pytest.mark.slow)])
+    def test_half_a_percent_of_clean_sets_contradict_in_all(self, residuals, depths, velocities, n):
+        likelihood, v, F = self.scattered(residuals, depths, velocities)
+        point, random, poor, found = (BONE.c_e, BONE.alpha), np.random.default_rng(1), 0, []
+        for _ in range(n):
+            errors = 0.08 * random.standard_normal(len(v)), 0.05 * random.standard_normal(len(F))
+            noise = [1 + e if residuals == "sigma" else np.exp(e) for e in errors]
+            o = likelihood.observations.with_outcomes(v * noise[0], F * noise[1])
+            drawn = Likelihood(o, residuals, likelihood.model)
+            poor += goodness(drawn, point, lack_of_fit(drawn, point)).poor
+            found.append([test.p_value for test in indentation_tests(drawn)])
+        print(f"{residuals}, {len(set(depths))} depths: {poor} of {n} clean sets contradict")
+        assert poor <= stats.binom.isf(1e-6, n, POOR)
+        assert all(holds_its_level(p) for p in np.transpose(found))
+
+    @pytest.mark.parametrize("residuals", ["relative", "sigma"])
+    @pytest.mark.parametrize("power", [1, 1.5, 2])
+    def test_another_power_of_the_depth_is_a_poor_fit(self, residuals, power):
+        curve = with_sigma(curve_of(np.geomspace(0.4, 2.4, 8), repeats=3))
+        noise = np.exp(0.05 * np.random.default_rng(1).standard_normal(24))
+        force = 2.145 * 9 * 0.1**1.5 * (self.DEPTHS / 0.3) ** power * noise
+        found = fit([curve, with_sigma(Indentation(force, self.DEPTHS, 3.0), 0.05)], residuals=residuals)
+        assert found.status == ("ok" if power == 1.5 else "poor-fit")
+        assert float(re.search(r"depth\^([\d.]+), by Eq", found.report())[1]) == pytest.approx(power, abs=0.1)
+        assert ("Eq. 3" in found.verdict) == (power != 1.5)
+
+    def test_means_beside_their_repeats(self):
+        wave = np.where(np.arange(24) // 3 % 2, 1.15, 1 / 1.15)  # no slope
+        depths = np.repeat(self.DEPTHS[::3], 3)
+        pressed = synthetic_indentation(BURR, BONE, depths, scatter=0.03, seed=1)
+        found = fit([curve_of(repeats=1), replace(pressed, force=pressed.force * wave)])
+        assert "Eq. 3 misses its means" in found.verdict
+        assert found.status == "poor-fit"
 
 
 class TestFall:

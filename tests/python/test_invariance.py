@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import burrlab
+from burrlab.theory.closed_forms import contact_stiffness
 from burrlab.theory.continuum import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
@@ -157,6 +158,17 @@ def test_controller(material: str, force: float, voxel: float, seeds: int) -> No
     assert abs(np.mean(to_mean_field)) < 0.05
     if to_exact:
         assert abs(np.mean(to_exact)) < 0.03
+
+
+def test_fixed_gains_settle_in_pvc_where_the_default_does_not() -> None:
+    """The rule and the numbers of docs/descent.md, at 0.3 N."""
+    pvc, force = burrlab.materials["pvc"], 0.3
+    kp = 200 / contact_stiffness(pvc.c_e, BURR.radius, force, 0.75)
+    run = burrlab.descend(BURR, pvc, force, seed=1, controller=burrlab.ForceController(kp, kp / 0.03))
+    assert (rig_run("pvc", force, 0.1, 1)[0].status, run.status) == ("never-settled", "ok")
+    assert run.penetration_velocity == pytest.approx(
+        penetration_velocity(BURR, pvc, force, *run.window), rel=0.04
+    )
 
 
 FAST = [("bone", 2.25), ("bone", 2.5), ("bone", 3.0), ("pvc", 0.45), ("pvc", 0.6)]

@@ -14,6 +14,7 @@ from test_stack import wrapped
 from burrlab import materials
 from burrlab._core import Burr, ScriptedDevice
 from burrlab.anatomy.watch import Watch
+from burrlab.bone.cached import WORTH_SMOOTHED
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.kept import save_drilled
 from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, grid_of
@@ -149,7 +150,8 @@ KEPT = (
 def cache(files: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache that keeps bones of any size, of files of any age."""
     monkeypatch.setenv("BURRLAB_CACHE", str(files / "cache"))
-    monkeypatch.setattr("burrlab.bone.cached.WORTH", 1)
+    for worth in ("WORTH", "WORTH_SMOOTHED"):
+        monkeypatch.setattr(f"burrlab.bone.cached.{worth}", 1)
     monkeypatch.setattr("burrlab.common.cache._SETTLED", -1.0)
     return files / "cache"
 
@@ -205,3 +207,43 @@ def test_a_session_needs_no_cache(cache: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("burrlab.common.cache.MOST", 1)  # there is no room
     assert KEPT[0]().bone().digest() == first
     assert list(cache.iterdir()) == []
+
+
+def test_what_is_kept_is_closed_to_others(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    first = KEPT[0]().bone().digest()
+    assert (cache.stat().st_mode & 0o777, *(path.stat().st_mode & 0o777 for path in cache.iterdir())) == (
+        0o700,
+        0o600,
+    )
+    assert KEPT[0]()._kept is not None
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "geteuid", lambda: os.stat(cache).st_uid + 1)
+        assert KEPT[0]()._kept is None  # another user's
+    for mode in (0o770, 0o755):
+        cache.chmod(mode)
+        assert KEPT[0]()._kept is None
+        assert KEPT[0]().bone().digest() == first
+    assert [record.getMessage() for record in caplog.records] == [
+        f"nothing is kept: {cache} must be your own folder, closed to others (chmod 700)"
+    ]
+
+
+def test_smoothed_labels_are_kept_from_a_smaller_size(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert WORTH_SMOOTHED == (1 << 22)
+    monkeypatch.setattr("burrlab.bone.cached.WORTH", 1 << 24)
+    for smooth, kept in ((None, False), (0.8, True)):
+        LabelledRecipe("a.seg.nrrd", TABLE, smooth=smooth).bone()
+        assert (LabelledRecipe("a.seg.nrrd", TABLE, smooth=smooth)._kept is not None) == kept
+
+
+def test_what_was_not_used_for_longest_goes_first(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for recipe in KEPT[:2]:
+        recipe().bone()
+        for path in cache.iterdir():
+            os.utime(path, (path.stat().st_atime, path.stat().st_mtime - 100))
+    assert KEPT[0]()._kept is not None  # it was used
+    monkeypatch.setattr("burrlab.common.cache.MOST", sum(path.stat().st_size for path in cache.iterdir()))
+    VolumeRecipe("ct.nrrd", MAP, voxel=0.5).bone()
+    assert [recipe()._kept is not None for recipe in KEPT[:2]] == [True, False]

@@ -257,3 +257,5 @@ def test_from_dataframe() -> None:
     ):
         with pytest.raises(ValueError, match=told):
             VelocityCurve.from_dataframe(frame, **options | changed)
+    with pytest.raises(ValueError, match="columns must have one level of names, got a MultiIndex of 2"):
+        VelocityCurve.from_dataframe(pandas.concat({"lab": frame}, axis=1))

@@ -1,5 +1,6 @@
 """The likelihood, its information and its limits, against scipy's densities row by row."""
 
+import tracemalloc
 from dataclasses import replace
 from functools import cache
 
@@ -8,10 +9,12 @@ import pytest
 from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, with_sigma
 from scipy import stats
 
-from burrlab._core import Burr, Material
+from burrlab._core import Burr, Material, Shape
+from burrlab.fitting import likelihood, profile
 from burrlab.fitting.fit import Fit, fit
-from burrlab.fitting.observations import Calibration, Scatter
-from burrlab.fitting.profile import ALPHA, C_E
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.observations import Calibration, Observations, Scatter, bounds_of
+from burrlab.fitting.profile import ALPHA, C_E, Domain
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
 from burrlab.theory.continuum import penetration_velocity
@@ -223,3 +226,37 @@ class TestCalibration:
         for level, count in covered.items():
             p = float(level) / 100
             assert abs(count - n * p) < 4.9 * np.sqrt(n * p * (1 - p)) + 0.002 * n
+
+
+class TestManyRows:
+    @pytest.mark.parametrize("kind", ["relative", "absolute", "sigma"])
+    def test_rows_that_share_a_prediction_are_summed_once(self, kind, monkeypatch):
+        data = [with_sigma(curve_of(np.repeat(FORCES, 5)), 0.05), windows_of_their_own()]
+        data = data[:1] if kind == "sigma" else data
+        each, shared = (Observations.of(data, BURR) for _ in range(2))
+        each = Likelihood(each, kind, MeanFieldModel(each, Shape("parabolic")))
+        monkeypatch.setattr(likelihood, "_MANY", 10)
+        monkeypatch.setattr(likelihood, "_TABLE", 100)
+        shared = Likelihood(shared, kind, MeanFieldModel(shared, Shape("parabolic")))
+        c_e = np.geomspace(2.0, 20.0, 31)
+        for name in ("A", "B", "m"):
+            assert getattr(shared.at(c_e), name) == pytest.approx(getattr(each.at(c_e), name), rel=1e-11)
+
+    def test_different_forces_take_little_memory(self):
+        forces = np.geomspace(0.3, 2.4, 20_000)
+        o = Observations.of([VelocityCurve(forces, penetration_velocity(BURR, BONE, forces))], BURR)
+        many = Likelihood(o, "relative", MeanFieldModel(o, Shape("parabolic")))
+        domain = Domain.of(many, bounds_of(o, None), {})
+        assert len(domain.kinks) < 1000
+        tracemalloc.start()
+        many.at(domain.grid)
+        assert tracemalloc.get_traced_memory()[1] < 20e6  # bytes; one table of all points has 39 MB
+        tracemalloc.stop()
+
+    def test_kinks_left_out_move_no_fit(self, monkeypatch):
+        curve = curve_of(np.geomspace(0.3, 2.4, 40))
+        exact = fit(curve, BURR)
+        monkeypatch.setattr(profile, "_KINKS", 10)
+        monkeypatch.setattr(profile, "_POINTS", 20)
+        fewer = fit(curve, BURR)
+        assert (fewer.c_e, fewer.alpha) == pytest.approx((exact.c_e, exact.alpha), rel=1e-6)

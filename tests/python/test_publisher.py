@@ -78,6 +78,15 @@ def test_poses_and_forces_of_every_tick(version, burrs):
         assert np.abs(forces).max() > 0.1
 
 
+def test_without_sensor_the_transform_stays():
+    with Leader(sensor=False) as leader, connect(leader) as peer:
+        messages = receive(peer, 10)
+    assert {(m.type, m.device_name) for m in messages} == {
+        ("TRANSFORM", "burrlab_burr_0"),
+        ("TRANSFORM", "Force"),
+    }
+
+
 def test_slow_standard_peer_gets_the_newest():
     with Leader() as leader, connect(leader, receive_buffer=4096) as peer:
         framer, positions = _core.MessageFramer(), []

@@ -7,13 +7,18 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import burrlab
 import burrlab.cli.bone as cli_bone
 import burrlab.session.recorder as trace_writer
+from burrlab.anatomy import default_tissues, write_tissues
 from burrlab.cli import main
+from burrlab.cli.options import save_figure
+from burrlab.common.figures import new_figure
 from burrlab.session.network import block_recipe, make_bone
+from burrlab.view.film import write_video
 
 SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5", "--seed", "1")
 
@@ -59,14 +64,32 @@ def full_disk(trace: Path) -> None:
     raise OSError(errno.ENOSPC, "No space left on device")
 
 
+def test_a_result_over_a_file_in_a_folder_that_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("older")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anywhere
+    monkeypatch.setattr("burrlab.common.files.new_file", lambda file: pytest.fail("a new file in the folder"))
+    WRITERS["table.csv"](path)
+    assert burrlab.VelocityCurve.from_csv(path).source == "two runs"
+
+
+def damage(trace: Path) -> None:
+    with trace.open("r+b") as file:
+        file.seek(1024)
+        file.write(bytes(4096))
+
+
 @pytest.mark.parametrize(
     ("what", "sentence"),
     [
         (Path.unlink, "was deleted or moved"), (lambda trace: trace.rename(f"{trace}.mine"), "was deleted or moved"),
         (lambda trace: (trace.unlink(), trace.write_text("mine")), "was replaced"),
         (lambda trace: trace.write_text("mine"), "was overwritten"), (full_disk, "No space left on device"),
+        (lambda trace: os.truncate(trace, 5000), "was cut short"), (damage, "cannot be read"),
     ],
-    ids=["deleted", "moved", "replaced", "overwritten", "full"],
+    ids=["deleted", "moved", "replaced", "overwritten", "full", "cut", "damaged"],
 )  # fmt: skip
 def test_a_trace_that_is_not_whole_is_said_and_what_can_be_is_kept(
     what: Callable[[Path], object], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
@@ -135,3 +158,41 @@ def test_a_replica_keeps_its_bone_too(
     assert told.out.startswith("ended (stopped): tick ")
     assert "burrlab replica: /dev/full: No space left on device; the result is kept as " in told.err
     assert burrlab.load_bone(kept)[0].shape == (20, 40, 40)
+
+
+WRITERS: dict[str, Callable[[Path], object]] = {
+    "table.csv": lambda path: burrlab.VelocityCurve([0.5, 4], [0.1, 0.2], source="two runs").to_csv(path),
+    "run.json": lambda path: burrlab.descend(
+        burrlab.Burr(2.0), burrlab.materials["bone"], 2.0, voxel=0.5, seed=1, max_duration=0.01
+    ).save(path),
+    "tissues.csv": lambda path: write_tissues(path, default_tissues({1: "bone"})),
+    "bone.h5": lambda path: burrlab.save_bone(path, burrlab.VoxelBone.block((1, 1, 1), 0.5)),
+    "figure.png": lambda path: save_figure(new_figure().subplots(), str(path)),
+    "film.gif": lambda path: write_video(path, [np.zeros((4, 4, 3), np.uint8)], fps=10),
+    "slices": lambda path: burrlab.volume.write_dicom(
+        path, burrlab.Volume(np.zeros((2, 4, 4), np.int16), (1, 1, 1), (0, 0, 0), np.eye(3), "made")
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_full_disk_leaves_what_was_there(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    path = tmp_path / name
+    if name != "slices":  # a folder must be new
+        WRITERS[name](path)
+        path.chmod(0o600)
+    before = [(place, place.read_bytes(), place.stat().st_mode) for place in tmp_path.iterdir()]
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1, limits[1]))
+    try:
+        with pytest.raises(
+            OSError, match=f"File too large: '{path}" if name != "slices" else "Errno 5.*disk full"
+        ):
+            WRITERS[name](path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [(place, place.read_bytes(), place.stat().st_mode) for place in tmp_path.iterdir()] == before

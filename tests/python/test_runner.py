@@ -302,6 +302,22 @@ def test_a_device_of_ones_own_renders_every_interval_and_is_named(scene):
     assert re.search(told, made.data.log("01", "one").read_text())
 
 
+def test_what_limits_clip_is_a_column(scene, tmp_path):
+    """A still burr, 1 mm deep in bone and PVC: the model's force in bone is above 3.3 N."""
+    (tmp_path / "limits.toml").write_text(
+        TEXT.replace("seed = 1", 'seed = 1\nlimits = "touch"\nfolder = "limited"')
+    )
+    made = Protocol.read(tmp_path / "limits.toml")
+    still = burrlab.ScriptedDevice([0, 1], [[0, 0, 2.0]] * 2)
+    Sitting(made, "01", device=lambda mode: still).run(lambda task: paper(["same"] * 4))
+    rows = read_answers(made.data.answers("01", "one")).rows
+    shares = {name: share for row in rows for name, share in zip(row.stimuli, row.clipped, strict=True)}
+    assert 0.9 < shares["bone"] <= 1 > shares["pvc"]
+    assert made.to_dict()["experiment"]["limits"] == "touch"
+    assert "limits" not in scene.protocol.to_dict()["experiment"]
+    assert "clipped_1" in json.loads(made.data.answers("01", "one").with_suffix(".json").read_text())
+
+
 def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
     made, calls = scene.protocol, itertools.count()
 

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import functools
+import os
 import shutil
+import signal
+import subprocess
 import sys
 import time
 
 import numpy as np
 import pytest
 from command_line import call, refusal, result
+from conftest import ROOT
 
 import burrlab
+from burrlab.session.devices import limits_of_hardware
 from burrlab.session.exchange import parse_device
 from stubs.stub import Stub, compiled
 
@@ -124,6 +129,74 @@ def test_the_limit_knows_the_delay_of_the_servo(stubs):
     at = run.report().stability[0]
     assert device.delay == at["delay_ms"] > 1.3
     assert at["limit_N_per_mm"] == pytest.approx(5.0 / device.delay)
+
+
+_SCRIPT = """
+import os, signal, sys, burrlab
+from stubs.stub import Stub
+stub, end = Stub(os.environ["BURRLAB_LIBHD"]), signal.raise_signal
+signal.raise_signal = lambda number: (print(stub.force().any(), stub.get("force_on"), flush=True), end(number))
+stub.set(z=2.8)
+bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
+tool, device = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.TouchDevice()
+with burrlab.Session(bone, tool, device, realtime=False, record=sys.argv[1]) as run:
+    while not stub.force().any():
+        run.wait(0.01)
+    print("pulls", flush=True)
+    run.wait()
+"""
+
+
+def test_a_signal_ends_the_force_first(stubs, tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT / 'tests'}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    command = [sys.executable, "-c", _SCRIPT, tmp_path / "trace.h5"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == "pulls\n"
+        child.send_signal(signal.SIGHUP)
+        assert child.stdout.read() == "False 0.0\n"
+    assert child.returncode == -signal.SIGHUP
+    assert burrlab.load_trace(tmp_path / "trace.h5").complete
+    with session(burrlab.TouchDevice()):
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_a_motor_gets_the_limits_of_its_model(stubs, tmp_path):
+    stub, file = stubs["touch"], tmp_path / "trace.h5"
+    stub.set(z=1.0)
+    with session(device := burrlab.TouchDevice(on_button=0), record=file, ramp=0.05) as run:
+        wait_for(lambda: stub.get("fz") > 0.8)
+    sent = np.linalg.norm(burrlab.load_trace(file).array("sent_force_N"), axis=1)
+    assert sent.max() <= 3.3 + 1e-12
+    note = burrlab.load_trace(file).note
+    assert (note["limits"][0]["model"], note["limits"][0]["continuous_force_N"], note["ramp_s"]) == (
+        "touch",
+        0.88,
+        0.05,
+    )
+    assert run.messages[0].startswith(
+        "burr 0: touch: force at most 3.3 N, its change 1 N/ms, RMS over 10 s 0.88 N"
+    )
+    assert run.messages[0].endswith("; limits=None, or --model none, turns the model's limits off")
+    with session(device, limits=None) as run:
+        wait_for(lambda: stub.get("fz") > 7.0)
+    assert not {"limits", "ramp_s"} & {*run.provenance}
+    two = session(burrlab.HandDevice(), device, force_limit=2.0)
+    assert [one.get("peak_force_N") for one in two.provenance["limits"]] == [None, 3.3]
+    assert [rule[:22] for rule in two._rules] == ["burr 1: touch: force a"]
+    assert (two.provenance["ramp_s"], two.provenance["force_limit_N"]) == ([0.0, 1.0], 2.0)
+
+
+@pytest.mark.parametrize(
+    ("hardware", "model", "peak", "lasting"),
+    [
+        ("Touch X", "touch_x", 7.9, 1.75), ("PHANTOM Omni", "phantom_omni", 3.3, 0.88), ("omega.7", "omega.7", 12, 12),
+        ("inverse3 049D, verse_grip 7", "inverse3", 10, None), ("Desktop", "unknown model 'Desktop'", 3.3, 0.88),
+    ],
+)  # fmt: skip
+def test_models_by_what_a_driver_names(hardware, model, peak, lasting):
+    limits = limits_of_hardware(hardware)
+    assert (limits.model, limits.peak_force, limits.continuous_force) == (model, peak, lasting)
 
 
 def test_commands(stubs, capsys):

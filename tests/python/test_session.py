@@ -2,6 +2,7 @@
 
 import re
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,6 +96,8 @@ class TestWallClock:
         assert (report.follower["differing"], report.follower["tick"]) == (0, 1500)
         assert report.recording["complete"]
         assert repr(report).startswith("SessionReport(all ticks were executed, 1500 ticks, ")
+        pushed, by_edge = replace(report, energy=[(0, 0.05)]), "round an edge the force law gives some"
+        assert (by_edge in str(pushed), by_edge in str(replace(report, energy=[(0, 0)]))) == (True, False)
         assert report._repr_html_().startswith("<pre>all ticks were executed: 1500 ticks")
         assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
         assert sum(report.histograms["jitter"]) == 1499
@@ -261,6 +264,26 @@ def test_never_started():
     run = session()
     run.stop()
     assert repr(run) == "Session(not started, 0 ticks, 0 late, 0 periods dropped)"
+    assert run.wait()
+
+
+@pytest.mark.parametrize(("height", "missed"), [(9.0, ["6.10"]), (2.0, [])])
+def test_a_script_that_misses_the_bone(height, missed):
+    """From corner to corner above it; the burr's radius is 3 mm, and the highest voxels lie 0.1 mm below z = 0."""
+    path = [(-30.0, -20.0, 40.0), (0.0, 0.0, height), (30.0, 20.0, 40.0)]
+    frame = burrlab.DeviceFrame(scale=0.5, rotation=(0.0, 0.0, 0.0, 1.0))
+    run = ended(session(burrlab.ScriptedDevice([0.0, 1.0, 2.0], 2 * np.array(path)), frames=frame))
+    told = [
+        f"burr 0 never met the bone: its script missed it by {by} mm; the bone's box, in the bone frame: x -12.0 to "
+        "12.0, y -8.0 to 8.0, z -5.0 to 0.0 mm" for by in missed
+    ]  # fmt: skip
+    assert [text for text in run.messages if "met" in text] == told
+
+
+def test_waiting_for_a_session_that_was_not_started(tmp_path):
+    with pytest.raises(ValueError, match="session must be started before `wait`: write `with Session"):
+        session(record=tmp_path / "new.h5").wait()
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,14 @@ def voxel(table, level):
     return changed(change)
 
 
+def elsewhere(path):
+    """Puts the levels into another file, whole; a pipe in its place would hang."""
+    path.with_name("other.h5").write_bytes(path.read_bytes())
+    with h5py.File(path, "a") as file:
+        del file["density"]
+        file["density"] = h5py.ExternalLink("other.h5", "density")
+
+
 @pytest.mark.parametrize(
     ("damage", "error", "said"),
     [
@@ -95,6 +103,9 @@ def voxel(table, level):
         (attribute("format", "something"), ValueError, r"is not a burrlab bone$"),
         (attribute("format_version", 3), ValueError, "of format 3, and this version reads up to 2"),
         (voxel("density", lambda level: level - 1), ValueError, "is damaged: the bone has digest"),
+        (attribute("tick", -1), ValueError, "tick must be a whole number"), (attribute("tick", 1.5), ValueError, "integer"),
+        (changed(lambda file: file.__setitem__("more", h5py.SoftLink("/density"))), ValueError, "its more is a link"),
+        (elsewhere, ValueError, "its density is a link, and could lead to another file"),
         (voxel("pristine", lambda level: 0), ValueError, "density must be at most the pristine level"),
     ],
 )  # fmt: skip
@@ -103,6 +114,18 @@ def test_what_is_no_bone(tmp_path, damage, error, said):
     damage(tmp_path / "bone.h5")
     with pytest.raises(error, match=said):
         burrlab.load_bone(tmp_path / "bone.h5")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ((small_bone(), "bone.h5"), "bone must be a VoxelBone, such as"),
+        ((3.5, small_bone()), "path must be the name of a file, got 3.5"),
+    ],
+)
+def test_wrong_arguments(arguments, said):
+    with pytest.raises(TypeError, match=said):
+        burrlab.save_bone(*arguments)
 
 
 def test_restore_sets_present_levels_only():

@@ -221,13 +221,40 @@ def test_overlaps_are_decoded(
     assert names[before.labels[2, 1, 0]] == taken
 
 
+def test_overlaps_of_three_are_decoded(tmp_path: Path) -> None:
+    names, planes = ["", *VOLUMETRIC_DRILLING], coloured()
+    planes[2, 1] = wrapped("Facial_Nerve", "EAC", "Bone")
+    planes[1, 2] = wrapped("EAC", "Bone")
+    found = read_labels(save(tmp_path / "s", planes))
+    assert [names[found.labels[place]] for place in ((2, 1, 0), (1, 2, 0))] == ["Facial_Nerve", "Bone"]
+    said = "overlap, by the sum of their colours: "
+    assert found.notes[1:] == (
+        f"voxels of two structures that {said}5 of Bone and EAC as Bone",
+        f"voxels of three structures that {said}5 of Bone, Facial_Nerve and EAC as Facial_Nerve",
+    )
+
+
+def test_stacks_that_earlier_versions_read_keep_their_labels(tmp_path: Path) -> None:
+    palette = {"facial nerve": (100, 0, 0), "bone": (0, 90, 0), "yours": (0, 0, 50), "mine": (100, 90, 50)}
+    for pixel in ((101, 91, 51, 253), (100, 90, 50, 253)):  # near the sum of three, and a colour of the table
+        folder = save(tmp_path / f"{pixel[0]}", np.full((1, 2, 2, 4), pixel, np.uint8))
+        for unknown, label in (("nearest", 4), (2, 4 if pixel[0] == 100 else 2)):
+            assert read_labels(folder, palette=palette, unknown=unknown).labels[0, 0, 0] == label
+    assert read_labels(tmp_path / "100", palette=palette).labels[0, 0, 0] == 4
+    del palette["mine"]
+    folder = tmp_path / "101"
+    choices = [{}, {"unknown": "nearest"}, {"unknown": 3}]
+    labels = [read_labels(folder, palette=palette, **choice).labels[0, 0, 0] for choice in choices]
+    assert labels == [1, 2, 3]  # decoded; the nerve is critical, so "nearest" gives bone; the label
+
+
 def test_sums_that_are_not_clearly_one_pair_stay_unknown(tmp_path: Path) -> None:
     palette = {"facial nerve": (100, 0, 0), "bone": (0, 90, 0), "mine": (100, 92, 0), "yours": (0, 0, 50)}
     sums = {
         "one colour": ((100, 90, 0, 254), 0),  # nerve + bone, or mine
         "exact": ((100, 92, 0, 254), 0),
         "clear": ((0, 91, 50, 254), 4),  # bone + yours; yours has no rank and comes before bone
-        "of three": ((100, 90, 50, 253), 0),
+        "of three": ((100, 90, 50, 253), 0),  # a label for unknown colours goes before
         "clipped": ((100, 0, 50, 255), 0),
     }
     for name, (pixel, label) in sums.items():
@@ -313,6 +340,7 @@ def block(sizes: str, more: str = "") -> str:
          "y: 1}}", "dimensions: z must be a finite number above 0, got None"),
         ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1, z: 1}, scale: "
          ".nan}", "scale must be a finite number above 0"),
+        (f"VOLUME a: {{images: {{path: s}}, dimensions: {{x: 1{400 * '0'}, y: 1, z: 1}}}}", "x must be a finite number above 0"),
         ("VOLUME a: {images: {path: none}, dimensions: {x: 0.1, y: 0.1, z: 0.1}}", "none: no such folder"),
         (block("x: 0.05, y: 0.04, z: 0.03", ", count: 2"), r"images: count must be 3, the slices in .*slices, got 2"),
         # Sides that no head has.

@@ -79,6 +79,34 @@ def test_all_axes_agree(force: float, voxel: float, seeds: int) -> None:
     assert found[..., 1].max() < 0.02
 
 
+def test_light_contact_with_a_tilted_surface_is_too_stiff():
+    """The table of docs/model.md: mean force over Hertz' law, 30 degrees, voxels of 0.2 mm."""
+    axis, random = (0.5, 0, -math.sqrt(0.75)), np.random.default_rng(1)
+    for immersion, excess in ((0.1, 0.45), (0.3, 0.058), (1.0, 0.006)):
+        forces = []
+        for _ in range(60):
+            block = burrlab.half_space(BURR, 0.2, axis=axis, offset=random.uniform(-0.1, 0.1, 3))
+            felt = burrlab.BurrContact(block.bone, BURR, BONE, seed=1).probe(block.center(immersion, BURR))
+            forces.append(np.linalg.norm(felt.force))
+        hertz = BONE.c_e * math.sqrt(BURR.radius) * immersion**1.5
+        assert np.mean(forces) / hertz - 1 == pytest.approx(excess, rel=0.1)
+
+
+@pytest.mark.parametrize("voxel", [0.1, 0.05])
+def test_a_closed_path_round_an_edge_gives_energy(voxel: float) -> None:
+    """Eq. 3 is not conservative: docs/model.md, "Eq. 3 stores no energy"."""
+    bone = burrlab.VoxelBone.block((6, 6, 3), voxel, origin=(voxel / 2 - 3,) * 3)
+    contact = burrlab.BurrContact(bone, SMALL, burrlab.Material("m", c_e=2, alpha=1), seed=1)
+    t = np.linspace(0, 2 * np.pi, 721)
+    path = np.stack([2.9 + 0.8 * np.cos(t), 0 * t, 0.9 + 0.6 * np.sin(t)], axis=1)
+    force = np.array([contact.probe(center).force for center in path])
+    work = ((force[1:] + force[:-1]) / 2 * np.diff(path, axis=0)).sum(axis=1)
+    assert (work.sum(), np.abs(work).sum()) == (
+        pytest.approx(0.057, abs=5e-4),
+        pytest.approx(2.137, abs=5e-3),
+    )
+
+
 # --- Properties --------------------------------------------------------------------------------------------
 
 QUICK = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])

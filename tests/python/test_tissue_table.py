@@ -1,5 +1,6 @@
 """Tables of tissues: default table, files, and bone from grey values and labels."""
 
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -256,6 +257,34 @@ def test_smoothed_labels_keep_volumes_and_critical_structures() -> None:
     )
     parts = labelled_bone(None, block, default_tissues(["air", "bone"]), smooth=0.1).bone.density[:, 3, 3]
     assert parts.tolist() == [253, 238, 176, 79, 17, 2]  # weights 2, 15, 62, 98, 62, 15, 2 of 256
+
+
+def test_smoothing_needs_little_memory_and_keeps_its_bits() -> None:
+    z, y, x = np.ogrid[:128, :128, :96]
+    labels = ((z + 20 * np.sin(y / 9.0) + 15 * np.cos(x / 7.0)) // 32 % 4).astype(np.uint8)
+    table = default_tissues({0: "air", 1: "bone", 2: "facial nerve", 3: "mastoid"})
+    volume = LabelVolume(labels, (0.1, 0.12, 0.15), (0, 0, 0), np.eye(3), "made")
+    tracemalloc.start()
+    try:
+        bone = labelled_bone(None, volume, table, smooth=0.2).bone
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert bone.digest() == "b21bd0663c96effed6047ab8757f50ca"
+    assert peak < 6 * labels.size  # beside the bone itself [bytes]
+
+
+def test_a_structure_in_far_pieces_or_much_too_large_gets_a_note() -> None:
+    table = default_tissues({1: "bone", 2: "facial nerve", 3: "dura", 4: "chorda tympani"})
+    labels = np.ones((100, 80, 80), np.uint8)
+    labels[10:90, 20:28, 20:28] = 2  # 2 mm thick, 20 mm long
+    labels[:, 60:, :40], labels[:, :, 70:] = 3, 4
+    labels[5, 75, 75] = 3  # beyond the chorda
+    volume = LabelVolume(labels, 0.25, (0, 0, 0), np.eye(3), "made")
+    assert labelled_bone(None, volume, table).notes[1:] == (
+        "chorda tympani: 1250 mm^3, 12 times a nerve of 2 x 32 mm; is another structure in it?",
+        "dura: in 2 pieces, over 5 mm apart",
+    )
 
 
 def test_a_box_of_labels_is_placed_on_the_volume() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 import burrlab
 from burrlab.bone.image import OccupancyMap, Volume
+from burrlab.bone.specimen import Border
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 
@@ -78,3 +79,38 @@ def test_the_map_is_in_the_result():
     told = made["map"], made["voxel_mm"], made["volume_spacing_mm"]
     assert told == ("0:0,500:0.2,1000:1", [0.3] * 3, [0.2] * 3)
     assert "cropped to voxels" in made["notes"][0]
+
+
+def test_bone_that_is_cut_open_at_the_border_gets_a_note(tmp_path):
+    values = np.zeros((40, 60, 60), np.int16)
+    values[:30] = 1000
+    slab = Volume(values, (0.15, 0.15, 0.15), (0, 0, 0), np.eye(3), "slab")
+    burr, said = burrlab.Burr(2.0), []
+    for x in (4.5, 0.825):  # in the middle, and 0.9 mm from the border
+        specimen = slab.specimen(0, 1000, entry=(x, 4.5, 5.9), axis=(0, 0, -1))
+        run = burrlab.descend(burr, BONE, 0.5, specimen=specimen, ideal=True, seed=1)
+        path, device = tmp_path / f"{x}.h5", burrlab.ScriptedDevice([0, 0.2], [(x, 4.5, 6.6), (x, 4.5, 5.6)])
+        options = {"seed": 1, "duration": 0.2, "wall_clock": False, "record": path}
+        with burrlab.Session(slab.to_bone(0, 1000), (burr, BONE), device, **options) as session:
+            session.wait()
+        metrics = burrlab.session_metrics(burrlab.load_trace(path))
+        assert (run.status, session.messages) == ("ok", list(session.report().messages))
+        assert metrics.to_dict().get("notes", []) == list(metrics.notes)
+        assert all(note in str(metrics) for note in metrics.notes)
+        said.append([len(texts) for texts in (run.warnings, session.messages, metrics.notes)])
+    assert said == [[0, 0, 0], [1, 1, 1]]
+    ticks = len(run.time)
+    assert run.warnings[0].endswith(
+        f"out of the volume through bone, and sinks faster without the bone beyond ({ticks} of {ticks} ticks)"
+    )
+    assert session.messages[0].startswith("burr 0: border: the burr reached out")
+
+
+def test_the_face_through_which_a_burr_comes_in_is_no_border():
+    border = Border(burrlab.VoxelBone.block((4, 4, 4), 0.2))  # from -0.1 to 3.9 mm
+    down = np.column_stack([np.full(50, 2.0), np.full(50, 2.0), np.linspace(5, 1.2, 50)])
+    assert border.count_cut(down, 1.2) == 0
+    assert border.count_cut(np.array([[2.0, 2.0, 3.5], [2.0, 1.2, 2.0]]), 1.2) == 0  # it is still inside
+    assert border.count_cut(np.array([[2.0, 2.0, 1.0], [1.0, 2.0, 2.0], [2.0, -0.2, 2.0]]), 1.2) == 2
+    assert border.count_cut(np.array([[2.0, 0.2, 2.0], [2.0, 2.0, 3.5]]), 1.2) == 1
+    assert border.count_cut(np.zeros((0, 3)), 1.2) == 0

@@ -11,6 +11,7 @@ import pytest
 import burrlab
 from burrlab import read_volume, write_volume
 from burrlab.bone.image import LabelVolume, Volume, same_geometry
+from burrlab.bone.kept import save_drilled
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 nibabel = pytest.importorskip("nibabel", reason="an independent reader of NIfTI, extra `dev`")
@@ -183,3 +184,30 @@ def test_written_files_keep_the_note_on_an_assumed_orientation(ending: str, tmp_
         assert [note for note in notes if "LPS assumed" in note] == [
             f"{tmp_path / f'{k}.{ending}'} was written from a file that says no orientation: LPS assumed"
         ]
+
+
+@pytest.mark.parametrize("save", ["write_volume", "save_drilled"])
+@pytest.mark.parametrize("name", ["v.nrrd", "v.nii", "v.nii.gz", "v.mha"])
+def test_a_full_disk_leaves_the_older_file_and_is_named(
+    save: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
+    noise = np.random.default_rng(1).integers(-999, 999, (60, 60, 60)).astype(np.int16)
+    path, mapping = tmp_path / name, burrlab.OccupancyMap.two_point(0, 500)
+    volumes = [Volume(noise[:size], (0.1,) * 3, (0, 0, 0), np.eye(3), "noise") for size in (6, 60)]
+
+    def write(volume: Volume) -> None:
+        if save == "write_volume":
+            return write_volume(path, volume)
+        return save_drilled(path, volume.to_bone(mapping), volume, mapping=mapping)
+
+    write(volumes[0])
+    before = {place: place.read_bytes() for place in tmp_path.iterdir()}
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=f"File too large: '{path}'"):
+            write(volumes[1])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert {place: place.read_bytes() for place in tmp_path.iterdir()} == before

@@ -25,7 +25,8 @@ from burrlab.view.page_source import page_source
 from burrlab.view.surface import brick_numbers
 
 TICKS = 2005
-NEW = "physics_data/intermittent_data/voxels_removed/"
+NEW = GONE = "physics_data/intermittent_data/voxels_removed/"
+DATA = "vision_data/continuous_data/"
 
 
 def flat(file):
@@ -96,7 +97,8 @@ def test_the_voxels_are_those_that_lost_half_of_their_bone(made):
     assert len(np.unique(rows[:, 1:], axis=0)) == len(rows)
     gone, before, at = np.zeros(bone.shape, dtype=bool), trace.bone().density, tuple(rows[:, :0:-1].T)
     gone[at] = True
-    np.testing.assert_array_equal(gone, 2 * bone.density.astype(int) < before)
+    np.testing.assert_array_equal(gone, (before >= 128) & (2 * bone.density.astype(int) < before))
+    assert (2 * bone.density.astype(int) < before).sum() > gone.sum()  # what was hardly bone is not counted
     stamps = file["voxels_removed/voxel_time_stamp"]
     assert (np.diff(stamps) > 0).all()
     assert np.unique(rows[:, 0]).tolist() == list(range(len(stamps)))
@@ -260,7 +262,7 @@ def test_an_export_is_read_back(made, tmp_path, layout):
     np.testing.assert_array_equal(back.force, burr["sent"])
     assert (back.burr_time.tolist(), back.burr_radius.tolist()) == ([0.0], [2.0])
     np.testing.assert_allclose(back.volume_pose, [0, 0, -2, 1, 0, 0, 0], atol=1e-9)
-    gone = 2 * bone.density.astype(int) < trace.bone().density
+    gone = (trace.bone().density >= 128) & (2 * bone.density.astype(int) < trace.bone().density)
     places = back.removed_from(trace.bone(), trace.source)
     assert sorted(map(tuple, places)) == sorted(map(tuple, np.argwhere(gone)))
     levels = [int(name[1:3], 16) for name in back.structures]  # without tissues: grey of the occupancy
@@ -323,6 +325,79 @@ def test_a_file_as_the_documents_describe_it(tmp_path, layout):
             pose=np.tile([1, 2, 3, 0, 0, 0, 1.0], (10, 1)),
         )
     assert burrlab.read_volumetric_drilling(file).position.tolist() == [[1000, 2000, 3000]] * 10
+
+
+def test_the_layouts_that_its_recorder_wrote(tmp_path):
+    """Made up as the recorder's history has them; what it made on opening a file stays empty where nothing came."""
+    files = [made_up(tmp_path / f"{n}.hdf5", "old", start=1.7e9 + 2 * n) for n in range(5)]
+    opened = ("burr_change", "drill_force_feedback", "high_frequency_poses")
+    stamps, place = 1.7e9 + np.array([1.0, 1.2]), [[4, 5, 6], [5, 5, 6]]
+    removed = {"time_stamp": stamps, "voxel_removed": place, "voxel_color": [[255, 250, 220, 255]] * 2}
+    late = {"voxel_time_stamp": stamps + 2, "voxel_removed": [[1, 4, 5, 6], [4, 5, 5, 6]],
+            "voxel_color": [[1, 9, 8, 7, 255], [4, 9, 8, 7, 255]]}  # fmt: skip
+    for name, columns in zip(files, (removed, late, {}, {}, {}), strict=True):
+        with h5py.File(name, "a") as file:
+            del file["voxels_removed"]
+            for group in ("voxels_removed", *opened):
+                file.create_group(group)
+            put(
+                file, "old", "voxels_removed", **columns
+            )  # 2022 to October, a voxel a row; 2024, of groups that hold one
+    pose = np.tile([1, 2, 3, 0, 0, 0, 1.0], (2, 1))
+    for name, group, column in (
+        (files[3], "high_frequency_drill_pose", "drill_pose"),
+        (files[4], "high_frequency_poses/mastoidectomy_drill_pose", "pose"),
+    ):
+        with h5py.File(name, "a") as file:
+            put(file, "old", group, time_stamp=file["data/time"][:2], **{column: pose})
+    back = burrlab.read_volumetric_drilling(tmp_path)
+    np.testing.assert_allclose(back.removed_time, [1.0, 1.2, 3.0, 3.2], atol=1e-6)
+    assert (back.removed.tolist(), back.structure.tolist()) == (place * 2, [1, 1, 0, 0])
+    assert back.position[-4:].tolist() == [[1000, 2000, 3000]] * 4
+    assert back.absent == ("force_time", "force", "burr_time", "burr_radius")
+    with h5py.File(files[0], "w") as file:
+        for group in ("metadata", "data", "burr_change", "voxels_removed"):
+            file.create_group(group)
+    assert len(burrlab.read_volumetric_drilling(tmp_path).removed) == 2
+    with pytest.raises(
+        ValueError, match=r"0\.hdf5 is an empty recording: no pose, no force, no removed voxel$"
+    ):
+        burrlab.read_volumetric_drilling(files[0])
+
+
+@pytest.mark.parametrize("scale", [0.0492027, 0.008])  # of the default header, of the volume itself
+def test_lengths_that_the_recorder_multiplied(tmp_path, capsys, scale):
+    """Since June 2023 it takes its world, in metres, for one in units of a header's largest side."""
+    bone, right = burrlab.VoxelBone.block((8, 8, 8), 0.5), burrlab.VoxelBone.block((8, 8, 8), 0.5)
+    file, good = made_up(tmp_path / "a.hdf5", "new"), made_up(tmp_path / "b.hdf5", "new")
+    with h5py.File(file, "a") as wrong:
+        wrong["metadata_v3/voxel_volume"][()] *= scale**3
+        for name in ("pose_mastoidectomy_drill", "pose_mastoidectomy_volume"):
+            wrong[DATA + name][:, :3] *= scale
+    back, wanted = burrlab.read_volumetric_drilling(file), burrlab.read_volumetric_drilling(good)
+    player, seen = RecordingPlayer(back, bone), RecordingPlayer(wanted, right)
+    np.testing.assert_allclose(player.burrs.centers, seen.burrs.centers, rtol=1e-12)
+    assert f"; lengths are divided by {scale:g}, by which its recorder multiplied them" in player.note
+    assert "divided" not in seen.note
+    with pytest.warns(UserWarning, match=f"a.hdf5: lengths are divided by {scale:g}, by which its recorder"):
+        found = back.device(bone).path
+    np.testing.assert_allclose(found, wanted.device(right).path, rtol=1e-12)
+    told = said(capsys, "metrics", file)
+    assert "if its recorder multiplied lengths (docs/trace.md), scale=0.0492027 (--scale) divides" in told
+    assert said(capsys, "metrics", file, "--scale", scale) == said(capsys, "metrics", good)
+    assert "--scale goes with a recording" in said(
+        capsys, "view", "--bone", "x.h5", "--scale", scale, status=2
+    )
+    again = burrlab.read_volumetric_drilling(file, scale=scale)
+    np.testing.assert_allclose(again.volume_pose, wanted.volume_pose, rtol=1e-12)
+    other = burrlab.VoxelBone.block((8, 8, 8), 0.25)
+    for call in (lambda: back.removed_from(other), lambda: back.device(other)):
+        with pytest.raises(
+            ValueError, match=f"multiplied lengths, scale={2 * scale:.6g} .--scale. would fit"
+        ):
+            call()
+    with pytest.raises(ValueError, match="scale must be positive and finite, got -1"):
+        burrlab.read_volumetric_drilling(file, scale=-1)
 
 
 def test_a_recording_is_seen_at_any_time(made, tmp_path):
@@ -400,9 +475,6 @@ def test_the_files_of_one_session(tmp_path, capsys):
     ):
         with pytest.raises(ValueError, match=told):
             burrlab.read_volumetric_drilling(given)
-
-
-DATA, GONE = "vision_data/continuous_data/", NEW
 
 
 @pytest.mark.parametrize(

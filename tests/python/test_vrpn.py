@@ -394,6 +394,38 @@ def test_hostile_clients_end_alone():
         assert soon(lambda: leader.tick > before + 100)
 
 
+def test_the_server_never_calls_itself():
+    """Sixteen requests that name its own ports, from any address of this machine, take no place."""
+    with Leader(vrpn=0) as leader:
+        ports = leader.publisher.vrpn_port, leader.port
+        for host in ("127.0.0.1", "127.0.0.2"):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
+                asker.bind((host, 0))
+                for i in range(8):
+                    asker.sendto(b"127.0.0.1 %d\0" % ports[i % 2], ("127.0.0.1", ports[0]))
+        assert soon(lambda: leader.publisher.status["refused"] == 16)
+        assert leader.publisher.status["accepted"] == 0
+
+
+@pytest.mark.slow
+def test_who_does_not_greet_goes():
+    """Forty silent connections hold all places for 5 s; one that greeted stays."""
+    with Leader(port=None, vrpn=0) as leader, contextlib.ExitStack() as peers:
+        client, *_ = [
+            peers.enter_context(
+                socket.create_connection(("127.0.0.1", leader.publisher.vrpn_port), timeout=20)
+            )
+            for _ in range(41)
+        ]
+        client.sendall(CLIENT)
+        reader = _core.VrpnReader(["burrlab_burr_0"])
+        while leader.publisher.status["stalled"] < 31:
+            received(client, reader, 10)
+        status = leader.publisher.status
+        assert (status["vrpn_peers"], status["refused"]) == (1, 9)
+        assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
+
+
 def test_session_over_vrpn():
     """A session's Tracker drives another session."""
     place = np.tile([0.001, 0.002, 2.9], (4000, 1))

@@ -147,6 +147,20 @@ def test_where_the_ridge_is_flat_the_smallest_c_e_counts(seed):
     assert again.c_e == pytest.approx(result.c_e, rel=1e-6)
 
 
+@pytest.mark.parametrize("shape", ["parabolic", "quartic"])
+def test_rounding_does_not_move_the_exponent(shape):
+    """quartic: c_e ends at its hard bound, where the width is flat over a range of exponents."""
+    curve = synthetic_curve(BURR, BONE, np.linspace(0.4, 2.6, 10), scatter=0.08, repeats=3, seed=2004)
+    pressed = synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1)
+    data = [pressed] if shape == "parabolic" else []
+    exponents = [fit([curve, *data], shape=shape).identified.exponent]
+    for seed in range(5):
+        noise = 1 + 1e-13 * np.random.default_rng(seed).standard_normal(len(curve))
+        again = fit([replace(curve, velocity=curve.velocity * noise), *data], shape=shape)
+        exponents.append(again.identified.exponent)
+    assert exponents == pytest.approx([exponents[0]] * 6, rel=1e-7)
+
+
 def test_a_flat_stretch_of_less_than_5_percent_is_one_place():
     curve = synthetic_curve(BURR, BONE, FORCES["one"], scatter=0.08, repeats=2, seed=8)
     result = fit(curve, bounds={"c_e": (2.0, 40.0)})

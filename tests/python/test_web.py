@@ -224,6 +224,12 @@ def test_whoever_asks_in_another_way_gets_nothing(other):
     assert talked(**other)[:2] == (403, 403)
 
 
+def test_the_socket_without_an_upgrade(caplog):
+    """A refusal, not an error of the server, whose log stays empty."""
+    assert talked(path="/s3cret/ws", calls=())[0] == 400
+    assert not [record for record in caplog.records if record.exc_info]
+
+
 def test_what_a_browser_can_call_and_change():
     nan = float("nan")
     gone = [

@@ -186,8 +186,10 @@ void Publisher::tell_standard() {
     } else {
       ++status_.out_of_range;
     }
-    envelope.device_name = sensor_name[i];
-    encode_sensor(scratch_, envelope, force_in_ras(burr).data(), 3);
+    if (settings_.sensor) {
+      envelope.device_name = sensor_name[i];
+      encode_sensor(scratch_, envelope, force_in_ras(burr).data(), 3);
+    }
     envelope.device_name = force_name[i];
     encode_transform(scratch_, envelope, openigtlink::to_ras(Vec3(burr.force.data())));
   }
@@ -375,7 +377,7 @@ bool Publisher::admit(Peers& peers, std::unique_ptr<Peer> peer) {
 }
 
 /// A client asks with "host port". Only the port is used: whoever asks is called at the address that asks, as
-/// another one may not want it.
+/// another one may not want it, but never at a port of ours: the server would be its own client.
 void Publisher::call_back(Peers& peers) {
   char text[200];
   PeerAddress from;
@@ -386,7 +388,8 @@ void Publisher::call_back(Peers& peers) {
     text[size] = 0;
     const char* space = std::strchr(text, ' ');
     const int port = space ? std::atoi(space + 1) : 0;
-    const bool fits = port >= 1024 && port <= 65535;
+    const bool ours = port == server_.port() || port == vrpn_->server.port();
+    const bool fits = port >= 1024 && port <= 65535 && !(ours && TcpServer::is_own(from));
     const bool room = std::count_if(peers.begin(), peers.end(), [](const auto& p) { return p->connecting; }) <
                       std::ptrdiff_t(most_calls);
     const int socket = fits && room ? TcpServer::connect(from.with_port(port), send_buffer) : -1;
@@ -548,7 +551,7 @@ bool Publisher::write(Peer& peer) {
       peer.sent = 0;
       if (!refill(peer)) return false;
       if (peer.pending.empty()) {
-        peer.last_progress = now;
+        if (!peer.vrpn || peer.vrpn->greeted()) peer.last_progress = now;  // a VRPN client must greet
         break;
       }
       peer.last_queued = now;

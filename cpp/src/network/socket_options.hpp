@@ -38,6 +38,12 @@ inline int last_error() { return ::WSAGetLastError(); }
 inline bool try_again(int error) { return error == WSAEWOULDBLOCK; }
 inline bool exhausted(int error) { return error == WSAEMFILE || error == WSAENOBUFS; }
 inline void close_socket(int socket) { ::closesocket(socket); }
+inline int duplicate_socket(int socket) {
+  WSAPROTOCOL_INFOW info;
+  if (::WSADuplicateSocketW(SOCKET(socket), ::GetCurrentProcessId(), &info)) return -1;
+  constexpr int any = FROM_PROTOCOL_INFO;
+  return int(::WSASocketW(any, any, any, &info, 0, WSA_FLAG_OVERLAPPED | WSA_FLAG_NO_HANDLE_INHERIT));
+}
 
 inline void set_flags(int socket) {
   u_long yes = 1;
@@ -79,6 +85,7 @@ inline bool exhausted(int error) {
   return error == EMFILE || error == ENFILE || error == ENOBUFS || error == ENOMEM;
 }
 inline void close_socket(int socket) { ::close(socket); }
+inline int duplicate_socket(int socket) { return ::fcntl(socket, F_DUPFD_CLOEXEC, 0); }
 
 inline void set_flags(int descriptor) {
   ::fcntl(descriptor, F_SETFL, ::fcntl(descriptor, F_GETFL) | O_NONBLOCK);

@@ -169,6 +169,16 @@ PeerAddress TcpServer::peer_of(int socket) noexcept {
   return address;
 }
 
+/// Only an own address can be bound.
+bool TcpServer::is_own(const PeerAddress& address) noexcept {
+  return used(address.with_port(0), [](int family, const sockaddr* at, socklen_t size) {
+    const int socket = int(::socket(family, SOCK_DGRAM, 0));
+    const bool own = socket < 0 || ::bind(socket, at, size) == 0;
+    close(socket);
+    return own;
+  });
+}
+
 UdpSocket::UdpSocket(const TcpServer& beside) {
   PeerAddress address;
   filled(address, [&](sockaddr* at, socklen_t* size) { return ::getsockname(beside.socket(), at, size); });

@@ -14,15 +14,16 @@ import numpy as np
 
 import burrlab._core as _core
 from burrlab._core import VoxelBone, pack_bone, unpack_bone
-from burrlab.bone.dicom import is_dicom
+from burrlab.bone.dicom import holds_dicom, is_dicom
 from burrlab.bone.formats import format_of
 from burrlab.bone.image import OnGrid, Volume
 from burrlab.bone.slices import is_stack, read_description
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.cache import Entry, Kept
 
-#: Voxels from which a volume is worth keeping: smaller ones are made in a tenth of a second (ours).
-WORTH = 1 << 24
+#: Voxels from which a volume is worth keeping, and one with smoothed labels (ours): smaller ones are made in
+#: tenths of a second.
+WORTH, WORTH_SMOOTHED = 1 << 24, 1 << 22
 
 
 def entry_of(settings: object, volumes: Iterable[str]) -> Entry:
@@ -33,9 +34,11 @@ def entry_of(settings: object, volumes: Iterable[str]) -> Entry:
     return Entry([*_code(), settings], files)
 
 
-def keep_bone(entry: Entry, bone: VoxelBone, grid: OnGrid, notes: Sequence[str]) -> None:
+def keep_bone(
+    entry: Entry, bone: VoxelBone, grid: OnGrid, notes: Sequence[str], *, smoothed: bool = False
+) -> None:
     """Keeps a bone that is worth it, with the geometry of its volume; none was removed from it."""
-    if math.prod(bone.shape) < WORTH:
+    if math.prod(bone.shape) < (WORTH_SMOOTHED if smoothed else WORTH):
         return
     table = None if bone.tissues is None else tissues_to_json(bone.tissues)
     own = {"shape": bone.shape, "spacing": bone.spacing, "origin": bone.origin, "tissues": table}
@@ -65,7 +68,8 @@ def _files(path: str) -> list[str]:
             return [path, *_slices(read_description(path, unit=1.0).folder)]
         return _slices(Path(path)) if Path(path).is_dir() else sorted(glob.glob(path))
     if Path(path).is_dir():  # of DICOM slices; notes name the other files
-        return sorted(str(part) for part in Path(path).iterdir() if part.is_file())
+        parts = Path(path).iterdir() if holds_dicom(path) else Path(path).rglob("*")
+        return sorted(str(part) for part in parts if part.is_file())
     found = format_of(path)
     if found is None or is_dicom(path):
         return [path]

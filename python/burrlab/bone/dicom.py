@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import functools
 import hashlib
 import io
@@ -38,6 +39,8 @@ from burrlab.common.records import in_one_line
 EVEN = 1e-2
 #: Sideways shift allowed from the first slice to the last [pixels]; more is a gantry tilt.
 STRAIGHT = 0.1
+#: How far an orientation rounded to four digits may be from orthonormal: 4 sqrt(3) of half a digit, rounded up.
+_FOUR_DIGITS = 4e-4
 # Bits of a pixel in a JPEG frame header (SOF), and the transfer syntaxes of JPEG.
 _PRECISION = re.compile(rb"\xff[\xc0-\xc3\xc5-\xc7\xc9-\xcb\xcd-\xcf]\0[\x0b\x0e\x11\x14](.)", re.DOTALL)
 _JPEG = ("1.2.840.10008.1.2.4.5", "1.2.840.10008.1.2.4.70")
@@ -87,7 +90,7 @@ def read_dicom(
     slices = _of_series([_header_of(name) for name in names], where, series)
     _check_alike(slices, where)
     turn = np.column_stack([slices[0].rows, slices[0].columns])
-    direction = checked_direction(np.column_stack([turn, np.cross(*turn.T)]), where)
+    direction = checked_direction(np.column_stack([turn, np.cross(*turn.T)]), where, _FOUR_DIGITS)
     along = np.array([s.position @ direction[:, 2] for s in slices])
     order = np.argsort(along, kind="stable")
     slices, along = [slices[i] for i in order], along[order]
@@ -129,13 +132,13 @@ def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
-    """DICOM files of a folder, sorted by name, and names of the other files.
+def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple[list[str], list[str]]:
+    """DICOM files of a folder, or with `below` of its subfolders too, sorted by name; names of the other files.
 
     A DICOM file has DICM at byte 128, or ends in .dcm or .dicom. The index (DICOMDIR) is in neither list.
     """
     found, others = [], []
-    for path in sorted(Path(folder).iterdir()):
+    for path in sorted(Path(folder).rglob("*") if below else Path(folder).iterdir()):
         if not path.is_file() or path.name.upper() == "DICOMDIR":
             continue
         if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom"):
@@ -147,7 +150,7 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
 
 
 def holds_dicom(folder: str | os.PathLike[str]) -> bool:
-    """Whether a folder holds DICOM files."""
+    """Whether a folder itself holds DICOM files."""
     try:
         return bool(dicom_files(folder)[0])
     except ValueError:
@@ -479,7 +482,9 @@ def write_slices(folder: Path, volume: Volume) -> None:
             writer.SetFileName(str(folder / slice_name(k)))
             writer.Execute(image)
     except RuntimeError as error:
-        raise OSError(f"{folder}: the slices cannot be written") from error
+        raise OSError(
+            errno.EIO, "the slices cannot be written (is the disk full?)", os.fspath(folder)
+        ) from error
 
 
 def slice_name(k: int) -> str:

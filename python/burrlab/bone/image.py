@@ -42,8 +42,8 @@ def checked_point(point: ArrayLike, what: str) -> Array:
     return found
 
 
-def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
-    """Nearest orthonormal matrix, of either hand; ValueError if it is off by more than `ORTHONORMAL`."""
+def checked_direction(direction: ArrayLike, what: str = "direction", most: float = ORTHONORMAL) -> Array:
+    """Nearest orthonormal matrix, of either hand; ValueError if it is off by more than `most`."""
     found = real(direction, what)
     refuse(
         found.shape != (3, 3) or not np.all(np.isfinite(found)),
@@ -52,8 +52,8 @@ def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
         off = float(np.abs(found.T @ found - np.eye(3)).max())
     refuse(
-        not off <= ORTHONORMAL,
-        f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {ORTHONORMAL:g}): "
+        not off <= most,
+        f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {most:g}): "
         "sheared volumes are not supported",
     )
     if off > _EXACT:

@@ -43,7 +43,7 @@ from burrlab.bone.formats import (
     segment_fields,
 )
 from burrlab.bone.header import medical
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, point_text, same_geometry
+from burrlab.bone.image import SLAB, LabelVolume, OccupancyMap, Volume, point_text, same_geometry
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
     Slices,
@@ -66,7 +66,8 @@ _LONGEST = 255 - len(".0123456789abcdef.bone.h5.part")
 def content_digest(target: Path) -> str:
     """SHA-256 of a file, or of the names and contents of a folder's slices."""
     if target.is_file():
-        return hashlib.sha256(target.read_bytes()).hexdigest()
+        with target.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
     digest = hashlib.sha256()
     if holds_dicom(target):
         slices = [Path(name) for name in dicom_files(target)[0]]
@@ -172,19 +173,23 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
     return np.asarray(found)
 
 
-def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> Changes:
-    """New values of the voxels that lost bone.
+def changes(
+    bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap | None, planes: slice = slice(None)
+) -> Changes:
+    """New values of the voxels that lost bone, in some planes.
 
     A grey voxel gets the grey value of its rest; a label becomes 0 if less than half of the bone is left.
     """
-    density, pristine = bone.density, bone.pristine
+    first, last, _ = planes.indices(bone.shape[0])
+    box = (first, 0, 0), (last - first, *bone.shape[1:])
+    density, pristine = bone.read(*box), bone.read(*box, pristine=True)
     lost = density < pristine
     if isinstance(like, LabelVolume):
         at = np.nonzero(lost)
         lost[at] = 2 * density[at].astype(np.int64) < pristine[at]
         return Changes(lost, np.zeros(np.count_nonzero(lost)))
     assert mapping is not None
-    was, greys = like.values[lost].astype(np.float64), grey_of_levels(mapping)
+    was, greys = like.values[planes][lost].astype(np.float64), grey_of_levels(mapping)
     return Changes(lost, np.minimum(greys[density[lost]], was), float(greys[0]))
 
 
@@ -230,9 +235,9 @@ def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
     return like.labels if isinstance(like, LabelVolume) else like.values
 
 
-def changed_values(like: Volume | LabelVolume, changed: Changes) -> NDArray[Any]:
+def changed_values(like: Volume | LabelVolume, changed: Changes, planes: slice = slice(None)) -> NDArray[Any]:
     """Values of the voxels after the changes, in their own type."""
-    new = _voxels(like).copy()
+    new = _voxels(like)[planes].copy()
     new[changed.where] = coded(changed.values, like.path, changed.empty, new.dtype)
     return new
 
@@ -616,7 +621,6 @@ def save_drilled(
     slices = check_drilled(target, like, mapping)
     check_place(bone, like)
     check_original(bone, like)
-    changed = changes(bone, like, mapping)
     told = {
         "kind": KIND,
         "source": like.path,
@@ -628,6 +632,7 @@ def save_drilled(
         save_bone(where, bone, tick, source=json.dumps({**told, "sha256": digest}))
 
     if slices is not None or is_series(target, like):
+        changed = changes(bone, like, mapping)
         with new_folder(target) as part:
             if slices is None and not is_whole(like):
                 write_slices(part, _grey(like, changed.empty, changed))
@@ -637,13 +642,18 @@ def save_drilled(
                     write_synced(part / name, content)
             beside(part / IN_FOLDER, content_digest(part))
         return
-    new = changed_values(like, changed)
+    original = like
+
+    def planes(part: slice) -> NDArray[Any]:  # no copy of a large volume
+        return changed_values(original, changes(bone, original, mapping, part), part)
+
     if isinstance(like, LabelVolume):  # the table fills in names and colours that the file lacks
         names, colours = ({t.label: getattr(t, of) for t in bone.tissues or ()} for of in ("name", "colour"))
+        new = np.empty_like(like.labels)
+        for k in range(0, len(new), SLAB):
+            new[k : k + SLAB] = planes(slice(k, k + SLAB))
         like = replace(like, labels=new, names=names | like.names, colours=colours | like.colours)
-    else:
-        like = replace(like, values=new)
-    with new_volume(target, like, kept_fields(target, like)) as part:
+    with new_volume(target, like, kept_fields(target, like), planes=planes) as part:
         digest = content_digest(part)
         own = sidecar(target, digest)
         before = [other for other in sidecars(target) if other.name != own.name]

@@ -20,7 +20,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material, Tissues, VoxelBone
-from burrlab.bone.cached import WORTH, entry_of, keep_bone, kept_bone, kept_grid
+from burrlab.bone.cached import WORTH_SMOOTHED, entry_of, keep_bone, kept_bone, kept_grid
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.image import (
@@ -546,7 +546,7 @@ class LabelledRecipe(_CachedRecipe):
         if (bone := self._kept_bone()) is not None:
             return LabelledBone(bone, self._grid().notes)
         made = self._new()
-        keep_bone(self._entry, made.bone, self._on(), made.notes)
+        keep_bone(self._entry, made.bone, self._on(), made.notes, smoothed=self.smooth is not None)
         return made
 
     def _new(self) -> LabelledBone:
@@ -590,7 +590,7 @@ def usual_tissues(
             return tissues_from_json(kept.told["tissues"]), lambda recipe: None
     labels = labels_of(path, usual=True, **options)
     tissues = default_tissues(labels, material=material)
-    if labels.labels.size >= WORTH:
+    if labels.labels.size >= WORTH_SMOOTHED:
         entry.keep({"tissues": tissues_to_json(tissues)})
 
     def give(recipe: LabelledRecipe) -> None:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import glob
+import itertools
 import math
 import operator
 import os
 import re
 import struct
+import sys
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -199,13 +201,20 @@ RANKING = (
 )  # fmt: skip
 _EMPTY = ("external auditory canal", "air")  # never guessed: a guess makes no hole
 _TOLD = 5  # colours in a message; `LabelVolume.unknown_colours` has all
-_TWICE = 254  # alpha of the sum of two opaque colours, modulo 256
-_UNCLEAR = 65535  # number of a sum that no single pair explains
-_MOST_PAIRED = 361  # most colours whose pairs have numbers below `_UNCLEAR`
+_SUMMED = {2: "two", 3: "three", 4: "four"}  # opaque colours in a sum modulo 256: its alpha is 256 less these
+_UNCLEAR = 65535  # number of a sum that no single pair, or no other group, explains; groups have lower ones
+
+
+class _Sums(NamedTuple):
+    """Groups of labels, the label that each gives (from 1), and the number of the group for each colour."""
+
+    groups: list[tuple[int, ...]]
+    winners: NDArray[Any]
+    places: NDArray[np.uint16]  # 0 for none, `_UNCLEAR` for several
 
 
 class Palette:
-    """A table of colours that counts colours missing from it, and sums of two of its colours.
+    """A table of colours that counts colours missing from it, and sums of two to four of its colours.
 
     Parameters
     ----------
@@ -264,8 +273,8 @@ class Palette:
         self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
         self._guessed: dict[int, list[NDArray[Any]]] = {label: [] for label in self._asked}
         self._spared: Counter[int] = Counter()
-        self._sums: NDArray[np.uint16] | None = None  # numbers of pairs, made at the first alpha 254
-        self._overlaps: Counter[int] = Counter()
+        self._sums: dict[int, _Sums] = {}  # by the number of colours, made at the first such alpha
+        self._overlaps: dict[int, Counter[int]] = {count: Counter() for count in _SUMMED}
         self._slices = 0
 
     @classmethod
@@ -295,14 +304,20 @@ class Palette:
         places = self._places.take(codes)
         own = self._labels.take(places)
         strange = places == self._strange_place
-        twice = kinds[:, 3] == _TWICE
-        if self._ranked is not None and len(self.colours) <= _MOST_PAIRED and twice.any():
-            self._sums = self._places_of_sums() if self._sums is None else self._sums
-            sums = self._sums.take(codes[twice])
-            pair = (sums > 0) & (sums < _UNCLEAR)
-            own[twice] = np.where(pair, self._winners[np.where(pair, sums, 0)], own[twice])
-            strange[twice] = (strange[twice] & ~pair) | (sums == _UNCLEAR)
-            self._overlaps.update(np.repeat(sums[pair], runs[twice][pair]).tolist())
+        for count in _SUMMED:
+            summed = kinds[:, 3] == 256 - count
+            if count > 2:  # earlier versions knew two alone: what they read stays as it was
+                summed &= strange & (self.unknown == "refuse")
+            if self._ranked is None or not summed.any() or math.comb(len(self.colours), count) >= _UNCLEAR:
+                continue
+            if count not in self._sums:
+                self._sums[count] = self._sums_of(count)
+            sums = self._sums[count].places.take(codes[summed])
+            clear = (sums > 0) & (sums < _UNCLEAR)
+            winners = self._sums[count].winners[np.where(clear, sums, 0)]
+            own[summed] = np.where(clear, winners, own[summed])
+            strange[summed] = (strange[summed] & ~clear) | (sums == _UNCLEAR)
+            self._overlaps[count].update(np.repeat(sums[clear], runs[summed][clear]).tolist())
         found = np.repeat(own, runs).reshape(image.shape[:2])
         if strange.any():
             codes, strange = (np.repeat(of, runs).reshape(found.shape) for of in (codes, strange))
@@ -331,14 +346,16 @@ class Palette:
         ValueError if unknown colours are refused.
         """
         notes = []
-        if self._overlaps:
+        for count, overlaps in self._overlaps.items():
             told = "; ".join(
-                f"{count} of {self.names[one]} and {self.names[other]} as "
-                f"{self.names[int(self._winners[place])]}"
-                for place, count in self._overlaps.most_common()
-                for one, other in [self._pairs[place - 1]]
+                f"{voxels} of {', '.join(first)} and {last} as {self.names[int(self._sums[count].winners[place])]}"
+                for place, voxels in overlaps.most_common()
+                for *first, last in [[self.names[label] for label in self._sums[count].groups[place - 1]]]
             )
-            notes.append(f"voxels of two structures that overlap, by the sum of their colours: {told}")
+            if told:
+                notes.append(
+                    f"voxels of {_SUMMED[count]} structures that overlap, by the sum of their colours: {told}"
+                )
         if not unknown:
             return notes
         pixels, kinds = sum(self._strange.values()), len(unknown)
@@ -404,18 +421,17 @@ class Palette:
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
 
-    def _places_of_sums(self) -> NDArray[np.uint16]:
-        """Number from 1 of the pair whose sum a colour with alpha 254 is; 0 for none, `_UNCLEAR` for several.
+    def _sums_of(self, count: int) -> _Sums:
+        """Sums of so many colours.
 
-        The pair's sum must lie within 1 a channel, modulo 256. No other pair's sum and no single colour of
-        the table may lie within 2.
+        A group's sum must lie within 1 a channel, modulo 256. The sum of no other group of as many, and no
+        single colour of the table, may lie within 2.
         """
         assert self._ranked is not None
-        labels, colours = list(self.colours), np.array(list(self.colours.values()))
-        one, other = np.triu_indices(len(labels), 1)
-        self._pairs = [(labels[i], labels[j]) for i, j in zip(one, other, strict=True)]
-        self._winners = np.array([0, *(min(pair, key=self._ranked.__getitem__) for pair in self._pairs)])
-        sums, singles = colours[one] + colours[other], np.vstack([colours, np.zeros((1, 3), int)])
+        groups = list(itertools.combinations(self.colours, count))
+        winners = np.array([0, *(min(group, key=self._ranked.__getitem__) for group in groups)])
+        sums = [np.sum([self.colours[label] for label in group], axis=0) for group in groups]
+        singles = np.array([*self.colours.values(), (0, 0, 0)])
         small, wide = (np.indices((2 * n + 1,) * 3).reshape(3, -1).T - n for n in (1, 2))
         near, places = np.zeros((2, 1 << 24), np.uint16)
         single = np.zeros(1 << 24, bool)
@@ -427,7 +443,7 @@ class Palette:
         places[(places > 0) & ((near > 1) | single)] = _UNCLEAR
         exact = _code(singles)
         places[exact[near[exact] > 0]] = _UNCLEAR
-        return np.asarray(places)
+        return _Sums(groups, winners, places)
 
     def _far(self, label: int, places: list[NDArray[Any]], labels: NDArray[Any], apart: NDArray[Any]) -> str:
         """Note on how far the voxels guessed to be a structure lie from the rest of it."""
@@ -610,7 +626,7 @@ def _part(name: str, block: dict[str, Any], key: str, kind: type, *, within: str
 
 def _positive(name: str, what: str, value: Any) -> float:
     refuse(
-        isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf,
+        isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value <= sys.float_info.max,
         f"{name}: {what} must be a finite number above 0, got {shown(value)}",
     )
     return float(value)
@@ -681,8 +697,10 @@ def read_stack(
         NRRD writes them. A wrong value mirrors the ear. Default: True with a YAML file, False for slices
         alone; it must be given for slices alone if their palette has a colour of the simulator.
     ranking : sequence of str, optional
-        Usual names of structures: the first of two gets a voxel that both claim. In volumetric_drilling's
-        stacks such a pixel has the sum of their colours modulo 256, with alpha 254. Structures without a rank
+        Usual names of structures: the first of those that claim a voxel gets it. In volumetric_drilling's
+        stacks such a pixel has the sum of their colours modulo 256, with alpha 254 for two structures, 253
+        for three, 252 for four. Sums of three and four are looked for only if `unknown` is 'refuse': earlier
+        versions took them for unknown colours, and their bones must stay the same. Structures without a rank
         come just before bone, the smaller label first. None: such sums are colours in no table, and 'nearest'
         may give any label.
 

@@ -121,6 +121,10 @@ def block_below_plane(
     high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
     count = float(np.prod(high - low))
     refuse(
+        spacing.max() > burr.radius,
+        f"voxel must be at most R = {burr.radius:g} mm, got {spacing.max():g} mm",
+    )
+    refuse(
         count > MOST_VOXELS,
         f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} "
         f"voxels, above {MOST_VOXELS:.3g}",
@@ -172,6 +176,49 @@ def half_space(
     """
     block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
     return block.filled(np.rint(255 * block.fraction).astype(np.uint8), "half-space of solid bone")
+
+
+class Border:
+    """The border of a volume, and where bone runs into it: pristine level 128 in the two outermost voxels."""
+
+    def __init__(self, bone: VoxelBone) -> None:
+        spacing, counts = np.array(bone.spacing), np.array(bone.shape[::-1])
+        self._low = np.array(bone.origin) - 0.5 * spacing
+        self._high, self._entered = self._low + counts * spacing, np.zeros(6, bool)
+        self._points: list[
+            NDArray[np.float64]
+        ] = []  # of the bone in each face, along the other two axes [mm]
+        for face in range(6):
+            axis = 2 - face % 3
+            size = np.where(np.arange(3) == axis, np.minimum(bone.shape, 2), bone.shape)
+            start = (np.array(bone.shape) - size) * (face > 2)
+            levels = bone.read(start.tolist(), size.tolist(), pristine=True)
+            solid = np.argwhere(levels.max(axis=axis) >= 128)[:, ::-1]
+            others = np.delete(np.arange(3), face % 3)
+            self._points.append(self._low[others] + (solid + 0.5) * spacing[others])
+
+    def count_cut(self, centers: NDArray[np.float64], radius: float) -> int:
+        """Number of spheres that leave the volume through bone, of those that follow the ones before.
+
+        A face counts only if the centre came from the volume's inside: nothing is missing beyond the face
+        through which a burr comes in.
+        """
+        beyond = np.hstack([self._low - centers, centers - self._high])
+        last = np.maximum.accumulate(np.where((beyond > 0).any(axis=1), np.arange(len(beyond)), -1))
+        entered = np.where(last[:, None] < 0, self._entered, beyond[last] > 0)
+        self._entered = entered[-1] if len(entered) else self._entered
+        cut = np.zeros(len(beyond), bool)
+        for face, points in enumerate(self._points):
+            near = np.flatnonzero((beyond[:, face] > -radius) & ~entered[:, face] & ~cut)
+            if len(near) and len(points):
+                width = np.sqrt(radius**2 - beyond[near, face] ** 2)
+                across = np.delete(centers[near], face % 3, axis=1)
+                cut[near] = scipy.spatial.cKDTree(points).query(across)[0] < width
+        return int(np.count_nonzero(cut))
+
+
+#: What `Border.count_cut` counts.
+CUT = "border: the burr reached out of the volume through bone, and sinks faster without the bone beyond"
 
 
 def surface_along(

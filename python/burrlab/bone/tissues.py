@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -36,6 +35,7 @@ from burrlab.bone.image import (
 from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.check import refuse, shown
+from burrlab.common.files import write_text
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.common.table import Column, Table
@@ -437,8 +437,7 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
     True
     >>> folder.cleanup()
     """
-    text = tissues_text(tissues)
-    Path(path).write_text(text, encoding="utf-8", newline="")
+    write_text(path, tissues_text(tissues))
 
 
 def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
@@ -626,7 +625,7 @@ def labelled_bone(
         where = ", ".join(empty)
         said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
         if smooth is not None:
-            levels, numbers, said = _smoothed(own[numbers], numbers, tissues, labels.spacing[::-1], smooth)
+            levels, numbers, said = _smoothed(own, numbers, tissues, labels.spacing[::-1], smooth)
         notes.append(
             f"occupancy from labels alone: empty where there is {where} or label 0, else solid{said}"
         )
@@ -646,7 +645,9 @@ def labelled_bone(
             bone.write(part, (k, 0, 0))
         both += np.bincount((2 * plane + (part >= _HALF)).ravel(), minlength=both.size)
     bone.set_tissues(tissues, numbers)
-    return LabelledBone(bone, tuple(notes + filled + _said_of_tissues(both, tissues)))
+    said_of_tissues = _said_of_tissues(both, tissues, math.prod(labels.spacing))
+    notes += filled + said_of_tissues + _said_of_pieces(numbers, tissues, labels.spacing[::-1])
+    return LabelledBone(bone, tuple(notes))
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
@@ -732,7 +733,7 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
 
 
 def _smoothed(
-    full: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
+    own: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
     """Smoothed levels, tissue numbers, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
     refuse(
@@ -741,32 +742,47 @@ def _smoothed(
         f"mm, got {width!r}",
     )
     weights = [_gaussian(width / side) for side in apart]
-    part = (full > 0).astype(np.float32)
-    for axis in range(3):  # whole numbers up to 2^24: exact on every machine
-        for rows in slabs(part.shape, axis):
-            scipy.ndimage.correlate1d(part[rows], weights[axis], axis, output=part[rows], mode="reflect")
-    owner = np.where(full > 0, numbers + np.uint8(1), np.uint8(0))
+    solid = (own > 0).astype(np.uint8)
+    sums = np.empty(numbers.shape, np.uint16)  # of the first axis: whole numbers up to 2^8
+    for rows in slabs(sums.shape, 0):
+        scipy.ndimage.correlate1d(solid.take(numbers[rows]), weights[0], 0, output=sums[rows], mode="reflect")
+    owner, mark = np.empty_like(numbers), solid * np.arange(1, own.size + 1).astype(np.uint8)
+    for k in range(0, len(owner), SLAB):
+        owner[k : k + SLAB] = mark.take(numbers[k : k + SLAB])
     for _ in range(max(map(len, weights)) // 2):
-        near = owner.copy()
-        for axis in range(3):
-            for rows in slabs(near.shape, axis):
-                scipy.ndimage.maximum_filter1d(near[rows], 3, axis, output=near[rows])
-        np.copyto(owner, near, where=owner == 0)
+        _grow(owner)
     held = np.array([True, *(tissue.critical for tissue in tissues)])
-    levels, found = np.empty_like(full), numbers.copy()
-    before, after = np.zeros(len(tissues)), np.zeros(len(tissues))
-    for k in range(len(full)):  # plane by plane: no large arrays of float64
-        plane = np.floor((255.0 * part[k] + (1 << 23)) / (1 << 24)).astype(np.uint8)
-        plane = np.where(held[owner[k]], full[k], plane)
-        found[k] = np.where(plane > 0, owner[k] - np.uint8(1), numbers[k])
-        levels[k] = plane
-        before += np.bincount(numbers[k].ravel(), full[k].ravel(), len(tissues))
-        after += np.bincount(found[k].ravel(), plane.ravel(), len(tissues))
+    levels, before, after = np.empty_like(numbers), np.zeros(len(tissues)), np.zeros(len(tissues))
+    for k in range(len(owner)):  # plane by plane: no large arrays of float64
+        part, label, full = sums[k].astype(np.float32), numbers[k], own.take(numbers[k])
+        for axis in range(2):  # whole numbers up to 2^24: exact on every machine
+            part = scipy.ndimage.correlate1d(part, weights[1 + axis], axis, mode="reflect")
+        plane = np.floor((255.0 * part + (1 << 23)) / (1 << 24)).astype(np.uint8)
+        levels[k] = plane = np.where(held.take(owner[k]), full, plane)
+        owner[k] = found = np.where(plane > 0, owner[k] - np.uint8(1), label)
+        before += np.bincount(label.ravel(), full.ravel(), len(tissues))
+        after += np.bincount(found.ravel(), plane.ravel(), len(tissues))
     change = 100 * (after - before) / np.maximum(before, 255)
     most = int(np.argmax(np.abs(change)))
     whole = 100 * (after.sum() / max(before.sum(), 1.0) - 1)
     said = f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by {change[most]:.2g} %"
-    return levels, found, said
+    return levels, owner, said
+
+
+def _grow(owner: NDArray[np.uint8]) -> None:
+    """Gives each voxel of 0 the largest number of its 26 neighbours, in place."""
+    before = owner[:1].copy()
+    for k in range(0, len(owner), SLAB):
+        slab, near = owner[k : k + SLAB], np.concatenate([before, owner[k : k + SLAB + 1]])
+        before = slab[-1:].copy()
+        for axis in range(3):  # `maximum_filter1d` takes 20 times as long
+            low, high = (np.moveaxis(near, axis, 0)[cut] for cut in (slice(-1), slice(1, None)))
+            wide = near.copy()
+            up, down = (np.moveaxis(wide, axis, 0)[cut] for cut in (slice(-1), slice(1, None)))
+            np.maximum(up, high, out=up)
+            np.maximum(down, low, out=down)
+            near = wide
+        np.copyto(slab, near[1 : 1 + len(slab)], where=slab == 0)
 
 
 def _gaussian(deviation: float) -> NDArray[np.float64]:
@@ -790,8 +806,32 @@ def _filled(tissues: Tissues, fill: Mapping[str, float]) -> tuple[NDArray[np.uin
     return least, notes
 
 
-def _said_of_tissues(both: NDArray[np.int64], tissues: Tissues) -> list[str]:
-    """Notes on bone without a label, and on critical structures without bone."""
+#: Volume of a nerve 2 mm thick and 32 mm long [mm^3], how often it makes a note, and what pieces of a structure
+#: are far [mm] (ours).
+_NERVE, _MANY, _FAR = 100.0, 3, 5.0
+
+
+def _said_of_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any]) -> list[str]:
+    """Notes on critical structures in far pieces: with empty cells between them, of 5 mm or 8 voxels."""
+    sides, steps = np.maximum(_FAR, 8 * apart), np.maximum(0.25 / apart, 1).astype(int)
+    cells = [
+        np.arange(0, count, step) * gap // side
+        for count, step, gap, side in zip(numbers.shape, steps, apart, sides, strict=True)
+    ]
+    z, y, x = (cell.astype(int) for cell in cells)
+    held = np.zeros((len(tissues), z[-1] + 1, y[-1] + 1, x[-1] + 1), bool)
+    for k, plane in zip(z, numbers[:: steps[0], :: steps[1], :: steps[2]], strict=True):
+        held[plane, k, y[:, None], x] = True
+    pieces = [scipy.ndimage.label(where, np.ones((3, 3, 3)))[1] for where in held]
+    return [
+        f"{tissue.name}: in {count} pieces, over {sides.min():g} mm apart"
+        for tissue, count in zip(tissues, pieces, strict=True)
+        if tissue.critical and count > 1
+    ]
+
+
+def _said_of_tissues(both: NDArray[np.int64], tissues: Tissues, volume: float) -> list[str]:
+    """Notes on bone without a label, critical structures without bone, and large nerves; `volume` of a voxel."""
     held = both[1::2]
     voxels = both[::2] + held
     notes = []
@@ -805,5 +845,12 @@ def _said_of_tissues(both: NDArray[np.int64], tissues: Tissues) -> list[str]:
             notes.append(
                 f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be "
                 "injured (fill=, --fill)"
+            )
+        name = known.name if (known := known_tissue(tissue.name)) else plain_name(tissue.name)
+        times = voxels[number] * volume / _NERVE
+        if times > _MANY and ("nerve" in name or name == "chorda tympani"):
+            notes.append(
+                f"{tissue.name}: {times * _NERVE:.0f} mm^3, {times:.0f} times a nerve of 2 x 32 mm; is another "
+                "structure in it?"
             )
     return notes

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, Tissue, Tissues, VoxelBone
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.image import LabelVolume, OccupancyMap, OnGrid, Volume
 from burrlab.bone.kept import check_drilled, save_drilled
 from burrlab.bone.materials import materials
-from burrlab.bone.recipe import DrilledRecipe, block_recipe, labels_of, make_bone
+from burrlab.bone.recipe import DrilledRecipe, block_recipe, grid_of, labels_of, make_bone
 from burrlab.bone.slices import is_stack
 from burrlab.bone.snapshot import check_bone_file, save_bone
 from burrlab.bone.specimen import MOST_VOXELS
@@ -36,45 +36,25 @@ from burrlab.bone.tissues import (
     tissues_text,
 )
 from burrlab.cli.options import (
-    JSON,
     OF_LABELS,
     PLACE,
-    STACK,
-    Command,
-    Group,
     Options,
     Recipe,
     chosen_recipe,
     deliver,
     not_kept,
-    option,
     refuse_options,
     require_options,
     say_notes,
-    spacing,
     transposed,
     unknown_colours,
 )
 from burrlab.common.check import refuse
+from burrlab.common.files import write_text
 
 _BLOCK = (30.0, 30.0, 10.0)  # the block of a session without a volume, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
 _OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS)
-
-
-#: Options for keeping a bone and for going on with a kept one.
-KEPT = Group(
-    "a bone that is kept, half-drilled",
-    (
-        option(
-            "--save",
-            "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, "
-            ".mha; a new folder for PNG "
-            "slices or DICOM), with the exact state beside it; or .h5, the exact state alone", metavar="FILE",
-        ),
-        option("--bone", "go on with a bone that --save has kept", metavar="FILE"),
-    ),
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -95,6 +75,8 @@ class Start:
         Volume whose format is used to save the bone.
     mapping : OccupancyMap or None
         Map of its grey values.
+    grid : OnGrid or None
+        Geometry of the volume that the bone is made of.
     """
 
     bone: VoxelBone
@@ -104,6 +86,7 @@ class Start:
     place: Mapping[str, Any]
     like: Volume | LabelVolume | None = None
     mapping: OccupancyMap | None = None
+    grid: OnGrid | None = None
 
     def save(self, path: str, bone: VoxelBone, tick: int) -> None:
         """Saves the bone at the end of the session; errors as for `rescued`."""
@@ -145,7 +128,8 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
             material = bone.tissues.material
-    return Start(bone, tick, material, source, place, like, mapping)
+    own = not str(options.bone or "").lower().endswith(".h5")
+    return Start(bone, tick, material, source, place, like, mapping, grid_of(recipe) if own else None)
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:
@@ -330,7 +314,7 @@ def template(labels: LabelVolume) -> Tissues:
     return Tissues(rows, bone)
 
 
-def _tissues(options: Options) -> int:
+def do_tissues(options: Options) -> int:
     is_table = options.file is not None and options.file.lower().endswith(".csv")
     if options.file is None or is_table:
         names = ("tissues", "template", "spacing", "unit", "unknown", "transpose")
@@ -377,7 +361,7 @@ def _tissues(options: Options) -> int:
         unnamed = [
             t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None
         ]
-        Path(options.template).write_text(tissues_text(rows, unnamed), encoding="utf-8", newline="")
+        write_text(options.template, tissues_text(rows, unnamed))
         lines.append(
             f"written {options.template}"
             + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
@@ -427,18 +411,3 @@ def _cell(value: Any) -> str:
     if value is None or isinstance(value, bool):
         return named[value]
     return f"{value:.5g}" if isinstance(value, float) else str(value)
-
-
-TISSUES_COMMAND = Command("tissues", _tissues,
-    "The labels of a segmentation, with voxels, and what they are.", (
-    option(
-        "file", "labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); "
-                "without it, the "
-        "structures that are known by name", metavar="FILE", nargs="?",
-    ),
-    option("--tissues", "a table to look the labels up in", metavar="FILE.csv"),
-    option("--template", "write a table of the file's labels, to be completed", metavar="FILE.csv"),
-    option("--spacing", "of the voxels, where the file has none [mm]", type=spacing, metavar="X,Y,Z"),
-    *STACK,
-    JSON,
-))  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
+import os
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -13,11 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from burrlab.cli.options import (
-    AddCommand,
     Options,
     deliver,
     ended_by_signals,
-    positive,
     refuse_options,
     save_figure,
     say,
@@ -25,6 +24,7 @@ from burrlab.cli.options import (
     working,
 )
 from burrlab.common.check import refuse
+from burrlab.common.files import write_text
 from burrlab.common.progress import LOG
 from burrlab.psychophysics.analysis import Analysis, analyse
 from burrlab.psychophysics.observer import SimulatedSubject
@@ -41,74 +41,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: Options of `run` and `resume`, and of simulated subjects there.
-_RUNNING: Mapping[str, Mapping[str, Any]] = {
-    "--subject": {"metavar": "LABEL", "help": "as the protocol has it"},
-    "--task": {"metavar": "NAME", "help": "one task; default: all, in the subject's own order"},
-    "--device": {"metavar": "hand|scripted:FILE|igtl:HOST:PORT", "help": "instead of the protocol's"},
-    "--experimenter": {
-        "metavar": "FILE",
-        "help": "a file, a fifo or another terminal that shows what the subject does not see; a log is kept "
-        "anyway",
-    },
-    "--simulated": {"action": "store_true", "help": "a simulated subject instead of a person"},
-}
-_SIMULATED: Mapping[str, Mapping[str, Any]] = {
-    "--all": {"action": "store_true", "help": "all subjects of the protocol"},
-    "--weber": {"type": positive, "metavar": "W", "help":
-        "sd of the noise of a cue's logarithm an interval, default 0.45"},
-    "--decision": {"choices": ["differencing", "covert"], "help": "default: differencing"},
-    "--fast": {"action": "store_true", "help": "render each material once a task instead of every interval"},
-}  # fmt: skip
-_ANALYSIS: Mapping[str, Mapping[str, Any]] = {
-    "--json": {"metavar": "FILE", "help": "write the result as JSON; - for standard output"},
-    "--tsv": {"metavar": "FILE", "help": "write a row a subject and task"},
-    "--plot": {"metavar": "FOLDER", "dest": "figures", "help": "write all figures there, as PNG"},
-    "--incomplete": {"action": "store_true", "help": "with runs that did not come to their end"},
-}
-
-
-def add_experiment_commands(command: AddCommand) -> None:
-    """Adds `experiment` to the parser of `burrlab`."""
-    experiment = command(
-        "experiment", _new, "Can it be felt? Psychophysical experiments, designed, run and analysed."
-    )
-    actions = experiment.add_subparsers(dest="action", required=True, metavar="ACTION")
-    for name, run, text, options in (
-        ("new", _new, "Write a protocol to begin with, and print what its designs can show.", {}),
-        ("power", _power,
-         "Print what the designs of a protocol can show, before anybody has taken part.", {}),
-        ("run", _run, "Take a subject through the tasks, at this terminal.", _RUNNING),
-        ("resume", _resume, "Go on with a run that was ended early, at the next trial.", _RUNNING),
-        ("analyse", _analyse, "Scores, d' and intervals of each subject and of the group.", _ANALYSIS),
-    ):  # fmt: skip
-        sub = actions.add_parser(name, help=text, description=text)
-        sub.set_defaults(run=run)
-        sub.add_argument("config", metavar="CONFIG.toml", help="the protocol")
-        for option, settings in options.items():
-            sub.add_argument(option, **settings)
-        if options is _RUNNING:
-            simulated = sub.add_argument_group("simulated subjects")
-            for option, settings in _SIMULATED.items():
-                simulated.add_argument(option, **settings)
-
-
-def _new(options: Options) -> int:
+def do_new(options: Options) -> int:
     path = Path(options.config)
-    try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(template())
-    except FileExistsError:
-        raise FileExistsError(f"{path} exists and is not replaced") from None
+    if os.path.lexists(path):
+        raise FileExistsError(f"{path} exists and is not replaced")
+    write_text(path, template())
     print(
         f"{path} is written: a protocol to be changed. Its designs can show what follows; "
         f"burrlab experiment power {path} says it again.\n"
         f"A rehearsal that needs nobody: burrlab experiment run {path} --simulated --all --fast\n"
     )
-    return _power(options)
+    return do_power(options)
 
 
-def _power(options: Options) -> int:
+def do_power(options: Options) -> int:
     protocol = Protocol.read(options.config)
     subjects = len(protocol.subjects)
     for name, design in protocol.tasks.items():
@@ -118,7 +64,7 @@ def _power(options: Options) -> int:
     return 0
 
 
-def _run(options: Options) -> int:
+def do_run(options: Options) -> int:
     sittings = _sittings(options)
     for sitting in sittings:
         resume = _command("resume", options, sitting.subject)
@@ -127,7 +73,7 @@ def _run(options: Options) -> int:
     return _sit(options, sittings)
 
 
-def _resume(options: Options) -> int:
+def do_resume(options: Options) -> int:
     sittings = _sittings(options)
     begin = _command("run", options, sittings[0].subject)
     begun = any(sitting.begun for sitting in sittings)
@@ -135,7 +81,7 @@ def _resume(options: Options) -> int:
     return _sit(options, sittings)
 
 
-def _analyse(options: Options) -> int:
+def do_analyse(options: Options) -> int:
     figures = None if options.figures is None else Path(options.figures)
     if figures is not None and figures.exists() and not figures.is_dir():
         raise ValueError(f"--plot: {figures} is no folder")

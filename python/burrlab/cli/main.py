@@ -3,32 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import importlib
+import os
 import re
+import select
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 import burrlab
-from burrlab.cli.bone import TISSUES_COMMAND
-from burrlab.cli.descent import DESCENT_COMMANDS
-from burrlab.cli.experiment import add_experiment_commands
-from burrlab.cli.options import (
-    JSON,
-    SIGNED,
-    Command,
-    NotKept,
-    Options,
-    add_options,
-    check_outputs,
-    deliver,
-    sentence,
-)
-from burrlab.cli.session import SESSION_COMMANDS
-from burrlab.cli.view import VIEW_COMMAND
+from burrlab.cli.commands import ACTIONS, COMMANDS, Command
+from burrlab.cli.options import NotKept, add_options, check_outputs, sentence
 from burrlab.common.check import nearest
 from burrlab.common.files import NO_ROOM
-from burrlab.common.provenance import provenance
 from burrlab.starting import started
+
+_QUIET = "--quiet"
+_QUIET_HELP = "no progress, notes or warnings on standard error"
+#: Options whose values may begin with a minus.
+_SIGNED = ("--entry", "--axis", "--map", "--crop", "--offset", "--rotation")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -54,16 +48,11 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}\n")
 
 
-def _version(options: Options) -> int:
-    deliver(options, {"version": burrlab.__version__, **provenance()}, f"burrlab {burrlab.__version__}")
-    return 0
-
-
 def join_vectors(arguments: Sequence[str]) -> list[str]:
     """`--entry -1,2,3` as `--entry=-1,2,3`: argparse reads a leading minus as an option."""
     joined: list[str] = []
     for text in arguments:
-        if joined and joined[-1] in SIGNED and re.match(r"-[\d.]", text):
+        if joined and joined[-1] in _SIGNED and re.match(r"-[\d.]", text):
             joined[-1] += f"={text}"
         else:
             joined.append(text)
@@ -76,36 +65,64 @@ def command_parser() -> argparse.ArgumentParser:
         prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms."
     )
     parser.add_argument("--version", action="version", version=f"burrlab {burrlab.__version__}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-
-    def command(name: str, run: Callable[[Options], int], text: str) -> argparse.ArgumentParser:
-        sub = commands.add_parser(name, help=text, description=text)
-        sub.set_defaults(run=run)
-        return sub
-
-    def add(*described: Command) -> None:
-        for one in described:
-            add_options(command(one.name, one.run, one.text), one.options)
-
-    add(*DESCENT_COMMANDS, *SESSION_COMMANDS, VIEW_COMMAND)
-    add_experiment_commands(command)
-    add(TISSUES_COMMAND, Command("version", _version, "Version and what it runs on.", (JSON,)))
+    parser.add_argument(_QUIET, action="store_true", help=f"of each command: {_QUIET_HELP}")
+    for name, sub in _add_commands(parser, "command", COMMANDS).items():
+        sub.epilog = f"{_QUIET}: {_QUIET_HELP}"
+        if name == "experiment":
+            _add_commands(sub, "action", ACTIONS)
     return parser
+
+
+def _add_commands(parser: Any, kind: str, commands: Mapping[str, Command]) -> dict[str, Any]:
+    added = parser.add_subparsers(dest=kind, required=True, metavar=kind.upper())
+    for name, command in commands.items():
+        add_options(added.add_parser(name, help=command.text, description=command.text), command.options)
+    return dict(added.choices)
+
+
+def _reader_left() -> bool:
+    """Whether who reads standard output or error has gone, as in `burrlab ... | head -1`."""
+    if not hasattr(select, "poll"):  # Windows
+        return False
+    ends = select.poll()
+    for descriptor in (1, 2):
+        ends.register(descriptor, 0)
+    gone = [descriptor for descriptor, _ in ends.poll(0)]
+    for descriptor in gone:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)  # for what is still to be written
+    return bool(gone)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; 0 is done (also without a number), 1 different or failed, 2 wrong input, 3 not saved
-    as asked, 130 interrupted."""
-    started()
+    as asked, 130 interrupted, 141 nobody reads."""
     options = argparse.Namespace(command="")
     try:
         given = join_vectors(sys.argv[1:] if arguments is None else arguments)
-        options = command_parser().parse_args(given)
-        check_outputs(options, given)
-        return int(options.run(options))
+        words = [text for text in given if text != _QUIET]
+        options = command_parser().parse_args(words)
+        module = importlib.import_module(f"burrlab.cli.{COMMANDS[options.command].module}")
+        run = getattr(module, f"do_{getattr(options, 'action', options.command)}")
+        started()
+        check_outputs(options, words)
+        with contextlib.ExitStack() as quiet:
+            if words != given:
+                nowhere = quiet.enter_context(open(os.devnull, "w"))
+                quiet.enter_context(contextlib.redirect_stderr(nowhere))
+            status = int(run(options))
+        print(end="", flush=True)
+        return status
     except (ValueError, OSError, ImportError) as error:
+        if isinstance(error, BrokenPipeError) and _reader_left():
+            return 141
         print(f"burrlab {options.command}: {sentence(error)}", file=sys.stderr)
         return 3 if isinstance(error, NotKept) or getattr(error, "errno", None) in NO_ROOM else 2
     except KeyboardInterrupt:
         print(f"burrlab {options.command}: interrupted", file=sys.stderr)
         return 130
+    except SystemExit:
+        with contextlib.suppress(BrokenPipeError):
+            print(end="", flush=True)
+        if _reader_left():
+            return 141
+        raise

@@ -1,4 +1,7 @@
-"""Shared by the commands: options and their types, refusals, output and the end by a signal."""
+"""Shared by the commands: options and their types, refusals, output and the end by a signal.
+
+A mistyped option is named at once: the modules that make bones are imported later.
+"""
 
 from __future__ import annotations
 
@@ -15,31 +18,37 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Material, Shape, shape_names
-from burrlab.bone.image import OccupancyMap, resampled_shape
-from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, altered, grid_of, usual_tissues
-from burrlab.bone.slices import is_stack
-from burrlab.bone.specimen import Specimen
-from burrlab.bone.tissues import read_tissues
 from burrlab.common.check import refuse
-from burrlab.common.files import NO_ROOM, kept_elsewhere
+from burrlab.common.face import Later
+from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import EACH, LONG, Progress, doing, duration
 from burrlab.common.table import Column, Problem, Table, not_negative
-from burrlab.descent.descent import reach
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from burrlab.bone import image as images
+    from burrlab.bone import recipe as recipes
+    from burrlab.bone import slices
+    from burrlab.bone import tissues as tissue_tables
+    from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
+    from burrlab.bone.specimen import Specimen
+    from burrlab.descent import descent as descents
+else:
+    images, recipes, slices, tissue_tables, descents = map(Later, (
+        "burrlab.bone.image", "burrlab.bone.recipe", "burrlab.bone.slices", "burrlab.bone.tissues",
+        "burrlab.descent.descent",
+    ))  # fmt: skip
+
 
 Options = argparse.Namespace
-#: Adds a command: its name, the function that runs it, its help.
-AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
-Recipe = VolumeRecipe | LabelledRecipe
+Recipe: TypeAlias = "VolumeRecipe | LabelledRecipe"
 Numbers = tuple[float, float, float]
 Made = TypeVar("Made")
 
@@ -56,15 +65,6 @@ class Group(NamedTuple):
 
     title: str
     options: tuple[Option, ...]
-
-
-class Command(NamedTuple):
-    """A command: its name, the function that runs it, its help, its options in the order of the help."""
-
-    name: str
-    run: Callable[[Options], int]
-    text: str
-    options: tuple[Option | Group, ...]
 
 
 def option(name: str, help: str | None = None, **settings: Any) -> Option:
@@ -187,8 +187,6 @@ def chosen_material(options: Options) -> Material:
     return made
 
 
-#: Options whose values may begin with a minus.
-SIGNED = ("--entry", "--axis", "--map", "--crop", "--offset", "--rotation")
 #: Options that say where a descent begins.
 PLACE = ("entry", "axis")
 #: Options that apply to labels only.
@@ -240,10 +238,9 @@ def not_kept(path: str, name: str, error: Exception, write: Callable[[str], obje
 
 def _write(path: str, name: str, write: Callable[[str], object], what: str) -> None:
     try:
-        write(path)
+        with new_file(path, Path(path).suffix) as part:
+            write(os.fspath(part))
     except OSError as error:
-        if error.errno in NO_ROOM and os.path.isfile(path) and not os.path.islink(path):
-            os.unlink(path)  # incomplete
         raise not_kept(path, name, error, write, what) from error
 
 
@@ -291,7 +288,7 @@ def deliver(options: Options, result: dict[str, Any], text: str) -> None:
     print(text)
     if options.json is not None:
         text = json.dumps(result, allow_nan=False, indent=1) + "\n"
-        _write(options.json, "result.json", lambda place: Path(place).write_text(text), "the result")
+        _write(options.json, "result.json", lambda place: write_text(place, text), "the result")
 
 
 def sentence(error: Exception) -> str:
@@ -429,7 +426,7 @@ VOLUME = Group(
         option("--volume", "the grey volume, a file or folder; --voxel resamples it", metavar="FILE"),
         option(
             "--map", "grey values of empty and solid; or a table GREY:OCCUPANCY,GREY:OCCUPANCY,..., 0 to 1",
-            type=parsed_by(OccupancyMap.parse), metavar="LO:HI",
+            type=parsed_by(lambda text: burrlab.OccupancyMap.parse(text)), metavar="LO:HI",
         ),
         option(
             "--entry",
@@ -447,6 +444,11 @@ VOLUME = Group(
             type=box, metavar="X,Y,Z:X,Y,Z",
         ),
     ),
+)  # fmt: skip
+#: Option of a recording of volumetric_drilling.
+RECORDED = option(
+    "--scale", "what the recorder of volumetric_drilling multiplied lengths by, since June 2023 0.0492027 unless it "
+    "was given a header; default 1, or as the bone's voxels tell", type=positive, metavar="S",
 )  # fmt: skip
 #: Options of coloured slices.
 STACK = (
@@ -497,7 +499,7 @@ def unknown_colours(options: argparse.Namespace) -> str | int:
 
 def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
     """The value of --transpose; ValueError where none of the files is a stack."""
-    if not any(path is not None and is_stack(path) for path in paths):
+    if not any(path is not None and slices.is_stack(path) for path in paths):
         refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
     asked: bool | None = options.transpose
     return asked
@@ -519,22 +521,25 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         grey = _grey_recipe(options, burr)
         refuse_options(options, ("smooth",), "goes without --volume")
     # Only --spacing gives the size of slices without a description.
-    sizeless = is_stack(options.labels) and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
+    sizeless = slices.is_stack(options.labels) and Path(options.labels).suffix.lower() not in (
+        ".yaml",
+        ".yml",
+    )
     own = options.spacing if grey is None or sizeless else None
     stack: dict[str, Any] = {
         "unknown": unknown_colours(options),
         "unit": options.unit,
-        "transpose": transpose if is_stack(options.labels) else None,
+        "transpose": transpose if slices.is_stack(options.labels) else None,
     }
     give: Callable[[LabelledRecipe], object] | None = None
     if options.tissues is None:
-        tissues, give = usual_tissues(options.labels, material, spacing=own, **stack)
+        tissues, give = recipes.usual_tissues(options.labels, material, spacing=own, **stack)
     else:
-        tissues = read_tissues(options.tissues, material=material)
+        tissues = tissue_tables.read_tissues(options.tissues, material=material)
     alone = (
         {} if grey is not None else {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
     )
-    recipe = LabelledRecipe(
+    recipe = recipes.LabelledRecipe(
         options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
         smooth=options.smooth,
     )  # fmt: skip
@@ -550,9 +555,9 @@ def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe
         refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
         return None
     refuse(options.map is None, "--volume needs --map")
-    recipe = VolumeRecipe(
+    recipe = recipes.VolumeRecipe(
         options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
-        options.transpose if is_stack(options.volume) else None,
+        options.transpose if slices.is_stack(options.volume) else None,
     )  # fmt: skip
     if burr is not None:
         recipe.check_burr(burr)
@@ -576,26 +581,26 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
 
 def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Recipe:
     """The recipe; cropped to what the descent can reach if the whole volume makes too many voxels."""
-    grey = recipe.grey if isinstance(recipe, LabelledRecipe) else recipe
+    grey = recipe.grey if isinstance(recipe, recipes.LabelledRecipe) else recipe
     if grey is None or grey.voxel is None or grey.crop is not None:
         return recipe
-    volume, voxel = grid_of(grey), np.array(grey.voxel)
+    volume, voxel = recipes.grid_of(grey), np.array(grey.voxel)
     if np.allclose(voxel, volume.spacing, rtol=1e-9, atol=0):
         return recipe
     with contextlib.suppress(ValueError):
-        resampled_shape(volume.shape, volume.spacing, voxel)
+        images.resampled_shape(volume.shape, volume.spacing, voxel)
         return recipe
-    whole = altered(grey, voxel=None).specimen(entry=options.entry, axis=options.axis)
+    whole = recipes.altered(grey, voxel=None).specimen(entry=options.entry, axis=options.axis)
     stop = burr.radius / 3 if options.stop is None else options.stop
-    ends = [volume.patient_point(center) for center in reach(whole, burr, stop)]
+    ends = [volume.patient_point(center) for center in descents.reach(whole, burr, stop)]
     around = burr.radius + 2 * max(*volume.spacing, *voxel)
     low, high = np.round([np.min(ends, axis=0) - around, np.max(ends, axis=0) + around], 2).tolist()
     say(
         f"at {voxel.min():g} mm the whole volume has too many voxels, so it is cropped to what the descent can "
         f"reach (--crop={','.join(f'{x:g}' for x in low)}:{','.join(f'{x:g}' for x in high)})"
     )
-    grey = altered(grey, crop=(low, high))
-    return grey if isinstance(recipe, VolumeRecipe) else replace(recipe, grey=grey)
+    grey = recipes.altered(grey, crop=(low, high))
+    return grey if isinstance(recipe, recipes.VolumeRecipe) else replace(recipe, grey=grey)
 
 
 def say_notes(recipe: Recipe | DrilledRecipe) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import math
 import os
 import signal
 import sys
 import threading
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,32 +22,18 @@ from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.formats import read_labels
 from burrlab.bone.snapshot import check_bone_file
-from burrlab.cli.bone import KEPT, Start, chosen_start, rescued
+from burrlab.cli.bone import Start, chosen_start, rescued
+from burrlab.cli.commands import LIMITS
 from burrlab.cli.options import (
-    JSON,
-    LABELS,
-    MATERIAL,
-    OUTPUT,
-    VOLUME,
-    Command,
-    Group,
     Options,
     chosen_material,
     deliver,
     ended_by_signals,
-    flag,
     on_terminal,
-    option,
-    parsed_by,
     plot,
-    port,
-    positive,
     refuse_options,
     say,
-    seed,
     show_line,
-    vector,
-    whole,
     working,
 )
 from burrlab.common.check import refuse
@@ -58,7 +44,6 @@ from burrlab.session.devices import DeviceFrame
 from burrlab.session.exchange import (
     find_devices,
     open_device,
-    parse_address,
     parse_device,
 )
 from burrlab.session.haply import HeldDevice
@@ -134,31 +119,6 @@ def show_live(options: Options, source: Session | Replica, effects: Companion | 
             raise KeyboardInterrupt
 
 
-@parsed_by
-def _not_negative(text: str) -> float:
-    value = math.nan
-    with contextlib.suppress(ValueError):
-        value = float(text)
-    refuse(not 0 <= value < math.inf, f"must be zero or positive, got '{text}'")
-    return value
-
-
-@parsed_by
-def _nearness(text: str) -> tuple[str, float]:
-    name, _, distance = text.rpartition(":")
-    refuse(not name, f"must be TISSUE:MM, got '{text}'")
-    return name, _not_negative(distance)
-
-
-@parsed_by
-def _quaternion(text: str) -> tuple[float, ...]:
-    parts: tuple[float, ...] = ()
-    with contextlib.suppress(ValueError):
-        parts = tuple(map(float, text.split(",")))
-    refuse(len(parts) != 4, f"must be W,X,Y,Z, got '{text}'")
-    return parts
-
-
 def _frames(
     devices: Sequence[Device], options: Options, place: Mapping[str, Any]
 ) -> list[DeviceFrame] | None:
@@ -177,49 +137,26 @@ def _frames(
     return [of(device) for device in devices]
 
 
-_LIMITS = {
-    "approach": ("MM", "distance of the burr's surface at which an approach is told [mm], default 2"),
-    "touch": ("MM", "and a touch [mm], default 0"),
-    "injury": (
-        "MM3",
-        "volume removed from a structure from which on it is told as injured [mm^3], default 0",
-    ),
-}
-WATCH = Group(
-    "critical structures, where the bone has tissues (docs/anatomy.md)",
-    (
-        option(
-            "--watch",
-            "a structure to watch, as often as needed; default all that are critical; 'none' for no watch",
-            action="append", metavar="TISSUE",
-        ),
-        *(option(f"--{name}", text, type=_not_negative, metavar=unit) for name, (unit, text) in _LIMITS.items()),
-    ),
-)  # fmt: skip
-
-
 def watch_asked_for(options: argparse.Namespace) -> bool:
     """Whether an option of the watch was given."""
-    return any(getattr(options, name) is not None for name in ("watch", *_LIMITS))
+    return any(getattr(options, name) is not None for name in ("watch", *LIMITS))
 
 
 def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
     """The watch that the options describe, None without anything to watch; ValueError if they do not fit the
     bone."""
-    limits: dict[str, Any] = {
-        name: value for name in _LIMITS if (value := getattr(options, name)) is not None
-    }
+    limits: dict[str, Any] = {name: value for name in LIMITS if (value := getattr(options, name)) is not None}
     if options.watch == ["none"]:
-        refuse_options(options, tuple(_LIMITS), "goes with a watch, not with --watch none")
+        refuse_options(options, tuple(LIMITS), "goes with a watch, not with --watch none")
         return None
     if not watch_asked_for(options) and not critical_structures(bone):
         return None
     if bone.tissues is None:
-        refuse_options(options, ("watch", *_LIMITS), "needs a bone with tissues")
+        refuse_options(options, ("watch", *LIMITS), "needs a bone with tissues")
     return Watch(bone, structures=options.watch, progress=on_terminal(), **limits)
 
 
-def _session(options: Options) -> int:
+def do_session(options: Options) -> int:
     check_live(options)
     if options.publish is None and options.vrpn is None:
         refuse_options(options, ("host",), "goes with --publish or --vrpn")
@@ -228,14 +165,18 @@ def _session(options: Options) -> int:
     watch = chosen_watch(options, start.bone)
     if watch is None and start.bone.tissues is not None and not watch_asked_for(options):
         say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
-    devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
+    refuse(
+        options.volume_frame and start.grid is None,
+        "--volume-frame goes with --volume, --labels or a volume's --bone",
+    )
+    devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
         start.bone, [(burr, start.material)] * len(devices), devices, frames=_frames(devices, options, start.place), seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
-        limits=options.model[0] if options.model and len(options.model) == 1 else options.model, ramp=options.ramp, stop_at_force=options.stop_at_force,
+        limits=_limits(options.model), ramp=options.ramp, stop_at_force=options.stop_at_force,
         stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,
         coupling=options.coupling, record=options.record, publish=options.publish, vrpn=options.vrpn, host=host,
-        header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
+        header_version=options.header_version, sensor=not options.no_sensor, source=start.source, realtime=not options.no_realtime,
         watch=watch, on_message=say, wall_clock=not options.virtual_clock,
     )  # fmt: skip
     interrupted = False
@@ -266,6 +207,14 @@ def _session(options: Options) -> int:
     if options.record is not None and not report.recording["complete"]:
         return 3
     return 130 if interrupted else int(session.failed)
+
+
+def _limits(models: list[str] | None) -> str | list[str | None] | None:
+    """For `Session`, of what --model names."""
+    if models is None:
+        return "device"
+    named = [None if model == "none" else model for model in models]
+    return named[0] if len(named) == 1 else named
 
 
 def _stop_at_enter(session: Session) -> None:
@@ -301,7 +250,8 @@ def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[
             say(f"the bone's exact state is {f'kept as {place}' if place else 'not kept either'}")
 
 
-def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:
+def _device(text: str, options: Options, burr: Burr, start: Start, number: int) -> Device:
+    place = start.place
     try:
         device = parse_device(text)
     except ValueError as error:
@@ -314,7 +264,7 @@ def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], n
         beside = np.asarray(place["start"]) + 3 * burr.radius * np.cross(into, along)
         return burrlab.HandDevice(push=options.push, **{**place, "start": beside})
     if device.kind == "scripted":
-        return burrlab.read_script(device.file)
+        return burrlab.read_script(device.file, volume=start.grid if options.volume_frame else None)
     with _opening(f"opening {text}"):
         return open_device(device, options.lost_after)
 
@@ -334,7 +284,7 @@ def _opening(text: str) -> Iterator[None]:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def _devices(options: Options) -> int:
+def do_devices(options: Options) -> int:
     rows = find_devices(_opening)
     lines = [
         f"{row['device']}: {row['hardware']}, over {row['library']}"
@@ -359,7 +309,7 @@ def _line(session: burrlab.Session) -> str:
     )
 
 
-def _replica(options: Options) -> int:
+def do_replica(options: Options) -> int:
     check_live(options)
     if options.save is not None:
         check_bone_file(options.save)
@@ -415,7 +365,7 @@ def _tell_events(replica: Replica, known: int) -> int:
     return known + len(events)
 
 
-def _replay(options: Options) -> int:
+def do_replay(options: Options) -> int:
     trace = load_trace(options.file)
     again = replay(trace, until=options.until, progress=on_terminal())
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
@@ -429,16 +379,22 @@ def _replay(options: Options) -> int:
     return 0 if again.equal else 1
 
 
-def _metrics(options: Options) -> int:
+def do_metrics(options: Options) -> int:
     if options.target is None:
         refuse_options(options, ("onto",), "goes with --target")
     wanted = {"threshold": options.threshold or THRESHOLD, "hysteresis": options.hysteresis or HYSTERESIS}
     if is_recording(options.file):
-        refuse_options(options, ("target", "watch", *_LIMITS), "goes with a trace")
-        metrics = session_metrics(read_volumetric_drilling(options.file), burr=options.burr, **wanted)
+        refuse_options(options, ("target", "watch", *LIMITS), "goes with a trace")
+        recording = read_volumetric_drilling(options.file, scale=options.scale or 1.0)
+        with warnings.catch_warnings(record=True) as doubts:
+            warnings.simplefilter("always")
+            metrics = session_metrics(recording, burr=options.burr, **wanted)
+        for doubt in doubts:
+            say(str(doubt.message))
         plot(options.plot, lambda: metrics.plot()[0])
         deliver(options, metrics.to_dict(), repr(metrics))
         return 0
+    refuse_options(options, ("scale",), "goes with a recording of volumetric_drilling")
     trace, target = load_trace(options.file), None
     if options.target is not None:
         target = read_labels(options.target)
@@ -467,7 +423,7 @@ def _metrics(options: Options) -> int:
     return 0
 
 
-def _export(options: Options) -> int:
+def do_export(options: Options) -> int:
     refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
     export_volumetric_drilling(
         load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
@@ -475,130 +431,3 @@ def _export(options: Options) -> int:
     )  # fmt: skip
     deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")
     return 0
-
-
-_LIVE = (
-    Group("", (
-        flag("--view", "show it in a window (extra viz3d)"),
-        option(
-            "--web", "show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free "
-                     "port; whoever has the "
-            "address that is printed can work it", type=port, nargs="?", const=0, metavar="PORT",
-        ),
-    )),
-    flag(
-        "--effects", "dust, blood and, from a nozzle beside the burr, water, at assumed rates; with --view "
-                     "or --web", None
-    ),
-    flag("--stereo", "both eyes side by side; with --view or --web, whose page has a switch for it", None),
-)  # fmt: skip
-_TRACE = option("file", "a trace", metavar="FILE")
-SESSION_COMMANDS = (
-    Command("session", _session, "Burr in real time, with a device or a simulated hand.", (
-        option(
-            "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], a "
-                        "server's OpenIGTLink TRANSFORM stream, a Touch by its name in the vendor's set-up, "
-                        "an Omega by its number from 0, a Haply Inverse3 (extra haply) by the address of its "
-                        "service, default localhost:10001, or a VRPN server's Tracker, default port 3883, with tcp:// "
-                        "without UDP; given twice, two burrs",
-            action="append", required=True,
-            metavar="hand|scripted:FILE|igtl:HOST:PORT|touch[:NAME]|omega[:N]|haply[:HOST:PORT]|vrpn:NAME@[tcp://]HOST[:PORT]",
-        ),
-        option(
-            "--lost-after", "age at which a position of a device or over the network counts as lost, and the session stops "
-                            "[ms], default 100; a "
-            "peer that sends only what changes (3D Slicer) "
-            "needs more", type=positive, default=100.0, metavar="MS",
-        ),
-        option("--record", "write the complete trace (HDF5), a new file", metavar="FILE"),
-        option(
-            "--publish",
-            "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no "
-            "authentication: whoever reaches the port can read the session", type=port, metavar="PORT",
-        ),
-        option(
-            "--vrpn",
-            "publish each burr over VRPN on this port (0: any free one; VRPN's own is 3883), as the Tracker and "
-            "ForceDevice burrlab_burr_0, burrlab_burr_1; as open as --publish", type=port, metavar="PORT",
-        ),
-        option("--host", "address to publish on, default 127.0.0.1: this machine only"),
-        option("--header-version",
-            "of the OpenIGTLink messages, default 1", type=int, choices=[1, 2], default=1),
-        option("--duration", "[s], default until Ctrl-C", type=positive, metavar="S"),
-        *_LIVE,
-        option("--rate", "of the loop [Hz], default 1000", type=positive, default=1000.0),
-        *MATERIAL,
-        option("--push", "of a simulated hand [N], default 1", type=positive, default=1.0),
-        option("--voxel",
-            "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own", type=positive),
-        VOLUME,
-        LABELS,
-        KEPT,
-        WATCH,
-        option("--seed", "default: drawn and recorded", type=seed),
-        option("--force-limit", "of the force sent [N], default 8", type=positive, default=8.0),
-        option("--slew-limit", "of its change [N/ms], default 1", type=positive, default=1.0),
-        option(
-            "--model", "of the device, whose force limits hold too; given twice, one a device; see "
-                       "docs/stability.md", action="append", metavar="MODEL",
-        ),
-        option(
-            "--ramp", "time over which the allowed force grows at the first contact [s], default 1 with "
-                      "--model", type=_not_negative, metavar="S",
-        ),
-        option("--stop-at-force", "end the session when a force reaches this [N]", type=positive, metavar="N"),
-        option(
-            "--stop-within", "end it when a burr comes so near to a watched structure [mm], as often as "
-                             "needed", action="append", type=_nearness, metavar="TISSUE:MM",
-        ),
-        option("--stop-button", "end it at this button of a device, 0 the first", type=whole, metavar="INDEX"),
-        option("--scale", "motion of the burr over that of the device, default 1", type=positive, metavar="S"),
-        option(
-            "--rotation", "unit quaternion that turns the device's axes into the bone's", type=_quaternion,
-            metavar="W,X,Y,Z",
-        ),
-        option(
-            "--offset", "place of the device's origin [mm]; default 0,0,0, of a touch, omega or haply the place where a "
-                        "simulated hand starts", type=vector, metavar="X,Y,Z",
-        ),
-        option(
-            "--clutch", "button, 0 the first, that while held leaves the burr where it is", type=whole,
-            metavar="INDEX",
-        ),
-        option("--coupling", "spring between device and burr [N/mm], default none", type=positive),
-        flag("--virtual-clock", "ticks as fast as possible, for devices that need no clock (scripted, hand)"),
-        flag("--no-realtime", "do not ask for real-time priority and locked memory"),
-        *OUTPUT,
-    )),
-    Command("devices", _devices, "Haptic devices: what was looked for, what was found, and why not.", (JSON,)),
-    Command("replica", _replica, "Hold a bit-identical copy of a published session's bone.", (
-        option("address", "of a session with --publish", type=parsed_by(parse_address), metavar="HOST:PORT"),
-        option("--volume", "the leader's volume, where it lies elsewhere here", metavar="FILE"),
-        option("--duration", "[s], default until the session ends", type=positive, metavar="S"),
-        *_LIVE,
-        option("--save", "write the bone at the end (HDF5)", metavar="FILE"),
-        JSON,
-    )),
-    Command("replay", _replay, "Execute a trace again and compare: exit status 0 equal, 1 different.", (
-        _TRACE,
-        option("--until", "tick before which to stop, default the end", type=whole, metavar="TICK"),
-        JSON,
-    )),
-    Command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.", (
-        _TRACE,
-        option("--burr", "default 0", type=whole, default=0, metavar="INDEX"),
-        option("--threshold", "of the force [N], default 2", type=positive, metavar="N"),
-        option("--hysteresis", "least stroke [mm], default 1", type=positive, metavar="MM"),
-        option("--target", "labels on the bone's grid, not 0 where bone was to be removed", metavar="VOLUME"),
-        flag("--onto", "a target on other voxels than the bone: bring the nearest on its own"),
-        WATCH,
-        *OUTPUT,
-    )),
-    Command("export", _export, "Write a trace as the simulator volumetric_drilling records a session.", (
-        _TRACE,
-        option("--out", "a new file", required=True, metavar="FILE.hdf5"),
-        option("--burr", "that is the drill, default 0", type=whole, default=0, metavar="INDEX"),
-        flag("--old", "in the layout of its recordings before 2025"),
-        JSON,
-    )),
-)  # fmt: skip

@@ -12,23 +12,14 @@ from burrlab._core import Nozzle, VoxelBone
 from burrlab.bone.header import assumed
 from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe, grid_of
+from burrlab.cli.commands import FPS
 from burrlab.cli.options import (
-    JSON,
-    LABELS,
     OF_LABELS,
-    VOLUME,
-    Command,
     Options,
     chosen_recipe,
     deliver,
     ended_by_signals,
-    flag,
-    number,
     on_terminal,
-    option,
-    parsed_by,
-    port,
-    positive,
     refuse_options,
     save_figure,
     say_notes,
@@ -36,6 +27,7 @@ from burrlab.cli.options import (
 )
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
+from burrlab.common.files import new_file
 from burrlab.effects.effects import Effects
 from burrlab.session.player import Player, RecordingPlayer, TracePlayer
 from burrlab.session.trace import load_trace
@@ -46,18 +38,8 @@ from burrlab.view.pictures import depth_map, plot_depth_map, plot_slices
 from burrlab.view.scene import SIZE, Scene
 from burrlab.view.web import serve
 
-_FPS = 20.0  # of a film [1/s]
 
-
-@parsed_by
-def _size(text: str) -> tuple[int, int]:
-    parts = text.lower().split("x")
-    fine = len(parts) == 2 and all(part.isdecimal() and int(part) >= 16 for part in parts)
-    refuse(not fine, f"must be WIDTHxHEIGHT of at least 16 pixels, got '{text}'")
-    return int(parts[0]), int(parts[1])
-
-
-def _view(options: Options) -> int:
+def do_view(options: Options) -> int:
     _check(options)
     player: Player | None = None
     if options.file is None:
@@ -100,7 +82,7 @@ def _view(options: Options) -> int:
         if (viewpoint := _viewpoint(options, bone, player)) is not None:
             scene.look(viewpoint)
         if options.video is not None:
-            fps = options.fps or _FPS
+            fps = options.fps or FPS
             frames = view.frames(
                 fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
             )
@@ -142,6 +124,7 @@ def _check(options: Options) -> None:
     for applies, names, why in (
         (options.file is None, ("at", "video", "effects"), "goes with a trace"),
         (recorded, ("effects",), "goes with a trace, not with a recording"),
+        (not recorded, ("scale",), "goes with a recording of volumetric_drilling"),
         (
             not of_volume, ("map", "spacing", "series", "crop", "voxel", "transpose"),
             "goes with --volume or --labels",
@@ -160,7 +143,7 @@ def _check(options: Options) -> None:
         if applies:
             refuse_options(options, names, why)
     if options.video is not None:
-        check_film(Path(options.video), options.fps or _FPS)
+        check_film(Path(options.video), options.fps or FPS)
     refuse(
         options.png is not None and Path(options.png).suffix.lower() != ".png",
         f"--png: {options.png} must end in .png",
@@ -189,7 +172,7 @@ def _viewpoint(options: Options, bone: VoxelBone, player: Player | None) -> View
 def _player(options: Options) -> tuple[Player, list[str]]:
     """The player of the trace, or of the recording and its bone, and the notes on it."""
     if is_recording(options.file):
-        recording = read_volumetric_drilling(options.file)
+        recording = read_volumetric_drilling(options.file, scale=options.scale or 1.0)
         bone, notes, source = _chosen_bone(options)
         shown = RecordingPlayer(recording, bone, source)
         print(f"burrlab: {shown.note}", file=sys.stderr)
@@ -227,7 +210,8 @@ def _write_pictures(path: str, bone: VoxelBone, point: Any, note: str, **burrs: 
     if bone.removed > 0:
         depth, file = new_figure(), _depth_file(path)
         plot_depth_map(bone, axis=_widest_opening(bone), note=note, ax=depth.subplots())
-        depth.savefig(file, dpi=200, bbox_inches="tight")  # a cavity may be narrow
+        with new_file(file, file.suffix) as part:
+            depth.savefig(part, dpi=200, bbox_inches="tight")  # a cavity may be narrow
         written.append(str(file))
     return written
 
@@ -244,31 +228,3 @@ def _widest_opening(bone: VoxelBone) -> str:
         ("-z", "z", "x", "-x", "y", "-y"),
         key=lambda axis: np.count_nonzero(depth_map(bone, axis=axis) > 0) * area[axis[-1]],
     )
-
-
-VIEW_COMMAND = Command("view", _view,
-    "Show a recorded session, a bone or a volume: window, PNG, film or web page.", (
-    option("file", "a trace; its --entry and --axis are in the bone frame. Or a recording of volumetric_drilling, "
-        "with --bone, --volume or --labels", metavar="TRACE", nargs="?"),
-    option("--bone",
-        "a bone that was kept (.h5, or a volume with its state) instead of a trace", metavar="FILE"),
-    option("--at", "time of the trace [s], default its end", type=number, metavar="S"),
-    option("--png", "write a picture; no window opens", metavar="FILE"),
-    option("--pictures",
-        "write slices and, if bone was removed, FILE-depth, by matplotlib alone", metavar="FILE"),
-    option("--video", "write a film of the trace, .mp4 or .gif; no window opens", metavar="FILE"),
-    option("--fps", f"of the film [1/s], default {_FPS:g}", type=positive),
-    option("--speed", "of the trace in the film, default 1", type=positive),
-    flag("--stereo", "both eyes side by side", None),
-    flag("--slices", "slices through the burr, the entry or the middle", None),
-    option("--size", "[pixel], default 1024x768", type=_size, metavar="WxH"),
-    option("--width", "that the view holds, top to bottom [mm]", type=positive, metavar="MM"),
-    flag("--web", "serve a page for a browser instead of a window"),
-    option("--port", "of the page, default any free one", type=port),
-    flag("--effects",
-        "dust, blood and, from a nozzle beside the burr, water of a trace, at assumed rates", None),
-    option("--voxel", "of a volume's bone [mm], default its own", type=positive),
-    VOLUME,
-    LABELS,
-    JSON,
-))  # fmt: skip

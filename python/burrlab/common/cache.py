@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import mmap
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from burrlab.common.files import new_part
+from burrlab.common.progress import LOG
 from burrlab.common.records import UNREADABLE
 
 FOLDER = "BURRLAB_CACHE"  # environment variable: the folder; empty: nothing is kept
@@ -47,7 +49,7 @@ class Entry:
     @property
     def _path(self) -> Path | None:
         folder = _folder() if self._names else None
-        return None if folder is None else folder / self._name
+        return None if folder is None or not _is_private(folder) else folder / self._name
 
     def look(self, before: Entry | None = None) -> Self:
         """Looks at the files, once, to be called before they are read; or as another entry found them before."""
@@ -61,6 +63,8 @@ class Entry:
             if (path := self.look()._path) is None:
                 return None
             with path.open("rb") as file:
+                if not _is_own(os.fstat(file.fileno())):
+                    return None
                 mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             whole = memoryview(mapped)
             if int(bytes(whole[:_CHECK]), 16) != zlib.crc32(whole[_CHECK:]):
@@ -90,6 +94,7 @@ class Entry:
                 check = zlib.crc32(content, check)
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             with new_part(path) as part:
+                part.chmod(0o600)
                 with part.open("wb") as file:
                     file.writelines((b"%08x\n" % check, head, *parts))
                 part.replace(path)
@@ -107,6 +112,25 @@ def _folder() -> Path | None:
     with contextlib.suppress(RuntimeError):  # no home
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "burrlab"
     return None
+
+
+def _is_own(state: os.stat_result) -> bool:
+    return os.name != "posix" or state.st_uid == os.geteuid()
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether a folder is still to be made, or is open to this user alone; otherwise the log says so, once."""
+    with contextlib.suppress(FileNotFoundError):
+        state = folder.stat()
+        if not _is_own(state) or (os.name == "posix" and state.st_mode & 0o077):
+            _say_open(folder)
+            return False
+    return True
+
+
+@functools.cache
+def _say_open(folder: Path) -> None:
+    LOG.warning("nothing is kept: %s must be your own folder, closed to others (chmod 700)", folder)
 
 
 def _state(name: str) -> tuple[int, ...]:

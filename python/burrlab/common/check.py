@@ -36,7 +36,9 @@ def require_tool(burr: object, *material: object) -> None:
 
 
 def real(value: object, name: str) -> NDArray[np.float64]:
-    """A copy in float64; ValueError for complex numbers, flags, bytes, 10**400 and anything not real."""
+    """A copy in float64; ValueError for complex numbers, flags, bytes, 10**400, masked and anything not real."""
+    if np.ma.is_masked(value):
+        raise ValueError(f"{name} must have no masked numbers: leave them out, got {shown(value)}")
     try:
         found = np.asarray(value)
         texts = found.dtype.kind == "O" and any(isinstance(one, str | bytes) for one in found.flat)

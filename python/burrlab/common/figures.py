@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
 from matplotlib import rc_context, rcParams, rcParamsDefault
+from matplotlib.artist import ArtistInspector
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import normalize_kwargs
@@ -24,7 +25,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
 
-from burrlab.common.check import refuse
+from burrlab.common.check import nearest, refuse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -186,6 +187,8 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             raise TypeError(
                 f"ax must be Axes of matplotlib, got {wrong[0]!r}; to save: plot().figure.savefig(file)"
             )
+        log = signature.bind(*args, **kwargs).arguments.get("log", False)
+        refuse(not isinstance(log, bool | np.bool), f"log must be True or False, got {log!r}")
         before = {
             one: (one.get_xlim(), one.get_ylim())
             for one in there
@@ -193,7 +196,14 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
         }
         for one in before:
             one.autoscale(one.has_data() or None)  # limits that an earlier plot set do not stand in the way
-        made = draw(*args, **kwargs)
+        try:
+            made = draw(*args, **kwargs)
+        except AttributeError as error:
+            unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
+            if not unknown or unknown[1] not in kwargs:
+                raise
+            near = nearest(unknown[1], ArtistInspector(Line2D).get_setters())
+            raise TypeError(f"a plot has no property {unknown[1]!r}{near}") from None
         for one in made if isinstance(made, list) else [made]:
             for name, limits in zip("xy", before.get(one, ()), strict=False):
                 _widen(one, name, limits)
@@ -204,7 +214,7 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
             _fit_title(one)
             named = len(one.get_legend_handles_labels()[1])
             if one.get_legend() or named > 1 or (named and kwargs.get("label")):
-                _legend(one)
+                _legend(one, given is None)
         return made
 
     drawn.__doc__ = f"{summary}\n\n{_SHARED}\n\n{more}"
@@ -231,10 +241,11 @@ def _fit_title(axes: Axes) -> None:
     axes.title.set(text=lines.replace("\u00a0", " "), fontsize=size)
 
 
-def _legend(axes: Axes) -> None:
+def _legend(axes: Axes, may_grow: bool) -> None:
     """One legend of all that has a label: inside the axes where it covers nothing, else below them.
 
-    More than four labels always stand below. They are read row by row, shadings last.
+    More than four labels always stand below. They are read row by row, shadings last. Labels wider than the axes
+    are broken. A figure that may grow becomes higher where the legend leaves little of the axes.
     """
     old, figure = axes.get_legend(), cast("Figure", axes.get_figure(root=True))
     shown: dict[str, Any] = {}
@@ -244,8 +255,10 @@ def _legend(axes: Axes) -> None:
     look: dict[str, Any] = {"fontsize": 8, "title_fontsize": 8, "columnspacing": 1.2, "handletextpad": 0.5}
     if old is not None:
         look["title"] = old.get_title().get_text() or None
+        whole = {" ".join(label.split()) for label in shown}
         for text, handle in zip(old.get_texts(), old.legend_handles, strict=True):
-            shown.setdefault(text.get_text(), handle)
+            if " ".join(text.get_text().split()) not in whole:  # it may be broken into lines
+                shown[text.get_text()] = handle
         old.remove()
 
     def put(columns: int, **how: Any) -> Any:
@@ -271,8 +284,26 @@ def _legend(axes: Axes) -> None:
     room, below = (cast("Bbox", part.get_tightbbox()) for part in (axes, axes.xaxis))
     aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1) / figure.dpi
     where = ScaledTranslation(aside, (below.y0 - axes.bbox.y0 - 4) / figure.dpi, figure.dpi_scale_trans)
+    below_axes: dict[str, Any] = {
+        "loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": axes.transAxes + where,
+        "frameon": False, "borderaxespad": 0.0,
+    }  # fmt: skip
     for columns in range(len(shown), 0, -1):
-        made = put(columns, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=axes.transAxes + where,
-                   frameon=False, borderaxespad=0.0)  # fmt: skip
-        if made.get_window_extent().width <= room.width:
-            return
+        made = put(columns, **below_axes)
+        width = made.get_window_extent().width
+        if width <= room.width:
+            break
+        if columns == 1 and "\n" not in "".join(shown):
+            fit = int(max(map(len, shown)) * (room.width / width - 0.1))  # a tenth is for the handles
+            fill = textwrap.TextWrapper(max(fit, 10)).fill
+            shown = {
+                fill(label.replace(" = ", "\u00a0=\u00a0")).replace("\u00a0", " "): handle
+                for label, handle in shown.items()
+            }
+            made.remove()
+            made = put(1, **below_axes)
+    if may_grow and len(figure.axes) == 1:
+        across, high = figure.get_size_inches()
+        least = max(axes.yaxis.label.get_window_extent().height, 0.5 * high * figure.dpi)
+        left = axes.bbox.height - made.get_window_extent().height
+        figure.set_size_inches(across, high + max(least - left, 0.0) / figure.dpi)

@@ -12,8 +12,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import TypeAlias, TypeVar
 
-from tqdm import tqdm
-
 #: A function of the fraction done, 0 to 1; or True for a bar on standard error.
 Progress: TypeAlias = Callable[[float], object] | bool
 
@@ -32,6 +30,8 @@ def reporter(progress: Progress | None, what: str) -> Callable[[float], object]:
     if progress is False:
         return lambda done: None
     if progress is True:
+        from tqdm import tqdm  # costs time at every start of a command
+
         bar = tqdm(total=100, desc=what, leave=False, bar_format="{l_bar}{bar}| {elapsed}<{remaining}")
         return lambda done: bar.update(int(100 * done) - bar.n)
     if not callable(progress):

@@ -21,7 +21,8 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, T
 import numpy as np
 
 from burrlab._core import Burr, Material, Shape
-from burrlab.common.check import refuse
+from burrlab.common.check import refuse, shown
+from burrlab.common.files import write_text
 
 if TYPE_CHECKING:
     from cattrs import Converter
@@ -271,13 +272,7 @@ class InJson:
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write JSON, with all data, that `from_json` reads back without loss."""
-        with (
-            open(file, "w", encoding="utf-8")
-            if isinstance(file, (str, os.PathLike))
-            else nullcontext(file) as to
-        ):
-            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
-            to.write("\n")
+        write_text(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
@@ -288,6 +283,8 @@ class InJson:
         ValueError
             If the file is something else.
         """
+        text = isinstance(file, str) and file.lstrip().startswith(("{", "["))
+        refuse(text, f"file must be a name or an open file, as io.StringIO(text), got the text {shown(file)}")
         with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
             name = getattr(given, "name", "JSON text")
             return parsed(name, given.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)

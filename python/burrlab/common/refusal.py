@@ -35,7 +35,7 @@ _EXAMPLES = {
 
 
 def _number(value: Any, *ways: str) -> bool:
-    return any(hasattr(value, way) for way in ("__index__", *ways)) and not isinstance(value, bool | np.bool)
+    return any(hasattr(value, way) for way in ("__index__", *ways)) and not isinstance(value, bool | np.bool_)
 
 
 def _array(value: Any, kinds: str = "iufb", shape: tuple[int, ...] | None = None) -> bool:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import real, refuse, scalar, shown
+from burrlab.common.files import write_text
 
 if TYPE_CHECKING:
     import pandas
@@ -33,17 +34,14 @@ Problem: TypeAlias = tuple[str, str] | None  # (name of a column, message)
 
 
 def number(text: str) -> float:
-    """Number in a field of a CSV file, NaN for an empty field; ValueError for any other text."""
+    """Number in a field of a CSV file, NaN for "nan" or an empty field; ValueError for any other text."""
     if not text:
         return math.nan
     try:
-        value = _float(text)
+        return _float(text)
     except ValueError:
         none = ": leave the field empty where there is none" * bool(re.fullmatch("(?i)n/?a|-+|[#<>].*", text))
         raise ValueError(f"{shown(text)} is not a number{none}") from None
-    if math.isnan(value):  # only an empty field means "no number"
-        raise ValueError(f"must be a finite number, or empty where there is none: got {shown(text)}")
-    return value
 
 
 def _float(text: str) -> float:
@@ -240,6 +238,9 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
     raise ValueError((faults[0] if len(faults) == 1 else several) + hint)
 
 
+_LONGEST_LINE = 1 << 20  # characters; a longer line is no row of a table, and takes long to read
+
+
 def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = "") -> str:
     """Text of a file's content; ValueError, with a hint, if it is no text in UTF-8 or another encoding."""
     try:
@@ -250,6 +251,11 @@ def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = 
         kind = "UTF-8" if encoding == "utf-8-sig" else encoding
         raise ValueError(f"{name}: this is not a text file in {kind}{hint}") from None
     refuse("\0" in text, f"{name}: this is not a text file, it holds zero bytes")
+    longest = max(map(len, text.splitlines()), default=0)
+    refuse(
+        longest > _LONGEST_LINE,
+        f"{name}: a line must have at most {_LONGEST_LINE} characters, got one of {longest}",
+    )
     # Messages quote the text: it must hold no control characters.
     if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
         raise ValueError(f"{name}: this is not a text file, it holds the control character {found[0]!r}")
@@ -259,9 +265,9 @@ def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = 
 def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping[str, Sequence[Any]]) -> None:
     """Writes comment lines, column names and rows; NaN becomes an empty field."""
     if isinstance(file, (str, os.PathLike)):
-        with open(file, "w", encoding="utf-8", newline="") as stream:
-            write(stream, comments, columns)
-        return
+        text = io.StringIO()
+        write(text, comments, columns)
+        return write_text(file, text.getvalue())
     if not hasattr(file, "write"):
         raise TypeError(f"file must be a path or an open text file, got {shown(file)}")
     for key, value in comments.items():

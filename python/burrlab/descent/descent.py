@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
-from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing, half_space
+from burrlab.bone.specimen import MOST_VOXELS, Border, Specimen, Vector, checked_spacing, half_space
 from burrlab.common.check import check_positive, refuse, require_tool, require_type, scalar, seed_or_new
 from burrlab.common.progress import LOG, LONG, Progress, duration, reporter
 from burrlab.common.provenance import provenance
@@ -180,7 +180,11 @@ def descend(
         }
         if specimen.made:
             parameters["volume"] = dict(specimen.made)
-    return evaluate(burr, material, force, stop, series, ending, provenance(**parameters))
+    cut = 0
+    if contact is not None and specimen is not None and len(series.immersion):
+        way = np.append(0.0, series.immersion)[:, None] * specimen.axis + specimen.center(0.0, burr)
+        cut = Border(contact.bone).count_cut(way, burr.radius)
+    return evaluate(burr, material, force, stop, series, ending, provenance(**parameters), cut=cut)
 
 
 #: Speed of the approach [mm/s] (ours).

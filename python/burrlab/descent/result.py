@@ -12,9 +12,11 @@ import scipy
 
 from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
+from burrlab.bone.specimen import CUT
 from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
+from burrlab.common.files import write_text
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import Tabular, by_value
 from burrlab.theory.closed_forms import (
@@ -133,7 +135,7 @@ class Descent(Tabular):
         """Writes result and series as JSON, without loss."""
         record = _CODEC.plain(self.series)
         columns = {name: record.pop(name) for name in ("time", "immersion", "force", "command")}
-        Path(path).write_text(json.dumps({**self.to_dict(), "series": columns, "record": record}))
+        write_text(path, json.dumps({**self.to_dict(), "series": columns, "record": record}))
 
     @staticmethod
     def load(path: str | Path) -> Descent:
@@ -264,8 +266,10 @@ def evaluate(
     series: Series,
     ending: str,
     provenance: dict[str, Any],
+    *,
+    cut: int = 0,
 ) -> Descent:
-    """Window, velocity and status of a recorded descent."""
+    """Window, velocity and status of a recorded descent; `cut` by `Border.count_cut`."""
     h, force = series.immersion, series.force
     static = None if material is None else static_immersion(burr, material, setpoint)
     span = 101 if series.noise > 0.1 * setpoint else 51
@@ -322,11 +326,11 @@ def evaluate(
             resolution = None if thickness is None else thickness / max(provenance["spacing_mm"])
     return Descent(
         burr, material, float(setpoint), float(stop), status, reason, velocity, window, fall, resolution,
-        _phases(series, setpoint, settled), _warnings(burr, series, provenance), series, provenance,
+        _phases(series, setpoint, settled), _warnings(burr, series, provenance, cut), series, provenance,
     )  # fmt: skip
 
 
-def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[str, ...]:
+def _warnings(burr: Burr, series: Series, provenance: dict[str, Any], cut: int) -> tuple[str, ...]:
     found = []
     if "spacing_mm" in provenance and burr.radius / max(provenance["spacing_mm"]) < 7.5:
         found.append(
@@ -334,10 +338,12 @@ def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[s
         )
     alone = (provenance.get("volume") or {}).get("labels_alone")
     if alone is not None:
-        smooth = (alone["smooth_mm"] or 0.0) >= 1.999 * alone["voxel_mm"]
-        ratio = burr.radius / alone["voxel_mm"]
+        width, ratio = (length / alone["voxel_mm"] for length in (alone["smooth_mm"] or 0.0, burr.radius))
+        smooth = width >= 1.95  # two voxels, as they are rounded by hand
         told = f"{label_scatter(ratio, smooth)} (here {ratio:.3g}), as measured on made-up surfaces"
-        found.append(f"labels alone: velocities at one place scatter by {told}")
+        told += " without smoothing" if width and not smooth else ""
+        how = f", smoothed by {width:.3g} voxels" if width else ""
+        found.append(f"labels alone{how}: velocities at one place scatter by {told}")
     for name, text in (
         ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
         ("ambiguous", "no direction of contact"),
@@ -345,6 +351,8 @@ def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[s
         ticks = getattr(series, name)
         if ticks:
             found.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
+    if cut:
+        found.append(f"{CUT} ({cut} of {len(series.time)} ticks)")
     return tuple(found)
 
 

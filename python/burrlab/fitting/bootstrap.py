@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Shape
-from burrlab.common.check import refuse, seed_or_new
+from burrlab.common.check import refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
-from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
+from burrlab.fitting.intervals import LEVELS, ByLevel, ByName, Interval, plain_ends
 from burrlab.fitting.likelihood import FREEDOM, Likelihood
 from burrlab.fitting.observations import Box, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import Domain, lowest
@@ -140,9 +140,9 @@ class Bootstrap:
     @property
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha``, ``combination`` -> level -> percentile interval; None is open."""
-        found: dict[str, dict[str, Interval]] = {}
+        found = ByName()
         for name in ("c_e", "alpha", "combination"):
-            values, found[name] = np.sort(getattr(self, name)), {}
+            values, found[name] = np.sort(getattr(self, name)), ByLevel()
             for level, p in LEVELS.items():
                 places = np.round(np.array([0.5 - p / 2, 0.5 + p / 2]) * (len(values) - 1)).astype(int)
                 ends = (float(end) if np.isfinite(end) else None for end in values[places])
@@ -226,7 +226,7 @@ def bootstrap(
     ----------
     Davison and Hinkley, Bootstrap Methods and their Application, Cambridge 1997, section 6.3.
     """
-    refuse(n < 2, f"n must be at least 2: got {n!r}")
+    refuse(whole("n", n, 2**31, "2^31") < 2, f"n must be at least 2: got {n!r}")
     refuse(kind not in KINDS, f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
     refuse(
         seed is None and store is not None, "a store needs a seed, for it finds results by it: got seed None"

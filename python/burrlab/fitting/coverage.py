@@ -23,7 +23,7 @@ from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
-from burrlab.fitting.verdict import separately_identified
+from burrlab.fitting.verdict import obstacle
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.indentation import Indentation
 
@@ -234,7 +234,10 @@ class Coverage:
 
     @property
     def separately_identified(self) -> Share:
-        """Share of the data sets that determine c_e and alpha apart, as `Fit.separately_identified`."""
+        """Share of the data sets that determine c_e and alpha apart, as `Fit.separately_identified`.
+
+        The 0.5 % that contradict the model by chance are not left out.
+        """
         return Share(int(self.apart.sum()), len(self))
 
     def _interval(self, quantity: str, level: str) -> tuple[Floats, Floats]:
@@ -345,7 +348,7 @@ def replicate(item: CoverageItem) -> Floats:
     ends = [_ends(table[level]) for table in tables for level in LEVELS]
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - found.base, float(at.minus2(item.alpha)[0]) - found.base]
-    apart = float(separately_identified(found.intervals["c_e"]["95"]))
+    apart = not obstacle(found.intervals["c_e"]["95"], float(o.c_e_bounds().max()))
     return np.concatenate(
         [np.ravel(ends), [found.identified.exponent], rises, [*found.joint.values()], [apart]]
     )

@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
-from burrlab.fitting.hypotheses import POOR, HypothesisTest, Point, judged
+from burrlab.fitting.hypotheses import POOR, HypothesisTest, Point, indentation_tests, judged
 from burrlab.fitting.intervals import Interval
-from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, Model
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import Domain, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
@@ -61,8 +61,10 @@ class Goodness:
     ----------
     test : HypothesisTest or None
         Chi-square with sigma, lack of fit with repeats, else curvature; None where there are too few rows.
+        Where an indentation contradicts Eq. 3 more clearly, its test.
     poor : bool
-        The data contradict the model: p < 0.005, and the deviations exceed the model's own error.
+        The data contradict the model: p < 0.005 over the number of tests, and the deviations exceed the
+        model's own error.
     inflation : float
         Chi-square over degrees of freedom where the data contradict a given sigma, else 1. The limits of all
         intervals are wider by this factor, the intervals by its root.
@@ -87,11 +89,19 @@ class Goodness:
 
 
 def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) -> Goodness:
-    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats."""
+    """The goodness of a fit; `lack` is its test of lack of fit, None without sigma and repeats.
+
+    The test of the velocities and those of an indentation share the 0.005 evenly.
+    """
     test = curvature(likelihood, point) if lack is None else lack
-    poor = test is not None and test.p_value < POOR and _off(likelihood, point) > _NO_MATTER
-    inflation = test.statistic / test.freedom[0] if poor and test is not None and likelihood.known else 1.0
-    return Goodness(test, poor, inflation)
+    o, presses = likelihood.observations, indentation_tests(likelihood)
+    limit = POOR / max(len(presses) + (test is not None), 1)
+    against = [test] if test is not None and _off(likelihood, point) > _NO_MATTER else []
+    if presses and np.std(np.log(o.pressed / o.pressed_unit)) > _NO_MATTER:
+        against += presses
+    against = sorted((bad for bad in against if bad.p_value < limit), key=lambda bad: bad.p_value)
+    ratios = [bad.statistic / bad.freedom[0] for bad in against if len(bad.freedom) == 1]
+    return Goodness(against[0] if against else test, bool(against), max(ratios, default=1.0))
 
 
 def _off(likelihood: Likelihood, point: Point) -> float:
@@ -233,8 +243,8 @@ def influence(
     )
 
 
-def doubts(fits: Goodness, likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
-    """Sentences that the verdict begins with; `rows` stand out, and the two farthest are named.
+def doubts(likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
+    """Sentences on doubtful data for the verdict; `rows` stand out, and the two farthest are named.
 
     Copies are blocks of 8 rows or more, over three forces or more, that come again right behind themselves, all
     columns equal. Repeats that rounding makes equal hardly ever form one.
@@ -243,6 +253,8 @@ def doubts(fits: Goodness, likely: Plausibility | None, o: Observations, rows: S
     same = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
     copied = np.zeros(len(same), dtype=bool)
     for lag in range(FEWEST, len(same) // 2 + 1):
+        if not (same[lag::lag] == same[:-lag:lag]).any():  # `lag` rows in a row would hold one of these
+            continue
         equal = np.concatenate([[False], same[lag:] == same[:-lag], [False]])
         for begin, end in np.flatnonzero(np.diff(equal)).reshape(-1, 2):
             if end - begin >= lag and len(np.unique(o.force[begin:end])) >= 3:
@@ -253,7 +265,6 @@ def doubts(fits: Goodness, likely: Plausibility | None, o: Observations, rows: S
     ]
     far[2:] = [f"{len(far) - 2} more"] if len(far) > 2 else []
     told = {
-        fits.sentence: True,
         f"Suspect: {likely.sentence if likely else ''}.": likely is not None and likely.suspect,
         f"{copied.sum()} of {len(same)} rows are exact copies of others, which narrow the intervals "
         "but are no repeats.": copied.any(),
@@ -287,7 +298,9 @@ def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, fl
     keep = np.arange(len(likelihood.observations.force)) != row
     try:
         o = likelihood.observations.kept(keep)
-        rest = Likelihood(o, likelihood.kind, _Kept(likelihood.model, keep))
+        model = likelihood.model
+        few = MeanFieldModel(o, model.shape) if isinstance(model, MeanFieldModel) else _Kept(model, keep)
+        rest = Likelihood(o, likelihood.kind, few)
         domain = Domain.of(rest, bounds_of(o, given), given)
     except ValueError:  # too few forces are left
         return np.nan, np.nan, Interval(None, None)
@@ -343,8 +356,9 @@ def plausibility(
     base: float,
     point: Point,
     plausible: Bounds,
+    guess: bool,
 ) -> Plausibility:
-    """Compare a fit with the plausible range of c_e [N/mm^2] and alpha [1/ms].
+    """Compare a fit with the plausible range of c_e [N/mm^2] and alpha [1/ms]; `guess` what may be mistaken.
 
     A factor on forces or velocities is absorbed by c_e or alpha exactly, so only such a range can show it.
     The alphas of the shipped materials hold for parabolic f; with another f only their c_e is asked.
@@ -387,7 +401,7 @@ def plausibility(
         looks = [
             f"as if {what} (c_e would be {point[0] / force:.3g} N/mm^2, alpha {point[1] / velocity:.3g} /ms)"
             for what, (force, velocity) in _MISTAKES.items()
-            if p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
+            if guess and p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
         ]
         said.append(lie + ("; " + ", or ".join(looks) if looks else ""))
     implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)

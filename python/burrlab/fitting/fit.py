@@ -22,7 +22,7 @@ from burrlab.fitting.observations import Bounds, Box, Data, Floats, Observations
 from burrlab.fitting.profile import FLAT, Domain, at_ridge, minima
 from burrlab.fitting.record import describe, weigh
 from burrlab.fitting.result import Fit
-from burrlab.fitting.verdict import Start, equally_good, status_of
+from burrlab.fitting.verdict import Start, bound_reached, equally_good, status_of
 from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
@@ -195,8 +195,11 @@ def fit(
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
     evidence, status, reason = None, "not-converged", failure
     if not failure:
-        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds or {}, plausible)
-        status, reason = status_of(observations, box, starts, best, evidence.ridge, missed, evidence.doubt)
+        at = bound_reached(observations, box, best.end)
+        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds or {}, plausible, at)
+        status, reason = status_of(
+            len(observations), at, starts, best, evidence.ridge, missed, evidence.doubt
+        )
     return Fit(
         c_e=best.end[0],
         alpha=best.end[1],

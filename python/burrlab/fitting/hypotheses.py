@@ -108,6 +108,48 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     return HypothesisTest(name, F, (above, below), p, f"Lack of fit: {agree}, {told}.")
 
 
+def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
+    """Whether the pressed rows follow Eq. 3, about the c_e that fits them best.
+
+    Their chi-square where their sigma is known, else the F test of `lack_of_fit` where depths repeat; and the
+    slope of ln F on ln h by an F test, from four rows on.
+    """
+    o, n = likelihood.observations, len(likelihood.observations.pressed)
+    if n < 2:
+        return []
+    x, log = np.log(o.pressed_unit), np.log(o.pressed / o.pressed_unit)
+    constant, y = np.ones(n), log
+    if likelihood.pressed_known:
+        constant, y = o.pressed_unit / o.pressed_sigma, o.pressed / o.pressed_sigma
+    r, bend = (
+        column - constant * (constant @ column) / (constant @ constant) for column in (y, constant * x)
+    )
+    S, tests = float(r @ r), []
+    depths, count = np.unique(x, return_inverse=True, return_counts=True)[1:]
+    pure = float(np.sum((r - (np.bincount(depths, r) / count)[depths]) ** 2))
+    if likelihood.pressed_known:
+        p, outcome = judged(S, n - 1)
+        agree = "agrees with" if p >= 0.05 else "contradicts"
+        text = f"The indentation {agree} Eq. 3 and its sigma: {outcome}."
+        tests.append(HypothesisTest("indentation, sigma", S, (n - 1,), p, text))
+    elif 1 < len(count) < n and pure > 0:
+        freedom = len(count) - 1, n - len(count)
+        F = (max(S - pure, 0.0) / freedom[0]) / (pure / freedom[1])
+        p, outcome = judged(F, *freedom)
+        agree = "fits the indentation within the scatter of its repeats" if p >= 0.05 else "misses its means"
+        tests.append(HypothesisTest("indentation, repeats", F, freedom, p, f"Eq. 3 {agree}, {outcome}."))
+    if n > 3 and len(count) > 1:
+        above = float(bend @ r) ** 2 / float(bend @ bend)
+        F = above / max((S - above) / (n - 2), 1e-300)
+        p, outcome = judged(F, 1, n - 2)
+        power = 1.5 * (1 + float(np.cov(x, log)[0, 1] / np.var(x, ddof=1)))
+        text = (
+            f"The force of the indentation goes with depth^{power:.3g}, by Eq. 3 with depth^1.5: {outcome}."
+        )
+        tests.append(HypothesisTest("indentation, power", F, (1, n - 2), p, text))
+    return tests
+
+
 def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | None:
     """Whether the velocity falls with depth within the runs as the model says; None without traces.
 

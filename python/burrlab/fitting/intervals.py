@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from burrlab.common.check import refuse
+from burrlab.common.check import nearest, refuse
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
 
@@ -47,6 +47,13 @@ class ByLevel(dict[str, Interval]):
         return super().__getitem__(level_name(level))
 
 
+class ByName(dict[str, ByLevel]):
+    """Intervals by the name of a quantity, and by level."""
+
+    def __missing__(self, name: object) -> ByLevel:
+        raise ValueError(f"intervals are of {', '.join(self)}: got {name!r}{nearest(name, self)}")
+
+
 def plain_ends(intervals: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, list[float | None]]]:
     """Intervals by name and level as [lower, upper], ready for JSON."""
     return {
@@ -79,8 +86,9 @@ class Region:
 class Combination:
     """alpha/c_e^exponent, the combination that the data determine best.
 
-    The exponent makes the 95 % profile interval shortest. Where c_e is open above, it is the ridge's,
-    4 (k + 1)/3, the only one with a closed interval.
+    The exponent makes the 95 % profile interval shortest; at a bound that a window sets several do, and it is
+    their middle. Where c_e is open above, it is the ridge's, 4 (k + 1)/3, the only one with a closed
+    interval.
     """
 
     exponent: float
@@ -135,5 +143,5 @@ class Profile:
     base: float = 0.0
 
     def __post_init__(self) -> None:
-        by_level = {name: ByLevel(levels) for name, levels in self.intervals.items()}
+        by_level = ByName({name: ByLevel(levels) for name, levels in self.intervals.items()})
         object.__setattr__(self, "intervals", by_level)

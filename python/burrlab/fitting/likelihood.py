@@ -37,12 +37,17 @@ class MeanFieldModel:
     """
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
-        self._n, self._curve = len(observations.force), MasterCurve(shape)
+        self._n, self._curve, self.shape = len(observations.force), MasterCurve(shape), shape
         self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
+        #: the number of each row's prediction, which equal rows share
+        self.group: Rows = np.empty(self._n, np.intp)
+        n_groups = 0
         both = np.stack([observations.force / observations.radius**2, observations.radius])
         for (start, end), rows in observations.by_window().items():
             (pressure, radius), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
             self._groups.append((start, end, pressure, radius, rows, inverse))
+            self.group[rows] = n_groups + inverse
+            n_groups += len(pressure)
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
@@ -51,6 +56,15 @@ class MeanFieldModel:
     def log_unit(self, c_e: ArrayLike) -> Floats:
         """See `Model`."""
         return self._rows(c_e, np.log)
+
+    def log_groups(self, c_e: Floats) -> Floats:
+        """`log_unit` of each number of `group`, shape (len(c_e), numbers)."""
+        tables = []
+        for start, end, pressure, radius, _, _ in self._groups:
+            log_phi = np.log(pressure) - np.log(c_e)[:, None]
+            tables.append(self._curve.log_velocity_ratio(log_phi, start, end))
+            tables[-1] += np.log(PER_SECOND * radius)
+        return np.concatenate(tables, axis=1) if len(tables) > 1 else tables[0]
 
     def _rows(self, c_e: ArrayLike, function: Callable[[Floats], Floats]) -> Floats:
         """A function of the velocity of each row, made once for equal rows; row after row in memory."""
@@ -64,6 +78,8 @@ class MeanFieldModel:
 
 #: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
 MODEL_ERROR = 2e-3
+_MANY = 1000  # rows above which those of equal prediction are summed once; the others keep their last bits
+_TABLE = 1 << 18  # numbers that one table of c_e and rows holds: 2 MB, so that it stays in the cache
 _LARGEST = 500.0  # largest |log alpha|: limits beyond are cut to it, so that they stay finite
 
 
@@ -116,6 +132,14 @@ class Likelihood:
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
         self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
+        #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
+        self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
+        if isinstance(model, MeanFieldModel) and self.n > _MANY and kind != "student" and not self._runs:
+            y = np.log(observations.velocity) if self.log else observations.velocity
+            weights = observations.sigma**-2 if self.known else np.ones(len(y))
+            weight = np.asarray(np.bincount(model.group, weights), np.float64)
+            mean = np.bincount(model.group, weights * y) / weight
+            self._shared = model, weight, mean, float(np.sum(weights * (y - mean[model.group]) ** 2))
 
     def own_rows(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
         """Derivatives, shape (n, 2), and residuals of the curves' rows about the best fit to these alone.
@@ -176,8 +200,23 @@ class Likelihood:
     def at(self, c_e: ArrayLike) -> Slices:
         """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
+        width = len(self._shared[1]) if self._shared else self.n
+        n_parts = min(len(stiffness) * width // _TABLE, len(stiffness) // 2)  # parts of two or more
+        if n_parts < 2 or self.kind == "student":
+            return self._at(stiffness)
+        parts = [self._at(part) for part in np.array_split(stiffness, n_parts)]
+        columns: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name, column in vars(parts[0]).items()
+            if isinstance(column, np.ndarray)
+        }
+        return replace(parts[0], **columns)
+
+    def _at(self, stiffness: Floats) -> Slices:
         with np.errstate(invalid="ignore"):
-            if self.log:
+            if self._shared is not None:
+                A, B, m = self._of_shared(stiffness, *self._shared)
+            elif self.log:
                 r = self._log_residuals(self.model.log_unit(stiffness))
                 if self.kind == "student":
                     return StudentSlices.of(stiffness, r, self.floor)
@@ -199,6 +238,22 @@ class Likelihood:
             S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
             other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
         return Slices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.log)
+
+    def _of_shared(
+        self, stiffness: Floats, model: MeanFieldModel, weight: Floats, mean: Floats, squares: float
+    ) -> tuple[Floats, Floats, Floats]:
+        """A, B and m from the means of the rows that share a prediction."""
+        r = model.log_groups(stiffness)
+        if self.log:
+            np.subtract(mean, r, out=r)
+            m, B = np.einsum("ij,j->i", r, weight) / self.n, np.full(len(stiffness), float(self.n))
+            r -= m[:, None]
+        else:
+            np.exp(r, out=r)
+            B = np.einsum("ij,ij,j->i", r, r, weight)
+            m = np.einsum("ij,j->i", r, weight * mean) / B
+            r = mean - m[:, None] * r
+        return squares + np.einsum("ij,ij,j->i", r, r, weight), B, m
 
     @staticmethod
     def _minus2(S: Floats, n: int) -> Floats:
@@ -353,6 +408,10 @@ class Slices:
         g = np.log(alpha) if self.log else np.asarray(alpha, dtype=np.float64)
         return self._minus2(self.A + self.B * (g - self.m) ** 2)
 
+    def minus2_near(self, alpha: float) -> Floats:
+        """-2 log L at alpha, or infinity where it is not the lowest."""
+        return self.minus2(alpha)
+
     def alpha_below(self, target: float) -> tuple[Floats, Floats]:
         """The alphas [1/ms] between which -2 log L is below a target; NaN where there are none."""
         rest = target - self.other
@@ -370,23 +429,23 @@ class Slices:
 
 FREEDOM = 4.0  #: degrees of freedom of the robust likelihood (ours)
 _ROUNDS = 30  # of reweighting: each leaves under a third of the error
-_STEPS = 8  # of Newton's method
+_STEPS = 8  # of Newton's method, at most
+_ENOUGH = 1e-6  # a relative step of Newton's method after which the error is below 1e-11
 
 
-def _weights(r: Floats, scale2: Floats) -> Floats:
-    return (FREEDOM + 1) / (FREEDOM + r**2 / scale2[..., None])
-
-
-def _scale2(r: Floats, floor: float) -> Floats:
+def _scale2(r: Floats, floor: float, begin: Floats | None = None, enough: float = _ENOUGH) -> Floats:
     """Best squared scale of Student's t for residuals about 0, over the last axis: the weights' mean is 1."""
     r2 = r**2
-    log = np.log(np.maximum(1.5 * np.median(r2, axis=-1), floor))
-    for _ in range(_STEPS):
-        part = 1 / (1 + FREEDOM * np.exp(log)[..., None] / np.maximum(r2, 1e-300))  # q/(nu + q), q = r^2/s^2
-        excess = (FREEDOM + 1) * np.mean(part, axis=-1) - 1
-        slope = (FREEDOM + 1) * np.mean(part * (1 - part), axis=-1)
-        log = np.maximum(log + np.clip(excess / np.maximum(slope, 1e-9), -1, 1), np.log(floor))
-    return np.asarray(np.exp(log))
+    scale2 = np.maximum(1.5 * np.median(r2, axis=-1) if begin is None else begin, floor)
+    for _ in range(_STEPS):  # of Newton's method, in log scale2
+        part = r2 / (r2 + FREEDOM * scale2[..., None])  # q/(nu + q), q = r^2/s^2
+        mean = np.mean(part, axis=-1)
+        slope = (FREEDOM + 1) * (mean - np.mean(np.square(part, out=part), axis=-1))
+        step = np.clip(((FREEDOM + 1) * mean - 1) / np.maximum(slope, 1e-9), -1, 1)
+        last, scale2 = scale2, np.maximum(scale2 * np.exp(step), floor)
+        if not np.any(np.abs(scale2 - last) > enough * last):
+            break
+    return np.asarray(scale2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,33 +461,52 @@ class StudentSlices(Slices):
     """
 
     r: Floats  # log v less log of the model's velocity at alpha = 1, shape (m, n)
+    height: Floats  # -2 log L at m
 
     @classmethod
     def of(cls, c_e: Floats, r: Floats, floor: float) -> StudentSlices:
         """By reweighting, begun at the median."""
         m = np.median(r, axis=-1)
-        scale2 = np.maximum(2 * np.median((r - m[:, None]) ** 2, axis=-1), floor)
+        d = r - m[:, None]
+        scale2 = np.maximum(2 * np.median(d**2, axis=-1), floor)
         for _ in range(_ROUNDS):
-            w = _weights(r - m[:, None], scale2)
-            m = np.sum(w * r, axis=-1) / np.sum(w, axis=-1)
-            scale2 = np.maximum(np.sum(w * (r - m[:, None]) ** 2, axis=-1) / np.sum(w, axis=-1), floor)
+            w = 1 / (FREEDOM * scale2[:, None] + d**2)
+            total, last = np.sum(w, axis=-1), scale2
+            shift = np.sum(np.multiply(w, d, out=w), axis=-1) / total
+            scale2 = np.maximum(np.sum(np.multiply(w, d, out=w), axis=-1) / total - shift**2, floor)
+            m += shift
+            d -= shift[:, None]
+            if not np.any(np.abs(shift) + np.abs(scale2 - last) / np.sqrt(last) > 1e-12 * np.sqrt(last)):
+                break
         B = np.full(len(c_e), float(r.shape[-1]))
-        return cls(c_e, scale2 * B, B, m, np.zeros(len(c_e)), r.shape[-1], False, floor, True, r)
+        other = np.zeros(len(c_e))
+        slices = cls(c_e, scale2 * B, B, m, other, r.shape[-1], False, floor, True, r, other)
+        return replace(slices, height=slices._at(m, scale2)[0])
 
     @property
     def profile(self) -> Floats:
         """See `Slices`."""
-        return self._at(self.m)[0]
+        return self.height
 
     def minus2(self, alpha: ArrayLike) -> Floats:
         """See `Slices`."""
         return self._at(np.broadcast_to(np.log(alpha), self.m.shape))[0]
 
+    def minus2_near(self, alpha: float) -> Floats:
+        """See `Slices`: no point lies below its own best."""
+        nearest = int(np.argmin(np.abs(self.m - np.log(alpha))))
+        height = self._part(slice(nearest, nearest + 1)).minus2(alpha)
+        low = np.flatnonzero(self.height <= height)
+        near = slice(max(low[0] - 1, 0), low[-1] + 2)
+        found = np.full(len(self.m), np.inf)
+        found[near] = self._part(near).minus2(alpha)
+        return found
+
     def alpha_below(self, target: float) -> tuple[Floats, Floats]:
         """See `Slices`; by Newton's method, halving where it leaves the bracket."""
         base, ends = self.profile, np.full((2, len(self.m)), np.nan)
         inside = np.flatnonzero(base <= target)
-        part = replace(self, r=self.r[inside], m=self.m[inside])
+        part = self._part(inside)
         curvature = (FREEDOM + 1) / (FREEDOM + 3) * self.B[inside] ** 2 / self.A[inside]
         for side, end in zip((-1, 1), ends, strict=True):
             near, far = np.zeros(len(inside)), np.full(len(inside), np.inf)
@@ -439,15 +517,24 @@ class StudentSlices(Slices):
                 with np.errstate(divide="ignore", invalid="ignore"):
                     step = half + (target - value) / (side * slope)
                     middle = np.where(np.isinf(far), 2 * near, (near + far) / 2)
+                last = half
                 half = np.minimum(np.where((step >= near) & (step <= far), step, middle), _LARGEST)
+                if not np.any(np.abs(half - last) > _ENOUGH * last):
+                    break
             end[inside] = np.exp(np.clip(part.m + side * half, -_LARGEST, _LARGEST))
         return ends[0], ends[1]
 
-    def _at(self, g: Floats) -> tuple[Floats, Floats]:
-        """-2 log L at log alpha = g and its derivative, with the best scale."""
+    def _part(self, points: slice | Rows) -> StudentSlices:
+        names = ("A", "B", "m")
+        return replace(self, r=self.r.T[:, points].T, **{name: getattr(self, name)[points] for name in names})
+
+    def _at(self, g: Floats, scale2: Floats | None = None) -> tuple[Floats, Floats]:
+        """-2 log L at log alpha = g and its derivative, with the best scale, or a given one."""
         r = self.r - g[:, None]
-        scale2 = _scale2(r, self.floor)
+        if scale2 is None:
+            # to a thousandth, whose square is the error of -2 log L
+            scale2 = _scale2(r, self.floor, self.A / self.B + (g - self.m) ** 2, 1e-3)
         whole = FREEDOM * scale2[:, None] + r**2
-        tails = np.sum(np.log(whole / (FREEDOM * scale2[:, None])), axis=-1)
-        slope = -2 * (FREEDOM + 1) * np.sum(r / whole, axis=-1)
+        slope = -2 * (FREEDOM + 1) * np.sum(np.divide(r, whole, out=r), axis=-1)
+        tails = np.sum(np.log(whole, out=whole), axis=-1) - self.n * np.log(FREEDOM * scale2)
         return self.n * np.log(scale2) + (FREEDOM + 1) * tails, slope

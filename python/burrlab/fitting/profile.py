@@ -23,6 +23,7 @@ from burrlab.fitting.observations import Box, Calibration, Floats
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
 _POINTS, _SUBPOINTS = 240, 12
+_KINKS = 1000  # of more kinks 240 are kept
 _CLOSER = 4
 _ACROSS = 60  # points over the range inside each limit, which may be narrower than the first cells
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
@@ -36,6 +37,7 @@ ONE_PLACE = 1.05  # points more than 5 % apart in c_e or alpha are two places; a
 FLAT = 1e-5  # of -2 log L: points that differ by less are equally good
 _SHOWN = 160  # points of a curve that the result keeps
 _LONGEST_EXPONENT = 3.0  # exponents of the combination are sought up to 3 times the ridge's
+_LEVEL = 1e-9  # slope of the width over p below which the width is flat: the square root of rounding
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,18 @@ class Domain:
     high_hard: bool
     kinks: tuple[float, ...]  # c_e above which a row's window begins deeper than static contact, sorted
     alpha: tuple[float, float]
+    thinned: bool = False  # kinks lie between those of `kinks`, too many to be told apart
     points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
     def of(cls, likelihood: Likelihood, box: Box, given: Mapping[str, object]) -> Domain:
         """The whole range of c_e, or the bounds given by the user."""
         o = likelihood.observations
-        kinks = tuple(np.unique(o.ridge_entries()).tolist())
+        entries = np.unique(o.ridge_entries())
+        thinned = len(entries) > _KINKS
+        if thinned:
+            entries = entries[np.linspace(0, len(entries) - 1, _POINTS).round().astype(int)]
+        kinks = tuple(entries.tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
         if "c_e" in given:
@@ -67,7 +74,7 @@ class Domain:
                 else _FAR[-1] * (kinks[-1] if np.isfinite(kinks[-1]) else low)
             )
         alpha = (box.lower[1], box.upper[1]) if "alpha" in given else (0.0, np.inf)
-        return cls(low, high, low_hard, high_hard, kinks, alpha)
+        return cls(low, high, low_hard, high_hard, kinks, alpha, thinned)
 
     @property
     def entry(self) -> float:
@@ -182,7 +189,8 @@ def profile(
     walk, base, joint = found.walk, found.base, found.joint
     rise = walk.minus2 - base
     alphas = _alphas(walk, base, max(joint.values()))
-    table = np.array([_lowest(np.log(walk.c_e), walk.slices.minus2(alpha)) for alpha in alphas]) - base
+    x = np.log(walk.c_e)
+    table = np.array([_lowest(x, walk.slices.minus2_near(alpha))[1] for alpha in alphas]) - base
     shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],
@@ -250,7 +258,7 @@ def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats,
         walk = Walk(likelihood, domain, c_e.ravel())
         y = walk.minus2.reshape(c_e.shape)
         i, tried = y.argmin(axis=1), tried + c_e.size
-        smooth = np.isfinite(y).all() and (walk.alpha == walk.slices.best_alpha).all()
+        smooth = not domain.thinned and np.isfinite(y).all() and (walk.alpha == walk.slices.best_alpha).all()
         if width.max() < (_PARABOLIC if smooth else _EDGE):
             break
         low, high = c_e[each, np.maximum(i - 1, 0)], c_e[each, np.minimum(i + 1, part.size - 1)]
@@ -372,17 +380,33 @@ def _band(walk: Walk, target: float) -> tuple[Floats, Floats, Floats]:
 
 
 def _exponent(walk: Walk, target: float, ridge: float) -> float:
+    """The exponent p of the shortest interval of log alpha - p log c_e, where the slope of its width is 0.
+
+    The width is convex in p, and its slope is the distance of the log c_e where the two ends lie. At a hard
+    end of c_e the width can be flat over a range of p: then its middle.
+    """
     x, low, high = _band(walk, target)
-
-    def width(p: float) -> float:
-        along = p * x
-        return float((high - along).max() - (low - along).min())
-
+    longest = _LONGEST_EXPONENT * ridge
     if not np.isfinite(low).all():  # alpha reaches 0: no width to minimise
         return ridge
-    return float(
-        scipy.optimize.minimize_scalar(width, bounds=(0.0, _LONGEST_EXPONENT * ridge), method="bounded").x
-    )
+
+    def place(y: Floats) -> float:
+        i = int(np.argmin(y))
+        near = slice(max(i - 1, 0), i + 2)
+        return _lowest(x[near], y[near])[0]
+
+    def slope(p: float, beside: float) -> float:
+        return place(low - p * x) - place(p * x - high) + beside
+
+    def root(begin: float, beside: float) -> float:
+        if slope(begin, beside) >= 0:
+            return begin
+        if slope(longest, beside) <= 0:
+            return longest
+        return float(scipy.optimize.brentq(slope, begin, longest, (beside,), xtol=1e-12))
+
+    first = root(0.0, _LEVEL)
+    return (first + root(first + 100 * _LEVEL, -_LEVEL)) / 2
 
 
 def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded: bool) -> Interval:
@@ -404,18 +428,18 @@ def _alphas(walk: Walk, base: float, rise: float) -> Floats:
     return np.geomspace(begin, end, 120)
 
 
-def _lowest(x: Floats, y: Floats) -> float:
-    """The lowest of values over rising x, by a parabola through the lowest point and its neighbours."""
+def _lowest(x: Floats, y: Floats) -> tuple[float, float]:
+    """Place and height of the lowest over rising x, by a parabola through the lowest point and its two next."""
     y = np.where(np.isfinite(y), y, np.inf)
     i = int(np.argmin(y))
     if not 0 < i < len(y) - 1 or not np.isfinite(y[[i - 1, i + 1]]).all():
-        return float(y[i])
+        return float(x[i]), float(y[i])
     left, right = x[i] - x[i - 1], x[i + 1] - x[i]
     below, above = (y[i - 1] - y[i]) / left, (y[i + 1] - y[i]) / right  # slopes away from the point
     if below + above <= 0:
-        return float(y[i])
+        return float(x[i]), float(y[i])
     curvature, slope = (below + above) / (left + right), (above * left - below * right) / (left + right)
-    return float(y[i] - slope**2 / (4 * curvature))
+    return float(x[i] - slope / (2 * curvature)), float(y[i] - slope**2 / (4 * curvature))
 
 
 def _region(walk: Walk, domain: Domain, target: float) -> Region:

@@ -15,7 +15,7 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
-from burrlab.fitting.intervals import LEVELS, ByLevel, Combination, Interval, Profile, plain_ends
+from burrlab.fitting.intervals import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -27,7 +27,7 @@ from burrlab.fitting.observations import (
     Scatter,
 )
 from burrlab.fitting.profile import FLAT, Domain, profile
-from burrlab.fitting.verdict import Ridge, Start, ridge_of, sentence, separately_identified
+from burrlab.fitting.verdict import Ridge, Start, at_windows, obstacle, ridge_of, sentence
 from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of, monte_carlo_share
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
@@ -145,7 +145,7 @@ class FitRecord(InJson):
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha`` -> ``68``, ``95``, ``99.7`` -> Interval, by profile likelihood; None is open."""
         if self.evidence is None:
-            return {name: ByLevel.fromkeys(LEVELS, _OPEN) for name in ("c_e", "alpha")}
+            return ByName({name: ByLevel(dict.fromkeys(LEVELS, _OPEN)) for name in ("c_e", "alpha")})
         return self.evidence.profile.intervals
 
     @property
@@ -155,8 +155,20 @@ class FitRecord(InJson):
 
     @property
     def separately_identified(self) -> bool:
-        """Whether c_e's 95 % interval has two ends within a factor of 2 of one another."""
-        return separately_identified(self.intervals["c_e"]["95"])
+        """Whether c_e's 95 % interval has two ends within a factor of 2, and nothing speaks against it.
+
+        False where the data contradict the model or are implausible, where the fit ended at a bound, and
+        where the interval begins at the bound F/(0.1925 R^2) that a window sets.
+        """
+        return not self._obstacle
+
+    @property
+    def _obstacle(self) -> str:
+        """Why c_e and alpha are not separately identified; empty where they are."""
+        if self.evidence is None:
+            return "nothing was fitted"
+        status = self.evidence.doubt[0] if self.evidence.doubt else self.status
+        return obstacle(self.intervals["c_e"]["95"], float(self.observations.c_e_bounds().max()), status)
 
     @property
     def verdict(self) -> str:
@@ -167,6 +179,11 @@ class FitRecord(InJson):
     def ridge(self) -> Ridge | None:
         """The position of the data relative to the ridge."""
         return None if self.evidence is None else self.evidence.ridge
+
+    @property
+    def _on_ridge(self) -> Combination | None:
+        """What the data determine where they leave c_e open above; None where they do not."""
+        return None if self.evidence is None or self.evidence.ridge.excluded else self.identified
 
     @property
     def correlation(self) -> float:
@@ -300,6 +317,7 @@ def weigh(
     data: Sequence[Data],
     bounds: Bounds,
     plausible: Bounds | None,
+    at: str,
 ) -> Evidence:
     """The evidence at a fit.
 
@@ -318,6 +336,8 @@ def weigh(
         Given bounds.
     plausible : dict or None
         Plausible range of c_e and alpha.
+    at : str
+        Sentence on the bound that the fit ended at, or empty.
     """
     o = likelihood.observations
     exponent = 4 * (shape.order + 1) / 3
@@ -339,13 +359,12 @@ def weigh(
     if found.base < there - FLAT:
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
-    forces = (float(o.force.min()), float(o.force.max()))
     likely = None
     if plausible is not None:
-        likely = plausibility(likelihood, shape, calibration, found.base, best, plausible)
+        guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
+        likely = plausibility(likelihood, shape, calibration, found.base, best, plausible, guess)
     rows = influence(likelihood, best, data, bounds, every=False)
-    said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
-    return Evidence(
+    evidence = Evidence(
         likelihood.log_likelihood(*best),
         total,
         scatters,
@@ -353,13 +372,17 @@ def weigh(
         calibration.monte_carlo,
         found,
         ridge_of(likelihood, exponent, best, found),
-        " ".join(text for text in (*doubts(fits, likely, o, rows), said) if text),
+        "",
         better,
         fits,
         unscaled,
         likely,
         rows,
     )
+    status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
+    conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified, status)
+    texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion)
+    return replace(evidence, verdict=" ".join(text for text in texts if text))
 
 
 def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.diagnostics import FEWEST
+from burrlab.fitting.hypotheses import indentation_tests
 from burrlab.fitting.observations import Scatter
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import Ridge
@@ -111,7 +112,7 @@ def variable_rows(fit: FitRecord) -> list[list[str]]:
     return [
         [
             name,
-            f"{getattr(fit, name):.5g} {unit}",
+            f"{getattr(fit, name):.5g} {unit}{', one of many' if fit._on_ridge else ''}",
             *(verdict.span(interval) for interval in fit.intervals[name].values()),
             f"{begin[name]:.4g}",
             f"{low:.4g} .. {high:.4g}",
@@ -127,7 +128,7 @@ def identification(fit: FitRecord) -> dict[str, str]:
     if identified is None:
         return {}
     p = f"{identified.exponent:.4g}"
-    separate = "yes (c_e's 95 % interval" if fit.separately_identified else "no (c_e's 95 % interval not"
+    separate = fit._obstacle or "c_e's 95 % interval closed and within a factor of 2"
     return {
         "determined best": f"alpha/c_e^{p} = {identified.value:.4g} (1/ms)/(N/mm^2)^{p}",
         "its intervals": ", ".join(
@@ -135,7 +136,7 @@ def identification(fit: FitRecord) -> dict[str, str]:
         ),
         "correlation": f"{fit.correlation:.5f} (of log c_e and log alpha)",
         "condition": f"{fit.condition:.3g} (of the Fisher information)",
-        "separately identified": f"{separate} closed and within a factor of {verdict.SEPARATE:g})",
+        "separately identified": f"{'no' if fit._obstacle else 'yes'} ({separate})",
     }
 
 
@@ -154,12 +155,12 @@ def starts(fit: FitRecord) -> list[str]:
 
 def notes(fit: FitRecord) -> list[str]:
     """Plain sentences on what the numbers mean."""
-    lines = [fit.reason]
+    lines = [] if fit.status == "implausible" or fit.reason in fit.verdict else [fit.reason]
     if fit.evidence is not None:
         lines += [fit.verdict, ridge(fit.evidence.ridge, fit)]
         good = fit.evidence.goodness
-        tests = (fit.lack_of_fit or (good and good.test), fit.fall)
-        lines += [test.sentence for test in tests if test is not None]
+        tests = (fit.lack_of_fit or (good and good.test), fit.fall, *indentation_tests(fit.likelihood))
+        lines += [test.sentence for test in tests if test is not None and test.sentence not in fit.verdict]
         lines += [row.sentence for row in fit.evidence.rows]
         if good is not None and fit.n_points < FEWEST:
             lines.append(f"With fewer than {FEWEST} rows none is named as standing out.")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 import burrlab.fitting.hypotheses as hypotheses
 import burrlab.fitting.report as report
 from burrlab._core import Material
-from burrlab.common.check import check_positive, refuse, require_type
+from burrlab.common.check import check_positive, refuse, require_type, scalar
 from burrlab.common.figures import (
     FORCE,
     POSITION,
@@ -39,8 +39,9 @@ from burrlab.fitting.intervals import LEVELS, Region, level_name
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.fitting.record import FitRecord
+from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import PER_SECOND, WINDOW_START, MasterCurve
+from burrlab.theory.continuum import PER_SECOND, WINDOW_START, MasterCurve, positive
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,13 +150,15 @@ class Fit(FitRecord):
         Raises
         ------
         ValueError
-            If the data have several radii and none is given.
+            If a force or the radius is not positive and finite, or the data have several radii and none is given.
         """
         R = self.radius if radius is None else radius
         if R is None:
             raise ValueError("radius must be given: the data are of several radii")
-        window = [None if end is None else end / R for end in (start_mm, end_mm)]
-        phi = np.asarray(force, dtype=np.float64) / (self.c_e * R**2)
+        check_positive("radius", R)
+        ends = (("start_mm", start_mm), ("end_mm", end_mm))
+        window = [None if end is None else scalar(end, name) / R for name, end in ends]
+        phi = positive("force", force) / (self.c_e * R**2)
         return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
     def report(self, verbose: bool = False) -> str:
@@ -212,6 +215,8 @@ class Fit(FitRecord):
             ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
                     label="segments of traces")  # fmt: skip
         found = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
+        if ridge := self._on_ridge:
+            found = f"ridge: $\\alpha/c_e^{{{ridge.exponent:.3g}}}$ = {span(ridge.interval)} (95 %)"
         label: str | None = None if named else found
         default = np.isnan(o.window_start)
         for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
@@ -379,8 +384,12 @@ class Fit(FitRecord):
         return ax
 
     def __repr__(self) -> str:
+        parameters = f"c_e={self.c_e:.4g} N/mm^2, alpha={self.alpha:.4g} /ms"
+        if ridge := self._on_ridge:
+            p = f"{ridge.exponent:.4g}"
+            parameters = f"ridge: alpha/c_e^{p} = {span(ridge.interval)} (1/ms)/(N/mm^2)^{p} at 95 %"
         return (
-            f"Fit(c_e={self.c_e:.4g} N/mm^2, alpha={self.alpha:.4g} /ms, shape={self.shape.label!r}, "
+            f"Fit({parameters}, shape={self.shape.label!r}, "
             f"{self.n_points} points, {self.residual_kind} residual {self.residual_norm:.3g}, {self.status})"
         )
 

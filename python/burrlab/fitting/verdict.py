@@ -17,6 +17,12 @@ _AT_BOUND = 1e-3  # relative distance below which an end is at a bound
 _EQUAL = 1e-3  # relative difference of RMS residuals below which ends are equally good
 #: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this (ours).
 SEPARATE = 2.0
+# why no narrow interval tells c_e from alpha, by status
+_UNFIT = {
+    "poor-fit": "the data contradict the model",
+    "implausible": "the data are implausible",
+    "at-bound": "the fit ended at a bound",
+}
 
 
 @dataclass(frozen=True)
@@ -72,19 +78,19 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
 
 
 def status_of(
-    observations: Observations,
-    box: Box,
+    n: int,
+    at: str,
     ends: Sequence[Start],
     best: Start,
     ridge: Ridge,
     missed: float,
     doubt: tuple[str, str] | None,
 ) -> tuple[str, str]:
-    """Status and reason of a fit, the gravest first.
+    """Status and reason of a fit to `n` rows, the gravest first.
 
-    `missed` is by how much nlopt ended below the walk, `doubt` status and reason by the diagnostics.
+    `at` is the sentence of `bound_reached`, `missed` by how much nlopt ended below the walk, `doubt` status and
+    reason by the diagnostics.
     """
-    at = bound_reached(observations, box, best.end)
     if missed > FLAT:
         return (
             "not-converged",
@@ -97,7 +103,7 @@ def status_of(
         return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()
     if at:
         return "at-bound", at
-    c_e, alpha = agreement(ends, best, len(observations))[1:]
+    c_e, alpha = agreement(ends, best, n)[1:]
     if max(c_e, alpha) > ONE_PLACE:
         return "disagreement", (
             f"Searches ended equally well at different places: c_e differs by a factor {c_e:.3g}, "
@@ -139,17 +145,31 @@ def equally_good(objective: float, best: Start, n: int) -> bool:
     return bool(np.sqrt(objective / n) <= np.sqrt(best.objective / n) * (1 + _EQUAL) + 1e-6)
 
 
-def separately_identified(c_e: Interval) -> bool:
-    """Whether c_e's 95 % interval is closed and spans less than a factor of 2."""
-    return c_e.closed and c_e.ratio() < SEPARATE
+def obstacle(c_e: Interval, windows: float, status: str = "") -> str:
+    """Why c_e and alpha are not separately identified; empty where they are.
+
+    They are where c_e's 95 % interval is closed, spans less than a factor of 2 and begins above the bound that
+    the `windows` set [N/mm^2], and the status is none of those below.
+    """
+    if not (c_e.closed and c_e.ratio() < SEPARATE):
+        return f"c_e's 95 % interval not closed and within a factor of {SEPARATE:g}"
+    begins = "c_e's 95 % interval begins at the bound that a window sets" if at_windows(c_e, windows) else ""
+    return _UNFIT.get(status, begins)
 
 
-def sentence(
-    n: int, forces: tuple[float, float], c_e: Interval, alpha: Interval, identified: Combination
-) -> str:
+def at_windows(c_e: Interval, windows: float) -> bool:
+    """Whether an interval of c_e begins at the bound that the windows set [N/mm^2]."""
+    return c_e.lower is not None and c_e.lower <= windows * (1 + _AT_BOUND)
+
+
+def sentence(o: Observations, c_e: Interval, alpha: Interval, identified: Combination, status: str) -> str:
     """The verdict in plain words, at 95 %."""
-    rows = f"these {n} points ({forces[0]:.3g} to {forces[1]:.3g} N)"
-    if separately_identified(c_e):
+    rows = f"these {len(o)} points ({o.force.min():.3g} to {o.force.max():.3g} N)"
+    windows = float(o.c_e_bounds().max())
+    why = obstacle(c_e, windows, status)
+    if why in _UNFIT.values():
+        return f"c_e and alpha are not separately identified: {why}."
+    if not why:
         return (
             f"c_e and alpha are separately identified: {rows} determine c_e within {span(c_e)} N/mm^2 and "
             f"alpha within {span(alpha)} /ms (95 %)."
@@ -158,7 +178,8 @@ def sentence(
     contrast = "but c_e only" if known.startswith("to") else "and c_e"
     return (
         f"c_e and alpha are not separately identified: {rows} determine alpha/c_e^{identified.exponent:.3g} "
-        f"{known}, {contrast} {within(c_e)} (95 %)."
+        f"{known}, {contrast} {within(c_e)} (95 %)"
+        f"{', where a window sets the lower end' if at_windows(c_e, windows) else ''}."
     )
 
 

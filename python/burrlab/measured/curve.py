@@ -35,7 +35,8 @@ class VelocityCurve(TableData):
     """Penetration velocity against constant force, one row a run.
 
     Repeats are separate rows and are not averaged. A row without a velocity (no window, or a run that did not
-    settle) keeps its force; `status` says why. Arrays are read-only copies.
+    settle) keeps its force; `status` says why. Arrays are read-only copies. NaN means "no number" everywhere:
+    in lists, in frames, and in files, where an empty field means the same. A masked number is refused.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ class VelocityCurve(TableData):
         """Read a curve from a CSV file.
 
         Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]
-        [, status]``. An empty velocity is a run without one; an empty window is the default window.
+        [, status]``. An empty velocity (or ``nan``) is a run without one; an empty window is the default window.
         Lines that begin with ``#`` are comments; ``# source:``, ``# radius_mm:`` and ``# provenance:`` above
         the column names are kept. Other columns become the texts in `others`.
 

@@ -138,6 +138,8 @@ class Layout:
             raise TypeError(
                 f"frame must be a DataFrame or a mapping (a file is for from_csv), got {shown(frame)}"
             )
+        levels = getattr(getattr(frame, "columns", None), "nlevels", 1)
+        refuse(levels > 1, f"{kind}: columns must have one level of names, got a MultiIndex of {levels}")
         headings = [" ".join(str(heading).split()) for heading in frame]
         if missing := [told for key, told in self.due.items() if key not in map(_key, headings)]:
             raise ValueError(f"{kind}: no column is {', '.join(missing)}; there are {listed(headings)}")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any, Self, TypeAlias
 
 from burrlab.common.check import refuse, shown
+from burrlab.common.files import write_text
 from burrlab.common.provenance import provenance
 from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
 from burrlab.common.table import (
@@ -306,7 +307,7 @@ class Analysis:
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Writes a file that `from_json` reads back without loss."""
-        _write(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        write_text(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def from_json(cls, file: str | os.PathLike[str] | IO[str]) -> Self:
@@ -343,7 +344,7 @@ class Analysis:
         rows.sort(key=lambda row: "threshold" in row)  # rows of scores first, else in their order
         names = list(dict.fromkeys(column for row in rows for column in row))
         lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
-        _write(file, "".join("\t".join(line) + "\n" for line in lines))
+        write_text(file, "".join("\t".join(line) + "\n" for line in lines))
 
     def __eq__(self, other: object) -> bool:
         # A criterion may be NaN, which differs from itself.
@@ -368,13 +369,6 @@ class Analysis:
                 parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
                 parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
         return "".join(parts)
-
-
-def _write(file: str | os.PathLike[str] | IO[str], text: str) -> None:
-    if isinstance(file, (str, os.PathLike)):
-        Path(file).write_text(text, encoding="utf-8")
-    else:
-        file.write(text)
 
 
 def analyse(

@@ -99,7 +99,7 @@ class Answers(Tabular):
 
     def _table(self) -> Mapping[str, Sequence[Any]]:
         rows = [row.fields() for row in self.rows]
-        columns = [column for column in columns_of(self.task) if not rows or column in rows[0]]
+        columns = [column for column in columns_of(self.task, limited=True) if not rows or column in rows[0]]
         return {column: [row[column] for row in rows] for column in columns}
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -197,7 +197,7 @@ def read_answers(
 def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
     """A reader that holds all rows of a file, checked. Errors are those of `read_answers`."""
     table = tsv_text.parse(file, content)
-    known = (*columns_of(task), _PARTICIPANT)
+    known = (*columns_of(task, limited=True), _PARTICIPANT)
     for column in table.columns:
         refuse(
             column not in known,
@@ -395,7 +395,7 @@ class AnswerFile:
         self.notes: tuple[str, ...] = ()
         self._file: int | None = file
         self._reader, self._lines = reader, lines
-        self._columns = columns or columns_of(side_car.task)
+        self._columns = columns or side_car.columns
         # Onsets never go back, even if the wall clock was set back.
         started = datetime.fromisoformat(side_car.started)
         self.end = end
@@ -462,7 +462,7 @@ class AnswerFile:
         with _opened(path, 0, FileNotFoundError(f"{path}: there is no such run to resume")) as file:
             first = read_side_car(path)
             if first is None:  # killed while the files were made, or not a run of this program
-                head, car = tsv_text.line(columns_of(side_car.task)), side_car_path(path)
+                head, car = tsv_text.line(side_car.columns), side_car_path(path)
                 refuse(
                     not head.startswith(path.read_bytes()) or car.exists(),
                     f"{path}: this is no run of this program, its side-car {car.name} is missing",
@@ -492,7 +492,7 @@ class AnswerFile:
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """Writes the column names, then the side-car: without a side-car, no trial was asked."""
-        synced_write(file, path, tsv_text.line(columns_of(side_car.task)))
+        synced_write(file, path, tsv_text.line(side_car.columns))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         with new_part(side_car_path(path)) as part:
             write_synced(part, text.encode())
@@ -558,8 +558,9 @@ def _end(row: Row) -> float:
 
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
-    due, found = columns_of(side_car.task), tsv_text.parse(os.fspath(path), content).columns
-    if found == due[:-1]:  # files of earlier versions have no column of repeats
+    due, found = side_car.columns, tsv_text.parse(os.fspath(path), content).columns
+    earlier = columns_of(side_car.task)
+    if found in (earlier, earlier[:-1]):  # earlier versions had no columns of clipping, or of repeats
         return found
     for place, (one, other) in enumerate(itertools.zip_longest(due, found), start=1):
         was, now = (repr(name) if name else "none" for name in (one, other))

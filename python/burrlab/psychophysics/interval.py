@@ -187,7 +187,9 @@ def wait_until_lifted(
     voxel = burr.radius / 4.0
     nothing = VoxelBone.block((voxel, voxel, voxel), voxel, origin=(0.0, 0.0, -_AWAY))
     still = Material("nothing", c_e=1.0, alpha=0.0)
-    session = Session(nothing, (burr, still), device, seed=0, realtime=False, on_message=on_message)
+    session = Session(
+        nothing, (burr, still), device, seed=0, realtime=False, limits=None, on_message=on_message
+    )
     reader = RecordReader(session.loop)
     begun = high_since = None
     lifted = asked = False
@@ -248,6 +250,8 @@ class Rendered:
     failed : bool
         Whether the device was lost, the loop stalled or a value was not finite. Such an interval must not be
         used.
+    clipped : float
+        Share of the ticks in contact whose force the limits shortened [1].
     """
 
     mode: Mode
@@ -259,6 +263,7 @@ class Rendered:
     ticks: NDArray[np.void] = field(repr=False)
     reason: str = ""
     failed: bool = False
+    clipped: float = 0.0
 
     @property
     def immersion(self) -> NDArray[np.float64]:
@@ -274,6 +279,7 @@ def render(
     bone: Block,
     mode: Mode,
     wall_clock: bool = True,
+    limits: str | None = "device",
     record: str | os.PathLike[str] | None = None,
     publish: int | None = None,
     on_message: Callable[[str], object] | None = None,
@@ -294,6 +300,8 @@ def render(
         decides.
     wall_clock : bool
         Whether to keep absolute deadlines; otherwise as fast as possible and deterministic to the tick.
+    limits : str, optional
+        See `burrlab.Session`; without a ramp, as the interval begins out of contact.
     record : path, optional
         A new file for the session's trace, which also holds the few ticks after the end.
     publish, on_message : optional
@@ -333,6 +341,7 @@ def render(
     session = Session(
         bone.fresh(), (burr, material), device, seed=interval.seed, duration=interval.duration, record=record,
         source=bone.recipe(), wall_clock=wall_clock, realtime=wall_clock, publish=publish, on_message=on_message,
+        limits=limits, ramp=0.0,
     )  # fmt: skip
     watch = _Watch(RecordReader(session.loop), burr, bone, interval.duration)
     asked = False
@@ -360,6 +369,7 @@ def render(
         ticks=ticks,
         reason=session.reason,
         failed=session.failed,
+        clipped=watch.clipped / max(1, int(ticks["touching"].sum())),
     )
 
 
@@ -386,6 +396,7 @@ class _Watch:
         self._kept = [np.zeros(0, TICK)]
         self._start: float | None = None
         self._touched = False
+        self.clipped = 0  # ticks
         self.ended: Ending | None = None
 
     def look(self) -> None:
@@ -423,6 +434,8 @@ class _Watch:
             first, kind = min(found)
             self.ended = ENDINGS[kind]
             ticks = ticks[: first + (self.ended != "time")]
+        sent, wanted = (np.linalg.norm(burr[name][: len(ticks)], axis=1) for name in ("sent", "force"))
+        self.clipped += int((sent < (1.0 - 1e-9) * wanted).sum())
         self._kept.append(ticks)
 
     def ticks(self) -> NDArray[np.void]:

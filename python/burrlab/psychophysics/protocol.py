@@ -30,6 +30,7 @@ from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.staircase import DESIGNS
 from burrlab.psychophysics.trial import Design, Order, Stimulus, key_of
+from burrlab.session.devices import device_limits
 from burrlab.session.exchange import parse_device
 
 _REQUIRED = object()
@@ -409,6 +410,8 @@ class Protocol:
     analysis : AnalysisSettings
     keys : str
         Keys of the two answers, in their order.
+    limits : str
+        Model whose limits hold, as for `burrlab.Session`; "device", what the device's driver names, or "none".
     """
 
     path: Path
@@ -430,6 +433,7 @@ class Protocol:
     selected_from: int | None
     analysis: AnalysisSettings
     keys: str = KEYS
+    limits: str = "device"
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Protocol:
@@ -467,6 +471,7 @@ class Protocol:
         folder = path.parent / get("folder", _TEXT, default="data")
         device = device_of(experiment, path.parent)
         lost_after = get("lost_after_ms", _NUMBER, ("positive", lambda value: value > 0), default=100.0)
+        limits = get("limits", _choice(("device", "none", *device_limits)), default="device")
         publish = get("publish", _PORT, default=None)
         trace, feedback = (get(key, _FLAG, default=False) for key in ("trace", "feedback"))
         keys = get("keys", _KEYS, default=KEYS)
@@ -483,7 +488,7 @@ class Protocol:
         file.done()
         return cls(
             path, name, seed, subjects, tasks, burr, bone, device, lost_after, publish, folder, trace, feedback, pause,
-            rest, selected_by, selected_from, analysis, keys,
+            rest, selected_by, selected_from, analysis, keys, limits,
         )  # fmt: skip
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
@@ -615,6 +620,7 @@ class Protocol:
                     "break_s": self.rest,
                     "selected_by": self.selected_by,
                     "selected_from": self.selected_from,
+                    **({} if self.limits == "device" else {"limits": self.limits}),
                 },
                 "burr": {"radius_mm": self.burr.radius},
                 "bone": self.bone.plain(),

@@ -148,7 +148,12 @@ class Runner:
             felt, repeats = self._feel(trial)
             response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
             onset, endings = felt[0].began, tuple(one.ended for one in felt)
-            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings, repeats))
+            clipped = tuple(None if one.rendered is None else one.rendered.clipped for one in felt)
+            self._keep(
+                Answer(
+                    trial, onset, felt[-1].over - onset, response, response_time, endings, repeats, clipped
+                )
+            )
             self._order.answer(response)
             self._after(trial, response, response_time, endings)
         return len(self._order.answered) - self._before
@@ -255,6 +260,7 @@ class Runner:
             bone=self._protocol.bone,
             mode=self._design.mode,
             wall_clock=self._seat.wall_clock,
+            limits=None if self._protocol.limits == "none" else self._protocol.limits,
             record=None if self._trace is None else self._trace(trial, number),
             publish=self._publish,
             on_message=self._hear,

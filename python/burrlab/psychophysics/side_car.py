@@ -38,7 +38,7 @@ PHASES: tuple[Phase, ...] = ("practice", "main")
 TOO_FAST = 0.2
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
 #: Columns of each interval, and the fields that hold them.
-_NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings"}
+_NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings", "clipped": "clipped"}
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class Answer:
         For each interval "time", "break-through", "wall", "subject" or "device".
     repeats : int
         How often the trial was repeated because the loop stalled.
+    clipped : tuple of float or None
+        For each interval the share of the ticks in contact whose force the limits shortened [1].
 
     Notes
     -----
@@ -73,6 +75,7 @@ class Answer:
     response_time: float | None
     endings: tuple[str, ...]
     repeats: int = 0
+    clipped: tuple[float | None, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("onset", "duration", "response_time"):
@@ -112,6 +115,8 @@ class Row:
     endings : tuple of str or None
     repeats : int or None
         How often the trial was repeated because the loop stalled.
+    clipped : tuple of float or None
+        Share of the ticks in contact whose force the limits shortened [1]; in files of a device with limits.
     """
 
     onset: float
@@ -128,6 +133,7 @@ class Row:
     seeds: tuple[int | None, ...] = ()
     endings: tuple[str | None, ...] = ()
     repeats: int | None = None
+    clipped: tuple[float | None, ...] = ()
 
     @classmethod
     def of(cls, answer: Answer) -> Row:
@@ -138,7 +144,7 @@ class Row:
             trial.number, trial.phase, trial.block, trial.level,
             tuple(interval.stimulus.name for interval in trial.intervals),
             tuple(interval.seed for interval in trial.intervals),
-            answer.endings, answer.repeats,
+            answer.endings, answer.repeats, answer.clipped,
         )  # fmt: skip
 
     def fields(self) -> dict[str, Any]:
@@ -153,10 +159,11 @@ class Row:
         return self.response if self.correct else next(one for one in answers if one != self.response)
 
 
-def columns_of(task: TaskName) -> tuple[str, ...]:
-    """All columns of a file, in order."""
+def columns_of(task: TaskName, *, limited: bool = False) -> tuple[str, ...]:
+    """All columns of a file, in order; with limits those of what they clipped."""
     places = range(1, INTERVALS[task] + 1)
-    numbered = [f"{column}_{place}" for column in _NUMBERED for place in places]
+    columns = [column for column in _NUMBERED if limited or column != "clipped"]
+    numbered = [f"{column}_{place}" for column in columns for place in places]
     return (*REQUIRED, "phase", "block", "level", *numbered, "repeats")
 
 
@@ -211,7 +218,7 @@ class RowReader:
             If a field is invalid, or contradicts another field or row; the message names the column.
         """
         found: dict[str, Any] = {}
-        for column in columns_of(self.task):
+        for column in columns_of(self.task, limited=True):
             if column in fields:
                 try:
                     found[column] = self._read[_unnumbered(column)](fields[column])
@@ -304,6 +311,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
     "stimulus": _or_none,
     "seed": functools.partial(table.whole, below=2**64),
     "ended": _one_of((None, *ENDINGS)),
+    "clipped": _kept(table.number_or_none, "must be 0 to 1", lambda value: value is None or 0 <= value <= 1),
     "repeats": functools.partial(table.whole, below=10),
 }
 
@@ -312,7 +320,7 @@ _FORMAT = 1
 _KEY = "BurrlabRun"
 #: Tables of a protocol, and keys of [experiment], that must not change during a run.
 _TABLES = ("burr", "bone")
-_EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
+_EXPERIMENT = ("seed", "feedback", "pause_s", "break_s", "limits")
 
 _KINDS: Mapping[type, str] = {str: "a text", int: "a whole number", bool: "true or false", dict: "an object"}
 
@@ -347,9 +355,10 @@ _COLUMNS = {
     "stimulus": "Material of interval {}",
     "seed": "Seed of the erosion in interval {}, 64 bits",
     "ended": "How interval {} ended",
+    "clipped": "Share of the ticks in contact of interval {} whose force the limits of device and session shortened",
     "repeats": "How often the trial was broken off and begun anew, as the loop had stalled",
 }
-_UNITS = {"onset": "s", "duration": "s", "response_time": "s", "level": "1"}
+_UNITS = {"onset": "s", "duration": "s", "response_time": "s", "level": "1", "clipped": "1"}
 #: Keys of the file, fields and types.
 _FIELDS: Mapping[str, tuple[str, type]] = {
     "Subject": ("subject", str), "TaskName": ("name", str), "Instructions": ("question", str), "Started": ("started", str),
@@ -411,6 +420,13 @@ class SideCar:
         """SHA-256 of the protocol."""
         return digest(self.protocol)
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of a new file; with those of clipping where the device may have limits of its own."""
+        limited = "limits" in self.protocol.get("experiment", {})
+        kind = self.device.partition(":")[0]
+        return columns_of(self.task, limited=limited or kind in ("touch", "omega", "haply", "driver"))
+
     def differences(self, other: SideCar) -> tuple[str, ...]:
         """Relevant changes in another run of this subject and task, in sentences; empty if none.
 
@@ -455,7 +471,7 @@ class SideCar:
             "Simulated": self.simulated is not None,
             "SimulatedSubject": self.simulated,
             "ProtocolDigest": self.digest,
-            **descriptions(self.task, self.protocol.get("experiment", {}).get("keys", KEYS)),
+            **descriptions(self.columns, self.task, self.protocol.get("experiment", {}).get("keys", KEYS)),
         }
 
     @classmethod
@@ -536,8 +552,8 @@ def digest(protocol: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def descriptions(task: TaskName, keys: str = KEYS) -> dict[str, Any]:
-    """BIDS descriptions of a task's columns, with units or levels."""
+def descriptions(columns: Sequence[str], task: TaskName, keys: str = KEYS) -> dict[str, Any]:
+    """BIDS descriptions of a file's columns, with units or levels."""
     levels = {
         "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
         "response": {answer: f"key {key}" for key, answer in zip(keys, ANSWERS[task], strict=True)},
@@ -546,7 +562,7 @@ def descriptions(task: TaskName, keys: str = KEYS) -> dict[str, Any]:
         "ended": _ENDED,
     }
     described: dict[str, Any] = {}
-    for column in columns_of(task):
+    for column in columns:
         name = _unnumbered(column)
         described[column] = {
             "Description": _TYPES[task] if name == "trial_type" else _COLUMNS[name].format(column[-1]),

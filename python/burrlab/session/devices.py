@@ -8,6 +8,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from burrlab._core import VoxelBone
 from burrlab.common.check import check_positive, nearest, refuse, scalar, whole
 
 _UNITS = {
@@ -65,6 +70,26 @@ class DeviceFrame:
         refuse(not all(map(math.isfinite, self.offset)), f"offset must be finite, got {self.offset}")
         if self.clutch is not None:
             whole("clutch", self.clutch, 8, "8")
+
+
+def describe_miss(bone: VoxelBone, path: NDArray[np.float64], frame: DeviceFrame, radius: float) -> str:
+    """By how much a burr passes a bone, whose device is on a path of shape (n, 3); empty if it meets the bone."""
+    solid = np.asarray(bone.density) > 0
+    if not solid.any():
+        return "it is empty"
+    inner = scipy.ndimage.binary_erosion(solid)
+    voxels = bone.origin + np.argwhere(solid & ~inner)[:, ::-1] * np.array(bone.spacing)
+    turn = scipy.spatial.transform.Rotation.from_quat(np.roll(frame.rotation, -1))
+    path = np.asarray(frame.scale * turn.apply(path) + frame.offset)
+    tree = scipy.spatial.KDTree(voxels)
+    along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    at = np.linspace(0.0, along[-1], 2001)
+    places = np.column_stack([np.interp(at, along, axis) for axis in path.T])
+    half, miss = np.array(bone.spacing) / 2, float(np.min(tree.query(places)[0])) - radius
+    sides = zip("xyz", voxels.min(axis=0) - half, voxels.max(axis=0) + half, strict=True)
+    box = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in sides)
+    missed = f"its script missed it by {miss:.2f} mm; the bone's box, in the bone frame: {box} mm"
+    return missed if miss > 0 else ""
 
 
 @dataclass(frozen=True)
@@ -189,6 +214,8 @@ class KnownLimits(Mapping[str, DeviceLimits]):
             raise ValueError(f"model must be one of {', '.join(self)}, got {model!r}{nearest(model, self)}")
         return self._models[model]
 
+    __call__ = __getitem__
+
     def __contains__(self, model: object) -> bool:
         return model in self._models
 
@@ -210,3 +237,16 @@ class KnownLimits(Mapping[str, DeviceLimits]):
 
 #: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.
 device_limits = KnownLimits()
+
+
+def limits_of_hardware(hardware: str) -> DeviceLimits:
+    """The row of the model that a driver names; for one without a row the least forces of all."""
+    words = f" {hardware.lower().replace('_', ' ')} "
+    named = [model for model in device_limits if f" {model.replace('_', ' ')} " in words]
+    if named:
+        return device_limits[max(named, key=len)]
+    peaks, lasting = (
+        [force for row in device_limits.values() if (force := getattr(row, name)) is not None]
+        for name in ("peak_force", "continuous_force")
+    )
+    return DeviceLimits(f"unknown model {hardware!r}", min(peaks), min(lasting))

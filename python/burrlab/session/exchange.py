@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, Any, Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 import burrlab.common.table as csv_text
@@ -24,6 +25,7 @@ from burrlab._core import (
     TouchDevice,
     VrpnDevice,
 )
+from burrlab.bone.image import OnGrid
 from burrlab.common.check import refuse
 from burrlab.common.progress import doing
 from burrlab.session.haply import PORT, HaplyDevice, HeldDevice
@@ -48,7 +50,7 @@ SCRIPT = csv_text.Table(
 )
 
 
-def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
+def read_script(file: csv_text.Path | IO[str] | IO[bytes], *, volume: OnGrid | None = None) -> ScriptedDevice:
     """A device that follows the path in a CSV file.
 
     Parameters
@@ -58,6 +60,8 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
         the burr turns from this row to the next), and qw, qx, qy, qz (unit quaternion that turns directions
         of the tool into those of the bone). Without `on` it always turns. Lines that begin with # above the
         column names are comments.
+    volume : Volume or LabelVolume, optional
+        The script is in this volume's own coordinates, as an entry is, and is turned into the bone frame.
 
     Returns
     -------
@@ -67,7 +71,7 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     ------
     ValueError
         If a column is missing, a field is not a finite number, `on` is not 0 or 1, the times do not increase, or
-        an orientation is not of length 1. The message names the file, and line and column where possible.
+        an orientation is not of length 1 or the volume mirrors it. The message names the file, and line and column where possible.
     OSError
         If the file cannot be opened.
     """
@@ -76,12 +80,20 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     on = np.asarray(columns["on"]) > 0 if "on" in columns else None
     turns = [columns[one] for one in ("qw", "qx", "qy", "qz") if one in columns]
     refuse(len(turns) not in (0, 4), f"{name}: an orientation needs all of the columns qw, qx, qy, qz")
+    time, turn = np.asarray(columns["time"]), np.column_stack(turns) if turns else None
     try:
-        return ScriptedDevice(
-            np.asarray(columns["time"]), position, on, np.column_stack(turns) if turns else None
-        )
+        device = ScriptedDevice(time, position, on, turn)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
+    if volume is None:
+        return device
+    if turn is not None:
+        mirrored = np.linalg.det(volume.direction) < 0
+        refuse(mirrored, f"{name}: no orientation can be given in coordinates that mirror the bone frame")
+        rotation = scipy.spatial.transform.Rotation
+        own = rotation.from_quat(np.roll(turn, -1, axis=1))
+        turn = np.roll((rotation.from_matrix(volume.direction.T) * own).as_quat(), 1, axis=1)
+    return ScriptedDevice(time, volume.bone_point(position.T).T, on, turn)
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -18,6 +18,7 @@ import contextlib
 import json
 import os
 import queue
+import socket
 import threading
 import time
 import weakref
@@ -25,7 +26,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from burrlab._core import MailboxDevice, ServoDevice
+from burrlab._core import ForceWatchdog, MailboxDevice, ServoDevice
 from burrlab.common.check import refuse, shown, whole
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 PORT = 10001  #: Of the service, where its settings name no other
 _OPEN_LIMIT = 0.5  # [s], of the connection, and of the first message
 _ANSWER_LIMIT = 2.0  # [s], of an answer that is late
+_SILENCE = 0.3  # of `lost_after`, after which the watchdog sends force zero
+_RETURN = 0.01  # of the force a message, after that; ours
 _PRIORITY = 79  # below the loop's
 _PERIOD = 1e-3  # [s] between two messages of ours
 _LARGEST = 1 << 20  # of a message of the service [bytes]; one of ten devices has some 20 000
@@ -72,7 +75,12 @@ class HaplyDevice(MailboxDevice):
     second, and reads the answer; the force is zero where no session runs. The velocity is the difference of two
     positions over the time between their answers. A lost connection, a wrong answer or none for `lost_after` ends
     the session with force zero; but for an answer that was only late, the device must then be opened anew.
+
+    Where this thread cannot run for 0.3 `lost_after`, as other code holds Python's interpreter or the processor, a
+    watchdog without Python sends force zero. Then the force grows back within 100 messages, and `note` says so.
     """
+
+    note = ""  #: That the watchdog has acted, else empty
 
     def __init__(
         self, host: str = "localhost", port: int = PORT, *, lost_after: float = 100.0, on_button: int | None = None
@@ -83,11 +91,13 @@ class HaplyDevice(MailboxDevice):
             raise ImportError("a Haply device needs websockets: pip install 'burrlab[haply]'") from None
         refuse(not host or set(host) & set("/?#@[] "), f"host must be a name or an address, got {host!r}")
         self._on_button = None if on_button is None else whole("on_button", on_button, 8, "8")
+        self._place = host, port
         address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         super().__init__(lost_after=lost_after, name=f"haply:{address}")
         self.library = f"ws://{address}"  #: Address of the service
         self._patience = lost_after / 1e3
         self._last: tuple[float, Any] | None = None
+        self._share = 1.0  # of the loop's force, that is sent
         opened: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._thread = threading.Thread(target=_exchange, args=(weakref.ref(self), opened), daemon=True)
         self._thread.start()
@@ -131,20 +141,46 @@ class HaplyDevice(MailboxDevice):
         on = self._on_button is None or bool(buttons >> self._on_button & 1)
         self.put(position, velocity, on, orientation, buttons)
 
-    def _turn(self, connection: ClientConnection) -> None:
+    def _turn(self, connection: ClientConnection, watchdog: ForceWatchdog) -> None:
         """One message and its answer, or what the service sent since. If late, force zero: the loop finds the
         position too old."""
-        connection.send(_command(self._id, self.force))
+        if self._live(watchdog):
+            _newest(connection, _PERIOD)  # the answer to the watchdog
+        connection.send(_command(self._id, self._share * self.force))
+        self._share = min(1.0, self._share + _RETURN)
         try:
-            text = connection.recv(timeout=self._patience)
+            text = self._answer(connection, watchdog, self._patience)
         except TimeoutError:
             connection.send(_command(self._id, (0, 0, 0)))
-            connection.recv(timeout=_ANSWER_LIMIT)
-            text = connection.recv(timeout=_ANSWER_LIMIT)
-        with contextlib.suppress(TimeoutError):  # a message more would make all later positions old
-            while True:
-                text = connection.recv(timeout=0)
+            self._answer(connection, watchdog, _ANSWER_LIMIT)
+            text = self._answer(connection, watchdog, _ANSWER_LIMIT)
+        text = _newest(connection, 0) or text  # a message more would make all later positions old
         self._read(_parsed(text))
+
+    def _answer(self, connection: ClientConnection, watchdog: ForceWatchdog, limit: float) -> str | bytes:
+        """The next message; TimeoutError if none comes within the limit [s]."""
+        end = time.monotonic() + limit
+        while (left := end - time.monotonic()) > 0:
+            with contextlib.suppress(TimeoutError):
+                return connection.recv(timeout=min(left, 0.1 * self._patience))
+            self._live(watchdog)
+        raise TimeoutError
+
+    def _live(self, watchdog: ForceWatchdog) -> bool:
+        """Says that Python runs; whether the watchdog had acted, after which the force grows from zero."""
+        if rested := watchdog.beat():
+            self._share = 0.0
+            self.note = f"{self.name}: its force was zero for a time, as this program's Python was held up"
+        return rested
+
+
+def _newest(connection: ClientConnection, timeout: float) -> str | bytes | None:
+    """The first message within the time [s] and those that are there already: the last of them."""
+    text = None
+    with contextlib.suppress(TimeoutError):
+        while True:
+            text = connection.recv(timeout=timeout if text is None else 0)
+    return text
 
 
 _OPEN: weakref.WeakValueDictionary[str, HaplyDevice] = weakref.WeakValueDictionary()  # by id
@@ -153,11 +189,23 @@ _ENDING = threading.Event()
 
 
 @atexit.register  # before a session registers its own handler, which then runs earlier
-def _end() -> None:
+def end_exchanges() -> None:
     """The program ends: each service gets force zero first."""
     _ENDING.set()
     for device in list(_OPEN.values()):
         device._thread.join(_ANSWER_LIMIT)
+
+
+class _Socket(socket.socket):
+    """A socket that sends as its watchdog does, so that their messages do not mix."""
+
+    watchdog: ForceWatchdog | None = None
+
+    def sendall(self, data: Any, flags: int = 0) -> None:
+        if self.watchdog is None:
+            super().sendall(data, flags)
+        elif not self.watchdog.send(bytes(data)):
+            raise OSError("the connection takes no messages")
 
 
 #: Devices that a hand holds, which need the wall clock.
@@ -166,6 +214,7 @@ HeldDevice: TypeAlias = ServoDevice | HaplyDevice
 
 def _exchange(alive: weakref.ref[HaplyDevice], opened: queue.SimpleQueue[str]) -> None:
     """Opens the device and says why not, empty if so. Then exchanges messages until it is gone or fails."""
+    from websockets.frames import Frame, Opcode
     from websockets.sync.client import connect
 
     with contextlib.suppress(OSError, AttributeError):  # as the loop does; also for the library's thread
@@ -173,17 +222,21 @@ def _exchange(alive: weakref.ref[HaplyDevice], opened: queue.SimpleQueue[str]) -
     device, what = alive(), "must be a running Inverse Service"
     assert device is not None  # its constructor waits
     try:
+        plain = _Socket(fileno=socket.create_connection(device._place, _OPEN_LIMIT).detach())
         with connect(
-            device.library, open_timeout=_OPEN_LIMIT, close_timeout=_OPEN_LIMIT, ping_interval=None,
+            device.library, sock=plain, open_timeout=_OPEN_LIMIT, close_timeout=_OPEN_LIMIT, ping_interval=None,
             compression=None, max_size=_LARGEST, proxy=None,
         ) as connection:  # fmt: skip
             what = "cannot be used"
             device._open(_parsed(connection.recv(timeout=_OPEN_LIMIT)))
             what, rest, due = "failed", _command(device._id, (0, 0, 0)), time.monotonic()
+            frame = Frame(Opcode.TEXT, rest.encode()).serialize(mask=True)
+            silence = 1e3 * _SILENCE * device._patience
+            plain.watchdog = watchdog = ForceWatchdog(plain.fileno(), frame, silence)
             opened.put("")
             try:
                 while device is not None and not _ENDING.is_set():
-                    device._turn(connection)
+                    device._turn(connection, watchdog)
                     device = None
                     due = max(due + _PERIOD, time.monotonic())
                     time.sleep(max(0.0, due - time.monotonic()))
@@ -191,6 +244,8 @@ def _exchange(alive: weakref.ref[HaplyDevice], opened: queue.SimpleQueue[str]) -
             finally:
                 with contextlib.suppress(Exception):
                     connection.send(rest)
+                plain.watchdog = None  # its descriptor too must close
+                del watchdog
     except Exception as error:  # whatever it is, the session must know
         if (device := alive()) is not None:
             device.fail(f"{device.name} {what}: {_said(error)}")

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from burrlab.anatomy.report import AnatomyReport
+from burrlab.bone.specimen import CUT, Border
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
@@ -85,6 +86,8 @@ class SessionMetrics:
         Recorded report of all burrs near watched structures; None if there is none.
     structures : dict or None
         Of a `DrillingRecording`: volume of the voxels removed from each structure [mm^3].
+    notes : tuple of str
+        Says so if the burr reached out of the volume through bone.
     """
 
     duration: float
@@ -108,12 +111,14 @@ class SessionMetrics:
     series: dict[str, Array] = field(repr=False)
     anatomy: AnatomyReport | None = None
     structures: dict[str, float] | None = None
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON, units in the names; None where there is no number."""
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
         structures = {} if self.structures is None else {"removed_mm3_by_structure": self.structures}
-        return {**_CODEC.plain(self), **anatomy, **structures}
+        notes = {"notes": list(self.notes)} if self.notes else {}
+        return {**_CODEC.plain(self), **anatomy, **structures, **notes}
 
     def to_dataframe(self) -> pandas.DataFrame:
         """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
@@ -127,6 +132,7 @@ class SessionMetrics:
         lines = [f"{text:<42} {value:>12.5g}" for text, value in self._rows()]
         if self.anatomy is not None:
             lines.append(str(self.anatomy))
+        lines += self.notes
         return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -232,8 +238,11 @@ def session_metrics(
         series={"time": time, "force": force, "removed": volume, "motion_time": motion_time, "speed": speed},
         anatomy=AnatomyReport.recorded(trace) if isinstance(trace, Trace) else None, structures=structures,
     )  # fmt: skip
-    missing: dict[str, Any] = dict.fromkeys(absent, math.nan)
-    return replace(metrics, **missing)
+    changes: dict[str, Any] = dict.fromkeys(absent, math.nan)
+    if isinstance(trace, Trace):
+        cut = Border(trace._bone).count_cut(trace.array("center_mm", burr), trace.tools[burr][0].radius)
+        changes["notes"] = (f"{CUT} ({cut} of {len(trace)} ticks)",) if cut else ()
+    return replace(metrics, **changes)
 
 
 def _mean(values: Array, step: Array, where: NDArray[np.bool_]) -> float:

@@ -38,7 +38,8 @@ def open_publisher(
     follower : Follower
     hello : mapping
         Data for replicas: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
-        shape), and source, the bone's recipe. The provenance of a session holds them.
+        shape), and source, the bone's recipe. The provenance of a session holds them. Of a file in the recipe
+        only its name is sent.
     host, port, vrpn, header_version, options
         As for `Publisher`.
 
@@ -54,10 +55,25 @@ def open_publisher(
     )
     for name in _NEEDED:
         refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
-    text = json_text("hello", hello, default=str)
+    text = _without_folders(json_text("hello", hello, default=str))
     return Publisher(
         follower, host=host, port=port, vrpn=vrpn, hello=text, header_version=header_version, **options
     )
+
+
+def _without_folders(hello: str) -> str:
+    """A hello without the folders of the recipe's files: any peer can ask for it, and they can name a patient."""
+    folders: set[str] = set()
+
+    def keep_folders(part: dict[str, Any]) -> dict[str, Any]:
+        files = (part[key] for key in ("path", "labels") if isinstance(part.get(key), str))
+        folders.update(os.path.join(os.path.dirname(file), "") for file in files)
+        return part
+
+    json.loads(hello, object_hook=keep_folders)
+    for folder in sorted(folders - {"", os.sep}, key=len, reverse=True):  # in notes, too
+        hello = hello.replace(json.dumps(folder)[1:-1], "")
+    return hello
 
 
 def follow(
@@ -78,7 +94,7 @@ def follow(
     bone : VoxelBone, optional
         The leader's initial volume; it is copied. Default: made by the leader's recipe.
     volume : path, optional
-        Path of the recipe's volume on this machine, if it differs.
+        Path of the recipe's volume on this machine. Default: a file of its name in the working directory.
     timeout : float
         Time for the leader to answer [s].
 

@@ -468,6 +468,8 @@ class RecordingPlayer:
         empty = int(np.count_nonzero(self._level == 0))
         if 2 * empty > len(self._level):
             self.note += f"; {empty} of {len(self._level)} removed voxels are empty in this bone"
+        if division := recording._division(bone, source):
+            self.note += f"; {division}"
         self.seek(0.0)
 
     @property

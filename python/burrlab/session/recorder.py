@@ -32,7 +32,7 @@ from burrlab.session.trace import (
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
 _INTERVAL = 0.02  # [s] between two looks at the ring
 _MOST = 20_000  # records taken at once
-_OVERWRITTEN = "was overwritten"
+_BROKEN = _OVERWRITTEN, _CUT = "was overwritten", "was cut short"  # by another program
 
 
 class Reader(Protocol):
@@ -154,6 +154,7 @@ class TraceWriter:
         self._thread = threading.Thread(target=self._run, name="burrlab trace", daemon=True)
         self._file = os.open(self.path, os.O_RDWR)
         self._head = os.pread(self._file, min(1024, self._places["recorded"]), 0)  # never written again
+        self._size = os.fstat(self._file).st_size
 
     @property
     def recorded(self) -> int:
@@ -238,7 +239,7 @@ class TraceWriter:
             while not self._ended:
                 if not lost and (lost := self._lost()) and self._on_end is not None:
                     self._on_end(f"{self.path} {lost} while the session is recorded")
-                if lost == _OVERWRITTEN:  # the content is now another's: left alone
+                if lost in _BROKEN:  # left alone
                     self._ended = lost
                     break
                 last = self._stopping is not None  # read before the ring is emptied
@@ -253,7 +254,7 @@ class TraceWriter:
             self._end(f"recording failed: {error}")
         finally:
             self._reader = None  # a loop on a virtual clock would wait for the reader
-        if not self._complete and self._on_end is not None and lost != _OVERWRITTEN:
+        if not self._complete and self._on_end is not None and lost not in _BROKEN:
             self._on_end(self._ended)
 
     def _empty_ring(self, last: bool) -> None:
@@ -333,20 +334,22 @@ class TraceWriter:
         self._ended = text
 
     def _lost(self) -> str:
-        """Text on what others did to the file; empty if it is in place with its beginning unchanged."""
+        """Text on what others did to the file; empty if it is in place and whole, with its beginning unchanged."""
         try:
             if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
                 return "was replaced"
         except OSError:
             return "was deleted or moved"
-        return "" if os.pread(self._file, len(self._head), 0) == self._head else _OVERWRITTEN
+        if os.pread(self._file, len(self._head), 0) != self._head:
+            return _OVERWRITTEN
+        return _CUT if os.fstat(self._file).st_size < self._size else ""
 
     def _finish_file(self) -> None:
         """Compacts the file; if another is in its place, the still open content is saved elsewhere."""
         try:
             if lost := self._lost():
                 self._complete = False
-                if lost != _OVERWRITTEN:
+                if lost not in _BROKEN:
                     self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
                 kept = f"kept as {self.rescued}" if self.rescued else "lost"
                 self._ended = f"{self.path} {lost} during the session: what was recorded is {kept}"
@@ -358,6 +361,9 @@ class TraceWriter:
         except (OSError, RuntimeError, ValueError, KeyError) as error:
             why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
             self._warning = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
+            if not isinstance(error, OSError) or not error.errno:  # not the disk: what was recorded
+                self._complete = False
+                self._ended = self._warning = f"{self.path} cannot be read, another program changed it: {why}"
         finally:
             os.close(self._file)
 

@@ -160,7 +160,10 @@ class SessionReport:
                     f"  burr {burr}: {at['model']} renders {at['model_stiffness_N_per_mm']:.3g} N/mm stably; "
                     f"the contact is {at['stiffness_N_per_mm'] / at['model_stiffness_N_per_mm']:.2f} of that"
                 )
-            lines.append(f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ")
+            edge = "; round an edge the force law gives some, without any delay" if most > 0 else ""
+            lines.append(
+                f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ{edge}"
+            )
         for name in ("network", "recording"):
             part = getattr(self, name)
             said = [

@@ -7,11 +7,14 @@ import contextlib
 import json
 import math
 import os
+import signal
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
+
+import numpy as np
 
 from burrlab._core import (
     Burr,
@@ -21,17 +24,25 @@ from burrlab._core import (
     Material,
     Publisher,
     RecordReader,
+    ScriptedDevice,
     TickExecutor,
     VoxelBone,
 )
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import MARGIN, Watch, check_structure
 from burrlab.bone.header import told_notes
+from burrlab.bone.specimen import CUT, Border
 from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
-from burrlab.session.devices import DeviceFrame, DeviceLimits, device_limits
-from burrlab.session.haply import HeldDevice
+from burrlab.session.devices import (
+    DeviceFrame,
+    DeviceLimits,
+    describe_miss,
+    device_limits,
+    limits_of_hardware,
+)
+from burrlab.session.haply import HeldDevice, end_exchanges
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
@@ -76,10 +87,12 @@ class Session:
         Where the devices stand, one or one a burr. Default: their positions are the bone's.
     limits : str or DeviceLimits, or a list of them, optional
         Model of the devices (`device_limits`), one or one a burr, None for one without: its peak force and
-        continuous force limit the force sent too, and reports compare the contact's stiffness with its.
+        continuous force limit the force sent too, and reports compare the contact's stiffness with its. Default,
+        "device": the model that the driver of a `TouchDevice`, `OmegaDevice` or `HaplyDevice` names, the least
+        forces of the table if it has no such model; none for other devices.
     ramp : float, optional
         Time over which the allowed force grows from zero at the first contact, and again after a device was
-        gone [s]. Default: 1 with `limits`, ours; otherwise none.
+        gone [s]. Default: 1 with the limits of a model, ours; otherwise none.
     stop_at_force : float, optional
         The session ends in the tick in which a burr's force, before its limits, reaches this [N].
     stop_within : {name: float}, optional
@@ -101,6 +114,8 @@ class Session:
         Address to listen on; there is no authentication.
     header_version : {1, 2}
         Version of the OpenIGTLink messages sent.
+    sensor : bool
+        Publish the force as SENSOR messages too; 3D Slicer has none (docs/network.md).
     source : mapping, optional
         Recipe of the bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
     wall_clock : bool
@@ -157,7 +172,7 @@ class Session:
         force_limit: float = 8.0,
         slew_limit: float = 1.0,
         frames: DeviceFrame | Sequence[DeviceFrame] | None = None,
-        limits: str | DeviceLimits | Sequence[str | DeviceLimits | None] | None = None,
+        limits: str | DeviceLimits | Sequence[str | DeviceLimits | None] | None = "device",
         ramp: float | None = None,
         stop_at_force: float | None = None,
         stop_within: Mapping[str, float] | None = None,
@@ -168,6 +183,7 @@ class Session:
         vrpn: int | None = None,
         host: str = "127.0.0.1",
         header_version: int = 1,
+        sensor: bool = True,
         source: Mapping[str, Any] | None = None,
         wall_clock: bool = True,
         realtime: bool = True,
@@ -189,13 +205,17 @@ class Session:
         slew_limit = scalar(slew_limit, "slew_limit")
         coupling = None if coupling is None else scalar(coupling, "coupling")
         duration = None if duration is None else scalar(duration, "duration")
-        self._limits = _limits_of(limits, len(self.tools))
+        models = _limits_of(limits, self.devices, len(self.tools))
+        self._limits = [one or DeviceLimits("no model") for one in models]
+        limited = limits not in (None, "device")  # by the caller, not by a driver
         if isinstance(frames, DeviceFrame):
             frames = [frames] * len(self.tools)
         stands = _listed(
             frames or [], lambda one: isinstance(one, DeviceFrame), "frames must be DeviceFrames"
         )
-        ramp = (0.0 if limits is None else _RAMP) if ramp is None else scalar(ramp, "ramp")
+        self._stands = stands or [DeviceFrame()] * len(self.tools)
+        ramp = None if ramp is None else scalar(ramp, "ramp")
+        ramps = [_RAMP * bool(limited or one) if ramp is None else ramp for one in models]
         if stop_at_force is not None:
             check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
         if stop_button is not None:
@@ -225,9 +245,9 @@ class Session:
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
         guards = [
-            (min(force_limit, one.peak_force or math.inf), slew_limit, one.continuous_force or math.inf, one.window, ramp)
-            for one in self._limits
-        ] if ramp or limits is not None else []  # fmt: skip
+            (min(force_limit, one.peak_force or math.inf), slew_limit, one.continuous_force or math.inf, one.window, growth)
+            for one, growth in zip(self._limits, ramps, strict=True)
+        ] if limited or any(models) or any(ramps) else []  # fmt: skip
         self._loop = HapticLoop(
             self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
             cpu=-1 if cpu is None else whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
@@ -252,12 +272,14 @@ class Session:
             **watching,
         )  # fmt: skip
         rules = {
-            "limits": None if limits is None else [{"model": one.model, **one.numbers()} for one in self._limits],
-            "ramp_s": ramp or None, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
+            "limits": [{"model": one.model, **one.numbers()} for one in self._limits] if limited or any(models) else None,
+            "ramp_s": (ramps[0] if len({*ramps}) == 1 else ramps) or None, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
             "stop_button": stop_button, "frames": [asdict(one) for one in stands] or None,
         }  # fmt: skip
         self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
-        self._rules = _told(guards, self._limits, rate) + [
+        off = "" if limited else "; limits=None, or --model none, turns the model's limits off"
+        texts = zip(_told(guards, self._limits, rate), models, strict=False)
+        self._rules = [text + off * bool(model) for text, model in texts if limited or model or ramp] + [
             f"the session stops {text}" for text in (
                 *([] if stop_at_force is None else [f"at a force of {stop_at_force:g} N"]),
                 *(f"within {nearest:g} mm of {name}" for name, nearest in self._stop_within.items()),
@@ -276,6 +298,7 @@ class Session:
                 port=publish,
                 vrpn=vrpn,
                 header_version=header_version,
+                sensor=sensor,
             )
         if record is not None:
             room = DEFAULT_DURATION if duration is None else duration + 1.0
@@ -292,6 +315,7 @@ class Session:
                 raise
         self._digests = 0
         self._warned: set[int] = set()
+        self._borders = {burr: Border(bone) for burr in range(len(self.tools))}
         self._finishing = threading.Lock()
         self._saying = threading.local()
         self._process = os.getpid()
@@ -309,6 +333,7 @@ class Session:
         atexit.unregister(_stop_all)
         atexit.register(_stop_all)
         try:
+            _guard_signals(self)
             self._loop.start()
             self._follower.start()
             if self._writer is not None:
@@ -331,8 +356,15 @@ class Session:
     def wait(self, seconds: float | None = None) -> bool:
         """Waits at most `seconds` [s] for the session's end and its whole trace; returns whether they came.
 
-        Can be interrupted.
+        Can be interrupted. ValueError without `seconds` if the session was not started; it ends, and leaves no trace.
         """
+        if seconds is None and not (self._loop.started or self._done.is_set()):
+            self.stop("never started")
+            if self._writer is not None and self._writer.complete:  # else the file in its place is another's
+                self._writer.path.unlink()
+            raise ValueError(
+                "session must be started before `wait`: write `with Session(...) as session:`, or `start()`"
+            )
         left = float("inf") if seconds is None else scalar(seconds, "seconds")
         while not self._done.is_set() and left > 0:
             self._done.wait(min(left, 0.1))
@@ -353,6 +385,7 @@ class Session:
             self._housekeeper.join()
         else:
             self._finish(reason)
+        _guard_signals()
 
     def __enter__(self) -> Session:
         return self.start()
@@ -449,6 +482,7 @@ class Session:
     def _keep_house(self) -> None:
         """Serves the parts while the loop runs, then ends them."""
         waited, due, well = 0.0, 0.0, True
+        reader = RecordReader(self._loop)  # the loop runs, so it does not wait for this reader
         look = _LOOK / 10 if self._stop_within else _LOOK
         while not self._loop.wait(look):
             try:
@@ -458,6 +492,7 @@ class Session:
                     continue
                 self._hand_digests()
                 self._tell_of_anatomy()
+                self._warn_of_border(reader)
                 if self._loop.counts.ticks == 0 and due < _PATIENCE <= due + _LOOK:
                     why = "".join(f"; {text}" for one in self.devices if (text := getattr(one, "fault", "")))
                     self._say(f"no tick yet: the devices have not given a first position{why}")
@@ -473,6 +508,8 @@ class Session:
                 if well:
                     self._say(f"the session goes on without warnings: {error!r}")
                 well = False
+        with contextlib.suppress(Exception):
+            self._warn_of_border(reader)
         self._finish(self._loop.reason)
 
     def _finish(self, reason: str) -> None:
@@ -497,6 +534,8 @@ class Session:
                     self._say(self._writer.warning)
             if self._publisher is not None and self._loop.started:
                 self._publisher.finish(reason, failed=self._loop.failed)
+            if self._loop.started:
+                self._tell_of_misses()  # last, as it can fail: it needs memory
 
     def _stop_if_near(self) -> None:
         for name, limit in self._stop_within.items():
@@ -516,6 +555,14 @@ class Session:
             f"{at['force_at_limit_N']:.2g} N here a hand may tremble"
         )
 
+    def _warn_of_border(self, reader: RecordReader) -> None:
+        while self._borders and len(records := reader.take()[0]):
+            for burr, border in list(self._borders.items()):
+                centers = records["burr"]["center"][:, burr]
+                if border.count_cut(centers, self.tools[burr][0].radius):
+                    self._say(f"burr {burr}: {CUT}")
+                    del self._borders[burr]
+
     def _hand_digests(self) -> None:
         if self._writer is None:
             return
@@ -533,15 +580,32 @@ class Session:
         for sentence in sentences:
             self._say(sentence)
 
+    def _tell_of_misses(self) -> None:
+        """Says by how much a script passed the bone, where its burr never felt a force."""
+        counts = self._loop.counts
+        end = (counts.ticks + counts.missed) / self.provenance["rate_Hz"]
+        for burr, (device, frame) in enumerate(zip(self.devices, self._stands, strict=True)):
+            felt = self._loop.energy(burr) != (0.0, 0.0) or self._follower.stability(burr)["force_N"] > 0
+            if isinstance(device, ScriptedDevice) and counts.ticks and not felt:
+                time, *axes = device.path.T
+                times = np.append(time[time < end], min(end, time[-1]))
+                path = np.column_stack([np.interp(times, time, axis) for axis in axes])
+                if miss := describe_miss(self.snapshot()[0], path, frame, self.tools[burr][0].radius):
+                    self._say(f"burr {burr} never met the bone: {miss}")
 
-def _limits_of(given: Any, burrs: int) -> list[DeviceLimits]:
+
+def _limits_of(given: Any, devices: Sequence[Device], burrs: int) -> list[DeviceLimits | None]:
     """One a burr; ValueError for an unknown model or another number of them."""
     several = isinstance(given, Sequence) and not isinstance(given, str)
     found = list(given) if several else [given] * burrs
     refuse(len(found) != burrs, f"limits must be one a burr, {burrs}, got {len(found)}")
-    found = [device_limits[one] if isinstance(one, str) else one or DeviceLimits("no model") for one in found]
-    for one in found:
-        require_type("limits", one, DeviceLimits, "device_limits['touch']")
+    for burr, (one, device) in enumerate(zip(found, devices, strict=False)):
+        if one == "device":
+            found[burr] = limits_of_hardware(device.hardware) if isinstance(device, HeldDevice) else None
+        elif isinstance(one, str):
+            found[burr] = device_limits[one]
+        elif one is not None:
+            require_type("limits", one, DeviceLimits, "device_limits['touch']")
     return found
 
 
@@ -585,6 +649,34 @@ _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()
 def _stop_all() -> None:
     for session in list(_to_stop):
         session.stop("the program ended")
+
+
+_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+def _guard_signals(starting: Session | None = None) -> None:
+    """While a session has a device that a hand holds, a signal that ends the program sets its force to zero
+    first. Signals that the program itself handles, and other threads than the main one, are left alone."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    running = [one for one in _to_stop if one is starting or one.running]
+    held = any(isinstance(device, HeldDevice) for one in running for device in one.devices)
+    before, after = (signal.SIG_DFL, _end_by_signal) if held else (_end_by_signal, signal.SIG_DFL)
+    for number in _SIGNALS:
+        if signal.getsignal(number) is before:
+            signal.signal(number, after)
+
+
+def _end_by_signal(number: int, _: object) -> None:
+    signal.signal(number, signal.SIG_DFL)
+    running = [one for one in _to_stop if one.running and one._process == os.getpid()]
+    for session in running:
+        session._loop.stop(f"stopped by {signal.Signals(number).name}")
+    end_exchanges()
+    for session in running:
+        if session._housekeeper is not None:
+            session._housekeeper.join(_PATIENCE)  # for the trace
+    signal.raise_signal(number)
 
 
 def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:

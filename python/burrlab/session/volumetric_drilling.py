@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,8 +20,8 @@ from burrlab._core import ScriptedDevice, Tissues, VoxelBone, read_bricks, take_
 from burrlab.bone.kept import stack_slices
 from burrlab.bone.slices import is_stack
 from burrlab.bone.snapshot import open_any_hdf5, read_dataset, told_as_damage
-from burrlab.common.check import refuse
-from burrlab.common.files import attributes, new_hdf5
+from burrlab.common.check import check_positive, refuse
+from burrlab.common.files import attributes, new_file, new_hdf5
 from burrlab.common.progress import Progress, doing, reporter
 from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Handling, Trace, check_trace
@@ -32,8 +33,12 @@ Array = NDArray[np.float64]
 
 _DATA_EVERY = 20  # [ms] between the rows of `data`, the layout's synchronised stream of about 50 Hz
 _GROUP = 20  # ticks whose voxels share a time stamp
+_BONE = 128  # level from which a voxel counts as bone
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)  # quaternion (x, y, z, w)
 _QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)  # about z, from x to y
+#: By this the recorder multiplies lengths since June 2023, unless it is given another header: |direction| x size / 1000.
+_SCALE = 0.0492027
+_LEAST_VOXEL = 0.05**3  # [mm^3]; smaller ones make one doubt the lengths
 #: Name of each old group in the new layout.
 _NEW = {
     "metadata": "metadata_v3", "data": "vision_data/continuous_data",
@@ -53,7 +58,7 @@ _STACK_AXES = "Of the slices that the bone was made of: x is the pixel's column,
 _VOXEL_README = """voxel_time_stamp: when a group of voxels was removed [s since epoch].
 voxel_removed: (group, x, y, z), indices of the voxels of each group. {axes}
 voxel_color: (group, r, g, b, a), 0 to 255; of the voxel's tissue, without tissues grey of its occupancy before the session.
-A voxel counts as removed when less than half of its level before the session is left.
+A voxel counts as removed when less than half of its level before the session, at least 128 of 255, is left.
 """
 
 
@@ -73,7 +78,7 @@ def export_volumetric_drilling(
     ----------
     trace : Trace
     path : path-like
-        The HDF5 file; an existing file is overwritten.
+        The HDF5 file; an existing file is replaced when the new one is complete.
     burr : int
         Index of the drill. The voxels include bone that another burr removed.
     layout : {"new", "old"}
@@ -110,11 +115,9 @@ def export_volumetric_drilling(
     start = float(trace.provenance["started_unix_s"])
     stamps = start + trace.time()
     pose = np.hstack([center, np.roll(trace.array("orientation", burr), -1, axis=1)])  # w last
-    grid = _Grid.of(trace._bone, trace.source)
-    opened = False
-    try:
-        with new_hdf5(path) as file:
-            opened = True
+    with new_file(path) as part:
+        grid = _Grid.of(trace._bone, trace.source)
+        with new_hdf5(part) as file:
 
             def group(name: str) -> h5py.Group:
                 return file.create_group(_NEW[name] if layout == "new" else name)
@@ -141,10 +144,6 @@ def export_volumetric_drilling(
             size = np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole)
             _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
             _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
-    except BaseException:
-        if opened:  # incomplete
-            Path(path).unlink(missing_ok=True)
-        raise
 
 
 @dataclass(frozen=True)
@@ -233,13 +232,13 @@ def _write_voxels(
 
 
 def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Sorted indices (z, y, x), shape (n, 3), of voxels that fell below half since the last call.
+    """Sorted indices (z, y, x), shape (n, 3), of voxels of bone that fell below half since the last call.
 
     Marks them in `gone`.
     """
     bricks = take_changed_bricks(bone)
     now, before = (read_bricks(one, bricks).astype(np.int16) for one in (bone, start))
-    brick, voxel = np.nonzero(2 * now < before)  # both are 0 outside the bone
+    brick, voxel = np.nonzero((before >= _BONE) & (2 * now < before))  # both are 0 outside the bone
     counts = [-(-n // 8) for n in bone.shape]
     corner, within = np.unravel_index(bricks[brick], counts), np.unravel_index(voxel, (8, 8, 8))
     found: NDArray[np.int64] = np.unique(8 * np.column_stack(corner) + np.column_stack(within), axis=0)
@@ -339,11 +338,8 @@ class DrillingRecording:
         """
         if self.removed is None:
             raise ValueError(f"{self.path} holds no removed voxels")
-        ours, theirs = float(np.prod(bone.spacing)), self.voxel_volume
-        refuse(
-            theirs is not None and not abs(ours - theirs) <= 1e-3 * ours,
-            f"bone must have voxels of {theirs or 0:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3",
-        )
+        if self._scale_on(bone, source) is None:
+            raise ValueError(self._misfit(bone))
         places = _Grid.of(bone, source).places(self.removed)
         outside = int(((places < 0) | (places >= bone.shape)).any(axis=1).sum())
         refuse(
@@ -375,18 +371,27 @@ class DrillingRecording:
             Made of the recording's volume, whose recorded pose then turns the path into the bone's frame. The
             slices must have been read with `transpose`, or this is a mirror image of what was drilled. Without a
             bone, the world is the bone's frame, as in our own exports.
+            The sizes of the voxels tell whether the recorder multiplied lengths: then they are divided.
         source : str or mapping
             As in `removed_from`.
 
         Raises
         ------
         ValueError
-            If the recording has no pose, or with a bone no pose of the volume.
+            If the recording has no pose, or with a bone no pose of the volume, or its voxels are less than 1 % of
+            the bone's for no known reason.
+
+        Warns
+        -----
+        UserWarning
+            If lengths are divided.
         """
         turn = scipy.spatial.transform.Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
         position = self.position
         if bone is not None:
             to_bone, position = self._in_frame_of(bone, source)
+            if note := self._division(bone, source):
+                warnings.warn(f"{self.path}: {note}", stacklevel=2)
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
         quaternion = np.roll(turn.as_quat(), 1, axis=1)
@@ -399,10 +404,41 @@ class DrillingRecording:
         of_quaternion = scipy.spatial.transform.Rotation.from_quat
         ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
-        return to_bone, to_bone.apply(self.position - self.volume_pose[:3]) + 1000.0 * ours[:3]
+        scale = self._scale_on(bone, source)
+        smaller = (self.voxel_volume or 1.0) < 0.01 * np.prod(
+            bone.spacing
+        )  # by more than a bone is resampled
+        refuse(scale is None and smaller, self._misfit(bone))
+        from_middle = (self.position - self.volume_pose[:3]) / (scale or 1.0)
+        return to_bone, to_bone.apply(from_middle) + 1000.0 * ours[:3]
+
+    def _scale_on(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> float | None:
+        """By what the recorder multiplied lengths, as the sizes of the voxels tell; None if nothing known fits."""
+        sizes = _Grid.of(bone, source).sizes
+        side = float(sizes.max() * bone.spacing[sizes.argmax()]) / 1000.0  # the volume's own header
+        ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / float(np.prod(bone.spacing))
+        return next((scale for scale in (1.0, _SCALE, side) if abs(ratio / scale**3 - 1.0) <= 1e-3), None)
+
+    def _division(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> str:
+        """A note if lengths are divided on this bone, else empty."""
+        scale = self._scale_on(bone, source) or 1.0
+        note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
+        return "" if scale == 1.0 else note
+
+    def _misfit(self, bone: VoxelBone) -> str:
+        ours, theirs = float(np.prod(bone.spacing)), self.voxel_volume or 0.0
+        return (
+            f"bone must have voxels of {theirs:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3; if its "
+            f"recorder multiplied lengths, scale={(theirs / ours) ** (1 / 3):.6g} (--scale) would fit"
+        )
 
     def _handling(self, burr: int) -> Handling:
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")
+        if self.voxel_volume is not None and self.voxel_volume < _LEAST_VOXEL:
+            warnings.warn(
+                f"{self.path}: voxels of {self.voxel_volume:.3g} mm^3 are small for a bone: if its recorder multiplied "
+                f"lengths (docs/trace.md), scale={_SCALE:g} (--scale) divides by its default", stacklevel=4,
+            )  # fmt: skip
         time, n = self.time, len(self.time)
         missing = ["cutting", "removal_rate"]
         force, volume = np.full((2, n), np.nan)
@@ -433,12 +469,19 @@ _UNITS = {
     "m": ("m", "meter", "meters", "metre", "metres"), "s": ("s", "sec", "second", "seconds"),
     "N": ("n", "newton", "newtons"), "mm": ("mm", "millimeters", "millimetres"), "mm^3": ("mm^3",),
 }  # fmt: skip
-_DRILLS = ("high_frequency_poses/mastoidectomy_drill", "high_frequency_poses/drill_pose")
+#: Where the recorder kept the fast poses, and the column's name; the third is that of its document.
+_DRILLS = (
+    ("high_frequency_poses/mastoidectomy_drill", "pose"), ("high_frequency_poses/mastoidectomy_drill_pose", "pose"),
+    ("high_frequency_poses/drill_pose", "pose"), ("high_frequency_drill_pose", "drill_pose"),
+)  # fmt: skip
 
 
 @doing("reading a recording")
 def read_volumetric_drilling(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], *, tissues: Tissues | None = None
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    tissues: Tissues | None = None,
+    scale: float = 1.0,
 ) -> DrillingRecording:
     """Reads a recording of the simulator volumetric_drilling, in either of its layouts.
 
@@ -449,6 +492,8 @@ def read_volumetric_drilling(
         a new file, named by its time, every 500 samples.
     tissues : Tissues, optional
         Names the structures by their colours.
+    scale : float
+        What the recorder multiplied lengths by: they are divided by it, the volume of a voxel by its cube.
 
     Returns
     -------
@@ -468,6 +513,7 @@ def read_volumetric_drilling(
     LCSR-SICKKIDS/volumetric_drilling; cameras, images and other objects are not. Poses are those of
     `high_frequency_poses`, else of the stream of about 50 Hz.
     """
+    check_positive("scale", scale)
     one = isinstance(path, str | os.PathLike)
     files = [Path(path)] if one else [Path(each) for each in path]  # type: ignore[arg-type, union-attr]
     if one and files[0].is_dir():
@@ -476,7 +522,7 @@ def read_volumetric_drilling(
     parts = []
     for file in files:
         with open_any_hdf5(file, _KIND) as opened, told_as_damage(file):
-            parts.append(_Part(opened, file))
+            parts.append(_Part(opened, file, scale))
     layouts = sorted({part.layout for part in parts})
     refuse(len(layouts) > 1, f"path must hold files of one layout, got {', '.join(layouts)}")
 
@@ -486,8 +532,9 @@ def read_volumetric_drilling(
         return [np.concatenate(columns) for columns in zip(*tables, strict=True)] if tables else [None] * 3
 
     tables = {name: joined(name) for name in parts[0].tables}
-    refuse(tables["poses"][0] is None, f"{files[0]} is not {_KIND}: it holds no pose of mastoidectomy_drill")
     times = {name: table[0] for name, table in tables.items() if table[0] is not None}
+    refuse(not times, f"{files[0]} is an empty recording: no pose, no force, no removed voxel")
+    refuse("poses" not in times, f"{files[0]} is not {_KIND}: it holds no pose of mastoidectomy_drill")
     started = float(min((time[0] for time in times.values() if len(time)), default=0.0))
     for name, time in times.items():
         refuse((np.diff(time) < 0).any(), f"{files[0]} is damaged: the times of its {name} go back")
@@ -522,15 +569,15 @@ def _has_groups(file: h5py.File) -> bool:
     return any(name.split("/")[0] in file for names in _NEW.items() for name in names)
 
 
-def _split(pose: Array) -> list[Array]:
+def _split(pose: Array, scale: float) -> list[Array]:
     """Positions [mm] and quaternions (w, x, y, z) of poses of the file."""
-    return [1000.0 * pose[:, :3], np.roll(pose[:, 3:], 1, axis=1)]
+    return [1000.0 * pose[:, :3] / scale, np.roll(pose[:, 3:], 1, axis=1)]
 
 
 class _Part:
     """One file. Its tables are lists of columns, the times first; None where it has none."""
 
-    def __init__(self, file: h5py.File, path: Path) -> None:
+    def __init__(self, file: h5py.File, path: Path, scale: float) -> None:
         self._file, self._path = file, path
         refuse(not _has_groups(file), f"{path} is not {_KIND}: it has no group of its layouts")
         new = any(name.split("/")[0] in file for name in _NEW.values())
@@ -540,31 +587,41 @@ class _Part:
         if told := re.search(r"\bpositions?\b[^.\n]*? in (\w+)", text, re.IGNORECASE):
             self._check_unit(place, told[1], "m")
         size = self._column("metadata", "voxel_volume", "mm^3", None, optional=True)
-        self.voxel_volume = float(size) or None if size is not None else None  # the recorder's 0: not known
+        self.voxel_volume = float(size) / scale**3 or None if size is not None else None  # its 0: not known
         refuse((self.voxel_volume or 1.0) < 0, f"{path} is damaged: its voxels have a volume of {size} mm^3")
         volume = self._column("data", "pose_mastoidectomy_volume", "m", 7, optional=True)
-        self.volume_pose = None if volume is None or not len(volume) else np.hstack(_split(volume[:1]))[0]
+        self.volume_pose = (
+            None if volume is None or not len(volume) else np.hstack(_split(volume[:1], scale))[0]
+        )
         forces = self._table("drill_force_feedback", "time_stamp", ("wrench", "N", 6))
         burrs = self._table("burr_change", "time_stamp", ("burr_size", "mm", 0))
-        poses = [self._table(drill, "time_stamp", ("pose", "m", 7)) for drill in _DRILLS]
+        poses = [self._table(drill, "time_stamp", (column, "m", 7)) for drill, column in _DRILLS]
         if self._column("data", "pose_mastoidectomy_drill", "m", 7, optional=True) is not None:
             poses.append(self._table("data", "time", ("pose_mastoidectomy_drill", "m", 7)))
         self.tables: dict[str, list[NDArray[Any]] | None] = {
-            "poses": next(([time, *_split(pose)] for time, pose in filter(None, poses)), None),
+            "poses": next(([time, *_split(pose, scale)] for time, pose in filter(None, poses)), None),
             "forces": forces and [forces[0], forces[1][:, :3]],
             "burrs": burrs and [burrs[0], burrs[1] / 2.0],
             "voxels": self._voxels(),
         }
 
     def _voxels(self) -> list[NDArray[Any]] | None:
-        stamps = self._column("voxels_removed", "voxel_time_stamp", "s", 0)
-        removed = self._column("voxels_removed", "voxel_removed", None, 4)
-        colours = self._column("voxels_removed", "voxel_color", None, 5)
+        alone = self._place("voxels_removed", "time_stamp") in self._file  # until October 2022: no groups
+        stamps = self._column("voxels_removed", "time_stamp" if alone else "voxel_time_stamp", "s", 0)
+        removed = self._column("voxels_removed", "voxel_removed", None, 4 - alone)
+        colours = self._column("voxels_removed", "voxel_color", None, 5 - alone)
         if stamps is None or removed is None or colours is None:
             return None
+        if alone:
+            removed, colours = (
+                np.insert(rows, 0, np.arange(len(rows)), axis=1) for rows in (removed, colours)
+            )
         group, rgb = removed[:, 0], np.rint(colours[:, 1:4])
         same = len(colours) == len(removed) and (colours[:, 0] == group).all()
         self._refuse(not same, "its voxel_removed and voxel_color are of other groups")
+        filled, rank = np.unique(group, return_inverse=True)
+        if len(filled) == len(stamps):  # in 2024, groups without voxels have no time
+            group = rank
         whole = (removed == np.rint(removed)).all() and (removed >= 0).all() and (group < len(stamps)).all()
         self._refuse(not whole, f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0")
         self._refuse(((rgb < 0) | (rgb > 255)).any(), "its voxel_color must lie from 0 to 255")
@@ -581,9 +638,11 @@ class _Part:
     def _column(
         self, group: str, name: str, unit: str | None, width: int | None, *, optional: bool = False
     ) -> Any:
-        """A dataset as floats: rows of `width` numbers, 0: of one, None: a single number. None without its group."""
+        """A dataset as floats: rows of `width` numbers, 0: of one, None: a single number. None without its group, or
+        where nothing came into it."""
         place = self._place(group, name)
-        if place.rpartition("/")[0] not in self._file or (optional and place not in self._file):
+        folder = place.rpartition("/")[0]
+        if folder not in self._file or not len(self._file[folder]) or (optional and place not in self._file):
             return None
         self._refuse(place not in self._file, f"it has no dataset {place}")
         if unit is not None:

@@ -307,6 +307,15 @@ class MasterCurve:
         ratio = np.exp(spline.log_ratio(np.log(np.minimum(phi, spline.end))))
         return np.where(phi < spline.end, ratio, np.nan)[()]
 
+    def log_velocity_ratio(
+        self, log_phi: Floats, start: float | None = None, stop: float | None = None
+    ) -> Floats:
+        """log Psi at log phi, for tables of many; see `velocity_ratio`."""
+        spline = _window_spline(self._name, start, stop)
+        log_ratio: Floats = spline.log_ratio(log_phi)
+        log_ratio[log_phi >= np.log(spline.end)] = np.nan
+        return log_ratio
+
     def local_slope(
         self, phi: ArrayLike, start: float | None = None, stop: float | None = None
     ) -> np.float64 | Floats:

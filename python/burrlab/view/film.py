@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.common.check import check_positive, refuse
-from burrlab.common.files import new_part
+from burrlab.common.files import new_file
 from burrlab.common.progress import Progress, reporter
 from burrlab.effects.effects import Effects
 from burrlab.session.player import Player, RecordingPlayer, TracePlayer
@@ -158,10 +158,9 @@ def write_video(
     file = Path(path)
     check_film(file, fps)
     write = _write_mp4 if file.suffix.lower() == ".mp4" else _write_gif
-    with new_part(file, file.suffix) as part:
+    with new_file(file, file.suffix) as part:
         count = write(part, _of_one_size(frames), fps)
         refuse(count == 0, "a film needs at least one frame")
-        part.replace(file)
     return count
 
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import check_positive, refuse
+from burrlab.common.files import new_file
 from burrlab.view.actors import (
     BlockActors,
     BurrActors,
@@ -576,4 +577,5 @@ class Scene:
 def _write_png(path: str | os.PathLike[str], pixels: NDArray[np.uint8]) -> None:
     from PIL import Image
 
-    Image.fromarray(pixels).save(path, format="PNG")
+    with new_file(path) as part:
+        Image.fromarray(pixels).save(part, format="PNG")

@@ -165,7 +165,7 @@ def _server() -> Any:
 
 def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
     """Serves only paths below the secret, only at the address listened on, and restricts the calls."""
-    from aiohttp.web import HTTPForbidden, json_response
+    from aiohttp.web import HTTPBadRequest, HTTPForbidden, WebSocketResponse, json_response
     from yarl import URL
 
     resolve = web.app.router.resolve
@@ -180,6 +180,8 @@ def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
         first, _, rest = request.rel_url.raw_path[1:].partition("/")
         if not secrets.compare_digest(first.encode(), secret.encode()):
             raise HTTPForbidden(text="the address lacks the secret that was printed with it")
+        if rest == "ws" and not WebSocketResponse().can_prepare(request):  # on which its handler fails
+            raise HTTPBadRequest(text="this address is for the page's WebSocket only")
         return await resolve(request.clone(rel_url=URL(f"/{rest}", encoded=True)))
 
     async def launch(request: Any) -> Any:

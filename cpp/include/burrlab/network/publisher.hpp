@@ -50,6 +50,7 @@ struct PublisherSettings {
   int port = 0;                                    ///< of OpenIGTLink; 0: any free port, -1: none
   std::string hello = "{}";                        ///< JSON about the session, for replicas
   int header_version = 1;                          ///< 1 or 2
+  bool sensor = true;                              ///< the force as SENSOR too
   double log = 10.0;                               ///< ticks kept for replicas [s]
   std::size_t most_peers = 32;                     ///< connections at once
   std::size_t most_behind = std::size_t(1) << 19;  ///< a replica farther behind is cut off [bytes]
@@ -66,7 +67,7 @@ struct PublisherStatus {
   std::uint64_t refused = 0;          ///< connections beyond `most_peers`
   std::uint64_t skipped = 0;          ///< ticks that slow standard peers missed
   std::uint64_t cut_off = 0;          ///< slow replicas
-  std::uint64_t stalled = 0;          ///< peers that took nothing for 5 s
+  std::uint64_t stalled = 0;          ///< peers that took nothing for 5 s, or VRPN clients that did not greet
   std::uint64_t hellos = 0;           ///< asked only for the hello, or had another session or volume
   std::uint64_t by_ticks = 0;         ///< replicas that continued from the log
   std::uint64_t by_bricks = 0;        ///< replicas that got bricks

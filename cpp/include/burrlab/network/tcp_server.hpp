@@ -50,6 +50,7 @@ class TcpServer {
   /// A connection to a peer, not yet made: it is when the socket is writable; -1 if it cannot be.
   static int connect(const PeerAddress& address, int send_buffer) noexcept;
   static PeerAddress peer_of(int socket) noexcept;
+  static bool is_own(const PeerAddress& address) noexcept;  ///< whether it is this machine's, any port
 
   /// Bytes received or sent; 0 if there is nothing to do, -1 if the connection ended.
   static long receive(int socket, std::uint8_t* into, std::size_t room) noexcept;

@@ -162,7 +162,8 @@ def test_poses_over_the_network_lost_then_resumed_and_replayed(tmp_path):
             again = path.with_name(path.name.replace("_trace", "_attempt-2_trace"))
             trace = burrlab.load_trace(again if again.exists() else path)
             assert (trace.seed, trace.tools[0][1].name) == felt
-            assert len(trace) >= 700
+            # a busy machine loses ticks, so their count says nothing of the interval's end
+            assert trace.ended in ("all ticks were executed", "the interval is over")
             assert burrlab.replay(trace).equal
 
 

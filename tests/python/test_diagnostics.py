@@ -198,8 +198,20 @@ def test_student_bears_outliers():
     for alpha in slices.alpha_below(slices.profile.min() + 5):
         inside = np.isfinite(alpha)
         assert slices.minus2(np.where(inside, alpha, 1))[inside] == pytest.approx(slices.profile.min() + 5)
+    lowest = [slices.minus2(alpha).min() for alpha in slices.best_alpha]
+    assert slices.minus2_table(slices.best_alpha).min(axis=1) == pytest.approx(lowest, abs=1e-9)
     drawn = robust.bootstrap(20, seed=1)
     assert np.median(drawn.c_e) == pytest.approx(robust.c_e, rel=0.1)
+
+
+def test_student_of_four_rows_ends_where_its_slopes_are_zero():
+    """Reweighting alone comes near them too slowly: the weights' mean is 1 there, their sum of residuals 0."""
+    few = fit(curve(0.05, [0.5, 0.9, 1.4, 2.2], seed=0), residuals="student")
+    slices = few.likelihood.at(few.c_e * np.linspace(0.98, 1.3, 60))
+    size = (slices.r - slices.m[:, None]) / np.sqrt(slices.A / slices.B)[:, None]
+    weight = 5 / (4 + size**2)
+    assert np.mean(weight, axis=1) == pytest.approx(1, abs=1e-9)
+    assert np.mean(weight * size, axis=1) == pytest.approx(0, abs=1e-9)
 
 
 # ---- how often the diagnostics are right ----

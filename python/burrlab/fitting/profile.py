@@ -190,7 +190,7 @@ def profile(
     rise = walk.minus2 - base
     alphas = _alphas(walk, base, max(joint.values()))
     x = np.log(walk.c_e)
-    table = np.array([_lowest(x, walk.slices.minus2_near(alpha))[1] for alpha in alphas]) - base
+    table = np.array([_lowest(x, row)[1] for row in walk.slices.minus2_table(alphas)]) - base
     shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],

@@ -9,6 +9,7 @@ import pytest
 
 import burrlab
 from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
+from burrlab.fitting import diagnostics
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.fit import Fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -106,6 +107,19 @@ def test_influence():
     few = fit(with_outlier(curve(forces=FORCES[::2]), row=3))
     assert few.evidence.rows == ()
     assert "With fewer than 8 rows none is named" in few.report()
+
+
+def test_of_many_rows_the_farthest_are_fitted_without(monkeypatch):
+    bad = with_outlier(with_outlier(with_outlier(curve(forces=np.linspace(0.3, 2.6, 40)), 8), 20, 0.3), 30)
+    each = fit(bad).evidence.rows
+    monkeypatch.setattr(diagnostics, "_EACH", 39)
+    few = fit(bad)
+    refitted = [row for row in few.evidence.rows if not np.isnan(row.c_e)]
+    assert (len(each), len(few.evidence.rows), len(refitted)) == (3, 3, 2)
+    nearest = min(each, key=lambda row: abs(row.studentised))
+    assert refitted == [row for row in each if row is not nearest]
+    assert [row.row for row in few.influence() if not np.isnan(row.c_e)] == [row.row for row in refitted]
+    assert "sigma; there is no fit without it." in few.report()
 
 
 def test_rows_of_several_curves_keep_their_numbers():

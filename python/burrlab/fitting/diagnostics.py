@@ -26,6 +26,7 @@ _FAR = 30.0  # beyond the plausible range by this factor a fit is implausible (o
 _SUSPECT = 0.005  # p of the best plausible point below which a note is due (ours)
 _LOOKS = 0.05  # p above which data look like those of a mistake
 _POINTS = 200  # of c_e in the plausible range
+_EACH, _FARTHEST = 1000, 2  # of more rows only the farthest are fitted without: at most three fits in all
 _SCATTER = 0.5  # RMS of log velocity beyond which the model does not describe the data (ours)
 
 #: c_e [N/mm^2] and alpha [1/ms] of the shipped materials, widened by a factor of 1.5 to either side.
@@ -156,7 +157,7 @@ class Row:
     named : bool
         |studentised| is beyond the limit that some row reaches in 5 % of clean data sets.
     c_e, alpha : float
-        The fit without the row [N/mm^2], [1/ms]; NaN where the other rows allow none.
+        The fit without the row [N/mm^2], [1/ms]; NaN where the other rows allow none, or are too many.
     interval : Interval
         95 % interval of c_e without the row.
     """
@@ -175,7 +176,7 @@ class Row:
     def sentence(self) -> str:
         """The row in plain words."""
         of = f" of data set {self.data_set + 1}" if self.data_set else ""
-        without = "the other rows allow no fit"
+        without = "there is no fit without it"
         if not np.isnan(self.c_e):
             without = f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
         return f"Row {self.row}{of}, {self.force:.3g} N, stands out: {self.studentised:.2g} sigma; {without}."
@@ -207,7 +208,7 @@ def influence(
     A row stands out where |externally studentised residual| is beyond Bonferroni's limit at 5 %: Student's t
     with n - p - 1 degrees of freedom, p the rank of the derivatives, or the normal distribution where sigma
     is known. The worst row is set aside and the others are judged without it, until none stands out or
-    fewer than 8 are left.
+    fewer than 8 are left. Of more than 1000 rows only the two that lie farthest off are fitted without.
 
     References
     ----------
@@ -233,14 +234,16 @@ def influence(
         if isinstance(one, VelocityCurve)
         for row in np.flatnonzero(one.ok).tolist()
     ]
+    least = np.sort(np.abs(residual))[-_FARTHEST] if len(r) > _EACH else 0.0
     columns = (np.flatnonzero(o.run < 0), leverage, residual, named)
     return tuple(
-        Row(data_set, row, float(o.force[at]), h, t, stands_out, *_without(likelihood, at, given))
+        Row(data_set, row, float(o.force[at]), h, t, stands_out,
+            *(_without(likelihood, at, given) if abs(t) >= least else _NO_FIT))
         for (data_set, row), at, h, t, stands_out in zip(
             places, *(column.tolist() for column in columns), strict=True
         )
         if every or stands_out
-    )
+    )  # fmt: skip
 
 
 def doubts(likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
@@ -293,6 +296,9 @@ def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Float
     return leverage, r / np.sqrt(variance * free), float(limit)
 
 
+_NO_FIT = np.nan, np.nan, Interval(None, None)
+
+
 def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, float, Interval]:
     """c_e, alpha and c_e's 95 % interval without a velocity row."""
     keep = np.arange(len(likelihood.observations.force)) != row
@@ -303,7 +309,7 @@ def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, fl
         rest = Likelihood(o, likelihood.kind, few)
         domain = Domain.of(rest, bounds_of(o, given), given)
     except ValueError:  # too few forces are left
-        return np.nan, np.nan, Interval(None, None)
+        return _NO_FIT
     best = lowest(rest, domain).point
     total, scatters, shares = rest.information(*best)
     found = ranges(rest, Calibration(scatters, total, shares), domain, best, 0.0)

@@ -82,9 +82,12 @@ def test_parameters_that_a_window_bounds_are_not_identified(power):
     assert "are separately identified" not in found.verdict
     assert "velocities were" not in found.verdict
     assert "c_e ended at its lower bound of 1.386 N/mm^2" in found.verdict
-    assert [found.report().count(said) for said in ("over the force: F", "c_e ended at")] == [1, 1]
+    counts = [found.report().count(said) for said in ("over the force: F", "c_e ended at", "off the ridge")]
+    assert counts == [1, 1, 0]
     near = fit(curve(0.1, np.geomspace(1.0, 3.6, 8), repeats=3))
     assert (near.status, near.separately_identified) == ("ok", False)
+    assert "; on the ridge the RMS residual would be" in near.report()
+    assert ("off the ridge" in near.report(), "off the ridge" in fit(curve()).report()) == (False, True)
     assert near.verdict.endswith(
         "c_e only within 2.08 to 2.47 N/mm^2 (95 %), where a window sets the lower end."
     )

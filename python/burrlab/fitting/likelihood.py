@@ -202,7 +202,7 @@ class Likelihood:
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
         width = len(self._shared[1]) if self._shared else self.n
         n_parts = min(len(stiffness) * width // _TABLE, len(stiffness) // 2)  # parts of two or more
-        if n_parts < 2 or self.kind == "student":
+        if n_parts < 2:
             return self._at(stiffness)
         parts = [self._at(part) for part in np.array_split(stiffness, n_parts)]
         columns: dict[str, Any] = {

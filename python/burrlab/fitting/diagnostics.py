@@ -380,25 +380,25 @@ def plausibility(
         high = min(c_e[1] * force * wider, o.ceiling * (1 - 1e-4))
         if low >= high:
             return 0.0
-        domain = Domain(
-            low, high, True, True, (np.inf,), (alpha[0] * velocity / wider, alpha[1] * velocity * wider)
+        ends = alpha[0] * velocity / wider, alpha[1] * velocity * wider
+        walk = Walk(
+            likelihood,
+            Domain(low, high, True, True, (np.inf,), ends),
+            np.geomspace(low, high, _POINTS),
         )
-        rise = float(Walk(likelihood, domain, np.geomspace(low, high, _POINTS)).minus2.min()) - base
-        return calibration.probability(max(rise, 0.0)) if np.isfinite(rise) else 0.0
+        return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
     inside, off = p_of(), _off(likelihood, point)
     line = scipy.stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
     # upper end of the slope's 95 % interval
     slope = float(line.slope + scipy.stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
-    said = []
-    if slope < 0:
-        said.append("the velocity falls with the force")
-    elif slope < 1:
-        said.append("the velocity rises less than the force does, as if the two columns were swapped")
-    if off > _SCATTER:
-        said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
-    outside = inside < _SUSPECT
-    if outside and not said:
+    wrong = {
+        "the velocity falls with the force": slope < 0,
+        "the velocity rises less than the force does, as if the two columns were swapped": 0 <= slope < 1,
+        f"the data lie {100 * off:.3g} % (RMS) off the model": off > _SCATTER,
+    }
+    texts, outside = [text for text, holds in wrong.items() if holds], inside < _SUSPECT
+    if outside and not texts:
         lie = f"the fitted c_e lies outside {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
         if alpha[0] > 0:
             lie = f"{lie.replace('lies', 'and alpha lie')} and {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
@@ -409,6 +409,6 @@ def plausibility(
             for what, (force, velocity) in _MISTAKES.items()
             if guess and p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
         ]
-        said.append(lie + ("; " + ", or ".join(looks) if looks else ""))
+        texts = [lie, *([", or ".join(looks)] if looks else [])]
     implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
-    return Plausibility(inside, bool(said), implausible, "; ".join(said))
+    return Plausibility(inside, bool(texts), implausible, "; ".join(texts))

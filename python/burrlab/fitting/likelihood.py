@@ -125,10 +125,7 @@ class Likelihood:
         #: scatter of each run's segments, from its record, over the geometric mean of all runs
         self.run_scatter: Floats = np.array(own) / np.exp(np.mean(np.log(own))) if own else np.empty(0)
         self.known = kind == "sigma"
-        pressed = observations.pressed
         self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
-        if len(pressed) and not self.pressed_known:
-            self._pressed_log = np.log(pressed / observations.pressed_unit)  # log c_e of every pair (Eq. 3)
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
         self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
@@ -185,7 +182,7 @@ class Likelihood:
             return np.empty((*stiffness.shape[:-1], 0))
         if self.pressed_known:
             return (o.pressed - stiffness * o.pressed_unit) / o.pressed_sigma
-        return self._pressed_log - np.log(stiffness)
+        return np.log(o.pressed / o.pressed_unit) - np.log(stiffness)  # log c_e of every pair (Eq. 3)
 
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
         """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
@@ -204,13 +201,8 @@ class Likelihood:
         n_parts = min(len(stiffness) * width // _TABLE, len(stiffness) // 2)  # parts of two or more
         if n_parts < 2:
             return self._at(stiffness)
-        parts = [self._at(part) for part in np.array_split(stiffness, n_parts)]
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name, column in vars(parts[0]).items()
-            if isinstance(column, np.ndarray)
-        }
-        return replace(parts[0], **columns)
+        first, *others = (self._at(part) for part in np.array_split(stiffness, n_parts))
+        return first.joined(others, np.arange(len(stiffness)))
 
     def _at(self, stiffness: Floats) -> Slices:
         with np.errstate(invalid="ignore"):
@@ -385,12 +377,14 @@ class Slices:
     floor: float
     log: bool
 
-    def joined(self, other: Slices, places: Rows) -> Slices:
+    def joined(self, others: list[Slices], places: Rows) -> Slices:
         """The slices at some places of these and then of others."""
         columns: dict[str, Any] = {
-            name: np.take(np.concatenate([mine.T, getattr(other, name).T], axis=-1), places, axis=-1).T
-            for name, mine in vars(self).items()
-            if isinstance(mine, np.ndarray)
+            name: np.concatenate([column.T, *(getattr(other, name).T for other in others)], axis=-1)[
+                ..., places
+            ].T
+            for name, column in vars(self).items()
+            if isinstance(column, np.ndarray)
         }
         return replace(self, **columns)
 

@@ -116,8 +116,8 @@ class Walk:
         new = self.c_e[np.minimum(place, len(self.c_e) - 1)] != c_e
         place[new] = len(self.c_e) + np.arange(np.count_nonzero(new))
         if new.any():  # with the last point: NumPy sums over one point in another order than over several
-            return self.slices.joined(likelihood.at(np.append(c_e[new], c_e[-1])), place)
-        return self.slices.joined(self.slices, place)
+            return self.slices.joined([likelihood.at(np.append(c_e[new], c_e[-1]))], place)
+        return self.slices.joined([], place)
 
     def band(self, target: float) -> tuple[Floats, Floats]:
         """Lowest and highest alpha below a target; NaN where none."""

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from burrlab._core import Burr, Shape
+from burrlab.common.check import refuse
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
@@ -130,10 +131,9 @@ class FitRecord(InJson):
     @property
     def curve(self) -> VelocityCurve:
         """The first velocity curve of the data; ValueError without one."""
-        for one in self.data:
-            if isinstance(one, VelocityCurve):
-                return one
-        raise ValueError("the data of this fit hold no velocity curve")
+        curves = [one for one in self.data if isinstance(one, VelocityCurve)]
+        refuse(not curves, "the data of this fit hold no velocity curve")
+        return curves[0]
 
     def _evidence(self) -> Evidence:
         """The evidence; ValueError if the fit gave nothing."""

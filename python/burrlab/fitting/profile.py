@@ -243,8 +243,8 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
         i = int(np.searchsorted(edges, rough.c_e))
         beside = np.lib.stride_tricks.sliding_window_view(edges[max(i - 2, 0) : i + 2], 2)
         exact = _followed(likelihood, domain, beside, every, rough.evaluations, cells=4, step=_PARABOLIC / 8)
-        found[k] = min(exact, key=lambda one: one.minus2, default=rough)
-    return sorted(found, key=lambda one: one.minus2)
+        found[k] = min(exact, key=lambda minimum: minimum.minus2, default=rough)
+    return sorted(found, key=lambda minimum: minimum.minus2)
 
 
 def _followed(

@@ -9,6 +9,7 @@ import pytest
 
 import burrlab
 from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
+from burrlab.fitting import diagnostics
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.fit import Fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -81,9 +82,12 @@ def test_parameters_that_a_window_bounds_are_not_identified(power):
     assert "are separately identified" not in found.verdict
     assert "velocities were" not in found.verdict
     assert "c_e ended at its lower bound of 1.386 N/mm^2" in found.verdict
-    assert [found.report().count(said) for said in ("over the force: F", "c_e ended at")] == [1, 1]
+    counts = [found.report().count(said) for said in ("over the force: F", "c_e ended at", "off the ridge")]
+    assert counts == [1, 1, 0]
     near = fit(curve(0.1, np.geomspace(1.0, 3.6, 8), repeats=3))
     assert (near.status, near.separately_identified) == ("ok", False)
+    assert "; on the ridge the RMS residual would be" in near.report()
+    assert ("off the ridge" in near.report(), "off the ridge" in fit(curve()).report()) == (False, True)
     assert near.verdict.endswith(
         "c_e only within 2.08 to 2.47 N/mm^2 (95 %), where a window sets the lower end."
     )
@@ -106,6 +110,19 @@ def test_influence():
     few = fit(with_outlier(curve(forces=FORCES[::2]), row=3))
     assert few.evidence.rows == ()
     assert "With fewer than 8 rows none is named" in few.report()
+
+
+def test_of_many_rows_the_farthest_are_fitted_without(monkeypatch):
+    bad = with_outlier(with_outlier(with_outlier(curve(forces=np.linspace(0.3, 2.6, 40)), 8), 20, 0.3), 30)
+    each = fit(bad).evidence.rows
+    monkeypatch.setattr(diagnostics, "_EACH", 39)
+    few = fit(bad)
+    refitted = [row for row in few.evidence.rows if not np.isnan(row.c_e)]
+    assert (len(each), len(few.evidence.rows), len(refitted)) == (3, 3, 2)
+    nearest = min(each, key=lambda row: abs(row.studentised))
+    assert refitted == [row for row in each if row is not nearest]
+    assert [row.row for row in few.influence() if not np.isnan(row.c_e)] == [row.row for row in refitted]
+    assert "sigma; there is no fit without it." in few.report()
 
 
 def test_rows_of_several_curves_keep_their_numbers():
@@ -198,8 +215,20 @@ def test_student_bears_outliers():
     for alpha in slices.alpha_below(slices.profile.min() + 5):
         inside = np.isfinite(alpha)
         assert slices.minus2(np.where(inside, alpha, 1))[inside] == pytest.approx(slices.profile.min() + 5)
+    lowest = [slices.minus2(alpha).min() for alpha in slices.best_alpha]
+    assert slices.minus2_table(slices.best_alpha).min(axis=1) == pytest.approx(lowest, abs=1e-9)
     drawn = robust.bootstrap(20, seed=1)
     assert np.median(drawn.c_e) == pytest.approx(robust.c_e, rel=0.1)
+
+
+def test_student_of_four_rows_ends_where_its_slopes_are_zero():
+    """Reweighting alone comes near them too slowly: the weights' mean is 1 there, their sum of residuals 0."""
+    few = fit(curve(0.05, [0.5, 0.9, 1.4, 2.2], seed=0), residuals="student")
+    slices = few.likelihood.at(few.c_e * np.linspace(0.98, 1.3, 60))
+    size = (slices.r - slices.m[:, None]) / np.sqrt(slices.A / slices.B)[:, None]
+    weight = 5 / (4 + size**2)
+    assert np.mean(weight, axis=1) == pytest.approx(1, abs=1e-9)
+    assert np.mean(weight * size, axis=1) == pytest.approx(0, abs=1e-9)
 
 
 # ---- how often the diagnostics are right ----

@@ -181,6 +181,7 @@ class TestHonesty:
             "JSON text: this is not the JSON of a fit")
           for text in ("[1]", '{"c_e": 1}')),
         (lambda: fitted("wide").plot(alpha_lines=0.2), ValueError, r"alpha_lines must be above 0 and below alpha, 0\.\d+ /ms: got 0\.2"),
+        (lambda: fitted("wide").plot(alpha_lines="0.01"), ValueError, "alpha_lines must be of real numbers"),
         (lambda: fitted("wide").plot(log="x"), ValueError, "log must be True or False, got 'x'"),
         (lambda: fitted("wide").plot(colour="red"), TypeError, "a plot has no property 'colour'; did you mean 'color'"),
         (lambda: fitted("wide").intervals["ce"], ValueError, "intervals are of c_e, alpha: got 'ce'; did you mean 'c_e'"),

@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, with_sigma
 from scipy import stats
+from scipy.optimize import brentq
 
 from burrlab._core import Burr, Material, Shape
-from burrlab.fitting import likelihood, profile
+from burrlab.fitting import likelihood
 from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Observations, Scatter, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, Domain
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
-from burrlab.theory.continuum import penetration_velocity
+from burrlab.theory.continuum import MasterCurve, penetration_velocity
 from reference.likelihood import Oracle
 
 CURVE, PRESSED = DATA["wide"], DATA["pressed"]
@@ -247,16 +248,21 @@ class TestManyRows:
         o = Observations.of([VelocityCurve(forces, penetration_velocity(BURR, BONE, forces))], BURR)
         many = Likelihood(o, "relative", MeanFieldModel(o, Shape("parabolic")))
         domain = Domain.of(many, bounds_of(o, None), {})
-        assert len(domain.kinks) < 1000
         tracemalloc.start()
         many.at(domain.grid)
         assert tracemalloc.get_traced_memory()[1] < 20e6  # bytes; one table of all points has 39 MB
         tracemalloc.stop()
 
-    def test_kinks_left_out_move_no_fit(self, monkeypatch):
-        curve = curve_of(np.geomspace(0.3, 2.4, 40))
-        exact = fit(curve, BURR)
-        monkeypatch.setattr(profile, "_KINKS", 10)
-        monkeypatch.setattr(profile, "_POINTS", 20)
-        fewer = fit(curve, BURR)
-        assert (fewer.c_e, fewer.alpha) == pytest.approx((exact.c_e, exact.alpha), rel=1e-6)
+    @pytest.mark.parametrize("seed", [5, 7])
+    def test_c_e_is_where_the_slope_of_the_profile_is_zero(self, seed):
+        """Each row has its kink; the slope is that of the sum of squares, row by row."""
+        forces = np.exp(np.random.default_rng(seed).uniform(np.log(0.3), np.log(2.6), 5000))
+        curve, master = curve_of(forces, seed=seed, repeats=1), MasterCurve("parabolic")
+
+        def slope(log_c_e: float) -> float:
+            phi = forces / BURR.radius**2 / np.exp(log_c_e)
+            r = np.log(curve.velocity / master.velocity_ratio(phi))
+            return float((r - r.mean()) @ master.local_slope(phi))
+
+        log_c_e = np.log(fit(curve, BURR).c_e)
+        assert log_c_e == pytest.approx(brentq(slope, log_c_e - 1e-6, log_c_e + 1e-6, xtol=1e-14), abs=1e-9)

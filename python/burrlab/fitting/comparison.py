@@ -254,13 +254,18 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     alike = len({one.shape for one in fits}) == 1 and {one.engine for one in fits} == {"mean-field"}
     refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
     refuse(not alike, "all fits must be mean-field ones with the same shape")
-    bounded = any(one.given_bounds for one in fits)
-    refuse(bounded, "compare needs fits without bounds, for these cut intervals")
-    if margin is not None and not 0 < scalar(margin, "margin") <= 1:
-        raise ValueError(f"margin must be above 0 and at most 1, where 0.2 is 20 %: got {margin!r}")
+    refuse(
+        any(one.given_bounds for one in fits), "compare needs fits without bounds, for these cut intervals"
+    )
+    refuse(
+        margin is not None and not 0 < scalar(margin, "margin") <= 1,
+        f"margin must be above 0 and at most 1, where 0.2 is 20 %: got {margin!r}",
+    )
     named = [chr(65 + k) for k in range(len(fits))] if names is None else list(names)
-    if isinstance(names, str) or len(set(named)) != len(fits) or len(named) != len(fits):
-        raise ValueError(f"names must be {len(fits)} different texts: got {names!r}")
+    refuse(
+        isinstance(names, str) or not len(set(named)) == len(named) == len(fits),
+        f"names must be {len(fits)} different texts: got {names!r}",
+    )
     sides = [_Side(one) for one in fits]
     places = list(combinations(range(len(fits)), 2))
     level = 1 - (1 - LEVEL) / len(places)

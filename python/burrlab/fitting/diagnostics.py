@@ -26,6 +26,7 @@ _FAR = 30.0  # beyond the plausible range by this factor a fit is implausible (o
 _SUSPECT = 0.005  # p of the best plausible point below which a note is due (ours)
 _LOOKS = 0.05  # p above which data look like those of a mistake
 _POINTS = 200  # of c_e in the plausible range
+_EACH, _FARTHEST = 1000, 2  # of more rows only the farthest are fitted without: at most three fits in all
 _SCATTER = 0.5  # RMS of log velocity beyond which the model does not describe the data (ours)
 
 #: c_e [N/mm^2] and alpha [1/ms] of the shipped materials, widened by a factor of 1.5 to either side.
@@ -156,7 +157,7 @@ class Row:
     named : bool
         |studentised| is beyond the limit that some row reaches in 5 % of clean data sets.
     c_e, alpha : float
-        The fit without the row [N/mm^2], [1/ms]; NaN where the other rows allow none.
+        The fit without the row [N/mm^2], [1/ms]; NaN where the other rows allow none, or are too many.
     interval : Interval
         95 % interval of c_e without the row.
     """
@@ -175,7 +176,7 @@ class Row:
     def sentence(self) -> str:
         """The row in plain words."""
         of = f" of data set {self.data_set + 1}" if self.data_set else ""
-        without = "the other rows allow no fit"
+        without = "there is no fit without it"
         if not np.isnan(self.c_e):
             without = f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
         return f"Row {self.row}{of}, {self.force:.3g} N, stands out: {self.studentised:.2g} sigma; {without}."
@@ -207,7 +208,7 @@ def influence(
     A row stands out where |externally studentised residual| is beyond Bonferroni's limit at 5 %: Student's t
     with n - p - 1 degrees of freedom, p the rank of the derivatives, or the normal distribution where sigma
     is known. The worst row is set aside and the others are judged without it, until none stands out or
-    fewer than 8 are left.
+    fewer than 8 are left. Of more than 1000 rows only the two that lie farthest off are fitted without.
 
     References
     ----------
@@ -233,14 +234,16 @@ def influence(
         if isinstance(one, VelocityCurve)
         for row in np.flatnonzero(one.ok).tolist()
     ]
+    least = np.sort(np.abs(residual))[-_FARTHEST] if len(r) > _EACH else 0.0
     columns = (np.flatnonzero(o.run < 0), leverage, residual, named)
     return tuple(
-        Row(data_set, row, float(o.force[at]), h, t, stands_out, *_without(likelihood, at, given))
+        Row(data_set, row, float(o.force[at]), h, t, stands_out,
+            *(_without(likelihood, at, given) if abs(t) >= least else _NO_FIT))
         for (data_set, row), at, h, t, stands_out in zip(
             places, *(column.tolist() for column in columns), strict=True
         )
         if every or stands_out
-    )
+    )  # fmt: skip
 
 
 def doubts(likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
@@ -293,6 +296,9 @@ def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Float
     return leverage, r / np.sqrt(variance * free), float(limit)
 
 
+_NO_FIT = np.nan, np.nan, Interval(None, None)
+
+
 def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, float, Interval]:
     """c_e, alpha and c_e's 95 % interval without a velocity row."""
     keep = np.arange(len(likelihood.observations.force)) != row
@@ -303,7 +309,7 @@ def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, fl
         rest = Likelihood(o, likelihood.kind, few)
         domain = Domain.of(rest, bounds_of(o, given), given)
     except ValueError:  # too few forces are left
-        return np.nan, np.nan, Interval(None, None)
+        return _NO_FIT
     best = lowest(rest, domain).point
     total, scatters, shares = rest.information(*best)
     found = ranges(rest, Calibration(scatters, total, shares), domain, best, 0.0)
@@ -374,25 +380,25 @@ def plausibility(
         high = min(c_e[1] * force * wider, o.ceiling * (1 - 1e-4))
         if low >= high:
             return 0.0
-        domain = Domain(
-            low, high, True, True, (np.inf,), (alpha[0] * velocity / wider, alpha[1] * velocity * wider)
+        ends = alpha[0] * velocity / wider, alpha[1] * velocity * wider
+        walk = Walk(
+            likelihood,
+            Domain(low, high, True, True, (np.inf,), ends),
+            np.geomspace(low, high, _POINTS),
         )
-        rise = float(Walk(likelihood, domain, np.geomspace(low, high, _POINTS)).minus2.min()) - base
-        return calibration.probability(max(rise, 0.0)) if np.isfinite(rise) else 0.0
+        return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
     inside, off = p_of(), _off(likelihood, point)
     line = scipy.stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
     # upper end of the slope's 95 % interval
     slope = float(line.slope + scipy.stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
-    said = []
-    if slope < 0:
-        said.append("the velocity falls with the force")
-    elif slope < 1:
-        said.append("the velocity rises less than the force does, as if the two columns were swapped")
-    if off > _SCATTER:
-        said.append(f"the data lie {100 * off:.3g} % (RMS) off the model")
-    outside = inside < _SUSPECT
-    if outside and not said:
+    wrong = {
+        "the velocity falls with the force": slope < 0,
+        "the velocity rises less than the force does, as if the two columns were swapped": 0 <= slope < 1,
+        f"the data lie {100 * off:.3g} % (RMS) off the model": off > _SCATTER,
+    }
+    texts, outside = [text for text, holds in wrong.items() if holds], inside < _SUSPECT
+    if outside and not texts:
         lie = f"the fitted c_e lies outside {c_e[0]:.2g} to {c_e[1]:.2g} N/mm^2"
         if alpha[0] > 0:
             lie = f"{lie.replace('lies', 'and alpha lie')} and {alpha[0]:.2g} to {alpha[1]:.2g} /ms"
@@ -403,6 +409,6 @@ def plausibility(
             for what, (force, velocity) in _MISTAKES.items()
             if guess and p_of(force, velocity) > _LOOKS and (scales or "radius" not in what)
         ]
-        said.append(lie + ("; " + ", or ".join(looks) if looks else ""))
+        texts = [lie, *([", or ".join(looks)] if looks else [])]
     implausible = slope < 0 or off > _SCATTER or (outside and p_of(wider=_FAR) < _SUSPECT)
-    return Plausibility(inside, bool(said), implausible, "; ".join(said))
+    return Plausibility(inside, bool(texts), implausible, "; ".join(texts))

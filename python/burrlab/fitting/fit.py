@@ -154,7 +154,7 @@ def fit(
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
-    observations = Observations.of(sets, burr)
+    observations, bounds = Observations.of(sets, burr), bounds or {}
     refuse(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
@@ -168,13 +168,13 @@ def fit(
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
     box = bounds_of(observations, bounds)
-    if "alpha" not in (bounds or {}):
+    if "alpha" not in bounds:
         # wide enough for the best alphas over the first decade of c_e
         decade = np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)
         alphas = likelihood.at(decade).best_alpha
         low, high = min(box.lower[1], float(alphas.min()) / 3), max(box.upper[1], 3 * float(alphas.max()))
         box = Box((box.lower[0], low), (box.upper[0], high))
-    domain = Domain.of(likelihood, box, bounds or {})
+    domain = Domain.of(likelihood, box, bounds)
     starts, missed = _searched(likelihood, domain, box)
     table, failure = None, ""
     record: tuple[Point, ...] = ()
@@ -196,7 +196,7 @@ def fit(
     evidence, status, reason = None, "not-converged", failure
     if not failure:
         at = bound_reached(observations, box, best.end)
-        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds or {}, plausible, at)
+        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds, plausible, at)
         status, reason = status_of(
             len(observations), at, starts, best, evidence.ridge, missed, evidence.doubt
         )
@@ -210,7 +210,7 @@ def fit(
         reason=reason,
         starts=starts,
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
-        given_bounds=tuple(bounds or ()),
+        given_bounds=tuple(bounds),
         evidence=evidence,
         **describe(likelihood, best.end, evidence is not None),
         engine="mean-field" if voxels is None else "voxel",

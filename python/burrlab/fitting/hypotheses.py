@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
-from burrlab.fitting.observations import Calibration, Floats
+from burrlab.fitting.observations import Calibration, Floats, Rows
 
 Point: TypeAlias = tuple[float, float]
 POOR = 0.005  # p below which the data contradict the model, or a given sigma is too large (ours)
@@ -92,20 +92,24 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
             )
         return HypothesisTest(name, S, (nu,), p, said)
     o = likelihood.observations
-    single = o.run < 0
-    columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[single]
+    columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[o.run < 0]
     groups = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
-    if not len(groups):
+    F, freedom = _against_repeats(r, groups, 2)
+    if not freedom:
         return None
+    p, told = judged(F, *freedom)
+    agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
+    return HypothesisTest(name, F, freedom, p, f"Lack of fit: {agree}, {told}.")
+
+
+def _against_repeats(r: Floats, groups: Rows, parameters: int) -> tuple[float, tuple[int, ...]]:
+    """F of the scatter about a fit against that about each group's mean, and its freedom; () without repeats."""
     count = np.bincount(groups)
     pure = float(np.sum((r - (np.bincount(groups, r) / count)[groups]) ** 2))
-    above, below = len(count) - 2, len(groups) - len(count)
+    above, below = len(count) - parameters, len(groups) - len(count)
     if above < 1 or below < 1 or pure == 0:
-        return None
-    F = (max(S - pure, 0.0) / above) / (pure / below)
-    p, told = judged(F, above, below)
-    agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
-    return HypothesisTest(name, F, (above, below), p, f"Lack of fit: {agree}, {told}.")
+        return np.nan, ()
+    return (max(float(np.sum(r**2)) - pure, 0.0) / above) / (pure / below), (above, below)
 
 
 def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
@@ -124,21 +128,18 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     r, bend = (
         column - constant * (constant @ column) / (constant @ constant) for column in (y, constant * x)
     )
-    S, tests = float(r @ r), []
-    depths, count = np.unique(x, return_inverse=True, return_counts=True)[1:]
-    pure = float(np.sum((r - (np.bincount(depths, r) / count)[depths]) ** 2))
+    S, tests, depths = float(r @ r), [], np.unique(x, return_inverse=True)[1]
+    F, freedom = _against_repeats(r, depths, 1)
     if likelihood.pressed_known:
         p, outcome = judged(S, n - 1)
         agree = "agrees with" if p >= 0.05 else "contradicts"
         text = f"The indentation {agree} Eq. 3 and its sigma: {outcome}."
         tests.append(HypothesisTest("indentation, sigma", S, (n - 1,), p, text))
-    elif 1 < len(count) < n and pure > 0:
-        freedom = len(count) - 1, n - len(count)
-        F = (max(S - pure, 0.0) / freedom[0]) / (pure / freedom[1])
+    elif freedom:
         p, outcome = judged(F, *freedom)
         agree = "fits the indentation within the scatter of its repeats" if p >= 0.05 else "misses its means"
         tests.append(HypothesisTest("indentation, repeats", F, freedom, p, f"Eq. 3 {agree}, {outcome}."))
-    if n > 3 and len(count) > 1:
+    if n > 3 and depths.any():
         above = float(bend @ r) ** 2 / float(bend @ bend)
         F = above / max((S - above) / (n - 2), 1e-300)
         p, outcome = judged(F, 1, n - 2)

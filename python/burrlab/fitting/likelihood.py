@@ -125,10 +125,7 @@ class Likelihood:
         #: scatter of each run's segments, from its record, over the geometric mean of all runs
         self.run_scatter: Floats = np.array(own) / np.exp(np.mean(np.log(own))) if own else np.empty(0)
         self.known = kind == "sigma"
-        pressed = observations.pressed
         self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
-        if len(pressed) and not self.pressed_known:
-            self._pressed_log = np.log(pressed / observations.pressed_unit)  # log c_e of every pair (Eq. 3)
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
         self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
@@ -185,7 +182,7 @@ class Likelihood:
             return np.empty((*stiffness.shape[:-1], 0))
         if self.pressed_known:
             return (o.pressed - stiffness * o.pressed_unit) / o.pressed_sigma
-        return self._pressed_log - np.log(stiffness)
+        return np.log(o.pressed / o.pressed_unit) - np.log(stiffness)  # log c_e of every pair (Eq. 3)
 
     def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
         """Name, whether sigma is known, residuals (last axis) and their free number, for each scatter."""
@@ -202,15 +199,10 @@ class Likelihood:
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
         width = len(self._shared[1]) if self._shared else self.n
         n_parts = min(len(stiffness) * width // _TABLE, len(stiffness) // 2)  # parts of two or more
-        if n_parts < 2 or self.kind == "student":
+        if n_parts < 2:
             return self._at(stiffness)
-        parts = [self._at(part) for part in np.array_split(stiffness, n_parts)]
-        columns: dict[str, Any] = {
-            name: np.concatenate([getattr(part, name) for part in parts])
-            for name, column in vars(parts[0]).items()
-            if isinstance(column, np.ndarray)
-        }
-        return replace(parts[0], **columns)
+        first, *others = (self._at(part) for part in np.array_split(stiffness, n_parts))
+        return first.joined(others, np.arange(len(stiffness)))
 
     def _at(self, stiffness: Floats) -> Slices:
         with np.errstate(invalid="ignore"):
@@ -266,9 +258,10 @@ class Likelihood:
         mean of the sums of squares. With known sigma: the sum of squares, plus n log(1 + S/(n e^2)) of rows
         without sigma. NaN without a window.
         """
-        slices = self.at(c_e)
         if self.kind == "student":
-            return float(self.n * np.exp(slices.minus2(alpha)[0] / self.n))
+            r = self._log_residuals(self.model.log_unit(c_e), alpha)
+            return float(self.n * np.exp(_best_scale(r, self.floor)[0] / self.n))
+        slices = self.at(c_e)
         g = np.log(alpha) if slices.log else alpha
         S = float(slices.A[0] + slices.B[0] * (g - slices.m[0]) ** 2)
         other = float(slices.other[0])
@@ -288,7 +281,7 @@ class Likelihood:
         tables = self._derivatives(c_e, alpha)
         shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
         if self.kind == "student":
-            shares *= (FREEDOM + 1) / (FREEDOM + 3)
+            shares *= _FLATTER
         total = shares.sum(axis=0)
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
         scatters = []
@@ -315,7 +308,7 @@ class Likelihood:
     def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
         """Best estimate of a squared scatter, with the model's error, in the residuals' unit squared."""
         if self.kind == "student":
-            return float(_scale2(r, self.floor))
+            return float(_best_scale(r, self.floor)[1])
         floor = self.floor if name == "velocity" else MODEL_ERROR**2
         return 1.0 if known else float(np.sum(r**2)) / n + floor
 
@@ -345,7 +338,7 @@ class Likelihood:
         """log L with all constants and the best scatters: the log density of the data in their units."""
         tables = self.residuals(c_e, alpha)
         if self.kind == "student":
-            s = np.sqrt(_scale2(tables[0][2], 1e-30))
+            s = np.sqrt(_best_scale(tables[0][2], 1e-30)[1])
             total = float(np.sum(scipy.stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
         else:
             total = sum(self._normal(r, n, known) for _, known, r, n in tables)
@@ -384,12 +377,14 @@ class Slices:
     floor: float
     log: bool
 
-    def joined(self, other: Slices, places: Rows) -> Slices:
+    def joined(self, others: list[Slices], places: Rows) -> Slices:
         """The slices at some places of these and then of others."""
         columns: dict[str, Any] = {
-            name: np.take(np.concatenate([mine.T, getattr(other, name).T], axis=-1), places, axis=-1).T
-            for name, mine in vars(self).items()
-            if isinstance(mine, np.ndarray)
+            name: np.concatenate([column.T, *(getattr(other, name).T for other in others)], axis=-1)[
+                ..., places
+            ].T
+            for name, column in vars(self).items()
+            if isinstance(column, np.ndarray)
         }
         return replace(self, **columns)
 
@@ -408,9 +403,9 @@ class Slices:
         g = np.log(alpha) if self.log else np.asarray(alpha, dtype=np.float64)
         return self._minus2(self.A + self.B * (g - self.m) ** 2)
 
-    def minus2_near(self, alpha: float) -> Floats:
-        """-2 log L at alpha, or infinity where it is not the lowest."""
-        return self.minus2(alpha)
+    def minus2_table(self, alpha: Floats) -> Floats:
+        """-2 log L, a row for each alpha and a column for each c_e, or infinity far from a row's lowest."""
+        return self.minus2(alpha[:, None])
 
     def alpha_below(self, target: float) -> tuple[Floats, Floats]:
         """The alphas [1/ms] between which -2 log L is below a target; NaN where there are none."""
@@ -428,24 +423,38 @@ class Slices:
 
 
 FREEDOM = 4.0  #: degrees of freedom of the robust likelihood (ours)
-_ROUNDS = 30  # of reweighting: each leaves under a third of the error
-_STEPS = 8  # of Newton's method, at most
+_FLATTER = (FREEDOM + 1) / (FREEDOM + 3)  # its information, over that of a normal distribution of equal scale
+_ROUNDS = 30  # of Newton's method or reweighting, at most; 6 are usual
 _ENOUGH = 1e-6  # a relative step of Newton's method after which the error is below 1e-11
 
 
-def _scale2(r: Floats, floor: float, begin: Floats | None = None, enough: float = _ENOUGH) -> Floats:
-    """Best squared scale of Student's t for residuals about 0, over the last axis: the weights' mean is 1."""
-    r2 = r**2
-    scale2 = np.maximum(1.5 * np.median(r2, axis=-1) if begin is None else begin, floor)
-    for _ in range(_STEPS):  # of Newton's method, in log scale2
-        part = r2 / (r2 + FREEDOM * scale2[..., None])  # q/(nu + q), q = r^2/s^2
-        mean = np.mean(part, axis=-1)
-        slope = (FREEDOM + 1) * (mean - np.mean(np.square(part, out=part), axis=-1))
-        step = np.clip(((FREEDOM + 1) * mean - 1) / np.maximum(slope, 1e-9), -1, 1)
-        last, scale2 = scale2, np.maximum(scale2 * np.exp(step), floor)
-        if not np.any(np.abs(scale2 - last) > enough * last):
+def _at_scale(r: Floats, scale2: Floats, floor: float) -> tuple[Floats, Floats, Floats]:
+    """-2 log L of Student's t for residuals about 0, over the last axis, its slope, and a better squared scale.
+
+    The value is at the better scale, by the parabola of Newton's method; the slope is by a shift of log alpha.
+    """
+    whole = FREEDOM * scale2[..., None] + r**2
+    weighted = r / whole
+    part = weighted * r  # q/(nu + q), q = r^2/s^2, whose mean is 1/(nu + 1) at the best scale
+    slope, total = -2 * (FREEDOM + 1) * np.sum(weighted, axis=-1), np.sum(part, axis=-1)
+    n, excess = r.shape[-1], (FREEDOM + 1) * total - r.shape[-1]
+    curvature = (FREEDOM + 1) * (total - np.sum(np.square(part, out=part), axis=-1))
+    better = np.maximum(scale2 * np.exp(np.clip(excess / np.maximum(curvature, 1e-9), -1, 1)), floor)
+    step = np.log(better / scale2)
+    tails = np.sum(np.log(whole, out=whole), axis=-1) - n * np.log(FREEDOM * scale2)
+    minus2 = n * np.log(scale2) + (FREEDOM + 1) * tails - step * (excess - curvature * step / 2)
+    return minus2, slope, better
+
+
+def _best_scale(r: Floats, floor: float, begin: Floats | None = None) -> tuple[Floats, Floats]:
+    """-2 log L of Student's t for residuals about 0, over the last axis, and the best squared scale."""
+    scale2 = np.maximum(1.5 * np.median(r**2, axis=-1) if begin is None else begin, floor)
+    for _ in range(_ROUNDS):
+        last = scale2
+        minus2, _, scale2 = _at_scale(r, last, floor)
+        if not np.any(np.abs(scale2 - last) > _ENOUGH * last):
             break
-    return np.asarray(scale2)
+    return minus2, scale2
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,23 +474,34 @@ class StudentSlices(Slices):
 
     @classmethod
     def of(cls, c_e: Floats, r: Floats, floor: float) -> StudentSlices:
-        """By reweighting, begun at the median."""
-        m = np.median(r, axis=-1)
+        """By Newton's method in m and log scale, begun at the median; by reweighting where a step is long."""
+        m, n = np.median(r, axis=-1), r.shape[-1]
         d = r - m[:, None]
         scale2 = np.maximum(2 * np.median(d**2, axis=-1), floor)
         for _ in range(_ROUNDS):
-            w = 1 / (FREEDOM * scale2[:, None] + d**2)
-            total, last = np.sum(w, axis=-1), scale2
-            shift = np.sum(np.multiply(w, d, out=w), axis=-1) / total
-            scale2 = np.maximum(np.sum(np.multiply(w, d, out=w), axis=-1) / total - shift**2, floor)
+            weighted = d / (FREEDOM * scale2[:, None] + d**2)
+            part = weighted * d  # as in `_at_scale`
+            first, total = np.sum(weighted, axis=-1), np.sum(part, axis=-1)
+            mixed = first - np.sum(np.multiply(weighted, part, out=weighted), axis=-1)
+            squares = np.sum(np.square(part, out=part), axis=-1)
+            weight = (n - total) / (FREEDOM * scale2)
+            # second derivatives by m and log scale2, over 2 (nu + 1)
+            of_m, of_scale = (n - 3 * total + 2 * squares) / (FREEDOM * scale2), (total - squares) / 2
+            lack = total / 2 - n / (2 * (FREEDOM + 1))
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                determinant = of_m * of_scale - mixed**2
+                shift = (of_scale * first - mixed * lack) / determinant
+                scaled = scale2 * np.exp((of_m * lack - mixed * first) / determinant)
+                short = (of_m > 0) & (determinant > 0) & (shift**2 < scale2 / 4) & (scaled > floor)
+                short &= np.abs(scaled - scale2) < scale2 / 2
+            shift, last = np.where(short, shift, first / weight), scale2
+            scale2 = np.where(short, scaled, np.maximum(total / weight - shift**2, floor))
             m += shift
             d -= shift[:, None]
             if not np.any(np.abs(shift) + np.abs(scale2 - last) / np.sqrt(last) > 1e-12 * np.sqrt(last)):
                 break
-        B = np.full(len(c_e), float(r.shape[-1]))
-        other = np.zeros(len(c_e))
-        slices = cls(c_e, scale2 * B, B, m, other, r.shape[-1], False, floor, True, r, other)
-        return replace(slices, height=slices._at(m, scale2)[0])
+        B, other = np.full(len(c_e), float(n)), np.zeros(len(c_e))
+        return cls(c_e, scale2 * B, B, m, other, n, False, floor, True, r, _at_scale(d, scale2, floor)[0])
 
     @property
     def profile(self) -> Floats:
@@ -490,30 +510,34 @@ class StudentSlices(Slices):
 
     def minus2(self, alpha: ArrayLike) -> Floats:
         """See `Slices`."""
-        return self._at(np.broadcast_to(np.log(alpha), self.m.shape))[0]
+        return self._over(np.arange(len(self.m)), np.broadcast_to(np.log(alpha), self.m.shape))
 
-    def minus2_near(self, alpha: float) -> Floats:
-        """See `Slices`: no point lies below its own best."""
-        nearest = int(np.argmin(np.abs(self.m - np.log(alpha))))
-        height = self._part(slice(nearest, nearest + 1)).minus2(alpha)
-        low = np.flatnonzero(self.height <= height)
-        near = slice(max(low[0] - 1, 0), low[-1] + 2)
-        found = np.full(len(self.m), np.inf)
-        found[near] = self._part(near).minus2(alpha)
-        return found
+    def minus2_table(self, alpha: Floats) -> Floats:
+        """See `Slices`; each row is followed downhill from the lowest of an approximation."""
+        off = np.log(alpha)[:, None] - self.m
+        near = (self.height + self.n * np.log1p(_FLATTER * off**2 * self.B / self.A)).argmin(axis=1)
+        table, moved = np.full(off.shape, np.inf), np.arange(len(alpha))
+        while len(moved):
+            points = np.clip(near[moved, None] + np.arange(-2, 3), 0, len(self.m) - 1)
+            rows = np.repeat(moved, points.shape[1])
+            table[rows, points.ravel()] = self._over(points.ravel(), np.log(alpha)[rows])
+            last, near = near, table.argmin(axis=1)
+            moved = np.flatnonzero(near != last)
+        return table
 
     def alpha_below(self, target: float) -> tuple[Floats, Floats]:
-        """See `Slices`; by Newton's method, halving where it leaves the bracket."""
-        base, ends = self.profile, np.full((2, len(self.m)), np.nan)
-        inside = np.flatnonzero(base <= target)
-        part = self._part(inside)
-        curvature = (FREEDOM + 1) / (FREEDOM + 3) * self.B[inside] ** 2 / self.A[inside]
+        """See `Slices`; by Newton's method for the end and its scale, halving where it leaves the bracket."""
+        ends, inside = np.full((2, len(self.m)), np.nan), np.flatnonzero(self.height <= target)
+        r, m, spread = self.r.T[:, inside].T, self.m[inside], self.A[inside] / self.B[inside]
+        begin = np.sqrt(spread * np.expm1((target - self.height[inside]) / self.n) / _FLATTER)
         for side, end in zip((-1, 1), ends, strict=True):
-            near, far = np.zeros(len(inside)), np.full(len(inside), np.inf)
-            half = np.sqrt((target - base[inside]) / curvature)
-            for _ in range(_STEPS):
-                value, slope = part._at(part.m + side * half)
-                near, far = np.where(value <= target, half, near), np.where(value <= target, far, half)
+            near, far, half, scale2 = np.zeros(len(m)), np.full(len(m), np.inf), begin, spread + begin**2
+            for _ in range(_ROUNDS):
+                rough = scale2
+                value, slope, scale2 = _at_scale(r - (m + side * half)[:, None], rough, self.floor)
+                sure = np.abs(scale2 - rough) <= 1e-3 * rough
+                near = np.where(sure & (value <= target), half, near)
+                far = np.where(sure & (value > target), half, far)
                 with np.errstate(divide="ignore", invalid="ignore"):
                     step = half + (target - value) / (side * slope)
                     middle = np.where(np.isinf(far), 2 * near, (near + far) / 2)
@@ -521,20 +545,10 @@ class StudentSlices(Slices):
                 half = np.minimum(np.where((step >= near) & (step <= far), step, middle), _LARGEST)
                 if not np.any(np.abs(half - last) > _ENOUGH * last):
                     break
-            end[inside] = np.exp(np.clip(part.m + side * half, -_LARGEST, _LARGEST))
+            end[inside] = np.exp(np.clip(m + side * half, -_LARGEST, _LARGEST))
         return ends[0], ends[1]
 
-    def _part(self, points: slice | Rows) -> StudentSlices:
-        names = ("A", "B", "m")
-        return replace(self, r=self.r.T[:, points].T, **{name: getattr(self, name)[points] for name in names})
-
-    def _at(self, g: Floats, scale2: Floats | None = None) -> tuple[Floats, Floats]:
-        """-2 log L at log alpha = g and its derivative, with the best scale, or a given one."""
-        r = self.r - g[:, None]
-        if scale2 is None:
-            # to a thousandth, whose square is the error of -2 log L
-            scale2 = _scale2(r, self.floor, self.A / self.B + (g - self.m) ** 2, 1e-3)
-        whole = FREEDOM * scale2[:, None] + r**2
-        slope = -2 * (FREEDOM + 1) * np.sum(np.divide(r, whole, out=r), axis=-1)
-        tails = np.sum(np.log(whole, out=whole), axis=-1) - self.n * np.log(FREEDOM * scale2)
-        return self.n * np.log(scale2) + (FREEDOM + 1) * tails, slope
+    def _over(self, points: Rows, g: Floats) -> Floats:
+        """-2 log L at log alpha = g at some points, with the best scale."""
+        begin = (self.A / self.B)[points] + (g - self.m[points]) ** 2
+        return _best_scale(self.r.T[:, points].T - g[:, None], self.floor, begin)[0]

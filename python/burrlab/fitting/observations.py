@@ -114,23 +114,22 @@ class Observations:
                     f"{beyond[0]:g}"
                 )
         distinct = len(set(zip(self.force.tolist(), self.radius.tolist(), strict=True)))
-        if distinct < 3:
-            all_rows = len(self.force) + self.n_skipped
-            raise ValueError(
-                f"a fit needs velocities at three or more distinct forces: got {distinct} in "
-                f"{len(self.force)} usable of {all_rows} rows"
-            )
+        refuse(
+            distinct < 3,
+            f"a fit needs velocities at three or more distinct forces: got {distinct} in "
+            f"{len(self.force)} usable of {len(self.force) + self.n_skipped} rows",
+        )
         refuse(
             len(self.pressed) == 1 and np.isnan(self.pressed_sigma[0]),
             "an indentation without sigma needs two pairs or more, to show its scatter: got one in all",
         )
         floors = self.c_e_bounds()
-        if floors.max() >= self.ceiling:
-            row = int(np.argmax(floors))
-            raise ValueError(
-                f"the data contradict one another: the window at {self.force[row]:g} N needs c_e > "
-                f"{floors[row]:.4g} N/mm^2, an 'overloaded' run needs c_e < {self.ceiling:.4g} N/mm^2"
-            )
+        row = int(np.argmax(floors))
+        refuse(
+            floors[row] >= self.ceiling,
+            f"the data contradict one another: the window at {self.force[row]:g} N needs c_e > "
+            f"{floors[row]:.4g} N/mm^2, an 'overloaded' run needs c_e < {self.ceiling:.4g} N/mm^2",
+        )
 
     def __len__(self) -> int:
         return len(self.force) + len(self.pressed)

@@ -23,14 +23,14 @@ from burrlab.fitting.observations import Box, Calibration, Floats
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
 _POINTS, _SUBPOINTS = 240, 12
-_KINKS = 1000  # of more kinks 240 are kept
+_KINKS = 1000  # of more kinks 240 part the first walk, and all those beside its minima the last one
 _CLOSER = 4
 _ACROSS = 60  # points over the range inside each limit, which may be narrower than the first cells
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # further points, times the same c_e: there v is a power law of c_e
 ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is larger
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
-_PARABOLIC = 5e-3  # in log c_e: over a 24th of this a smooth profile is a parabola
+_PARABOLIC = 5e-3 / 24  # in log c_e: over this a smooth profile is a parabola
 _EDGE = 1e-7  # in log c_e: accuracy of a minimum where windows or the range of alpha end
 _AS_GOOD = 0.003  # of -2 log L per point: higher minima are not followed
 ONE_PLACE = 1.05  # points more than 5 % apart in c_e or alpha are two places; a kink alone makes 1 %
@@ -50,18 +50,13 @@ class Domain:
     high_hard: bool
     kinks: tuple[float, ...]  # c_e above which a row's window begins deeper than static contact, sorted
     alpha: tuple[float, float]
-    thinned: bool = False  # kinks lie between those of `kinks`, too many to be told apart
     points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
     def of(cls, likelihood: Likelihood, box: Box, given: Mapping[str, object]) -> Domain:
         """The whole range of c_e, or the bounds given by the user."""
         o = likelihood.observations
-        entries = np.unique(o.ridge_entries())
-        thinned = len(entries) > _KINKS
-        if thinned:
-            entries = entries[np.linspace(0, len(entries) - 1, _POINTS).round().astype(int)]
-        kinks = tuple(entries.tolist())
+        kinks = tuple(np.unique(o.ridge_entries()).tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
         if "c_e" in given:
@@ -74,7 +69,7 @@ class Domain:
                 else _FAR[-1] * (kinks[-1] if np.isfinite(kinks[-1]) else low)
             )
         alpha = (box.lower[1], box.upper[1]) if "alpha" in given else (0.0, np.inf)
-        return cls(low, high, low_hard, high_hard, kinks, alpha, thinned)
+        return cls(low, high, low_hard, high_hard, kinks, alpha)
 
     @property
     def entry(self) -> float:
@@ -121,8 +116,8 @@ class Walk:
         new = self.c_e[np.minimum(place, len(self.c_e) - 1)] != c_e
         place[new] = len(self.c_e) + np.arange(np.count_nonzero(new))
         if new.any():  # with the last point: NumPy sums over one point in another order than over several
-            return self.slices.joined(likelihood.at(np.append(c_e[new], c_e[-1])), place)
-        return self.slices.joined(self.slices, place)
+            return self.slices.joined([likelihood.at(np.append(c_e[new], c_e[-1]))], place)
+        return self.slices.joined([], place)
 
     def band(self, target: float) -> tuple[Floats, Floats]:
         """Lowest and highest alpha below a target; NaN where none."""
@@ -190,7 +185,7 @@ def profile(
     rise = walk.minus2 - base
     alphas = _alphas(walk, base, max(joint.values()))
     x = np.log(walk.c_e)
-    table = np.array([_lowest(x, walk.slices.minus2_near(alpha))[1] for alpha in alphas]) - base
+    table = np.array([_lowest(x, row)[1] for row in walk.slices.minus2_table(alphas)]) - base
     shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],
@@ -227,7 +222,9 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     A rise of more than `FLAT` separates two minima. Between the kinks of the domain the profile is smooth,
     and each such part is searched by itself.
     """
-    kinks = [kink for kink in domain.kinks if domain.low < kink < domain.high]
+    every = np.array([kink for kink in domain.kinks if domain.low < kink < domain.high])
+    few = len(every) <= _KINKS
+    kinks = every if few else every[np.linspace(0, len(every) - 1, _POINTS).round().astype(int)]
     c_e = np.unique(np.append(domain.grid, kinks))
     walk = Walk(likelihood, domain, c_e)
     limit = walk.minus2.min() + _AS_GOOD * (1 + len(likelihood.observations))
@@ -240,17 +237,32 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
                 places.append(sides)
     if not places:
         return []
-    low, high = c_e[places].T
-    found = _followed(likelihood, domain, low, high, len(c_e))
-    ends = [one.c_e for one in found]
-    # a part that is lowest at a kink has a minimum there only if the part beyond has too
-    found = [one for k, one in enumerate(found) if one.c_e not in kinks or one.c_e in ends[:k]]
-    return sorted(found, key=lambda one: one.minus2)
+    found = _followed(likelihood, domain, c_e[places], kinks, len(c_e), step=_PARABOLIC if few else 0.0)
+    edges = np.array([domain.low, *every, domain.high])
+    for k, rough in enumerate([] if few else found):
+        i = int(np.searchsorted(edges, rough.c_e))
+        beside = np.lib.stride_tricks.sliding_window_view(edges[max(i - 2, 0) : i + 2], 2)
+        exact = _followed(likelihood, domain, beside, every, rough.evaluations, cells=4, step=_PARABOLIC / 8)
+        found[k] = min(exact, key=lambda minimum: minimum.minus2, default=rough)
+    return sorted(found, key=lambda minimum: minimum.minus2)
 
 
-def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats, tried: int) -> list[Minimum]:
-    """The lowest point of each smooth stretch from `low` to `high`."""
-    part, each = np.linspace(0, 1, 2 * _SUBPOINTS + 1), np.arange(len(low))
+def _followed(
+    likelihood: Likelihood,
+    domain: Domain,
+    stretches: Floats,
+    kinks: Floats,
+    tried: int,
+    *,
+    cells: int = 2 * _SUBPOINTS,
+    step: float,
+) -> list[Minimum]:
+    """The lowest point of each stretch, shape (m, 2), where it is a minimum.
+
+    It is sought in ever narrower cells, and by a parabola where these are a `step` of log c_e wide.
+    """
+    (low, high), part = stretches.T, np.linspace(0, 1, cells + 1)
+    each = np.arange(len(low))
     while True:
         width = np.log(high / low)
         c_e = low[:, None] * np.exp(width[:, None] * part)
@@ -258,8 +270,8 @@ def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats,
         walk = Walk(likelihood, domain, c_e.ravel())
         y = walk.minus2.reshape(c_e.shape)
         i, tried = y.argmin(axis=1), tried + c_e.size
-        smooth = not domain.thinned and np.isfinite(y).all() and (walk.alpha == walk.slices.best_alpha).all()
-        if width.max() < (_PARABOLIC if smooth else _EDGE):
+        smooth = np.isfinite(y).all() and (walk.alpha == walk.slices.best_alpha).all()
+        if width.max() < max(cells * step if smooth else 0.0, _EDGE):
             break
         low, high = c_e[each, np.maximum(i - 1, 0)], c_e[each, np.minimum(i + 1, part.size - 1)]
     middle = np.clip(i, 1, part.size - 2)  # of a parabola through three points
@@ -274,7 +286,10 @@ def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats,
     walk = Walk(likelihood, domain, np.append(lowest, at_vertex))
     of_two = np.where(walk.minus2[len(low) :] < walk.minus2[: len(low)], each + len(low), each)
     columns = (column[of_two].tolist() for column in (walk.c_e, walk.alpha, walk.minus2))
-    return [Minimum(c, a, m, tried + 2 * len(low)) for c, a, m in zip(*columns, strict=True)]
+    found = [Minimum(c, a, m, tried + 2 * len(low)) for c, a, m in zip(*columns, strict=True)]
+    ends = [one.c_e for one in found]
+    # a stretch that is lowest at a kink has a minimum there only if the one beyond has too
+    return [one for k, one in enumerate(found) if one.c_e not in kinks or one.c_e in ends[:k]]
 
 
 def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum:

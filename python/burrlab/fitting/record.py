@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 
 from burrlab._core import Burr, Shape
+from burrlab.common.check import refuse
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
@@ -130,10 +131,9 @@ class FitRecord(InJson):
     @property
     def curve(self) -> VelocityCurve:
         """The first velocity curve of the data; ValueError without one."""
-        for one in self.data:
-            if isinstance(one, VelocityCurve):
-                return one
-        raise ValueError("the data of this fit hold no velocity curve")
+        curves = [one for one in self.data if isinstance(one, VelocityCurve)]
+        refuse(not curves, "the data of this fit hold no velocity curve")
+        return curves[0]
 
     def _evidence(self) -> Evidence:
         """The evidence; ValueError if the fit gave nothing."""
@@ -353,13 +353,10 @@ def weigh(
     if fits.inflation > 1:
         unscaled, calibration = found.intervals, replace(calibration, inflation=fits.inflation)
         found = profile(likelihood, calibration, domain, best, exponent)
-    lowest = int(np.argmin(found.c_e_rise))
-    there = float(likelihood.at(best[0]).minus2(best[1])[0])
-    better = None
-    if found.base < there - FLAT:
+    intervals, better, likely = found.intervals, None, None
+    if found.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
+        lowest = int(np.argmin(found.c_e_rise))
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
-    intervals = found.intervals
-    likely = None
     if plausible is not None:
         guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
         likely = plausibility(likelihood, shape, calibration, found.base, best, plausible, guess)
@@ -390,29 +387,19 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     o = likelihood.observations
     c_e, alpha = best if usable else (np.nan, np.nan)
     unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
-    predicted, residuals = [], []
-    with np.errstate(invalid="ignore"):
-        for kind, rows in o.rows:
-            if kind == "velocity":
-                v, model = o.velocity[rows], alpha * unit[rows]
-                known, sigma = likelihood.known, o.sigma[rows]
-            else:
-                v, model = o.pressed[rows], c_e * o.pressed_unit[rows]
-                known, sigma = likelihood.pressed_known, o.pressed_sigma[rows]
-            predicted.append(model)
-            if known:
-                residuals.append((v - model) / sigma)
-            elif kind == "velocity" and likelihood.kind == "absolute":
-                residuals.append(v - model)
-            else:
-                residuals.append(np.log(v / model))
-    chi2 = None
+    predicted = {"velocity": alpha * unit, "pressed": c_e * o.pressed_unit}
+    residuals = {name: np.log(getattr(o, name) / model) for name, model in predicted.items()}
+    if not likelihood.log:
+        residuals["velocity"] = likelihood.velocity_residuals(unit, alpha)
+    if likelihood.pressed_known:
+        residuals["pressed"] = likelihood.pressed_residuals(c_e)
+    r, chi2 = np.concatenate([residuals[kind][rows] for kind, rows in o.rows]), None
     if o.has_sigma and usable:
         chi2 = float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
     return {
-        "predicted": np.concatenate(predicted),
-        "residuals": np.concatenate(residuals),
-        "residual_norm": float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
+        "predicted": np.concatenate([predicted[kind][rows] for kind, rows in o.rows]),
+        "residuals": r,
+        "residual_norm": float(np.sqrt(np.mean(r**2))),
         "chi2_reduced": chi2,
         "n_points": len(o),
         "n_skipped": o.n_skipped,

@@ -196,10 +196,10 @@ def ridge(r: Ridge, fit: FitRecord) -> str:
             f"{largest} at the fitted c_e, but larger c_e with {combination} are not excluded at 95 % "
             f"(RMS residual {rms(fit, r.residual)}): c_e alone is not determined."
         )
-    return (
-        f"{largest}: the data reach off the ridge, where c_e is determined apart from alpha; on the ridge "
-        f"the RMS residual would be {rms(fit, r.residual)}."
+    reach = (
+        "" if fit._obstacle else ": the data reach off the ridge, where c_e is determined apart from alpha"
     )
+    return f"{largest}{reach}; on the ridge the RMS residual would be {rms(fit, r.residual)}."
 
 
 def agreement(fit: FitRecord) -> str:

@@ -99,7 +99,10 @@ class Fit(FitRecord):
         return compare(self, other).pairs[0].joint
 
     def influence(self) -> tuple[Row, ...]:
-        """Every row of the curves: leverage, studentised residual, and the fit without it."""
+        """Every row of the curves: leverage, studentised residual, and the fit without it.
+
+        Of more than 1000 rows only the two that lie farthest off are fitted without.
+        """
         self._evidence()
         given = {name: self.bounds[name] for name in self.given_bounds}
         return influence(self.likelihood, (self.c_e, self.alpha), self.data, given)
@@ -197,7 +200,7 @@ class Fit(FitRecord):
             If `alpha_lines` is not between 0 and alpha.
         """
         refuse(
-            alpha_lines is not None and not 0 < alpha_lines < self.alpha,
+            alpha_lines is not None and not 0 < scalar(alpha_lines, "alpha_lines") < self.alpha,
             f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}",
         )
         ax = axes_or_new(ax)
@@ -206,38 +209,24 @@ class Fit(FitRecord):
             style = next_look(ax, style, color="black", marker="s", linestyle="-")
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
-        for one in self.data:
-            if isinstance(one, VelocityCurve):
-                dress = {"color": "black", "marker": "s", **style, "linestyle": ""}
-                one.plot(ax, log=log, label=named and f"_{named}", **dress)
-        single = o.run < 0
-        if not single.all():
-            ax.plot(o.force[~single], o.velocity[~single], "D", color="black", mfc="none", ms=3.5, mew=0.7,
+        dress = {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"}
+        for curve in (one for one in self.data if isinstance(one, VelocityCurve)):
+            curve.plot(ax, log=log, **dress)
+        segment, default = o.run >= 0, np.isnan(o.window_start)
+        if segment.any():
+            ax.plot(o.force[segment], o.velocity[segment], "D", color="black", mfc="none", ms=3.5, mew=0.7,
                     label="segments of traces")  # fmt: skip
-        found = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
+        label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
         if ridge := self._on_ridge:
-            found = f"ridge: $\\alpha/c_e^{{{ridge.exponent:.3g}}}$ = {span(ridge.interval)} (95 %)"
-        label: str | None = None if named else found
-        default = np.isnan(o.window_start)
-        for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
-            used = o.force[default & (o.radius == R)]
-            low = 0.85 * used.min() if log else 0.3 * used.min()
-            high = min(1.04 * used.max(), 0.999 * self.c_e * R**2 / 27**0.5)
-            force = np.geomspace(low, high, 300)
-            lower, upper = band(self, force, R)
-            said = "95 % band" if i == 0 else None
-            ax.fill_between(force, lower, upper, label=said, zorder=1, linewidth=0,
-                            color=style.get("color", FORCE), alpha=0.2)  # fmt: skip
-            several = self.radius is None
-            colour = LINES[i % len(LINES)] if several else "black"
-            shown_as = f"fit, R = {R:g} mm" if several and not named else label
-            look = styled(line, color=colour, linewidth=1.2, label=shown_as)
-            ax.plot(force, self.velocity(force, radius=R), **look)
-            label = None
-            if alpha_lines is not None:
-                for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
-                    beside = self.velocity(force, radius=R) * (1 + sign * alpha_lines / self.alpha)
-                    ax.plot(force, beside, "--", color="0.4", linewidth=0.9, label=name)
+            label = f"ridge: $\\alpha/c_e^{{{ridge.exponent:.3g}}}$ = {span(ridge.interval)} (95 %)"
+        several, shade = self.radius is None, {"label": "95 % band", "color": style.get("color", FORCE)}
+        for R, colour in zip(sorted(set(o.radius[default].tolist())), itertools.cycle(LINES), strict=False):
+            look = {"color": colour, "label": f"fit, R = {R:g} mm"} if several else {"label": label}
+            look = styled(
+                line, **{"color": "black", "linewidth": 1.2} | look | ({"label": None} if named else {})
+            )
+            self._plot_radius(ax, R, log, alpha_lines, shade, look)
+            shade["label"] = None
         if self.engine == "voxel" or not default.all():
             name = "voxel descents" if self.engine == "voxel" else "fit, over each row's window"
             rows = np.concatenate([np.full(len(rows), kind == "velocity") for kind, rows in o.rows])
@@ -250,6 +239,22 @@ class Fit(FitRecord):
         else:
             ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
         return ax
+
+    def _plot_radius(
+        self, ax: Axes, R: float, log: bool, alpha_lines: float | None, shade: Any, look: Any
+    ) -> None:
+        """The line and band of one radius over its forces in the default window, and alpha plus and minus."""
+        o = self.observations
+        force = o.force[np.isnan(o.window_start) & (o.radius == R)]
+        high = min(1.04 * force.max(), 0.999 * self.c_e * R**2 / 27**0.5)
+        force = np.geomspace((0.85 if log else 0.3) * force.min(), high, 300)
+        velocity = self.velocity(force, radius=R)
+        ax.fill_between(force, *band(self, force, R), zorder=1, linewidth=0, alpha=0.2, **shade)
+        ax.plot(force, velocity, **look)
+        if alpha_lines is not None:
+            for sign, label in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
+                beside = velocity * (1 + sign * alpha_lines / self.alpha)
+                ax.plot(force, beside, "--", color="0.4", linewidth=0.9, label=label)
 
     @drawing
     def plot_profile(self, name: str = "c_e", ax: Axes | None = None, **style: Any) -> Axes:

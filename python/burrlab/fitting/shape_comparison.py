@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
 from burrlab._core import Shape, shape_kappa
 from burrlab.common.check import refuse
@@ -260,9 +259,7 @@ class ShapeComparison:
             ax.set_yscale("symlog", linthresh=half, linscale=2.0)
             ax.axhspan(-half, half, color="0.96", zorder=0)
         ticks = np.concatenate([inner, outer])
-        ax.yaxis.set_major_locator(FixedLocator([*-ticks[1:], *ticks]))
-        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-        ax.yaxis.set_minor_locator(NullLocator())
+        _set_ticks(ax, [*-ticks[1:], *ticks])
         ax.set(ylim=(-1.1 * farthest, 1.1 * farthest), xlim=(0.93 * o.force.min(), 1.07 * o.force.max()))
         return ax
 
@@ -311,11 +308,7 @@ class ShapeComparison:
         ax.set_ylim(0, top)
         step = 2 if largest < 12 else 5
         powers = 10.0 ** np.arange(1, np.floor(np.log10(top)) + 1)
-        ax.yaxis.set_major_locator(
-            FixedLocator([*np.arange(0, largest, step), *powers[powers > 1.3 * largest]])
-        )
-        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
-        ax.yaxis.set_minor_locator(NullLocator())
+        _set_ticks(ax, [*np.arange(0, largest, step), *powers[powers > 1.3 * largest]])
         interval = power.intervals["95"]
         ends = [f"{NODES[0]:g}" if interval.lower is None else f"{interval.lower:.3f}"]
         ends.append("open" if interval.upper is None else f"{interval.upper:.3f}")
@@ -524,6 +517,12 @@ _LINES = (FORCE, VELOCITY, POSITION, "#CC79A7", "#E69F00", "#56B4E9")
 _STYLES = ("-", "--", "-.", ":")
 _LEAST = 5.0  # half of the linear part of the axis is at least this, in 100 ln
 _TICKS = (1, 2, 5, 10, 20, 30, 50, 100, 300)
+
+
+def _set_ticks(ax: Axes, places: Sequence[float]) -> None:
+    """Ticks of the vertical axis, in plain numbers, and no others."""
+    ax.set_yticks(places, [f"{place:g}" for place in places])
+    ax.set_yticks([], minor=True)
 
 
 def _predicted(one: Fit) -> Floats:

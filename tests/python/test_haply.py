@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import itertools
 import math
 import re
@@ -131,6 +132,30 @@ def test_a_force_ends_with_its_program(service, case):
     finally:
         child.kill()
         child.communicate()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="its library has no usleep")
+def test_only_a_force_that_stood_is_called_zero(service):
+    def hold_up():
+        seen = len(service.forces)
+        ctypes.PyDLL(None).usleep(800_000)
+        wait_for(lambda: len(service.forces) > seen + 20)
+
+    device = opened(service, lost_after=2000.0)
+    hold_up()
+    with session(device) as run:
+        hold_up()
+        assert device.note == ""
+        service.position = (0, 0, DEEP)
+        wait_for(lambda: service.forces[-1][2] > 0.05)
+        hold_up()
+        wait_for(lambda: device.note in run.messages)
+    assert (note := device.note).endswith(
+        "its force was zero for a time, as this program's Python was held up"
+    )
+    with session(device, duration=0.2) as run:
+        assert run.wait(10)
+    assert note not in run.messages
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ from burrlab.session.devices import (
     ForceLimits,
     describe_miss,
 )
-from burrlab.session.haply import HeldDevice, end_exchanges
+from burrlab.session.haply import HaplyDevice, HeldDevice, end_exchanges
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
@@ -324,6 +324,9 @@ class Session:
         # Registered last, it runs first: later handlers remove what writing a trace needs.
         atexit.unregister(_stop_all)
         atexit.register(_stop_all)
+        for device in self.devices:
+            if isinstance(device, HaplyDevice):
+                device.note = ""  # of an earlier session
         try:
             _guard_signals(self)
             self._loop.start()

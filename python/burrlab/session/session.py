@@ -631,11 +631,11 @@ def _guard_signals(starting: Session | None = None) -> None:
 
 
 def _end_by_signal(number: int, _: object) -> None:
-    signal.signal(number, signal.SIG_DFL)
     running = [one for one in _to_stop if one.running and one._process == os.getpid()]
     for session in running:
         session._loop.stop(f"stopped by {signal.Signals(number).name}")
     end_exchanges()
+    signal.signal(number, signal.SIG_DFL)  # no earlier: a second signal would leave the force on
     for session in running:
         if session._housekeeper is not None:
             session._housekeeper.join(_PATIENCE)  # for the trace

@@ -193,10 +193,10 @@ def _copy_table(
     )  # fmt: skip
     step = 16 * chunk
     for start in range(0, rows, step):
-        values = source[start : min(start + step, rows)]
+        part = source[start : min(start + step, rows)]
         if name == "ticks":
-            _check_rows(values, first + start)
-        table[start : start + step] = values
+            _check_rows(part, first + start)
+        table[start : start + step] = part
 
 
 class Handling(NamedTuple):

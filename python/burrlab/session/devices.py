@@ -265,6 +265,7 @@ class ForceLimits:
         One a burr: force [N], slew [N/ms], continuous force [N], its window [s], ramp [s]. Empty if nothing but
         `force_limit` and `slew_limit` holds.
     provenance : dict
+        None for what does not hold.
     sentences : list of str
         What holds, one a burr that has a model or a ramp.
     """
@@ -280,13 +281,13 @@ class ForceLimits:
         if ramp is not None:
             ramps = [scalar(ramp, "ramp")] * burrs
         self.guards: list[tuple[float, float, float, float, float]] = []
-        self.provenance: dict[str, Any] = {}
         self.sentences: list[str] = []
-        if any(models) or not by_driver:
-            self.provenance["limits"] = [{"model": model.model, **model.numbers()} for model in self.models]
-        if any(ramps):
-            self.provenance["ramp_s"] = ramps if len({*ramps}) > 1 else ramps[0]
-        if not self.provenance:
+        named = [{"model": model.model, **model.numbers()} for model in self.models]
+        self.provenance = {
+            "limits": named if any(models) or not by_driver else None,
+            "ramp_s": (ramps if len({*ramps}) > 1 else ramps[0]) or None,
+        }
+        if not any(self.provenance.values()):
             return
         for burr, (model, growth) in enumerate(zip(self.models, ramps, strict=True)):
             force, lasting = (x or math.inf for x in (model.peak_force, model.continuous_force))

@@ -352,26 +352,26 @@ def find_devices(doing: Callable[[str], AbstractContextManager[None]]) -> list[d
         `device`, as `--device` takes it; `needs`, the vendor's library or service; then `hardware`, its model,
         and `library`, the file that was loaded or the service's address; or `why_not`, a sentence.
     """
-    rows: list[dict[str, str]] = []
-
-    def look(text: str, needs: str) -> None:
-        row = {"device": text, "needs": needs}
-        try:
-            with doing(f"looking for {text}, over {needs}"):
-                found = open_device(parse_device(text), 100.0)
-            assert isinstance(found, HeldDevice)
-            rows.append({**row, "hardware": found.hardware, "library": found.library})
-        except (ValueError, ImportError) as error:
-            rows.append({**row, "why_not": str(error)})
-
-    look("touch", "libHD of OpenHaptics")
     try:
         count = OmegaDevice.count()
     except ValueError:
         count = 0
-    for index in range(max(count, 1)):
-        look(f"omega:{index}", "libdhd of Force Dimension")
-    look("haply", "Haply's Inverse Service")
+    omegas = {f"omega:{index}": "libdhd of Force Dimension" for index in range(max(count, 1))}
+    rows = []
+    for text, needs in {
+        "touch": "libHD of OpenHaptics",
+        **omegas,
+        "haply": "Haply's Inverse Service",
+    }.items():
+        row = {"device": text, "needs": needs}
+        try:
+            with doing(f"looking for {text}, over {needs}"):
+                device = open_device(parse_device(text), 100.0)
+            assert isinstance(device, HeldDevice)
+            row |= {"hardware": device.hardware, "library": device.library}
+        except (ValueError, ImportError) as error:
+            row["why_not"] = str(error)
+        rows.append(row)
     return rows
 
 

@@ -237,7 +237,10 @@ class Session:
         period = 1e3 / rate
         require_type("bone", bone, VoxelBone, "VoxelBone.block((10, 10, 5), 0.1)")
         start = bone.copy()
-        self._largest_spacing = max(start.spacing)
+        voxels = [burr.radius / max(start.spacing) for burr, _ in self.tools]
+        self._coarse = [
+            f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE
+        ]  # fmt: skip
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
         self._loop = HapticLoop(
@@ -269,15 +272,13 @@ class Session:
             "stop_button": stop_button, "frames": [asdict(one) for one in stands] or None,
         }  # fmt: skip
         self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
-        self._rules = [*self._limits.sentences]
-        if stop_at_force is not None:
-            self._rules.append(f"the session stops at a force of {stop_at_force:g} N")
-        self._rules += [
-            f"the session stops within {nearest:g} mm of {name}"
-            for name, nearest in self._stop_within.items()
-        ]
-        if stop_button is not None:
-            self._rules.append(f"the session stops at button {stop_button}")
+        self._rules = [*self._limits.sentences] + [
+            f"the session stops {text}" for text in (
+                *([] if stop_at_force is None else [f"at a force of {stop_at_force:g} N"]),
+                *(f"within {nearest:g} mm of {name}" for name, nearest in self._stop_within.items()),
+                *([] if stop_button is None else [f"at button {stop_button}"]),
+            )
+        ]  # fmt: skip
         self.messages: list[str] = []
         self._on_message = on_message
         self._publisher: Publisher | None = None
@@ -335,14 +336,9 @@ class Session:
                 self._writer.start()
             self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
-            for rule in self._rules:
-                self._say(rule)
-            for note in self._loop.realtime_notes:
-                if "not granted" in note or "not available" in note:
-                    self._say(note)
-            for i, (burr, _) in enumerate(self.tools):
-                if (voxels := burr.radius / self._largest_spacing) < _COARSE:
-                    self._say(f"coarse: the radius of burr {i} is {voxels:.3g} voxels, below {_COARSE}")
+            lacking = [x for x in self._loop.realtime_notes if "not granted" in x or "not available" in x]
+            for text in (*self._rules, *lacking, *self._coarse):
+                self._say(text)
         except BaseException as error:  # Ctrl-C too: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import os
+import re
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -375,12 +376,9 @@ class Trace:
             if values.ndim == 1:
                 columns[name] = values
                 continue
-            if name == "orientation":
-                columns.update({f"{name}_{part}": values[:, i] for i, part in enumerate("wxyz")})
-                continue
-            unit = "mm_s" if name.endswith("_mm_s") else name.rsplit("_", 1)[1]
-            stem = name.removesuffix(f"_{unit}")
-            columns.update({f"{stem}_{axis}_{unit}": values[:, i] for i, axis in enumerate("xyz")})
+            stem, unit = re.fullmatch("(.*?)(_mm|_mm_s|_N|)", name).groups()  # type: ignore[union-attr]
+            parts = zip("wxyz"[-values.shape[1] :], values.T, strict=True)
+            columns.update({f"{stem}_{part}{unit}": column for part, column in parts})
         return dataframe(columns).set_index("index")
 
     def frame(self, burr: int = 0) -> pandas.DataFrame:

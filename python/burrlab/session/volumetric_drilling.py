@@ -137,8 +137,7 @@ def export_volumetric_drilling(
                 pose_mastoidectomy_drill=drills,
                 pose_mastoidectomy_volume=volumes,
             )
-            drill = group("high_frequency_poses/mastoidectomy_drill")
-            _put(drill, time_stamp=stamps, pose=pose)
+            _put(group("high_frequency_poses/mastoidectomy_drill"), time_stamp=stamps, pose=pose)
             wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
             _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
             whole = np.int64 if layout == "new" else np.int32
@@ -389,23 +388,26 @@ class DrillingRecording:
         turn = scipy.spatial.transform.Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
         position = self.position
         if bone is not None:
-            to_bone, position = self._in_frame_of(bone, source)
-            if note := self._division(bone, source):
+            to_bone, position, note = self._in_frame_of(bone, source)
+            if note:
                 warnings.warn(f"{self.path}: {note}", stacklevel=2)
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
         quaternion = np.roll(turn.as_quat(), 1, axis=1)
         return ScriptedDevice(self.time[new], position[new], None, quaternion[new])
 
-    def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array]:
-        """The rotation from the world to the bone's frame, and the drill's positions in the latter [mm]."""
+    def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array, str]:
+        """The rotation from the world to the bone's frame, the drill's positions in the latter [mm], and a note if
+        lengths are divided, else empty."""
         if self.volume_pose is None:
             raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
         of_quaternion = scipy.spatial.transform.Rotation.from_quat
         ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
-        from_middle = (self.position - self.volume_pose[:3]) / self._scale_on(bone, source, least=_RESAMPLED)
-        return to_bone, to_bone.apply(from_middle) + 1000.0 * ours[:3]
+        scale = self._scale_on(bone, source, least=_RESAMPLED)
+        position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * ours[:3]
+        note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
+        return to_bone, position, note * (scale != 1.0)
 
     def _scale_on(
         self, bone: VoxelBone, source: str | Mapping[str, Any], *, least: float = math.inf
@@ -424,12 +426,6 @@ class DrillingRecording:
             f"its recorder multiplied lengths, scale={ratio ** (1 / 3):.6g} (--scale) would fit",
         )
         return 1.0
-
-    def _division(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> str:
-        """A note if lengths are divided on this bone, else empty."""
-        scale = self._scale_on(bone, source, least=0.0)
-        note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
-        return "" if scale == 1.0 else note
 
     def _handling(self, burr: int) -> Handling:
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")

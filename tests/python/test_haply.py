@@ -261,10 +261,14 @@ def test_a_device_of_its_own_and_no_grip(service):
         opened(service)
     with pytest.raises(ValueError, match="wall_clock must be True for a device that a hand holds, got False"):
         session(device, wall_clock=False)
-    del device
-    wait_for(lambda: service.forces)
-    seen = len(service.forces)
-    wait_for(lambda: opened(service) and len(service.forces) > seen)
+    service.delay, seen = 0.3, len(service.forces)
+    wait_for(lambda: len(service.forces) > seen)
+    time.sleep(0.05)
+    service.delay = 0.0
+    del device  # while its thread waits for an answer
+    device, seen = opened(service), len(service.forces)
+    wait_for(lambda: len(service.forces) > seen)
+    assert not device.fault
 
 
 def test_two_writers_do_not_mix():

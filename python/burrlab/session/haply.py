@@ -112,8 +112,11 @@ class HaplyDevice(MailboxDevice):
         rule = "exactly one Inverse3 and at most one VerseGrip"
         refuse(len(arms) != 1 or len(grips) > 1, f"the service must have {rule}, got {names}")
         ((self._id, arm),) = arms.items()
-        other = _OPEN.get(self._id)
-        refuse(other is not None and not other.fault, f"the Inverse3 {self._id} is open already")
+        end = time.monotonic() + _OPEN_LIMIT
+        while (other := _OPEN.get(self._id)) is not None and not other.fault:
+            refuse(time.monotonic() > end, f"the Inverse3 {self._id} is open already")
+            del other  # its owner may have dropped it: then only its thread holds it, for a turn
+            time.sleep(_PERIOD)
         status = arm.get("status")
         bad = isinstance(status, dict) and status.get("calibrated") is False
         refuse(bad, f"the Inverse3 {self._id} must be calibrated, as its manual says")

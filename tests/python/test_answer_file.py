@@ -290,6 +290,12 @@ def test_a_simulated_subject_needs_no_response_time_and_goes_on_as_itself(tmp_pa
         one.resume("01", "match")
 
 
+NO_LIMITS = (
+    "a version without force limits began this run; now those of a Touch, an Omega or a Haply hold, and no column "
+    "tells what they clip"
+)
+
+
 @pytest.mark.parametrize(
     ("device", "columns", "repeats"), [("hand", 16, [None] * 4), ("touch", 16, [None] * 4), ("touch", 17, [0, 0, 0, 1])]
 )  # fmt: skip
@@ -298,9 +304,12 @@ def test_a_run_of_an_earlier_version_goes_on_with_its_columns(tmp_path, device, 
     one, path = begun(tmp_path, count=3, text=SMALL.replace("seed = 7", f'seed = 7\ndevice = "{device}"'))
     rows = [line.split("\t") for line in path.read_text().splitlines()]
     assert len(rows[0]) == (17 if device == "hand" else 19)
+    with one.resume("01", "probing")[0] as file:
+        assert file.notes == ()
     path.write_text("".join("\t".join([*row[:16], row[-1]][:columns]) + "\n" for row in rows))
     file, order = one.resume("01", "probing")
     with file:
+        assert [note.partition(": ")[2] for note in file.notes] == [NO_LIMITS] * (device == "touch")
         file.append(Answer(order.next(), 1e3, 1.0, "same", 1.0, ("time", "time"), repeats=1))
     assert [row.repeats for row in read_answers(path).rows] == repeats
     assert {line.count("\t") for line in path.read_text().splitlines()} == {columns - 1}

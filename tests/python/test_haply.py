@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import itertools
 import math
 import re
@@ -133,6 +134,30 @@ def test_a_force_ends_with_its_program(service, case):
         child.communicate()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="its library has no usleep")
+def test_only_a_force_that_stood_is_called_zero(service):
+    def hold_up():
+        seen = len(service.forces)
+        ctypes.PyDLL(None).usleep(800_000)
+        wait_for(lambda: len(service.forces) > seen + 20)
+
+    device = opened(service, lost_after=2000.0)
+    hold_up()
+    with session(device) as run:
+        hold_up()
+        assert device.note == ""
+        service.position = (0, 0, DEEP)
+        wait_for(lambda: service.forces[-1][2] > 0.05)
+        hold_up()
+        wait_for(lambda: device.note in run.messages)
+    assert (note := device.note).endswith(
+        "its force was zero for a time, as this program's Python was held up"
+    )
+    with session(device, duration=0.2) as run:
+        assert run.wait(10)
+    assert note not in run.messages
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -236,10 +261,14 @@ def test_a_device_of_its_own_and_no_grip(service):
         opened(service)
     with pytest.raises(ValueError, match="wall_clock must be True for a device that a hand holds, got False"):
         session(device, wall_clock=False)
-    del device
-    wait_for(lambda: service.forces)
-    seen = len(service.forces)
-    wait_for(lambda: opened(service) and len(service.forces) > seen)
+    service.delay, seen = 0.3, len(service.forces)
+    wait_for(lambda: len(service.forces) > seen)
+    time.sleep(0.05)
+    service.delay = 0.0
+    del device  # while its thread waits for an answer
+    device, seen = opened(service), len(service.forces)
+    wait_for(lambda: len(service.forces) > seen)
+    assert not device.fault
 
 
 def test_two_writers_do_not_mix():

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -81,6 +82,14 @@ def damage(trace: Path) -> None:
         file.write(bytes(4096))
 
 
+def damage_row(trace: Path) -> None:
+    with h5py.File(trace) as file:
+        place = file["ticks"].id.get_offset()
+    with trace.open("r+b") as raw:
+        raw.seek(place)
+        raw.write(b"\xff" * 64)
+
+
 @pytest.mark.parametrize(
     ("what", "sentence"),
     [
@@ -88,8 +97,9 @@ def damage(trace: Path) -> None:
         (lambda trace: (trace.unlink(), trace.write_text("mine")), "was replaced"),
         (lambda trace: trace.write_text("mine"), "was overwritten"), (full_disk, "No space left on device"),
         (lambda trace: os.truncate(trace, 5000), "was cut short"), (damage, "cannot be read"),
+        (damage_row, "the row of tick 0 holds something else"),
     ],
-    ids=["deleted", "moved", "replaced", "overwritten", "full", "cut", "damaged"],
+    ids=["deleted", "moved", "replaced", "overwritten", "full", "cut", "damaged", "a row damaged"],
 )  # fmt: skip
 def test_a_trace_that_is_not_whole_is_said_and_what_can_be_is_kept(
     what: Callable[[Path], object], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

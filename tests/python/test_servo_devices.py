@@ -133,10 +133,14 @@ def test_the_limit_knows_the_delay_of_the_servo(stubs):
 
 _SCRIPT = """
 import os, signal, sys, burrlab
+import burrlab.session.session as module
 from stubs.stub import Stub
 stub, end = Stub(os.environ["BURRLAB_LIBHD"]), signal.raise_signal
 signal.raise_signal = lambda number: (print(stub.force().any(), stub.get("force_on"), flush=True), end(number))
 stub.set(z=2.8)
+end_exchanges = module.end_exchanges
+module.end_exchanges = lambda: (
+    print("handled", signal.getsignal(signal.SIGHUP) is not signal.SIG_DFL, flush=True), end_exchanges())
 bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
 tool, device = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.TouchDevice()
 with burrlab.Session(bone, tool, device, realtime=False, record=sys.argv[1]) as run:
@@ -153,7 +157,7 @@ def test_a_signal_ends_the_force_first(stubs, tmp_path, monkeypatch):
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
         assert child.stdout.readline() == "pulls\n"
         child.send_signal(signal.SIGHUP)
-        assert child.stdout.read() == "False 0.0\n"
+        assert child.stdout.read() == "handled True\nFalse 0.0\n"  # a second one, meanwhile, ends nothing
     assert child.returncode == -signal.SIGHUP
     assert burrlab.load_trace(tmp_path / "trace.h5").complete
     with session(burrlab.TouchDevice()):

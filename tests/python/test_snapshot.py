@@ -103,7 +103,7 @@ def elsewhere(path):
         (attribute("format", "something"), ValueError, r"is not a burrlab bone$"),
         (attribute("format_version", 3), ValueError, "of format 3, and this version reads up to 2"),
         (voxel("density", lambda level: level - 1), ValueError, "is damaged: the bone has digest"),
-        (attribute("tick", -1), ValueError, "tick must be a whole number"), (attribute("tick", 1.5), ValueError, "integer"),
+        (attribute("tick", -1), ValueError, "tick must be a whole number"), (attribute("tick", 1.5), ValueError, "tick must be a whole number"),
         (changed(lambda file: file.__setitem__("more", h5py.SoftLink("/density"))), ValueError, "its more is a link"),
         (elsewhere, ValueError, "its density is a link, and could lead to another file"),
         (voxel("pristine", lambda level: 0), ValueError, "density must be at most the pristine level"),

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Material, Tissue, Tissues, VoxelBone, __version__
-from burrlab.common.check import DEFLATE, check_memory, check_packed, refuse, require_type, shown
+from burrlab.common.check import DEFLATE, check_memory, check_packed, refuse, require_type, shown, whole
 from burrlab.common.files import (
     attributes,
     check_heap,
@@ -303,8 +303,7 @@ def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
             f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with "
             + in_one_line(told["digest"])
         )
-    check_tick(told["tick"])
-    return bone, int(told["tick"])
+    return bone, whole("tick", told["tick"], 2**64, "2^64")
 
 
 def tissues_to_json(tissues: Tissues) -> str:

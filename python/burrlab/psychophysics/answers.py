@@ -382,7 +382,8 @@ class AnswerFile:
     side_car : SideCar
         As at the start of the run.
     notes : tuple of str
-        Notes for the experimenter: whether a broken-off last line was cut.
+        Notes for the experimenter: whether a broken-off last line was cut, and whether an earlier version, without
+        force limits, began the run.
     end : float
         Time of the end of the last answer, from the start of the run [s].
     """
@@ -486,6 +487,11 @@ class AnswerFile:
                 result.notes = (
                     f"{path}: the last line was broken off after {len(torn)} bytes and is cut; its trial is "
                     "asked again",
+                )
+            if "clipped_1" in set(first.columns) - set(columns):
+                result.notes += (
+                    f"{path}: a version without force limits began this run; now those of a Touch, an Omega or a "
+                    "Haply hold, and no column tells what they clip",
                 )
         return result
 

@@ -162,10 +162,8 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     voxel_volume = float(np.prod(bone.spacing))
     volumes = np.array([bone.removed_of(number) for number in range(len(bone.tissues))])
     removed = np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64)
-    if settings:
-        watched = Watched.of(replica.watched(), removed)
-    else:
-        watched = nothing_watched(len(hello["tools"]), removed)
+    burrs = len(hello["tools"])
+    watched = Watched.of(replica.watched(), removed) if settings else nothing_watched(burrs, removed)
     return AnatomyReport.of(watched, bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Literal
+from typing import IO, Any
 
 import numpy as np
 import scipy
@@ -242,7 +242,6 @@ def _messages(file: Path) -> Iterator[tuple[str, str, bytes, bytes]]:
 
 
 VRPN_PORT = 3883
-DeviceKind = Literal["hand", "scripted", "igtl", "vrpn", "touch", "omega", "haply"]
 
 
 @dataclass(frozen=True)
@@ -265,7 +264,7 @@ class DeviceText:
         Connect to the VRPN server directly.
     """
 
-    kind: DeviceKind
+    kind: str
     file: str = ""
     host: str = ""
     port: int = 0
@@ -287,38 +286,36 @@ def parse_device(text: str) -> DeviceText:
     >>> parse_device("omega:1").index
     1
     """
-    kind, colon, rest = text.partition(":")
-    if text == "hand":
-        return DeviceText("hand")
-    if kind == "scripted" and rest:
-        return DeviceText("scripted", file=rest)
+    kind, _, rest = text.partition(":")
+    if text in ("hand", "touch", "omega"):
+        return DeviceText(text)
     if text == "haply":
         return DeviceText("haply", host="localhost", port=PORT)
-    if kind in ("igtl", "haply") and rest:
-        try:
-            return DeviceText("igtl" if kind == "igtl" else "haply", "", *parse_address(rest))
-        except ValueError as error:
-            raise ValueError(f"{kind}: {error}") from None
-    if kind == "vrpn" and rest:
-        name, _, server = rest.rpartition("@")
-        address = server.removeprefix("tcp://")
-        with_port = address if re.search(r":[^:\]]+$", address) else f"{address}:{VRPN_PORT}"
-        refuse(
-            not (name and address), f"vrpn: must be NAME@HOST[:PORT] or NAME@tcp://HOST[:PORT], got '{rest}'"
-        )
-        try:
-            host, port = parse_address(with_port)
-        except ValueError as error:
-            raise ValueError(f"vrpn: {error}") from None
-        return DeviceText("vrpn", host=host, port=port, name=name, tcp=address != server)
-    if kind == "touch" and (rest or not colon):
+    if kind == "scripted" and rest:
+        return DeviceText("scripted", file=rest)
+    if kind == "touch" and rest:
         return DeviceText("touch", name=rest)
-    if kind == "omega" and (rest.isdecimal() or not colon):
-        return DeviceText("omega", index=int(rest or 0))
-    raise ValueError(
-        "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or "
-        f"vrpn:NAME@[tcp://]HOST[:PORT], got '{text}'"
-    )
+    if kind == "omega" and rest.isdecimal():
+        return DeviceText("omega", index=int(rest))
+    if kind not in ("igtl", "haply", "vrpn") or not rest:
+        raise ValueError(
+            "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or "
+            f"vrpn:NAME@[tcp://]HOST[:PORT], got '{text}'"
+        )
+    try:
+        return _at_server(kind, rest)
+    except ValueError as error:
+        raise ValueError(f"{kind}: {error}") from None
+
+
+def _at_server(kind: str, text: str) -> DeviceText:
+    if kind != "vrpn":
+        return DeviceText(kind, "", *parse_address(text))
+    name, _, server = text.rpartition("@")
+    address = server.removeprefix("tcp://")
+    refuse(not (name and address), f"must be NAME@HOST[:PORT] or NAME@tcp://HOST[:PORT], got '{text}'")
+    port = "" if re.search(r":[^:\]]+$", address) else f":{VRPN_PORT}"
+    return DeviceText(kind, "", *parse_address(address + port), name, tcp=address != server)
 
 
 def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | VrpnDevice | HeldDevice:
@@ -335,11 +332,10 @@ def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | VrpnDevic
         return TouchDevice(device.name, lost_after=lost_after)
     if device.kind == "omega":
         return OmegaDevice(device.index, lost_after=lost_after)
-    if device.kind == "haply":
-        return HaplyDevice(device.host, device.port, lost_after=lost_after)
     if device.kind == "vrpn":
         return VrpnDevice(device.name, device.host, device.port, tcp=device.tcp, lost_after=lost_after)
-    return IgtlDevice(device.host, device.port, lost_after=lost_after)
+    at_server = HaplyDevice if device.kind == "haply" else IgtlDevice
+    return at_server(device.host, device.port, lost_after=lost_after)
 
 
 def find_devices(doing: Callable[[str], AbstractContextManager[None]]) -> list[dict[str, str]]:
@@ -356,26 +352,26 @@ def find_devices(doing: Callable[[str], AbstractContextManager[None]]) -> list[d
         `device`, as `--device` takes it; `needs`, the vendor's library or service; then `hardware`, its model,
         and `library`, the file that was loaded or the service's address; or `why_not`, a sentence.
     """
-    rows: list[dict[str, str]] = []
-
-    def look(text: str, needs: str) -> None:
-        row = {"device": text, "needs": needs}
-        try:
-            with doing(f"looking for {text}, over {needs}"):
-                found = open_device(parse_device(text), 100.0)
-            assert isinstance(found, HeldDevice)
-            rows.append({**row, "hardware": found.hardware, "library": found.library})
-        except (ValueError, ImportError) as error:
-            rows.append({**row, "why_not": str(error)})
-
-    look("touch", "libHD of OpenHaptics")
     try:
         count = OmegaDevice.count()
     except ValueError:
         count = 0
-    for index in range(max(count, 1)):
-        look(f"omega:{index}", "libdhd of Force Dimension")
-    look("haply", "Haply's Inverse Service")
+    omegas = {f"omega:{index}": "libdhd of Force Dimension" for index in range(max(count, 1))}
+    rows = []
+    for text, needs in {
+        "touch": "libHD of OpenHaptics",
+        **omegas,
+        "haply": "Haply's Inverse Service",
+    }.items():
+        row = {"device": text, "needs": needs}
+        try:
+            with doing(f"looking for {text}, over {needs}"):
+                device = open_device(parse_device(text), 100.0)
+            assert isinstance(device, HeldDevice)
+            row |= {"hardware": device.hardware, "library": device.library}
+        except (ValueError, ImportError) as error:
+            row["why_not"] = str(error)
+        rows.append(row)
     return rows
 
 

@@ -77,10 +77,11 @@ class HaplyDevice(MailboxDevice):
     the session with force zero; but for an answer that was only late, the device must then be opened anew.
 
     Where this thread cannot run for 0.3 `lost_after`, as other code holds Python's interpreter or the processor, a
-    watchdog without Python sends force zero. Then the force grows back within 100 messages, and `note` says so.
+    watchdog without Python sends force zero. Then the force grows back within 100 messages, and `note` says so if a
+    force stood.
     """
 
-    note = ""  #: That the watchdog has acted, else empty
+    note = ""  #: That the watchdog has ended a force since the last session began, else empty
 
     def __init__(
         self, host: str = "localhost", port: int = PORT, *, lost_after: float = 100.0, on_button: int | None = None
@@ -97,7 +98,7 @@ class HaplyDevice(MailboxDevice):
         self.library = f"ws://{address}"  #: Address of the service
         self._patience = lost_after / 1e3
         self._last: tuple[float, Any] | None = None
-        self._share = 1.0  # of the loop's force, that is sent
+        self._share, self._pulls = 1.0, False  # of the loop's force, that is sent; whether that is above zero
         opened: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._thread = threading.Thread(target=_exchange, args=(weakref.ref(self), opened), daemon=True)
         self._thread.start()
@@ -111,8 +112,11 @@ class HaplyDevice(MailboxDevice):
         rule = "exactly one Inverse3 and at most one VerseGrip"
         refuse(len(arms) != 1 or len(grips) > 1, f"the service must have {rule}, got {names}")
         ((self._id, arm),) = arms.items()
-        other = _OPEN.get(self._id)
-        refuse(other is not None and not other.fault, f"the Inverse3 {self._id} is open already")
+        end = time.monotonic() + _OPEN_LIMIT
+        while (other := _OPEN.get(self._id)) is not None and not other.fault:
+            refuse(time.monotonic() > end, f"the Inverse3 {self._id} is open already")
+            del other  # its owner may have dropped it: then only its thread holds it, for a turn
+            time.sleep(_PERIOD)
         status = arm.get("status")
         bad = isinstance(status, dict) and status.get("calibrated") is False
         refuse(bad, f"the Inverse3 {self._id} must be calibrated, as its manual says")
@@ -146,7 +150,9 @@ class HaplyDevice(MailboxDevice):
         position too old."""
         if self._live(watchdog):
             _newest(connection, _PERIOD)  # the answer to the watchdog
-        connection.send(_command(self._id, self._share * self.force))
+        force = self._share * self.force
+        self._pulls = bool(force.any())
+        connection.send(_command(self._id, force))
         self._share = min(1.0, self._share + _RETURN)
         try:
             text = self._answer(connection, watchdog, self._patience)
@@ -170,6 +176,7 @@ class HaplyDevice(MailboxDevice):
         """Says that Python runs; whether the watchdog had acted, after which the force grows from zero."""
         if rested := watchdog.beat():
             self._share = 0.0
+        if rested and self._pulls:
             self.note = f"{self.name}: its force was zero for a time, as this program's Python was held up"
         return rested
 

@@ -455,7 +455,8 @@ class RecordingPlayer:
         self._brick, self._within = (flat[once] // 512).astype(np.uint32), flat[once] % 512
         bricks, row = np.unique(self._brick, return_inverse=True)
         self._level = read_bricks(bone, bricks)[row, self._within]
-        centers = None if recording.volume_pose is None else recording._in_frame_of(bone, source)[1]
+        pose = recording.volume_pose
+        _, centers, division = (None, None, "") if pose is None else recording._in_frame_of(bone, source)
         self._center = _held(np.where(np.arange(len(time)), time, -np.inf), centers, 3)
         self._force = _held(force_time, recording.force, 3)
         self._radius = _held(recording.burr_time, recording.burr_radius, 1)
@@ -468,7 +469,7 @@ class RecordingPlayer:
         empty = int(np.count_nonzero(self._level == 0))
         if 2 * empty > len(self._level):
             self.note += f"; {empty} of {len(self._level)} removed voxels are empty in this bone"
-        if division := recording._division(bone, source):
+        if division:
             self.note += f"; {division}"
         self.seek(0.0)
 

@@ -38,11 +38,10 @@ from burrlab.session.anatomy import SessionAnatomy
 from burrlab.session.devices import (
     DeviceFrame,
     DeviceLimits,
+    ForceLimits,
     describe_miss,
-    device_limits,
-    limits_of_hardware,
 )
-from burrlab.session.haply import HeldDevice, end_exchanges
+from burrlab.session.haply import HaplyDevice, HeldDevice, end_exchanges
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
@@ -54,7 +53,6 @@ _EXACT = 2**53  # ticks are told to replicas as float64
 _LEAST_RATE = 20.0  # [Hz], so that a stall differs from a period
 _COARSE = 7.5  # voxels a radius; with fewer a message says so
 _LOOK = 0.05  # [s] between two rounds of the housekeeping thread
-_RAMP = 1.0  # [s], ours
 _PATIENCE = 2.0  # [s], before devices without a position are reported
 
 
@@ -205,17 +203,15 @@ class Session:
         slew_limit = scalar(slew_limit, "slew_limit")
         coupling = None if coupling is None else scalar(coupling, "coupling")
         duration = None if duration is None else scalar(duration, "duration")
-        models = _limits_of(limits, self.devices, len(self.tools))
-        self._limits = [one or DeviceLimits("no model") for one in models]
-        limited = limits not in (None, "device")  # by the caller, not by a driver
+        self._limits = ForceLimits(
+            limits, self.devices, len(self.tools), force_limit=force_limit, slew_limit=slew_limit, ramp=ramp, rate=rate
+        )  # fmt: skip
         if isinstance(frames, DeviceFrame):
             frames = [frames] * len(self.tools)
         stands = _listed(
             frames or [], lambda one: isinstance(one, DeviceFrame), "frames must be DeviceFrames"
         )
         self._stands = stands or [DeviceFrame()] * len(self.tools)
-        ramp = None if ramp is None else scalar(ramp, "ramp")
-        ramps = [_RAMP * bool(limited or one) if ramp is None else ramp for one in models]
         if stop_at_force is not None:
             check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
         if stop_button is not None:
@@ -241,18 +237,18 @@ class Session:
         period = 1e3 / rate
         require_type("bone", bone, VoxelBone, "VoxelBone.block((10, 10, 5), 0.1)")
         start = bone.copy()
-        self._largest_spacing = max(start.spacing)
+        voxels = [burr.radius / max(start.spacing) for burr, _ in self.tools]
+        self._coarse = [
+            f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE
+        ]  # fmt: skip
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
-        guards = [
-            (min(force_limit, one.peak_force or math.inf), slew_limit, one.continuous_force or math.inf, one.window, growth)
-            for one, growth in zip(self._limits, ramps, strict=True)
-        ] if limited or any(models) or any(ramps) else []  # fmt: skip
         self._loop = HapticLoop(
             self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
             cpu=-1 if cpu is None else whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
             force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
-            guards=guards, models=[(x.damping or math.nan, x.encoder_step or math.nan, x.friction or math.nan) for x in self._limits],
+            guards=self._limits.guards,
+            models=[(x.damping or math.nan, x.encoder_step or math.nan, x.friction or math.nan) for x in self._limits.models],
             stop_force=stop_at_force or math.inf, stop_buttons=0 if stop_button is None else 1 << stop_button,
             frames=[(x.scale, x.rotation, x.offset, -1 if x.clutch is None else x.clutch) for x in stands],
         )  # fmt: skip
@@ -272,14 +268,11 @@ class Session:
             **watching,
         )  # fmt: skip
         rules = {
-            "limits": [{"model": one.model, **one.numbers()} for one in self._limits] if limited or any(models) else None,
-            "ramp_s": (ramps[0] if len({*ramps}) == 1 else ramps) or None, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
+            **self._limits.provenance, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
             "stop_button": stop_button, "frames": [asdict(one) for one in stands] or None,
         }  # fmt: skip
         self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
-        off = "" if limited else "; limits=None, or --model none, turns the model's limits off"
-        texts = zip(_told(guards, self._limits, rate), models, strict=False)
-        self._rules = [text + off * bool(model) for text, model in texts if limited or model or ramp] + [
+        self._rules = [*self._limits.sentences] + [
             f"the session stops {text}" for text in (
                 *([] if stop_at_force is None else [f"at a force of {stop_at_force:g} N"]),
                 *(f"within {nearest:g} mm of {name}" for name, nearest in self._stop_within.items()),
@@ -332,6 +325,9 @@ class Session:
         # Registered last, it runs first: later handlers remove what writing a trace needs.
         atexit.unregister(_stop_all)
         atexit.register(_stop_all)
+        for device in self.devices:
+            if isinstance(device, HaplyDevice):
+                device.note = ""  # of an earlier session
         try:
             _guard_signals(self)
             self._loop.start()
@@ -340,14 +336,9 @@ class Session:
                 self._writer.start()
             self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
-            for rule in self._rules:
-                self._say(rule)
-            for note in self._loop.realtime_notes:
-                if "not granted" in note or "not available" in note:
-                    self._say(note)
-            for i, (burr, _) in enumerate(self.tools):
-                if (voxels := burr.radius / self._largest_spacing) < _COARSE:
-                    self._say(f"coarse: the radius of burr {i} is {voxels:.3g} voxels, below {_COARSE}")
+            lacking = [x for x in self._loop.realtime_notes if "not granted" in x or "not available" in x]
+            for text in (*self._rules, *lacking, *self._coarse):
+                self._say(text)
         except BaseException as error:  # Ctrl-C too: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise
@@ -445,7 +436,7 @@ class Session:
         """The report of the session so far."""
         return SessionReport.of(
             self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
-            told_notes(self.provenance["source"]), self._limits,
+            told_notes(self.provenance["source"]), self._limits.models,
         )  # fmt: skip
 
     def anatomy(self) -> AnatomyReport:
@@ -594,21 +585,6 @@ class Session:
                     self._say(f"burr {burr} never met the bone: {miss}")
 
 
-def _limits_of(given: Any, devices: Sequence[Device], burrs: int) -> list[DeviceLimits | None]:
-    """One a burr; ValueError for an unknown model or another number of them."""
-    several = isinstance(given, Sequence) and not isinstance(given, str)
-    found = list(given) if several else [given] * burrs
-    refuse(len(found) != burrs, f"limits must be one a burr, {burrs}, got {len(found)}")
-    for burr, (one, device) in enumerate(zip(found, devices, strict=False)):
-        if one == "device":
-            found[burr] = limits_of_hardware(device.hardware) if isinstance(device, HeldDevice) else None
-        elif isinstance(one, str):
-            found[burr] = device_limits[one]
-        elif one is not None:
-            require_type("limits", one, DeviceLimits, "device_limits['touch']")
-    return found
-
-
 def _nearness(given: Mapping[str, float] | None, watch: Watch | None, wall_clock: bool) -> dict[str, float]:
     if given is None:
         return {}
@@ -624,23 +600,6 @@ def _nearness(given: Mapping[str, float] | None, watch: Watch | None, wall_clock
             not 0 <= limit <= MARGIN, f"stop_within of {name} must be from 0 to {MARGIN:g} mm, got {limit!r}"
         )
     return found
-
-
-def _told(guards: Sequence[Sequence[float]], limits: Sequence[DeviceLimits], rate: float) -> list[str]:
-    """What holds, a sentence a burr."""
-    told = []
-    for burr, ((force, slew, continuous, window, ramp), one) in enumerate(zip(guards, limits, strict=False)):
-        held = (
-            "no continuous limit is known"
-            if math.isinf(continuous)
-            else f"RMS over {window:g} s {continuous:g} N"
-        )
-        fast = one.rate is not None and rate > one.rate
-        told.append(
-            f"burr {burr}: {one.model}: force at most {force:g} N, its change {slew:g} N/ms, {held}, ramp {ramp:g} s"
-            + (f"; the loop's {rate:g} Hz are more than its {one.rate:g}" if fast else "")
-        )
-    return told
 
 
 _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()
@@ -668,11 +627,11 @@ def _guard_signals(starting: Session | None = None) -> None:
 
 
 def _end_by_signal(number: int, _: object) -> None:
-    signal.signal(number, signal.SIG_DFL)
     running = [one for one in _to_stop if one.running and one._process == os.getpid()]
     for session in running:
         session._loop.stop(f"stopped by {signal.Signals(number).name}")
     end_exchanges()
+    signal.signal(number, signal.SIG_DFL)  # no earlier: a second signal would leave the force on
     for session in running:
         if session._housekeeper is not None:
             session._housekeeper.join(_PATIENCE)  # for the trace

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 import os
+import re
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -174,7 +175,7 @@ def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
         for name in ("volume", "tools", "note", "recorded", "digests_recorded", "ended", "complete"):
             raw.copy(name, file)
         for name, count in (("ticks", "recorded"), ("digests", "digests_recorded")):
-            _copy_table(raw[name], file, int(raw[count][()]))
+            _copy_table(raw[name], file, int(raw[count][()]), int(raw.attrs["first_tick"]))
         if GROUP in raw:
             watch, kept = raw[GROUP], file.create_group(GROUP)
             for name in watch:
@@ -183,7 +184,9 @@ def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
             _copy_table(watch["events"], kept, int(watch["events_recorded"][()]))
 
 
-def _copy_table(source: h5py.Dataset, file: h5py.Group, rows: int, chunk: int = 4096) -> None:
+def _copy_table(
+    source: h5py.Dataset, file: h5py.Group, rows: int, first: int = 0, chunk: int = 4096
+) -> None:  # fmt: skip
     name = source.name.rsplit("/")[-1]
     table = file.create_dataset(
         name, (rows,), source.dtype, chunks=(min(chunk, max(rows, 1)),) if rows else None,
@@ -191,7 +194,10 @@ def _copy_table(source: h5py.Dataset, file: h5py.Group, rows: int, chunk: int = 
     )  # fmt: skip
     step = 16 * chunk
     for start in range(0, rows, step):
-        table[start : start + step] = source[start : min(start + step, rows)]
+        part = source[start : min(start + step, rows)]
+        if name == "ticks":
+            _check_rows(part, first + start)
+        table[start : start + step] = part
 
 
 class Handling(NamedTuple):
@@ -370,12 +376,9 @@ class Trace:
             if values.ndim == 1:
                 columns[name] = values
                 continue
-            if name == "orientation":
-                columns.update({f"{name}_{part}": values[:, i] for i, part in enumerate("wxyz")})
-                continue
-            unit = "mm_s" if name.endswith("_mm_s") else name.rsplit("_", 1)[1]
-            stem = name.removesuffix(f"_{unit}")
-            columns.update({f"{stem}_{axis}_{unit}": values[:, i] for i, axis in enumerate("xyz")})
+            stem, unit = re.fullmatch("(.*?)(_mm|_mm_s|_N|)", name).groups()  # type: ignore[union-attr]
+            parts = zip("wxyz"[-values.shape[1] :], values.T, strict=True)
+            columns.update({f"{stem}_{part}{unit}": column for part, column in parts})
         return dataframe(columns).set_index("index")
 
     def frame(self, burr: int = 0) -> pandas.DataFrame:
@@ -477,11 +480,15 @@ def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.vo
         f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has",
     )
     ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)
-    right = ticks["index"] == first + np.arange(recorded, dtype=np.uint64)
-    right &= (ticks["k"] >= 1) & (ticks["k"] <= 8)
-    if not right.all():
-        raise ValueError(
-            f"{path} is damaged: the row of tick {first + int(np.argmin(right))} holds something else"
-        )
+    _check_rows(ticks, first)
     ticks.flags.writeable = False
     return ticks
+
+
+def _check_rows(ticks: NDArray[np.void], first: int) -> None:
+    right = ticks["index"] == first + np.arange(len(ticks), dtype=np.uint64)
+    right &= (ticks["k"] >= 1) & (ticks["k"] <= 8)
+    refuse(
+        not right.all(),
+        f"the row of tick {first + int(np.argmin(np.append(right, False)))} holds something else",
+    )

@@ -38,6 +38,7 @@ _NO_TURN = (0.0, 0.0, 0.0, 1.0)  # quaternion (x, y, z, w)
 _QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)  # about z, from x to y
 #: By this the recorder multiplies lengths since June 2023, unless it is given another header: |direction| x size / 1000.
 _SCALE = 0.0492027
+_RESAMPLED = 0.01  # least volume of a recording's voxel over that of a bone which was resampled
 _LEAST_VOXEL = 0.05**3  # [mm^3]; smaller ones make one doubt the lengths
 #: Name of each old group in the new layout.
 _NEW = {
@@ -136,8 +137,7 @@ def export_volumetric_drilling(
                 pose_mastoidectomy_drill=drills,
                 pose_mastoidectomy_volume=volumes,
             )
-            drill = group("high_frequency_poses/mastoidectomy_drill")
-            _put(drill, time_stamp=stamps, pose=pose)
+            _put(group("high_frequency_poses/mastoidectomy_drill"), time_stamp=stamps, pose=pose)
             wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
             _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
             whole = np.int64 if layout == "new" else np.int32
@@ -338,8 +338,7 @@ class DrillingRecording:
         """
         if self.removed is None:
             raise ValueError(f"{self.path} holds no removed voxels")
-        if self._scale_on(bone, source) is None:
-            raise ValueError(self._misfit(bone))
+        self._scale_on(bone, source)
         places = _Grid.of(bone, source).places(self.removed)
         outside = int(((places < 0) | (places >= bone.shape)).any(axis=1).sum())
         refuse(
@@ -389,48 +388,44 @@ class DrillingRecording:
         turn = scipy.spatial.transform.Rotation.from_quat(np.roll(self.orientation, -1, axis=1))
         position = self.position
         if bone is not None:
-            to_bone, position = self._in_frame_of(bone, source)
-            if note := self._division(bone, source):
+            to_bone, position, note = self._in_frame_of(bone, source)
+            if note:
                 warnings.warn(f"{self.path}: {note}", stacklevel=2)
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
         quaternion = np.roll(turn.as_quat(), 1, axis=1)
         return ScriptedDevice(self.time[new], position[new], None, quaternion[new])
 
-    def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array]:
-        """The rotation from the world to the bone's frame, and the drill's positions in the latter [mm]."""
+    def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array, str]:
+        """The rotation from the world to the bone's frame, the drill's positions in the latter [mm], and a note if
+        lengths are divided, else empty."""
         if self.volume_pose is None:
             raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
         of_quaternion = scipy.spatial.transform.Rotation.from_quat
         ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
-        scale = self._scale_on(bone, source)
-        smaller = (self.voxel_volume or 1.0) < 0.01 * np.prod(
-            bone.spacing
-        )  # by more than a bone is resampled
-        refuse(scale is None and smaller, self._misfit(bone))
-        from_middle = (self.position - self.volume_pose[:3]) / (scale or 1.0)
-        return to_bone, to_bone.apply(from_middle) + 1000.0 * ours[:3]
-
-    def _scale_on(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> float | None:
-        """By what the recorder multiplied lengths, as the sizes of the voxels tell; None if nothing known fits."""
-        sizes = _Grid.of(bone, source).sizes
-        side = float(sizes.max() * bone.spacing[sizes.argmax()]) / 1000.0  # the volume's own header
-        ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / float(np.prod(bone.spacing))
-        return next((scale for scale in (1.0, _SCALE, side) if abs(ratio / scale**3 - 1.0) <= 1e-3), None)
-
-    def _division(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> str:
-        """A note if lengths are divided on this bone, else empty."""
-        scale = self._scale_on(bone, source) or 1.0
+        scale = self._scale_on(bone, source, least=_RESAMPLED)
+        position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * ours[:3]
         note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
-        return "" if scale == 1.0 else note
+        return to_bone, position, note * (scale != 1.0)
 
-    def _misfit(self, bone: VoxelBone) -> str:
-        ours, theirs = float(np.prod(bone.spacing)), self.voxel_volume or 0.0
-        return (
-            f"bone must have voxels of {theirs:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3; if its "
-            f"recorder multiplied lengths, scale={(theirs / ours) ** (1 / 3):.6g} (--scale) would fit"
+    def _scale_on(
+        self, bone: VoxelBone, source: str | Mapping[str, Any], *, least: float = math.inf
+    ) -> float:  # fmt: skip
+        """By what the recorder multiplied lengths, as the sizes of the voxels tell. Where nothing known fits, 1 for
+        voxels of at least this share of the bone's, else ValueError."""
+        sizes, ours = _Grid.of(bone, source).sizes, float(np.prod(bone.spacing))
+        side = float(sizes.max() * bone.spacing[sizes.argmax()]) / 1000.0  # the volume's own header
+        ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / ours
+        for scale in (1.0, _SCALE, side):
+            if abs(ratio / scale**3 - 1.0) <= 1e-3:
+                return scale
+        refuse(
+            ratio < least,
+            f"bone must have voxels of {ratio * ours:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3; if "
+            f"its recorder multiplied lengths, scale={ratio ** (1 / 3):.6g} (--scale) would fit",
         )
+        return 1.0
 
     def _handling(self, burr: int) -> Handling:
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")
@@ -539,21 +534,26 @@ def read_volumetric_drilling(
     for name, time in times.items():
         refuse((np.diff(time) < 0).any(), f"{files[0]} is damaged: the times of its {name} go back")
         tables[name][0] = time - started
-    structure, structures = None, []
     removed_time, removed, colours = tables["voxels"]
-    if colours is not None:
-        colours, structure = np.unique(colours, axis=0, return_inverse=True)
-        for colour in map(tuple, colours.tolist()):
-            named = [tissue.name for tissue in tissues or () if tissue.colour == colour]
-            structures.append(" or ".join(named) or "#{:02x}{:02x}{:02x}".format(*colour))
-        structure = structure.ravel()
     fields: tuple[Any, ...] = (
         files[0], parts[0].layout, started, *tables["poses"], *tables["forces"][:2], *tables["burrs"][:2],
-        removed_time, removed, structure, tuple(structures),
+        removed_time, removed, *_structures(colours, tissues),
         next((part.voxel_volume for part in parts if part.voxel_volume is not None), None),
         next((part.volume_pose for part in parts if part.volume_pose is not None), None),
     )  # fmt: skip
     return DrillingRecording(*fields)
+
+
+def _structures(colours: Any, tissues: Tissues | None) -> tuple[Any, tuple[str, ...]]:
+    """(index of each voxel's structure, names of the structures)"""
+    if colours is None:
+        return None, ()
+    colours, structure = np.unique(colours, axis=0, return_inverse=True)
+    names = []
+    for colour in map(tuple, colours.tolist()):
+        named = [tissue.name for tissue in tissues or () if tissue.colour == colour]
+        names.append(" or ".join(named) or "#{:02x}{:02x}{:02x}".format(*colour))
+    return structure.ravel(), tuple(names)
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:

@@ -6,7 +6,6 @@ import html
 import json
 import os
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -377,11 +376,6 @@ class Trace:
             stem = name.removesuffix(f"_{unit}")
             columns.update({f"{stem}_{axis}_{unit}": values[:, i] for i, axis in enumerate("xyz")})
         return dataframe(columns).set_index("index")
-
-    def frame(self, burr: int = 0) -> pandas.DataFrame:
-        """Old name of `to_dataframe`; gives a DeprecationWarning."""
-        warnings.warn("frame() is to_dataframe() now", DeprecationWarning, stacklevel=2)
-        return self.to_dataframe(burr)
 
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)

@@ -3,4 +3,4 @@
 import burrlab.starting  # noqa: F401  # isort: skip  # before all others
 from burrlab.common.face import face
 
-__getattr__, __dir__, __all__ = face(__name__, __file__, {"Experiment": "ExperimentPlan"})
+__getattr__, __dir__, __all__ = face(__name__, __file__)

@@ -179,7 +179,7 @@ def test_what_a_sweep_reads_is_not_lost(told, capsys, tmp_path, monkeypatch):
 
 
 def test_an_interrupted_sweep_goes_on(capsys, tmp_path, monkeypatch):
-    import burrlab.study as module
+    import burrlab.common.study as module
 
     command = [
         "sweep", "--forces", "1,2", "--repeats", 2, "--voxel", 0.4, "--out", tmp_path / "c.csv", "--store",

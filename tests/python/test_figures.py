@@ -167,10 +167,7 @@ def test_of_many_structures_the_nearest_are_shown():
     assert "0    nerve 0 " in report.table()
 
 
-def test_old_names_of_ax_warn():
-    mine = Figure()
-    with pytest.warns(DeprecationWarning, match=r"^figure= is now ax=, in all plots$"):
-        assert objects()["descent"].plot(figure=mine)[0].figure is mine
+def test_too_few_axes_are_refused():
     with pytest.raises(ValueError, match="ax must hold 3 Axes, got 1"):
         objects()["descent"].plot([Figure().subplots()])
 

@@ -158,8 +158,6 @@ def test_they_show_themselves(data: Any, text: str, column: str, monkeypatch: py
     pytest.importorskip("pandas")
     names = written(data).split("# ")[-1].splitlines()[1].split(",")
     assert list(data.to_dataframe().columns) == names
-    with pytest.warns(DeprecationWarning, match="to_frame.. is to_dataframe.. now"):
-        assert list(data.to_frame().columns) == names
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match=r"to_dataframe needs pandas: pip install 'burrlab\[pandas\]'"):
         data.to_dataframe()

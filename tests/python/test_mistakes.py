@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import Burr, VelocityCurve, VoxelBone, descend, fit, force_sweep, materials
+from burrlab import Burr, VelocityCurve, VoxelBone, descend, fit, force_sweep, materials  # noqa: F401
 from burrlab.cli.main import main
 from burrlab.common.check import refuse
+from burrlab.common.figures import paper  # noqa: F401  # a row calls it
 from burrlab.common.progress import doing, foretold, reporter, stoppable
 
 Material, bone, burr = burrlab.Material, materials["bone"], Burr(3.0)
@@ -112,8 +113,6 @@ force_sweep(burr, bone, 2.0)
     ValueError: forces must be a list of at least one force
 force_sweep(burr, bone, ["1", "2"])
     ValueError: forces must be of real numbers that a float holds, got ['1', '2']
-force_sweep(burr, bone, [1, 2], rig=hand)
-    TypeError: rig of a sweep cannot be shared by its descents: give ideal=False, got <burrlab._core.HandDevice object ...
 burrlab.VirtualRig(block, burr)
     TypeError: contact must be a BurrContact, such as BurrContact(bone, burr, material, seed=1), got VoxelBone(...
 burrlab.Session("bone", (burr, bone), hand)
@@ -218,7 +217,7 @@ command("decsend --force 2")
     SystemExit: burrlab: argument COMMAND: invalid choice: 'decsend' (choose from 'descend', ...
 command("")
     SystemExit: burrlab: the following arguments are required: COMMAND, one of descend, sweep, ...
-burrlab.figures.paper("3.5")
+paper("3.5")
     ValueError: width must be one of single, double: got '3.5'
 command("fit / --radius 3")
     SystemExit: burrlab fit: /: Is a directory
@@ -268,33 +267,6 @@ def test_ctrl_c_while_a_value_is_converted_stays_ctrl_c() -> None:
 
 def test_there_are_enough_rows() -> None:
     assert len(ROWS) == len(set(ROWS)) >= 80
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        (lambda: burrlab.Experiment, lambda: burrlab.ExperimentPlan),
-        (
-            lambda: force_sweep(burr, bone, [2.0], voxel=0.4, seed=1, rig=False).velocity,
-            lambda: force_sweep(burr, bone, [2.0], voxel=0.4, seed=1, ideal=True).velocity,
-        ),
-        (lambda: followed(lambda done, total: seen.append(done / total)), lambda: followed(seen.append)),
-    ],
-)
-def test_old_spellings_warn_and_do_the_same(old: Any, new: Any) -> None:
-    with pytest.warns(DeprecationWarning, match=r"is now burrlab\.|deprecated"):
-        found = old()
-    assert found == new()
-
-
-seen: list[float] = []
-
-
-def followed(progress: Any) -> list[float]:
-    seen.clear()
-    plan = burrlab.ExperimentPlan([(3.0, [0.5, 1.0, 2.0], 1)])
-    burrlab.coverage_study(plan, bone, n=2, seed=1, progress=progress)
-    return seen[:]
 
 
 def test_true_shows_a_bar(capsys: pytest.CaptureFixture[str]) -> None:

@@ -327,7 +327,7 @@ def slowly(item: Item) -> tuple[int, float]:
 KILLED = """
 import sys
 from test_study import Item, slowly
-from burrlab.study import run_items
+from burrlab.common.study import run_items
 if __name__ == "__main__":
     run_items(slowly, [Item(i, sys.argv[1]) for i in range(100)], store=sys.argv[1] + "/s.jsonl")
 """

@@ -149,7 +149,7 @@ def test_each_descent_draws_a_specimen_of_its_own(tmp_path):
 
 
 def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
-    import burrlab.study as module
+    import burrlab.common.study as module
 
     path, notes = tmp_path / "s.jsonl", tmp_path / "notes"
     options = {"repeats": 8, "specimen": Fuller(120, str(notes)), "store": path}

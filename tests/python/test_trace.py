@@ -273,8 +273,6 @@ def test_frames_and_columns(file, monkeypatch):
     records = make_records(small_bone(), 200, burrs=2)
     trace = recorded(file, records, burrs=2)
     table = trace.to_dataframe(1)
-    with pytest.warns(DeprecationWarning, match="frame.. is to_dataframe.. now"):
-        assert trace.frame(1).equals(table)
     assert isinstance(table, pandas.DataFrame)
     assert table.index.name == "index"
     np.testing.assert_array_equal(table["sent_force_y_N"], records["burr"]["sent"][:, 1, 1])

@@ -166,19 +166,9 @@ def test_a_descent_is_a_small_picklable_item():
     assert sink(pickle.loads(pickle.dumps(item))) == sink(item)
 
 
-def test_calls_of_the_version_before_work_and_warn(sparse, tmp_path):
-    told = r"voxel, replicates of fit\(\) will go: give engine=VoxelEngine"
-    with pytest.warns(DeprecationWarning, match=told):
-        assert plain(fit(CURVE, engine="voxel", seed=0, **SPARSE)) == plain(sparse)
-    stored = VoxelEngine(**SPARSE, store=tmp_path / "s.jsonl")
-    with pytest.warns(DeprecationWarning, match=r"give fit\(\) seed=0"):
-        assert plain(fit(CURVE, engine=stored)) == plain(sparse)
-    with pytest.warns(DeprecationWarning, match=r"starts of fit\(\) does nothing"):
-        fit(CURVE, starts=3)
-    with pytest.raises(TypeError, match=r"voxel must be given to VoxelEngine alone"):
-        fit(CURVE, engine=VoxelEngine(), voxel=0.4)
-    with pytest.raises(TypeError, match="unexpected keyword argument 'size'"):
-        fit(CURVE, size=0.4)
+def test_a_store_needs_a_seed(tmp_path):
+    with pytest.raises(ValueError, match="seed must be given with a store"):
+        fit(CURVE, engine=VoxelEngine(**SPARSE, store=tmp_path / "s.jsonl"))
 
 
 def test_bounds_below_every_window_of_the_voxels_are_said():

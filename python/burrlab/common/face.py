@@ -6,10 +6,8 @@ import importlib
 import importlib.util
 import re
 import sys
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 _LINE = re.compile(r"^from (\S+) import (\w+) as (\w+)$", re.MULTILINE)
@@ -25,26 +23,18 @@ class Later:
         return getattr(importlib.import_module(self._module), name)
 
 
-def face(
-    package: str, file: str, old: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package whose `__init__.pyi` lists its public names.
 
     Parameters
     ----------
     package, file : str
         `__name__` and `__file__` of the package.
-    old : mapping
-        Deprecated names, and what they are now.
     """
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
     places = {name: (module, known) for module, known, name in _LINE.findall(stub)}
 
     def ask(name: str) -> Any:
-        if name in old:
-            text = f"{package}.{name} is now {package}.{old[name]}"
-            warnings.warn(text, DeprecationWarning, stacklevel=2)
-            return ask(old[name])
         module, known = places.get(name, (package, name))
         if module != package:
             found = getattr(importlib.import_module(module), known)

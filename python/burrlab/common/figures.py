@@ -6,7 +6,6 @@ import inspect
 import itertools
 import re
 import textwrap
-import warnings
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import wraps
@@ -170,16 +169,13 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     """Makes a method that draws on `ax` kind to what others drew there.
 
     It widens limits and never narrows them, adds to the legend, puts the legend where it covers nothing, and
-    breaks titles that are too wide. The older names of `ax`, `axes` and `figure`, warn. Its docstring says so.
+    breaks titles that are too wide. Its docstring says so.
     """
     signature = inspect.signature(draw)
     summary, _, more = inspect.cleandoc(draw.__doc__ or "").partition("\n\n")
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Drawn:
-        for old in {"axes", "figure"} & kwargs.keys():
-            warnings.warn(f"{old}= is now ax=, in all plots", DeprecationWarning, stacklevel=2)
-            kwargs["ax"] = kwargs.pop(old)
         given = signature.bind(*args, **kwargs).arguments.get("ax")
         listed = getattr(given, "axes", given)  # of a figure, or of Axes themselves
         there = list(np.ravel(np.asarray(listed, dtype=object))) if listed is not None else []

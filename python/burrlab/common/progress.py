@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-import inspect
 import logging
 import threading
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from typing import TypeAlias, TypeVar
@@ -42,20 +40,9 @@ def reporter(progress: Progress | None, what: str) -> Callable[[float], object]:
 
 
 def counter(progress: Progress | None, what: str) -> Callable[[int, int], object]:
-    """As `reporter`, of (done, in all). A function of these two is deprecated."""
-    told = reporter(progress, what)
-    try:
-        inspect.signature(told).bind(0.0)
-    except TypeError:
-        warnings.warn(
-            "progress takes one number, the fraction done; with (done, in all) it is deprecated",
-            DeprecationWarning,
-            stacklevel=3,
-        )
-        return told  # type: ignore[return-value]
-    except ValueError:  # compiled, without a signature
-        pass
-    return lambda done, total: told(done / max(total, 1))
+    """As `reporter`, of (done, in all)."""
+    report = reporter(progress, what)
+    return lambda done, total: report(done / max(total, 1))
 
 
 def duration(seconds: float) -> str:

@@ -10,7 +10,6 @@ import math
 import os
 import re
 import textwrap
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -466,11 +465,6 @@ class Tabular(ABC):
         ImportError
             If pandas is not installed.
         """
-        return dataframe(self._table())
-
-    def to_frame(self) -> pandas.DataFrame:
-        """Old name of `to_dataframe`; gives a DeprecationWarning."""
-        warnings.warn("to_frame() is to_dataframe() now", DeprecationWarning, stacklevel=2)
         return dataframe(self._table())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -113,7 +112,6 @@ def force_sweep(
     seed: int | None = None,
     scheme: str = "layer",
     ideal: bool = True,
-    rig: bool | None = None,
     specimen: Specimen | SpecimenSource | None = None,
     stop: float | None = None,
     max_duration: float = 120.0,
@@ -141,8 +139,6 @@ def force_sweep(
         Seed of the whole sweep; None draws one and records it.
     ideal : bool
         As for `descend`: hold the force exactly; False uses controller and virtual rig.
-    rig : bool, optional
-        Deprecated: the opposite of `ideal`.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores.
     store : Store or path, optional
@@ -186,11 +182,6 @@ def force_sweep(
             "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
             f"{specimen!r}"
         )
-    if rig is not None:
-        if not isinstance(rig, bool):
-            raise TypeError(f"rig of a sweep cannot be shared by its descents: give ideal=False, got {rig!r}")
-        warnings.warn(f"rig={rig} is deprecated: use ideal={not rig}", DeprecationWarning, stacklevel=2)
-        ideal = not rig
     if not isinstance(ideal, bool):
         raise TypeError(f"ideal must be True or False, got {ideal!r}")
     if seed is None:

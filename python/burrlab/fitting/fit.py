@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import fields
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import nlopt
 import numpy as np
@@ -50,7 +48,6 @@ def fit(
     seed: int | None = None,
     bounds: Bounds | None = None,
     plausible: Bounds | None = PLAUSIBLE,
-    **old: Any,
 ) -> Fit:
     """Fit the elastic constant c_e and the erosion rate alpha, and say what the data determine.
 
@@ -87,9 +84,6 @@ def fit(
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]: what is known of such materials. By
         default, also for a missing name, the shipped materials' range widened by 1.5; None asks nothing. It
         moves no estimate.
-    **old
-        Deprecated: options of `VoxelEngine`, and `starts`, which does nothing. They give a
-        DeprecationWarning.
 
     Returns
     -------
@@ -150,7 +144,7 @@ def fit(
     """
     begin = time.perf_counter()
     sets, shape = _sets(data), Shape(shape)
-    voxels = _engine(engine, old)
+    voxels = _engine(engine)
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
@@ -159,11 +153,12 @@ def fit(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
-    if seed is None and (voxels is None or voxels.store is not None):
+    if seed is None and voxels is None:
         seed = 0  # the mean field draws nothing
-        if voxels is not None:
-            said = "a store finds results by their seed: give fit() seed=0, which it will not take by itself"
-            warnings.warn(said, DeprecationWarning, stacklevel=2)
+    if seed is None and voxels is not None:
+        refuse(
+            voxels.store is not None, "seed must be given with a store, which finds results by it, got None"
+        )
     seed = seed_or_new(seed)
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
@@ -245,28 +240,15 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
     return sets
 
 
-def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | None:
-    """The voxel engine, if one is asked for; `old` holds the deprecated keywords of `fit`."""
+def _engine(engine: str | VoxelEngine) -> VoxelEngine | None:
+    """The voxel engine, if one is asked for."""
     refuse(
         not isinstance(engine, VoxelEngine) and engine not in get_args(Engine),
         f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}",
     )
-    unknown = set(old) - {"starts", *(field.name for field in fields(VoxelEngine))}
-    if unknown:
-        raise TypeError(f"fit() got an unexpected keyword argument {min(unknown)!r}")
-    if old.pop("starts", None) is not None:
-        warnings.warn(
-            "starts of fit() does nothing: a walk finds all minima", DeprecationWarning, stacklevel=3
-        )
-    if old and isinstance(engine, VoxelEngine):
-        raise TypeError(
-            f"{', '.join(old)} must be given to VoxelEngine alone: got fit(engine=VoxelEngine(...)) too"
-        )
-    if old:
-        said = f"{', '.join(old)} of fit() will go: give engine=VoxelEngine(...) instead"
-        warnings.warn(said, DeprecationWarning, stacklevel=3)
-    made = VoxelEngine(**old)
-    return engine if isinstance(engine, VoxelEngine) else made if engine == "voxel" else None
+    if isinstance(engine, VoxelEngine):
+        return engine
+    return VoxelEngine() if engine == "voxel" else None
 
 
 def _check(burr: object, residuals: str, voxels: VoxelEngine | None) -> None:

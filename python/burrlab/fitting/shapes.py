@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -274,7 +273,6 @@ def compare_shapes(
     level: float = 0.99,
     residuals: ResidualKind = "relative",
     bounds: Bounds | None = None,
-    starts: int | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
 ) -> ShapeComparison:
@@ -303,8 +301,6 @@ def compare_shapes(
         As for `fit`.
     bounds : dict, optional
         As for `fit`.
-    starts : int, optional
-        Deprecated: does nothing but give a DeprecationWarning.
     seed : int, optional
         As for `fit`; nothing is drawn.
     progress : callable or True, optional
@@ -357,9 +353,6 @@ def compare_shapes(
     >>> burrlab.compare_shapes(curve).rejected
     ('quartic', 'constant')
     """
-    if starts is not None:
-        said = "starts of compare_shapes() does nothing: a walk finds all minima"
-        warnings.warn(said, DeprecationWarning, stacklevel=2)
     names = tuple(Shape(name).name for name in shapes)
     refuse(
         not names or len(set(names)) < len(names),

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import time
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -380,11 +379,6 @@ class Trace:
             parts = zip("wxyz"[-values.shape[1] :], values.T, strict=True)
             columns.update({f"{stem}_{part}{unit}": column for part, column in parts})
         return dataframe(columns).set_index("index")
-
-    def frame(self, burr: int = 0) -> pandas.DataFrame:
-        """Old name of `to_dataframe`; gives a DeprecationWarning."""
-        warnings.warn("frame() is to_dataframe() now", DeprecationWarning, stacklevel=2)
-        return self.to_dataframe(burr)
 
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)

@@ -268,7 +268,7 @@ class MasterCurve:
 
     Examples
     --------
-    >>> from burrlab.master_curve import MasterCurve
+    >>> from burrlab.theory.continuum import MasterCurve
     >>> curve = MasterCurve("parabolic")
     >>> ["%.3e" % ratio for ratio in curve.velocity_ratio([0.025, 0.05, 0.1, 0.2])]
     ['2.744e-04', '1.740e-03', '9.975e-03', 'nan']
@@ -362,7 +362,7 @@ def penetration_velocity(
     Examples
     --------
     >>> import burrlab
-    >>> from burrlab.master_curve import penetration_velocity
+    >>> from burrlab.theory.continuum import penetration_velocity
     >>> bone = burrlab.Material("bone", c_e=2.145, alpha=0.087)
     >>> penetration_velocity(burrlab.Burr(3.0), bone, [0.3, 0.5, 1.0, 2.0]).round(4)
     array([0.0203, 0.0787, 0.4994, 2.8161])

@@ -1,3 +1,0 @@
-"""Moved: `burrlab.common.figures`."""
-
-from burrlab.common.figures import *  # noqa: F403

@@ -1,3 +1,0 @@
-"""Moved: `burrlab.theory.continuum`."""
-
-from burrlab.theory.continuum import *  # noqa: F403

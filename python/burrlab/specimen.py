@@ -1,3 +1,0 @@
-"""Moved: `burrlab.bone.specimen`."""
-
-from burrlab.bone.specimen import *  # noqa: F403

@@ -1,3 +1,0 @@
-"""Moved: `burrlab.common.study`."""
-
-from burrlab.common.study import *  # noqa: F403

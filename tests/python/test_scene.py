@@ -153,7 +153,7 @@ def test_files_are_pictures(scene, tmp_path):
     scene.stereo_pair(tmp_path / "b.png")
     assert read(tmp_path / "a.png").shape == (240, 320, 3)
     assert read(tmp_path / "b.png").shape == (240, 640, 3)
-    with pytest.raises(OSError, match="No such file"):
+    with pytest.raises(OSError, match="folder must exist"):
         scene.screenshot(tmp_path / "no" / "a.png")
 
 

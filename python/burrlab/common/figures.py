@@ -20,6 +20,7 @@ from matplotlib.cbook import normalize_kwargs
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
@@ -175,46 +176,57 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     summary, _, more = inspect.cleandoc(draw.__doc__ or "").partition("\n\n")
 
     @wraps(draw)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> Drawn:
-        given = signature.bind(*args, **kwargs).arguments.get("ax")
-        listed = getattr(given, "axes", given)  # of a figure, or of Axes themselves
-        there = list(np.ravel(np.asarray(listed, dtype=object))) if listed is not None else []
-        if wrong := [one for one in there if not hasattr(one, "get_xlim")]:
-            raise TypeError(
-                f"ax must be Axes of matplotlib, got {wrong[0]!r}; to save: plot().figure.savefig(file)"
-            )
-        log = signature.bind(*args, **kwargs).arguments.get("log", False)
+    def draw_and_finish(*args: P.args, **kwargs: P.kwargs) -> Drawn:
+        arguments = signature.bind(*args, **kwargs).arguments
+        ax, log = arguments.get("ax"), arguments.get("log", False)
         refuse(not isinstance(log, bool | np.bool), f"log must be True or False, got {log!r}")
-        before = {
-            one: (one.get_xlim(), one.get_ylim())
-            for one in there
-            if one.has_data() or not (one.get_autoscalex_on() and one.get_autoscaley_on())
-        }
-        for one in before:
-            one.autoscale(one.has_data() or None)  # limits that an earlier plot set do not stand in the way
+        limits = _freed_limits(_axes_of(ax))
         try:
-            made = draw(*args, **kwargs)
+            drawn = draw(*args, **kwargs)
         except AttributeError as error:
             unknown = re.search(r"unexpected keyword argument '(\w+)'", str(error))
             if not unknown or unknown[1] not in kwargs:
                 raise
             near = nearest(unknown[1], ArtistInspector(Line2D).get_setters())
             raise TypeError(f"a plot has no property {unknown[1]!r}{near}") from None
-        for one in made if isinstance(made, list) else [made]:
-            for name, limits in zip("xy", before.get(one, ()), strict=False):
-                _widen(one, name, limits)
-            if not one.images:
-                tidy(one)
-            for axis in (one.xaxis, one.yaxis):
-                _plain_ticks(axis)
-            _fit_title(one)
-            named = len(one.get_legend_handles_labels()[1])
-            if one.get_legend() or named > 1 or (named and kwargs.get("label")):
-                _legend(one, given is None)
-        return made
+        for axes in drawn if isinstance(drawn, list) else [drawn]:
+            for name, interval in zip("xy", limits.get(axes, ()), strict=False):
+                _widen(axes, name, interval)
+            if not axes.images:
+                tidy(axes)
+            _plain_ticks(axes.xaxis)
+            _plain_ticks(axes.yaxis)
+            _fit_title(axes)
+            labels = len(axes.get_legend_handles_labels()[1])
+            if axes.get_legend() or labels > 1 or (labels and kwargs.get("label")):
+                _legend(axes, may_grow=ax is None)
+        return drawn
 
-    drawn.__doc__ = f"{summary}\n\n{_SHARED}\n\n{more}"
-    return drawn
+    draw_and_finish.__doc__ = f"{summary}\n\n{_SHARED}\n\n{more}"
+    return draw_and_finish
+
+
+def _axes_of(ax: Any) -> list[Axes]:
+    """The Axes in the argument `ax` of a plot: of a figure, one, several or none."""
+    listed = getattr(ax, "axes", ax)
+    all_axes = [] if listed is None else list(np.ravel(np.asarray(listed, dtype=object)))
+    if wrong := [axes for axes in all_axes if not hasattr(axes, "get_xlim")]:
+        raise TypeError(
+            f"ax must be Axes of matplotlib, got {wrong[0]!r}; to save: plot().figure.savefig(file)"
+        )
+    return all_axes
+
+
+def _freed_limits(all_axes: list[Axes]) -> dict[Axes, tuple[tuple[float, float], tuple[float, float]]]:
+    """Limits in x and y of the Axes that were drawn on or set; a new plot may now move them."""
+    limits = {
+        axes: (axes.get_xlim(), axes.get_ylim())
+        for axes in all_axes
+        if axes.has_data() or not (axes.get_autoscalex_on() and axes.get_autoscaley_on())
+    }
+    for axes in limits:
+        axes.autoscale(axes.has_data() or None)  # type: ignore[arg-type]  # None leaves it as it is
+    return limits
 
 
 def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
@@ -243,63 +255,76 @@ def _legend(axes: Axes, may_grow: bool) -> None:
     More than four labels always stand below. They are read row by row, shadings last. Labels wider than the axes
     are broken. A figure that may grow becomes higher where the legend leaves little of the axes.
     """
-    old, figure = axes.get_legend(), cast("Figure", axes.get_figure(root=True))
-    shown: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     labelled: Any = zip(*axes.get_legend_handles_labels(), strict=True)
     for handle, label in sorted(labelled, key=lambda pair: isinstance(pair[0], PolyCollection)):
-        shown.setdefault(label, handle)
+        handles.setdefault(label, handle)
     look: dict[str, Any] = {"fontsize": 8, "title_fontsize": 8, "columnspacing": 1.2, "handletextpad": 0.5}
-    if old is not None:
-        look["title"] = old.get_title().get_text() or None
-        whole = {" ".join(label.split()) for label in shown}
-        for text, handle in zip(old.get_texts(), old.legend_handles, strict=True):
-            if " ".join(text.get_text().split()) not in whole:  # it may be broken into lines
-                shown[text.get_text()] = handle
-        old.remove()
+    if (before := axes.get_legend()) is not None:
+        look["title"] = before.get_title().get_text() or None
+        labels = {" ".join(label.split()) for label in handles}
+        for text, handle in zip(before.get_texts(), before.legend_handles, strict=True):
+            if " ".join(text.get_text().split()) not in labels:  # it may be broken into lines
+                handles[text.get_text()] = handle
+        before.remove()
+    figure = cast("Figure", axes.get_figure(root=True))
+    figure.draw_without_rendering()  # the layout settles at the second drawing
+    if len(handles) < 5 and _legend_inside(figure, axes, handles, look):
+        return
+    legend = _legend_below(figure, axes, handles, look)
+    if may_grow and len(figure.axes) == 1:
+        across, high = figure.get_size_inches()
+        least = max(axes.yaxis.label.get_window_extent().height, 0.5 * high * figure.dpi)
+        left = axes.bbox.height - legend.get_window_extent().height
+        figure.set_size_inches(across, high + max(least - left, 0.0) / figure.dpi)
 
-    def put(columns: int, **how: Any) -> Any:
-        order = [label for k in range(columns) for label in list(shown)[k::columns]]
-        return axes.legend([shown[label] for label in order], order, ncols=columns, **look, **how)
 
+def _put_legend(axes: Axes, handles: dict[str, Any], columns: int, **look: Any) -> Legend:
+    """A legend in columns that is read row by row."""
+    order = [label for k in range(columns) for label in list(handles)[k::columns]]
+    return axes.legend([handles[label] for label in order], order, ncols=columns, **look)
+
+
+def _legend_inside(figure: Figure, axes: Axes, handles: dict[str, Any], look: dict[str, Any]) -> bool:
+    """Puts a legend inside the axes where it covers nothing but grid and shading; False if there is no place."""
     canvas = figure.canvas
     agg: Any = FigureCanvasAgg(figure)
-    figure.draw_without_rendering()  # the layout settles at the second drawing
     agg.draw()
     figure.set_canvas(canvas)
-    seen = np.asarray(agg.buffer_rgba())[::-1, :, :3] / 255
-    inked = np.abs(seen - to_rgb(axes.get_facecolor())).max(axis=2) > 0.12  # more than grid and shading
+    pixels = np.asarray(agg.buffer_rgba())[::-1, :, :3] / 255
+    inked = np.abs(pixels - to_rgb(axes.get_facecolor())).max(axis=2) > 0.12
     for columns, place in itertools.product((1, 2), _PLACES):
-        made = put(columns, loc=place, framealpha=1.0)
-        box = made.get_window_extent().padded(3)
+        legend = _put_legend(axes, handles, columns, loc=place, framealpha=1.0, **look)
+        box = legend.get_window_extent().padded(3)
         rows, across = slice(int(box.y0), int(box.y1) + 1), slice(int(box.x0), int(box.x1) + 1)
-        if len(shown) < 5 and np.all(box.size < axes.bbox.size) and not inked[rows, across].any():
-            return
-    made.remove()
+        if np.all(box.size < axes.bbox.size) and not inked[rows, across].any():
+            return True
+        legend.remove()
+    return False
+
+
+def _legend_below(figure: Figure, axes: Axes, handles: dict[str, Any], look: dict[str, Any]) -> Legend:
+    """Puts a legend below the axes, in as many columns as have room; labels wider than the axes are broken."""
+    figure.draw_without_rendering()
     if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")  # else the legend would lie beyond the edge
     room, below = (cast("Bbox", part.get_tightbbox()) for part in (axes, axes.xaxis))
     aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1) / figure.dpi
-    where = ScaledTranslation(aside, (below.y0 - axes.bbox.y0 - 4) / figure.dpi, figure.dpi_scale_trans)
-    below_axes: dict[str, Any] = {
-        "loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": axes.transAxes + where,
+    shift = ScaledTranslation(aside, (below.y0 - axes.bbox.y0 - 4) / figure.dpi, figure.dpi_scale_trans)
+    look = look | {
+        "loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": axes.transAxes + shift,
         "frameon": False, "borderaxespad": 0.0,
     }  # fmt: skip
-    for columns in range(len(shown), 0, -1):
-        made = put(columns, **below_axes)
-        width = made.get_window_extent().width
+    for columns in range(len(handles), 0, -1):
+        legend = _put_legend(axes, handles, columns, **look)
+        width = legend.get_window_extent().width
         if width <= room.width:
-            break
-        if columns == 1 and "\n" not in "".join(shown):
-            fit = int(max(map(len, shown)) * (room.width / width - 0.1))  # a tenth is for the handles
-            fill = textwrap.TextWrapper(max(fit, 10)).fill
-            shown = {
-                fill(label.replace(" = ", "\u00a0=\u00a0")).replace("\u00a0", " "): handle
-                for label, handle in shown.items()
-            }
-            made.remove()
-            made = put(1, **below_axes)
-    if may_grow and len(figure.axes) == 1:
-        across, high = figure.get_size_inches()
-        least = max(axes.yaxis.label.get_window_extent().height, 0.5 * high * figure.dpi)
-        left = axes.bbox.height - made.get_window_extent().height
-        figure.set_size_inches(across, high + max(least - left, 0.0) / figure.dpi)
+            return legend
+        legend.remove()
+    fit = int(max(map(len, handles)) * (room.width / width - 0.1))  # a tenth is for the handles
+    fill = textwrap.TextWrapper(max(fit, 10)).fill
+    broken = {
+        label if "\n" in label else fill(label.replace(" = ", "\u00a0=\u00a0")).replace("\u00a0", " "): handle
+        for label, handle in handles.items()
+    }
+    return _put_legend(axes, broken, 1, **look)

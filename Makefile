@@ -64,7 +64,7 @@ oldest: $(VENV)/installed
 	$(BIN)/uv pip compile -q --resolution lowest-direct -o build/oldest.txt pyproject.toml \
 	  $(addprefix --extra ,cluster haply medical pandas psychometric viz3d)
 	$(BIN)/uv pip install -q --python build/oldest -r build/oldest.txt --group dev
-	PYTHONPATH=python build/oldest/bin/python -m pytest -n 2 -m "not slow" -W ignore::DeprecationWarning tests/python
+	PYTHONPATH=$(CURDIR)/python build/oldest/bin/python -m pytest -n 2 -m "not slow" -W ignore::DeprecationWarning tests/python
 
 # BENCH=--quick only tries whether it runs; BENCH=--waits measures where a researcher waits
 bench: $(VENV)/benched

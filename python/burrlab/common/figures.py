@@ -179,7 +179,7 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     def draw_and_finish(*args: P.args, **kwargs: P.kwargs) -> Drawn:
         arguments = signature.bind(*args, **kwargs).arguments
         ax, log = arguments.get("ax"), arguments.get("log", False)
-        refuse(not isinstance(log, bool | np.bool), f"log must be True or False, got {log!r}")
+        refuse(not isinstance(log, bool | np.bool_), f"log must be True or False, got {log!r}")
         limits = _freed_limits(_axes_of(ax))
         try:
             drawn = draw(*args, **kwargs)

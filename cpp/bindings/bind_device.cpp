@@ -147,13 +147,13 @@ Examples
 >>> hand.position
 array([0. , 0. , 3.2])
 )")
-      .def(py::init([](const Vec3& start, const Vec3& into, const Vec3& along, double push, double presses,
-                       double amplitude, double strokes, double strokes_after, double approach, double follow,
-                       double mass, double damping, double grip, double friction, double encoder_step,
-                       bool on, double on_after) {
-             return std::make_shared<HandDevice>(
-                 HandSettings{start, into, along, push, presses, amplitude, strokes, strokes_after, approach,
-                              follow, mass, damping, grip, friction, encoder_step, on, on_after});
+      .def(py::init([](const py::object& start, const Vec3& into, const Vec3& along, double push,
+                       double presses, double amplitude, double strokes, double strokes_after,
+                       double approach, double follow, double mass, double damping, double grip,
+                       double friction, double encoder_step, bool on, double on_after) {
+             return std::make_shared<HandDevice>(HandSettings{
+                 to_point("start", start), into, along, push, presses, amplitude, strokes, strokes_after,
+                 approach, follow, mass, damping, grip, friction, encoder_step, on, on_after});
            }),
            "start"_a = defaults.start, py::kw_only(), "into"_a = defaults.into, "along"_a = defaults.along,
            "push"_a = defaults.push, "presses"_a = defaults.presses, "amplitude"_a = defaults.amplitude,

@@ -165,7 +165,10 @@ Examples
 >>> burrlab.Burr(3.0)
 Burr(radius=3.0)
 )")
-      .def(py::init<double>(), "radius"_a)
+      .def(py::init([](const py::object& radius) {
+             return Burr(argument<double>("radius", "a number [mm]", radius));
+           }),
+           "radius"_a)
       .def_readonly("radius", &Burr::radius, "R [mm]")
       .def(
           "__eq__", [](const Burr& a, const Burr& b) { return a == b; }, py::is_operator())
@@ -210,11 +213,14 @@ Examples
 >>> burrlab.Material("test block", c_e=2.0, alpha=0.1)
 Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
 )")
-      .def(py::init([](const py::str& name, double c_e, double alpha, const ShapeArgument& shape,
-                       const py::str& source) {
-             Material made(name, c_e, alpha, to_shape(shape), source);
-             doubt(c_e, alpha);
-             return made;
+      .def(py::init([](const py::object& name, const py::object& c_e, const py::object& alpha,
+                       const py::object& shape, const py::object& source) {
+             Material material(argument<py::str>("name", "text", name),
+                               argument<double>("c_e", "a number [N/mm^2]", c_e),
+                               argument<double>("alpha", "a number [1/ms]", alpha), to_shape(shape),
+                               argument<py::str>("source", "text", source));
+             doubt(material.c_e, material.alpha);
+             return material;
            }),
            "name"_a = "unnamed", py::kw_only(), "c_e"_a, "alpha"_a, "shape"_a = "parabolic", "source"_a = "")
       .def_readonly("name", &Material::name)

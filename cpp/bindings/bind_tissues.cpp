@@ -14,13 +14,15 @@ py::tuple fields(const Tissue& t) {
   return py::make_tuple(t.name, t.label, t.c_e, t.alpha, three(t.colour), t.critical, t.bleeds, t.assumed);
 }
 
-Tissue make(const py::str& name, int label, double c_e, double alpha, const std::array<int, 3>& colour,
-            bool critical, bool bleeds, bool assumed) {
+Tissue make(const py::object& name, const py::object& label, const py::object& c_e, const py::object& alpha,
+            const py::object& colour_parts, bool critical, bool bleeds, bool assumed) {
   Tissue tissue;
-  tissue.name = name;
-  tissue.label = label;
-  tissue.c_e = c_e;
-  tissue.alpha = alpha;
+  tissue.name = argument<py::str>("name", "text", name);
+  tissue.label = argument<int>("label", "a whole number", label);
+  tissue.c_e = argument<double>("c_e", "a number [N/mm^2]", c_e);
+  tissue.alpha = argument<double>("alpha", "a number [1/ms]", alpha);
+  const auto colour =
+      argument<std::array<int, 3>>("colour", "three whole numbers (red, green, blue)", colour_parts);
   for (int i = 0; i < 3; ++i) {
     if (colour[i] < 0 || colour[i] > 255) refuse("every part of a colour", "0 to 255", colour[i]);
     tissue.colour[i] = static_cast<std::uint8_t>(colour[i]);
@@ -77,8 +79,7 @@ ValueError
       .def("__hash__", [](const Tissue& t) { return py::hash(fields(t)); })
       .def("__repr__", &repr_of)
       .def(py::pickle(&fields, [](const py::tuple& t) {
-        return make(t[0].cast<std::string>(), t[1].cast<int>(), t[2].cast<double>(), t[3].cast<double>(),
-                    t[4].cast<std::array<int, 3>>(), t[5].cast<bool>(), t[6].cast<bool>(), t[7].cast<bool>());
+        return make(t[0], t[1], t[2], t[3], t[4], t[5].cast<bool>(), t[6].cast<bool>(), t[7].cast<bool>());
       }));
 
   py::class_<Tissues, std::shared_ptr<Tissues>>(
@@ -100,7 +101,11 @@ Notes
 -----
 In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels are exact; `c_e` of a Tissue is not rounded.
 )")
-      .def(py::init<std::vector<Tissue>, const Material&>(), "tissues"_a, "material"_a)
+      .def(py::init([](const py::object& tissues, const Material& material) {
+             return std::make_shared<Tissues>(
+                 argument<std::vector<Tissue>>("tissues", "a list, each a Tissue", tissues), material);
+           }),
+           "tissues"_a, "material"_a)
       .def("__len__", &Tissues::size)
       .def("__iter__",
            [](const Tissues& t) {

@@ -170,8 +170,9 @@ ValueError
 
 using Spacing = std::variant<double, Vec3>;
 
-Vec3 to_vector(const Spacing& spacing) {
-  if (const auto* one = std::get_if<double>(&spacing)) return Vec3::Constant(*one);
+Vec3 to_spacing(const py::object& object) {
+  const auto spacing = argument<Spacing>("spacing", "a number or three of them (x, y, z) [mm]", object);
+  if (const auto* side = std::get_if<double>(&spacing)) return Vec3::Constant(*side);
   return std::get<Vec3>(spacing);
 }
 
@@ -199,8 +200,9 @@ py::array read_only(const VoxelBone& bone, bool pristine) {
   return out;
 }
 
-std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const Vec3& origin, int level) {
-  const Vec3 s = to_vector(spacing);
+std::shared_ptr<VoxelBone> block(const py::object& sides, const py::object& spacing, const py::object& origin,
+                                 int level) {
+  const Vec3 size = to_point("size", sides), s = to_spacing(spacing);
   Index3 shape;
   Vec3 made;
   for (int axis = 0; axis < 3; ++axis) {
@@ -221,7 +223,7 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
   }
   if (level < 0 || level > 255) refuse("level", "0 to 255", level);
   check_memory(shape, level > 0 ? 1.04 : 0.04);  // empty bricks take only their sums
-  return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
+  return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, to_point("origin", origin));
 }
 
 }  // namespace
@@ -259,12 +261,14 @@ Examples
 >>> bone.shape, round(bone.mass, 6)
 ((4, 5, 6), 0.12)
 )");
-  bone.def(py::init(
-               [](const py::array& density, const Spacing& spacing, const Vec3& origin, const Range& range) {
-                 if (density.ndim() == 3) check_memory(shape_of(density), 2.04);
-                 const Levels levels = to_levels(density, range);
-                 return std::make_shared<VoxelBone>(shape_of(density), levels, to_vector(spacing), origin);
-               }),
+  bone.def(py::init([](const py::object& values, const py::object& spacing, const py::object& origin,
+                       const Range& range) {
+             const auto density = argument<py::array>("density", "a NumPy array", values);
+             if (density.ndim() == 3) check_memory(shape_of(density), 2.04);
+             const Levels levels = to_levels(density, range);
+             return std::make_shared<VoxelBone>(shape_of(density), levels, to_spacing(spacing),
+                                                to_point("origin", origin));
+           }),
            "density"_a, "spacing"_a, "origin"_a = Vec3::Zero().eval(), py::kw_only(), "range"_a = py::none())
       .def_static("block", &block, "size"_a, "spacing"_a, py::kw_only(), "origin"_a = Vec3::Zero().eval(),
                   "level"_a = 255,

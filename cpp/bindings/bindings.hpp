@@ -68,6 +68,19 @@ std::string format(const char* text, Values&&... values) {
   return py::str(text).format(std::forward<Values>(values)...);
 }
 
+/// An argument whose type is checked here: TypeError in one sentence with its name, the rule and the value.
+template <class Value>
+Value argument(const char* name, const char* rule, const py::object& object) {
+  py::detail::make_caster<Value> caster;
+  if (caster.load(object, true)) return py::detail::cast_op<Value>(std::move(caster));
+  const py::object shown = py::module_::import("burrlab.common.check").attr("shown")(object);
+  throw py::type_error(format("{} must be {}, got {}", name, rule, shown));
+}
+
+inline Vec3 to_point(const char* name, const py::object& object) {
+  return argument<Vec3>(name, "three numbers (x, y, z) [mm]", object);
+}
+
 /// Python's UserWarning at the caller's line; none where a module of burrlab calls, but its command line.
 inline void warn(const std::string& text) {
   const py::dict globals = py::globals();
@@ -94,10 +107,11 @@ inline py::str to_text(std::string_view bytes) {
 }
 
 /// A shape or its name; a wrong name gets its own error.
-using ShapeArgument = std::variant<std::string, Shape>;
-inline Shape to_shape(const ShapeArgument& shape) {
-  if (const auto* name = std::get_if<std::string>(&shape)) return Shape::parse(*name);
-  return std::get<Shape>(shape);
+inline Shape to_shape(const py::object& shape) {
+  using Given = std::variant<std::string, Shape>;
+  const auto given = argument<Given>("shape", "a name or a Shape, such as Shape('parabolic')", shape);
+  if (const auto* name = std::get_if<std::string>(&given)) return Shape::parse(*name);
+  return std::get<Shape>(given);
 }
 
 /// An update of this bone: tick, newest record or None, bricks (n, 3), density (n, 8, 8, 8).
@@ -146,4 +160,3 @@ void bind_network(py::module_& m);
 void bind_effect_parameters(py::module_& m);
 void bind_effects(py::module_& m);
 void bind_surface(py::module_& m);
-void bind_refusal(py::module_& m);

@@ -48,5 +48,4 @@ PYBIND11_MODULE(_core, m) {
           return py::module_::import("burrlab.common.table").attr("object_html")(shown);
         },
         py::name("_repr_html_"), py::is_method(m.attr(name)), "A table for notebooks.");
-  bind_refusal(m);  // after all others
 }

@@ -9,7 +9,7 @@ SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
 CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow oldest bench fuzz figures docs linkcheck wheel windows format clean machine
+.PHONY: demo test test-slow oldest golden bench fuzz figures docs linkcheck wheel windows format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -65,6 +65,10 @@ oldest: $(VENV)/installed
 	  $(addprefix --extra ,cluster haply medical pandas psychometric viz3d)
 	$(BIN)/uv pip install -q --python build/oldest -r build/oldest.txt --group dev
 	PYTHONPATH=$(CURDIR)/python build/oldest/bin/python -m pytest -n 2 -m "not slow" -W ignore::DeprecationWarning tests/python
+
+# Shows how one case of tests/golden differs from what was frozen, and freezes it anew: CASE=fits
+golden: $(VENV)/developed
+	$(BIN)/python tests/golden/cases.py $(CASE)
 
 # BENCH=--quick only tries whether it runs; BENCH=--waits measures where a researcher waits
 bench: $(VENV)/benched

@@ -1,16 +1,13 @@
 """Results that must not change: each case makes what a user sees; frozen/NAME.json holds its first result.
 
-    python tests/golden/cases.py      # freezes new cases; never replaces a frozen one
+    make golden CASE=fits      # shows how a case differs, and freezes it anew: say why in the commit
 
 The same version wrote `files/`: a trace, kept bones, volumes of each format with their drilled pairs, a
 store, an experiment with answers. Later versions read them.
 """
 
-import argparse
 import contextlib
 import hashlib
-import importlib
-import inspect
 import json
 import os
 import re
@@ -34,7 +31,6 @@ from page_scenes import make_page
 import burrlab.view.page as page_calls
 from burrlab.bone.kept import load_drilled
 from burrlab.bone.slices import read_stack
-from burrlab.cli.main import command_parser
 from burrlab.psychophysics.analysis import analyse
 from burrlab.psychophysics.answers import read_folder
 from burrlab.psychophysics.protocol import Protocol
@@ -43,11 +39,7 @@ from burrlab.view.page_source import page_source
 from golden.made_files import BONE, BURR, FILES, curve, make_files, run
 
 FOLDER = Path(__file__).parent
-FROZEN, ROOT = FOLDER / "frozen", FOLDER.parents[1]
-FACES = [
-    "burrlab",
-    *(f"burrlab.{room}" for room in ("anatomy", "effects", "psychophysics", "view", "volume")),
-]
+FROZEN = FOLDER / "frozen"
 CASES: dict[str, Callable[[Path], Any]] = {}
 
 
@@ -100,106 +92,7 @@ def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
         yield f"{at}: {before!r} is {now!r} now"
 
 
-# ---- names ----
-
-
-@case
-def names(_: Path) -> Any:
-    """Public names of the faces and members of their classes, with signatures."""
-    modules = {face: importlib.import_module(face) for face in FACES}
-    return {
-        face: {name: _told(getattr(module, name)) for name in sorted(module.__all__)}
-        for face, module in modules.items()
-    }
-
-
-def _told(item: Any) -> Any:
-    if inspect.isclass(item):
-        members = {name: one for name, one in inspect.getmembers(item) if not name.startswith("_")}
-        return {"": _signature(item), **{name: _signature(one) for name, one in sorted(members.items())}}
-    return _signature(item)
-
-
-def _signature(item: Any) -> str:
-    if not callable(item):
-        return type(item).__name__
-    try:
-        said = inspect.signature(item)
-        return str(
-            said.replace(
-                parameters=[p.replace(annotation=p.empty) for p in said.parameters.values()],
-                return_annotation=said.empty,
-            )
-        )
-    except (TypeError, ValueError):
-        return (item.__doc__ or "").partition("\n")[0].replace("burrlab._core.", "")
-
-
-@case
-def imports(_: Path) -> Any:
-    """The modules and names that pages, notebooks and examples import, and whether each exists."""
-    path = FROZEN / "imports.json"
-    wanted = frozen("imports") if path.exists() else dict.fromkeys(_imported())
-    return {name: _is_there(*name.split(":")) for name in wanted}
-
-
-def _imported() -> list[str]:
-    texts = [
-        p.read_text(encoding="utf-8") for k in ("docs/*.md", "*.md", "examples/*.py") for p in ROOT.glob(k)
-    ]
-    for notebook in sorted(ROOT.glob("notebooks/*.ipynb")):
-        cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
-        texts += ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    found = {
-        f"{module}:{name.strip().split(' as ')[0]}"
-        for text in texts
-        for module, listed in re.findall(r"^ *from (burrlab[\w.]*) import ([\w ,]+)", text, re.MULTILINE)
-        for name in listed.split(",")
-        if name.strip()
-    }
-    used = {f"burrlab:{name}" for text in texts for name in re.findall(r"\bburrlab\.([a-zA-Z_]\w*)", text)}
-    return sorted(name for name in found | used if _is_there(*name.split(":")))
-
-
-def _is_there(module: str, name: str) -> bool:
-    try:
-        found = importlib.import_module(module)
-    except ImportError:
-        return False
-    if hasattr(found, name):
-        return True
-    with contextlib.suppress(ImportError):
-        return importlib.import_module(f"{module}.{name}") is not None
-    return False
-
-
 # ---- commands ----
-
-
-@case
-def help_texts(_: Path) -> Any:
-    """Options of each command and action, because help layouts depend on the version of Python."""
-    found = {}
-
-    def walk(parser: argparse.ArgumentParser, *way: str) -> None:
-        found[" ".join(way)] = [
-            [
-                ", ".join(a.option_strings) or a.dest,
-                str(a.nargs),
-                str(a.default),
-                str(a.choices and sorted(a.choices)),
-                a.help,
-            ]
-            for a in parser._actions
-            if not isinstance(a, argparse._SubParsersAction)
-        ]
-        for action in parser._actions:
-            if isinstance(action, argparse._SubParsersAction):
-                for name, sub in action.choices.items():
-                    walk(sub, *way, name)
-
-    walk(command_parser())
-    return found
 
 
 COMMANDS = """
@@ -251,6 +144,13 @@ def told(text: str) -> list[str]:
     return text.splitlines()
 
 
+def numbers(text: str) -> list[float]:
+    """The numbers in a text, apart from those that differ between runs."""
+    return [
+        float(digits) for digits in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?", "\n".join(told(text)))
+    ]
+
+
 def keys(value: Any) -> Any:
     """Keys of a JSON and types of its values; a list becomes the set of its types."""
     if isinstance(value, dict):
@@ -262,7 +162,7 @@ def keys(value: Any) -> Any:
 
 @case
 def commands(folder: Path) -> Any:
-    """Exit status, output and JSON keys of right and wrong commands, in turn in one folder."""
+    """Exit status, files, numbers and JSON keys of right and wrong commands, in turn in one folder."""
     for name in ("trace.h5", "curve.csv", "labels.nrrd", "grey.nrrd", "experiment.toml"):
         shutil.copy(FILES / name, folder)
     (folder / "text.txt").write_text("no table\n")
@@ -270,16 +170,13 @@ def commands(folder: Path) -> Any:
     with contextlib.chdir(folder):
         for place, line in enumerate(COMMANDS):
             before = {p.name: p.stat().st_mtime_ns for p in folder.iterdir()}
-            status, out, error = run(*line.split())
+            status, out, _ = run(*line.split())
             written = sorted(p.name for p in folder.iterdir() if before.get(p.name) != p.stat().st_mtime_ns)
             one: dict[str, Any] = {
                 "status": status,
-                "out": told(out),
-                "error": told(error),
+                "out": keys(json.loads(out)) if out.startswith("{") else numbers(out),
                 "written": written,
             }
-            if out.startswith("{"):
-                one["out"] = keys(json.loads(out))
             one |= {
                 name: keys(json.loads((folder / name).read_text()))
                 for name in written
@@ -305,7 +202,7 @@ def descents(_: Path) -> Any:
             burrlab.Burr(radius), burrlab.materials[material], force, voxel=voxel, seed=place, **options
         )
         found[str(place)] = plain(
-            {"repr": repr(made), **{k: v for k, v in made.to_dict().items() if k != "provenance"}}
+            {key: value for key, value in made.to_dict().items() if key != "provenance"}
         )
     return found
 
@@ -338,10 +235,7 @@ def fits(_: Path) -> Any:
         "lack_of_fit",
         "fall",
     )
-    return {
-        name: {"repr": repr(one), "report": told(one.report(verbose=True)), **{key: plain(one.to_dict()[key]) for key in kept}}
-        for name, one in made.items()
-    }  # fmt: skip
+    return {name: {key: plain(result.to_dict()[key]) for key in kept} for name, result in made.items()}
 
 
 @cache
@@ -362,23 +256,29 @@ def objects() -> dict[str, Any]:
 
 
 @case
-def results(folder: Path) -> Any:
-    """Results as text, as HTML and as JSON."""
-    found = {}
-    for name, one in objects().items():
-        html = getattr(one, "_repr_html_", None)
-        as_dict = getattr(one, "to_dict", None)
-        found[name] = {
-            "repr": told(repr(one)),
-            "html": html and told(html()),
-            "keys": as_dict and keys(plain(as_dict())),
-        }
-    return found
+def results(_: Path) -> Any:
+    """Keys of each result in JSON, and types of its values."""
+    return {
+        name: keys(plain(result.to_dict()))
+        for name, result in objects().items()
+        if hasattr(result, "to_dict")
+    }
+
+
+@case
+def texts(_: Path) -> Any:
+    """Three short snapshots of what is printed: a help, each object, a report."""
+    status, usage, _ = run("descend", "--help")
+    return {
+        "help": [status, *re.findall(r"--[\w-]+", usage)],
+        "repr": {name: told(repr(result)) for name, result in objects().items()},
+        "report": told(objects()["fit"].report()),
+    }
 
 
 @case
 def plots(folder: Path) -> Any:
-    """Titles, labels, legends and data of each figure."""
+    """Labels of the axes and data of each figure."""
     from matplotlib import pyplot
 
     found = {}
@@ -394,12 +294,10 @@ def plots(folder: Path) -> Any:
 
 
 def _artists(axes: Any) -> Any:
-    legend = axes.get_legend()
     return {
-        "texts": [axes.get_title(), axes.get_xlabel(), axes.get_ylabel(), *(t.get_text() for t in axes.texts)],
+        "labels": [axes.get_xlabel(), axes.get_ylabel()],
         "scales": [axes.get_xscale(), axes.get_yscale()],
-        "legend": legend and [text.get_text() for text in legend.get_texts()],
-        "lines": [[line.get_label(), plain(np.asarray(line.get_xdata())), plain(np.asarray(line.get_ydata()))] for line in axes.lines],
+        "lines": [[plain(np.asarray(line.get_xdata())), plain(np.asarray(line.get_ydata()))] for line in axes.lines],
         "collections": [[type(c).__name__, plain(np.asarray(c.get_offsets()))] for c in axes.collections],
         "images": [plain(np.asarray(image.get_array())) for image in axes.images], "patches": len(axes.patches),
     }  # fmt: skip
@@ -445,17 +343,18 @@ def read(_: Path) -> Any:
     trace = burrlab.load_trace(FILES / "trace.h5")
     bone, tick = burrlab.load_bone(FILES / "bone.h5")
     found: dict[str, Any] = {
-        "trace": [_digest(trace.ticks), trace.digests, trace.seed, trace.scheme, plain(trace.watch), repr(burrlab.replay(trace))],
+        "trace": [_digest(trace.ticks), trace.digests, trace.seed, trace.scheme, plain(trace.watch), burrlab.replay(trace).equal],
         "bone": [bone.digest(), tick, plain(np.array([bone.spacing, bone.origin]))],
         "answers": [plain(vars(row)) for one in read_folder(FILES / "experiment") for row in one.rows],
-        "store": told(repr(burrlab.Store(FILES / "store.jsonl"))), "fit": told(burrlab.Fit.from_json(FILES / "fit.json").report(verbose=True)),
-        "descent": repr(burrlab.Descent.load(FILES / "descent.npz")), "curve": repr(burrlab.VelocityCurve.from_csv(FILES / "curve.csv")),
+        "store": len(burrlab.Store(FILES / "store.jsonl")), "fit": plain(burrlab.Fit.from_json(FILES / "fit.json").intervals),
+        "descent": burrlab.Descent.load(FILES / "descent.npz").penetration_velocity,
+        "curve": plain(burrlab.VelocityCurve.from_csv(FILES / "curve.csv").velocity),
     }  # fmt: skip
     for path in sorted(FILES.glob("grey*")):
         if path.suffix not in (".raw", ".img"):
             volume = burrlab.read_volume(path)
             grid = plain([volume.spacing, volume.origin, volume.direction])
-            found[path.name] = [_digest(volume.values), grid, told("\n".join(volume.notes))]
+            found[path.name] = [_digest(volume.values), grid]
     for path in sorted(FILES.glob("drilled*")):
         if not path.name.endswith(".h5"):
             pair = load_drilled(path)
@@ -466,7 +365,6 @@ def read(_: Path) -> Any:
             _digest(made.labels),
             plain(made.names),
             plain(made.colours),
-            told("\n".join(made.notes)),
         ]
     return plain(found)
 
@@ -506,36 +404,19 @@ def page(_: Path) -> Any:
     }
 
 
-@case
-def notebooks(_: Path) -> Any:
-    """Lines of the notebooks' outputs, as last executed."""
-    found = {}
-    for path in sorted(ROOT.glob("notebooks/*.ipynb")):
-        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
-        texts = [
-            "".join(one.get("text", one.get("data", {}).get("text/plain", "")))
-            for cell in cells
-            for one in cell.get("outputs", ())
-        ]
-        found[path.name] = [
-            line for text in texts if text and not text.startswith("<Figure") for line in told(text)
-        ]
-    return found
-
-
 def main() -> None:
+    """Freezes the cases that are named, or new ones; shows how they differ from what was frozen."""
     os.environ.setdefault("MPLBACKEND", "Agg")
     if not (FILES / "trace.h5").exists():
         make_files(FILES)
-    FROZEN.mkdir(exist_ok=True)
     for name, make in CASES.items():
         path = FROZEN / f"{name}.json"
-        if not path.exists() and (len(sys.argv) < 2 or name in sys.argv[1:]):
-            with tempfile.TemporaryDirectory() as folder:
-                path.write_text(
-                    json.dumps(plain(make(Path(folder))), indent=0, ensure_ascii=False) + "\n",
-                    encoding="utf-8",
-                )
+        if name not in sys.argv[1:] and (path.exists() or sys.argv[1:]):
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            now = plain(make(Path(folder)))
+        print(*(differences(frozen(name), now) if path.exists() else [f"{name} is new"]), sep="\n")
+        path.write_text(json.dumps(now, indent=0, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Names, commands, files, results, figures and messages equal the frozen ones (tests/golden/cases.py)."""
+"""Numbers, files, figures and messages equal the frozen ones (tests/golden/cases.py)."""
 
 from pathlib import Path
 

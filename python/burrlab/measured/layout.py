@@ -37,19 +37,19 @@ _FOREIGN = "; for a file of another program, give columns, unit, sep, decimal or
 
 #: What one of a unit is, in the unit of the table's column. A kilogram weighs 9.80665 N (standard gravity).
 UNITS: Mapping[str, Mapping[str, Fraction]] = {
-    own: {unit: Fraction(value) for unit, _, value in (text.partition(" ") for text in of.split(", "))}
-    for own, of in {
+    base: {unit: Fraction(factor) for unit, _, factor in (text.partition(" ") for text in listing.split(", "))}
+    for base, listing in {
         "N": "N 1, mN 1/1000, cN 1/100, daN 10, kN 1000, gf 0.00980665, kgf 9.80665, kp 9.80665, lbf 4.4482216152605",
         "mm/s": "mm/s 1, um/s 1/1000, cm/s 10, m/s 1000, mm/min 1/60, um/min 1/60000, in/s 25.4",
         "mm": "mm 1, um 1/1000, cm 10, m 1000, in 25.4",
         "s": "s 1, ms 1/1000, us 1/1000000, min 60",
     }.items()
 }  # fmt: skip
-_KNOWN = sorted((unit for of in UNITS.values() for unit in of), key=len, reverse=True)
+_KNOWN = sorted((unit for factors in UNITS.values() for unit in factors), key=len, reverse=True)
 _TAIL = re.compile(rf"(?:^|[\s_,/])({'|'.join(unit.replace('/', '[/_]') for unit in _KNOWN)})$")
 _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 
-Made = TypeVar("Made", bound=TableData)
+DataSet = TypeVar("DataSet", bound=TableData)
 
 
 class Layout:
@@ -60,55 +60,55 @@ class Layout:
         sep: str | None = None, decimal: str | None = None, encoding: str | None = None,
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
-        self.own = not any((columns, unit, sep, decimal, encoding))
-        for what, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
-            refuse(not isinstance(text, str | None), f"{what} must be a text: got {shown(text)}")
+        self.is_native = not any((columns, unit, sep, decimal, encoding))
+        for option, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
+            refuse(not isinstance(text, str | None), f"{option} must be a text: got {shown(text)}")
         self.group = "." if self.decimal == "," else ","
         self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
         refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
         long = len(self.sep) > 1 or self.sep in ('"', "\r", "\n")
         refuse(long, f"sep must be one character, or tab: got {shown(sep)}")
-        columns, unit = columns or {}, _letters(unit) if isinstance(unit, str) else unit or {}
-        for what, named in {"columns": columns, "unit": {} if isinstance(unit, str) else unit}.items():
-            kinds = (str, list) if what == "columns" else str
-            texts = isinstance(named, Mapping) and all(isinstance(one, kinds) for one in named.values())
-            refuse(not texts, f"{what} must map names to texts, such as {{'force': ...}}: got {shown(named)}")
+        columns, unit = columns or {}, unit or {}
+        _check_mapping("columns", columns, table.named, (str, list))
         self.units = {name: column.unit for name, column in table.named.items() if column.unit}
-        self.takers: dict[str, str] = {}  #: Columns that a unit for all can be of.
+        self.common_unit: dict[str, str] = {}  #: A unit for all, by the columns that can have it.
         if isinstance(unit, str):
-            self.takers = {name: unit for name, own in self.units.items() if unit in UNITS[own]}
-            fine = dict.fromkeys(one for own in self.units.values() for one in UNITS[own])
-            refuse(not self.takers, f"unit must be one of {', '.join(fine)}: got {shown(unit)}")
-            self.units |= self.takers
+            self.common_unit = self._columns_of_unit(_letters(unit))
+            self.units |= self.common_unit
             unit = {}
-        for what, given, names in (("columns", columns, table.named), ("unit", unit, self.units)):
-            for ours in given:
-                refuse(ours not in names, f"{what} must be of {', '.join(names)}: got {shown(ours)}")
-        unit = {ours: _letters(one) for ours, one in unit.items()}
-        for ours, one in unit.items():
-            known = UNITS[table.named[ours].unit]
-            refuse(one not in known, f"unit of {ours} must be one of {', '.join(known)}: got {shown(one)}")
+        _check_mapping("unit", unit, self.units, str)
+        unit = {name: _letters(text) for name, text in unit.items()}
+        for name, text in unit.items():
+            known = UNITS[table.named[name].unit]
+            refuse(text not in known, f"unit of {name} must be one of {', '.join(known)}: got {shown(text)}")
         self.units |= unit
-        self.said = set(unit)  #: Columns whose unit was given by name.
-        self.asked = {
-            ours: np.ravel(columns.get(ours) or column.heading).astype(str).tolist()
-            for ours, column in table.named.items()
+        self.named_units = set(unit)  #: Columns whose unit was given by name.
+        self.headings = {
+            name: np.ravel(columns.get(name) or column.heading).astype(str).tolist()
+            for name, column in table.named.items()
         }
-        due = [ours for ours, column in table.named.items() if ours in columns or not column.optional]
-        headings = [told for ours in due for told in self.asked[ours]]
-        self.due = {_key(told): told for told in headings}
-        self.hint = _give("columns", dict.fromkeys(due, "its heading"))
-        refuse(len(self.due) < len(headings), f"columns must differ: got {', '.join(headings)}")
+        required = [name for name, column in table.named.items() if name in columns or not column.optional]
+        headings = [heading for name in required for heading in self.headings[name]]
+        self.required = {_key(heading): heading for heading in headings}
+        self.hint = _give("columns", dict.fromkeys(required, "its heading"))
+        refuse(len(self.required) < len(headings), f"columns must differ: got {', '.join(headings)}")
         self.name, self.note = "", ""  #: Of the file; what was read from where, converted and passed over.
         self.comments: dict[str, str] = {}
         self.columns: dict[str, Any] = {}  #: By our names.
         self.others: dict[str, list[str]] = {}  #: By their headings.
         self.passed: Counter[str] = Counter()
-        self.wrong: dict[str, str] = {}  #: Units to be given.
+        self.missing_units: dict[str, str] = {}  #: Units to be given.
+
+    def _columns_of_unit(self, unit: str) -> dict[str, str]:
+        """The columns that can have a unit for all, each with this unit."""
+        takers = {name: unit for name, base in self.units.items() if unit in UNITS[base]}
+        units = dict.fromkeys(known for base in self.units.values() for known in UNITS[base])
+        refuse(not takers, f"unit must be one of {', '.join(units)}: got {shown(unit)}")
+        return takers
 
     def file(self, file: Path | IO[str] | IO[bytes]) -> Layout:
         """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""
-        if self.own:
+        if self.is_native:
             try:
                 self.name, self.comments, self.columns = self.table.read(file, self.others)
             except ValueError as error:
@@ -119,13 +119,13 @@ class Layout:
         decoded = isinstance(file, io.TextIOBase)
         refuse(decoded and self.encoding, "encoding must be left out for a file that is open as text")
         windows = f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
-        self.name, text = text_of(file, self.encoding or "utf-8-sig", windows)
-        lines = list(io.StringIO(text.removeprefix("\ufeff"), newline=None))
+        self.name, content = text_of(file, self.encoding or "utf-8-sig", windows)
+        lines = list(io.StringIO(content.removeprefix("\ufeff"), newline=None))
         head, start, sep, headings = self.headings_of(lines)
         for line in lines[:head]:
-            key, colon, value = line[1:].partition(":")
+            key, colon, text = line[1:].partition(":")
             if line.startswith("#") and colon:
-                self.comments[key.strip()] = value.strip()
+                self.comments[key.strip()] = text.strip()
         above = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
         self.passed["lines above the headings"] = above
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
@@ -141,47 +141,47 @@ class Layout:
         levels = getattr(getattr(frame, "columns", None), "nlevels", 1)
         refuse(levels > 1, f"{kind}: columns must have one level of names, got a MultiIndex of {levels}")
         headings = [" ".join(str(heading).split()) for heading in frame]
-        if missing := [told for key, told in self.due.items() if key not in map(_key, headings)]:
+        if missing := [text for key, text in self.required.items() if key not in map(_key, headings)]:
             raise ValueError(f"{kind}: no column is {', '.join(missing)}; there are {listed(headings)}")
         if hasattr(frame, "itertuples"):
             rows = frame.itertuples(index=False, name=None)
         else:
-            sizes = {np.shape(values)[:1] for values in frame.values()}
+            sizes = {np.shape(column)[:1] for column in frame.values()}
             refuse(len(sizes) > 1 or () in sizes, f"{kind}: columns must be lists of one length")
             rows = zip(*frame.values(), strict=True)
-        texts = enumerate(([_cell(value) for value in row] for row in rows), start=1)
+        texts = enumerate(([_cell(field) for field in row] for row in rows), start=1)
         self.read(kind, "row", headings, texts, kind)
         return self.noted("")
 
-    def data(self, kind: type[Made], needed: Collection[str] = (), **given: Any) -> Made:
+    def data(self, kind: type[DataSet], needed: Collection[str] = (), **numbers: Any) -> DataSet:
         """The data set, with source, provenance (the note as "read") and the other columns as `others`.
 
-        Numbers for all rows come from the file's comments or `given`, which must agree; those `needed` from one.
+        Numbers for all rows come from the file's comments or `numbers`, which must agree; those `needed` from one.
         """
-        kept = origin(self.name, self.comments)
+        source = origin(self.name, self.comments)
         if self.note:
-            kept["provenance"] = kept.get("provenance", {}) | {"read": self.note}
+            source["provenance"] = source.get("provenance", {}) | {"read": self.note}
         for name, unit in kind._NUMBERS.items():
-            key, asked = f"{name}_{unit}", given.get(name)
+            key, number = f"{name}_{unit}", numbers.get(name)
             noted = number_in_comments(self.name, self.comments, key)
-            if name in needed and noted is None and asked is None:
+            if name in needed and noted is None and number is None:
                 add = f"add the comment '# {key}: ...' or give {name}="
                 raise ValueError(f"{self.name}: the {name} is unknown: {add}")
-            if None not in (noted, asked) and noted != asked:
+            if None not in (noted, number) and noted != number:
                 rule = f"{name} must be the {noted!r} of the comment '# {key}:' in the file"
-                raise ValueError(f"{self.name}: {rule}: got {shown(asked)}")
-            given[name] = asked if noted is None else noted
+                raise ValueError(f"{self.name}: {rule}: got {shown(number)}")
+            numbers[name] = number if noted is None else noted
         try:
-            made = kind(**self.columns, **kept | given)
+            data_set = kind(**self.columns, **source | numbers)
         except ValueError as error:
             raise ValueError(f"{self.name}: {error}" if self.name else str(error)) from None
-        object.__setattr__(made, "others", {name: tuple(texts) for name, texts in self.others.items()})
-        return made
+        object.__setattr__(data_set, "others", {name: tuple(texts) for name, texts in self.others.items()})
+        return data_set
 
     def headings_of(self, lines: list[str]) -> tuple[int, int, str, list[str]]:
         """Index of the line of headings, index of the line below them, the separator, and the headings."""
         add = "; add a line of headings to a file without one"
-        numbers = ", ".join(told for told in self.due.values() if re.fullmatch(r"[\d.,eE+-]*\d", told))
+        numbers = ", ".join(text for text in self.required.values() if re.fullmatch(r"[\d.,eE+-]*\d", text))
         refuse(numbers, f"{self.name}: columns must be headings, not numbers ({numbers}){add}")
         best: tuple[int, bool, int, int, list[str]] = (0, False, 0, 0, [])
         for place, line in enumerate(lines[:_SEARCHED]):
@@ -189,138 +189,175 @@ class Layout:
             for sep in self.sep or (*_SEPARATORS, " "):
                 height, fields = _record([bare, *lines[place + 1 : place + _TALLEST]], sep)
                 keys = set(map(_key, fields))
-                if self.due.keys() <= keys and sep in (self.sep or _SEPARATORS):
+                if self.required.keys() <= keys and sep in (self.sep or _SEPARATORS):
                     return place, place + height, sep, fields
                 words = sum(bool(re.search(r"[^\W\d]", text)) for text in fields) * (bare is line)
                 best = max(
-                    best, (len(self.due.keys() & keys), sep != " " and words > 1, words, -place, fields)
+                    best, (len(self.required.keys() & keys), sep != " " and words > 1, words, -place, fields)
                 )
         matches, marked, words, place, fields = best
-        there = f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else add
-        there += " between blanks, for which give sep=' ' (--sep ' ')" if not marked and words > 1 else ""
-        due = ", ".join(self.due.values())
-        raise ValueError(f"{self.name}: no line of headings has {due}{there}: {self.hint}")
+        nearest = f"; line {1 - place} has {listed(filter(None, fields))}" if matches or words > 1 else add
+        if not marked and words > 1:
+            nearest += " between blanks, for which give sep=' ' (--sep ' ')"
+        required = ", ".join(self.required.values())
+        raise ValueError(f"{self.name}: no line of headings has {required}{nearest}: {self.hint}")
 
     def read(
         self, name: str, kind: str, headings: list[str], records: Iterable[tuple[int, list[str]]], head: str
     ) -> None:
         """Fills `columns` and `others` from the records; ValueError with all faults."""
         keys, faults = list(map(_key, headings)), list[str]()
-        there = {ours: told for ours, told in self.asked.items() if _key(told[0]) in keys}
-        places = {ours: [keys.index(_key(one)) for one in told] for ours, told in there.items()}
-        taken = [i for its in places.values() for i in its]
-        optional = {one.name for one in self.table.columns if one.optional}
-        sides = max(len(its) for ours, its in places.items() if ours not in optional)
-        if self.takers and not self.takers.keys() & places.keys():
-            unit, read = next(iter(self.takers.values())), ", ".join(headings[i] for i in taken)
-            faults.append(f"{head}: unit must be one that a column can have ({read}): got {unit!r}")
-        told = {ours: ", ".join(headings[i] for i in its) for ours, its in places.items()}
-        for ours, its in places.items():
-            if len(its) != sides and (len(its) > 1 or ours in optional):
-                faults.append(f"{head}: columns of {ours} must be {sides} or none: got {told[ours]}")
-            for i in its:
-                if keys.count(keys[i]) > 1:
-                    faults.append(f"{head}: column {headings[i]} is there twice")
-                if ours in self.units and (said := self.wrong_unit(ours, headings[i])):
-                    faults.append(f"{head}: column {headings[i]} {said}")
+        present = {column: texts for column, texts in self.headings.items() if _key(texts[0]) in keys}
+        places = {column: [keys.index(_key(text)) for text in texts] for column, texts in present.items()}
+        optional = {column.name for column in self.table.columns if column.optional}
+        repeats = max(len(indices) for column, indices in places.items() if column not in optional)
+        faults += (f"{head}: {fault}" for fault in self.faults_of_headings(headings, places, repeats))
+        labels = {column: ", ".join(headings[i] for i in indices) for column, indices in places.items()}
         columns = (
-            replace(one, type=partial(self.value, one), told=told.get(name, ""))
-            for name, one in self.table.named.items()
+            replace(column, type=partial(self.number_in_our_unit, column), told=labels.get(column.name, ""))
+            for column in self.table.named.values()
         )
         self.table = replace(self.table, columns=tuple(columns))
-        faults += (f"{head}: {said}" for said in self.table.unpaired(told.values()))
-        rest = {i: one for i, one in enumerate(headings) if i not in taken}
-        for i, one in rest.items():
-            if not one or keys.count(keys[i]) > 1:
-                rest[i] = f"{one} (column {i + 1})".strip()
+        faults += (f"{head}: {fault}" for fault in self.table.unpaired(labels.values()))
+        rest = self.other_headings(headings, {i for indices in places.values() for i in indices})
         self.others |= {label: [] for label in rest.values()}
 
-        def rows() -> Iterator[tuple[str, dict[str, str]]]:
-            first = kind == "line"
-            for number, fields in records:
-                where = f"{name}, {kind} {number}"
-                if not any(fields):
-                    continue
-                if fields[0][:1] in ("#", "%"):
-                    self.passed["comments"] += 1
-                elif list(map(_key, fields)) == keys[: len(fields)]:
-                    self.passed["repeated headings"] += 1
-                    first = True
-                elif len(fields) <= max(taken) or any(fields[len(headings) :]):
-                    faults.append(f"{where}: {len(headings)} fields are due, found {len(fields)}")
-                else:
-                    cells = [(ours, fields[i]) for ours, its in places.items() for i in its]
-                    if first and self.units_in(where, cells, faults):
-                        continue
-                    first = False
-                    for side in range(sides):
-                        texts = {ours: fields[its[side % len(its)]] for ours, its in places.items()}
-                        if not all(texts[ours] for ours in texts.keys() - optional if len(places[ours]) > 1):
-                            self.passed["empty fields"] += 1
-                            continue
-                        for i, label in rest.items():
-                            self.others[label].append(fields[i] if i < len(fields) else "")
-                        yield where, texts
-
-        self.columns = self.table.checked(rows(), faults)
+        rows = self.rows_of_numbers(name, kind, keys, places, records, faults)
+        repeated = {column for column, indices in places.items() if len(indices) > 1} - optional
+        self.columns = self.table.checked(self.single_rows(rows, places, repeats, repeated, rest), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
-        own = {ours: column.unit for ours, column in self.table.named.items()}
-        changed = {ours: unit for ours, unit in self.units.items() if ours in places and unit != own[ours]}
-        hint = f": {_give('unit', changed | self.wrong)}" if self.wrong else ""
-        if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
-            hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
-        refuse_all(name, faults, hint)
+        refuse_all(name, faults, self.hint_of(faults, places.keys()))
         self.others = {label: texts for label, texts in self.others.items() if label[0] != "(" or any(texts)}
 
-    def noted(self, told: str) -> Layout:
-        """With the note of what was read, told, passed over and kept apart."""
+    def other_headings(self, headings: list[str], used: Collection[int]) -> dict[int, str]:
+        """Labels of the columns that are not used, by their index; the number tells those of one heading apart."""
+        keys = list(map(_key, headings))
+        return {
+            i: heading if heading and keys.count(keys[i]) == 1 else f"{heading} (column {i + 1})".strip()
+            for i, heading in enumerate(headings)
+            if i not in used
+        }
+
+    def hint_of(self, faults: Iterable[str], columns: Collection[str]) -> str:
+        """What to give so that a table with these faults can be read."""
+        changed = {
+            column: unit
+            for column, unit in self.units.items()
+            if column in columns and unit != self.table.named[column].unit
+        }
+        hint = f": {_give('unit', changed | self.missing_units)}" if self.missing_units else ""
+        if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
+            hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
+        return hint
+
+    def faults_of_headings(
+        self, headings: list[str], places: Mapping[str, list[int]], repeats: int
+    ) -> Iterator[str]:
+        """What is wrong with the columns at these places, each of which may be repeated so often."""
+        keys = list(map(_key, headings))
+        if self.common_unit and not self.common_unit.keys() & places.keys():
+            unit = next(iter(self.common_unit.values()))
+            used = ", ".join(headings[i] for indices in places.values() for i in indices)
+            yield f"unit must be one that a column can have ({used}): got {unit!r}"
+        for column, indices in places.items():
+            if len(indices) != repeats and (len(indices) > 1 or self.table.named[column].optional):
+                texts = ", ".join(headings[i] for i in indices)
+                yield f"columns of {column} must be {repeats} or none: got {texts}"
+            for i in indices:
+                if keys.count(keys[i]) > 1:
+                    yield f"column {headings[i]} is there twice"
+                if column in self.units and (fault := self.wrong_unit(column, headings[i])):
+                    yield f"column {headings[i]} {fault}"
+
+    def rows_of_numbers(
+        self, name: str, kind: str, keys: list[str], places: Mapping[str, list[int]],
+        records: Iterable[tuple[int, list[str]]], faults: list[str],
+    ) -> Iterator[tuple[str, list[str]]]:  # fmt: skip
+        """Where each row of numbers stands, and its fields; comments, repeated headings and units are passed over."""
+        used = [(column, i) for column, indices in places.items() for i in indices]
+        least = max(i for _, i in used)
+        may_be_units = kind == "line"
+        for number, fields in records:
+            where = f"{name}, {kind} {number}"
+            if not any(fields):
+                continue
+            if fields[0][:1] in ("#", "%"):
+                self.passed["comments"] += 1
+            elif list(map(_key, fields)) == keys[: len(fields)]:
+                self.passed["repeated headings"] += 1
+                may_be_units = True
+            elif len(fields) <= least or any(fields[len(keys) :]):
+                faults.append(f"{where}: {len(keys)} fields are due, found {len(fields)}")
+            elif not (
+                may_be_units and self.units_in(where, [(column, fields[i]) for column, i in used], faults)
+            ):
+                may_be_units = False
+                yield where, fields
+
+    def single_rows(
+        self, rows: Iterable[tuple[str, list[str]]], places: Mapping[str, list[int]], repeats: int,
+        repeated: Collection[str], rest: Mapping[int, str],
+    ) -> Iterator[tuple[str, dict[str, str]]]:  # fmt: skip
+        """Where a row stands and its fields by column: of a row of k repeats k times, without empty ones."""
+        for where, fields in rows:
+            for repeat in range(repeats):
+                texts = {column: fields[at[repeat % len(at)]] for column, at in places.items()}
+                if not all(texts[column] for column in repeated):
+                    self.passed["empty fields"] += 1
+                    continue
+                for i, label in rest.items():
+                    self.others[label].append(fields[i] if i < len(fields) else "")
+                yield where, texts
+
+    def noted(self, ending: str) -> Layout:
+        """With the note of what was read, `ending`, and what was passed over and kept apart."""
         parts = []
-        for ours in self.columns:
-            unit = f" in {self.units[ours]}" if ours in self.units else ""
-            parts.append(f"{ours} from {self.table.named[ours].heading}{unit}")
+        for column in self.columns:
+            unit = f" in {self.units[column]}" if column in self.units else ""
+            parts.append(f"{column} from {self.table.named[column].heading}{unit}")
         passed = ", ".join(f"{what} ({n})" for what, n in self.passed.items() if n)
-        told += f"; passed over: {passed}" if passed else ""
-        self.note = ", ".join(parts) + told + (f"; {_apart(self.others)}" if self.others else "")
+        ending += f"; passed over: {passed}" if passed else ""
+        self.note = ", ".join(parts) + ending + (f"; {_apart(self.others)}" if self.others else "")
         return self
 
-    def wrong_unit(self, ours: str, heading: str) -> str:
-        """What is wrong with the unit that a heading tells, "" for nothing."""
-        told, sure = _told(heading)
-        own, due = self.table.named[ours], self.units[ours]
-        known = UNITS[own.unit]
-        if told in ("", due) or not (sure or told in known or len(told) > 1):
+    def wrong_unit(self, name: str, heading: str) -> str:
+        """What is wrong with the unit that a heading of this column tells, "" for nothing."""
+        unit, in_brackets = _unit_in(heading)
+        column, expected = self.table.named[name], self.units[name]
+        known = UNITS[column.unit]
+        if unit in ("", expected) or not (in_brackets or unit in known or len(unit) > 1):
             return ""
-        if ours in self.said and not (sure and told in _KNOWN) and heading != own.heading:
+        if name in self.named_units and not (in_brackets and unit in _KNOWN) and heading != column.heading:
             return ""
-        if told in known:
-            self.wrong[ours] = told
-            return f"tells {told}, but would be read in {due}"
-        if told not in _KNOWN:
-            self.wrong[ours] = _MEANT.get(told, "its unit")
-        return f"tells {listed([told])}, which is no unit of {ours} ({', '.join(known)})"
+        if unit in known:
+            self.missing_units[name] = unit
+            return f"tells {unit}, but would be read in {expected}"
+        if unit not in _KNOWN:
+            self.missing_units[name] = _MEANT.get(unit, "its unit")
+        return f"tells {listed([unit])}, which is no unit of {name} ({', '.join(known)})"
 
     def units_in(self, where: str, cells: Iterable[tuple[str, str]], faults: list[str]) -> bool:
         """Whether a row holds units and no numbers; `faults` gets those that contradict the ones given."""
-        told = [(ours, text) for ours, text in cells if ours in self.units and text]
-        if not told or any(re.match(r"[\s+.,-]*\d", text) for _, text in told):
+        units = [(name, text) for name, text in cells if name in self.units and text]
+        if not units or any(re.match(r"[\s+.,-]*\d", text) for _, text in units):
             return False
-        for ours, text in told:
-            if said := self.wrong_unit(ours, text if re.match(r"\W", text) else f"[{text}]"):
-                faults.append(f"{where}, column {self.table.named[ours].heading}: {said}")
+        for name, text in units:
+            if fault := self.wrong_unit(name, text if re.match(r"\W", text) else f"[{text}]"):
+                faults.append(f"{where}, column {self.table.named[name].heading}: {fault}")
         self.passed["lines of units"] += 1
         return True
 
-    def value(self, column: Column, text: str) -> Any:
-        """The value of a field, in our unit."""
+    def number_in_our_unit(self, column: Column, text: str) -> Any:
+        """What a field of a column holds, in our unit."""
         if not column.unit:
             return column.type(text)
         plain = self.number(text)
         try:
-            value = column.type(plain)
+            number = column.type(plain)
         except ValueError as error:
             raise ValueError(str(error).replace(shown(plain), shown(text))) from None
         factor = UNITS[column.unit][self.units[column.name]]
-        return value * factor.numerator / factor.denominator
+        return number * factor.numerator / factor.denominator
 
     def number(self, text: str) -> str:
         """A number's text with a point and without marks between thousands; ValueError if it may be two."""
@@ -364,8 +401,8 @@ def _records(lines: list[str], start: int, sep: str) -> Iterator[tuple[int, list
         start += height
 
 
-def _cell(value: object) -> str:
-    text = str(value)
+def _cell(field: object) -> str:
+    text = str(field)
     return "" if text in ("nan", "None", "<NA>", "NaT") else text
 
 
@@ -374,12 +411,12 @@ def _key(heading: str) -> str:
     return " ".join(heading.replace("\u00b5", "\u03bc").split())
 
 
-def _told(heading: str) -> tuple[str, bool]:
+def _unit_in(heading: str) -> tuple[str, bool]:
     """The unit that a heading tells, "" for none, and whether it stands in brackets."""
-    if found := re.search(r"[\[({<]([^\[({<]+)[\])}>]\W*$", heading):
-        return re.sub(r"\s", "", _letters(found[1])), True
-    found = _TAIL.search(_letters(heading))
-    return (found[1].replace("_", "/"), False) if found else ("", False)
+    if bracket := re.search(r"[\[({<]([^\[({<]+)[\])}>]\W*$", heading):
+        return re.sub(r"\s", "", _letters(bracket[1])), True
+    tail = _TAIL.search(_letters(heading))
+    return (tail[1].replace("_", "/"), False) if tail else ("", False)
 
 
 def _letters(text: str) -> str:
@@ -390,7 +427,15 @@ def _letters(text: str) -> str:
     return text if text in ("MN", "MS") else {unit.upper(): unit for unit in _KNOWN}.get(text, text)
 
 
-def _give(option: str, value: Mapping[str, str] | str) -> str:
+def _give(option: str, choice: Mapping[str, str] | str) -> str:
     """What to write in Python and on the command line."""
-    text = value if isinstance(value, str) else ",".join(f"{key}={one}" for key, one in value.items())
-    return f"give {option}={value!r} (--{option} {text})"
+    text = choice if isinstance(choice, str) else ",".join(f"{key}={text}" for key, text in choice.items())
+    return f"give {option}={choice!r} (--{option} {text})"
+
+
+def _check_mapping(option: str, mapping: object, names: Collection[str], kinds: Any) -> None:
+    """ValueError unless an option maps some of these names to texts."""
+    if not isinstance(mapping, Mapping) or not all(isinstance(text, kinds) for text in mapping.values()):
+        raise ValueError(f"{option} must map names to texts, such as {{'force': ...}}: got {shown(mapping)}")
+    for name in mapping:
+        refuse(name not in names, f"{option} must be of {', '.join(names)}: got {shown(name)}")

@@ -78,18 +78,18 @@ def heading(task: Task) -> str:
 
 def warnings(task: Task) -> list[str]:
     """Warnings that stand above the numbers."""
-    found = ["SIMULATED SUBJECTS: nobody felt anything"] if task.simulated else []
+    sentences = ["SIMULATED SUBJECTS: nobody felt anything"] if task.simulated else []
     if task.selected:
-        found += _selection(task)
+        sentences += _selection(task)
     if task.left_out:
-        found.append(f"left out, as their runs are incomplete: {', '.join(task.left_out)}")
-    partly = [one for one in task.subjects if not one.complete]
+        sentences.append(f"left out, as their runs are incomplete: {', '.join(task.left_out)}")
+    partly = [subject for subject in task.subjects if not subject.complete]
     if partly:
-        said = [f"{one.subject} ({one.trials} of {one.planned} trials)" for one in partly]
-        found.append(f"incomplete, and taken in on request: {', '.join(said)}")
+        counts = [f"{subject.subject} ({subject.trials} of {subject.planned} trials)" for subject in partly]
+        sentences.append(f"incomplete, and taken in on request: {', '.join(counts)}")
     if not task.subjects:
-        found.append("no complete run")
-    return found
+        sentences.append("no complete run")
+    return sentences
 
 
 def _selection(task: Task) -> list[str]:
@@ -113,32 +113,35 @@ def _selection(task: Task) -> list[str]:
 
 def columns(task: Task) -> list[Column]:
     """Columns of the table of subjects."""
-    found: list[Column] = [("", "subject", [one.subject for one in task.subjects])]
+    listing: list[Column] = [("", "subject", [subject.subject for subject in task.subjects])]
     if isinstance(task, ThresholdTask):
         ones = task.subjects
-        intervals = ["" if one.interval is None else "{:.3f} to {:.3f}".format(*one.interval) for one in ones]
+        intervals = [
+            "" if subject.interval is None else "{:.3f} to {:.3f}".format(*subject.interval)
+            for subject in ones
+        ]
         return [
-            *found, ("", "trials", [str(one.trials) for one in ones]),
-            ("", "threshold", ["" if one.threshold is None else f"{one.threshold:.3f}" for one in ones]),
+            *listing, ("", "trials", [str(subject.trials) for subject in ones]),
+            ("", "threshold", ["" if subject.threshold is None else f"{subject.threshold:.3f}" for subject in ones]),
             *([("", f"{100 * task.level:g} %", intervals)] if any(intervals) else []),
         ]  # fmt: skip
     for group, name, cell in _score_cells(task):
-        found.append((group, name, [cell(one) for one in task.subjects]))
+        listing.append((group, name, [cell(subject) for subject in task.subjects]))
     for rule in task.rules:
         for name, cell_of in _D_PRIME_CELLS.items():
-            cells = [cell_of(one.of_rule(rule)) for one in task.subjects]
-            found.append((f"d', {rule}", name or f"{100 * task.level:g} %", cells))
-    return found
+            cells = [cell_of(subject.of_rule(rule)) for subject in task.subjects]
+            listing.append((f"d', {rule}", name or f"{100 * task.level:g} %", cells))
+    return listing
 
 
 def _score_cells(task: ScoredTask) -> list[tuple[str, str, Callable[[SubjectResult], str]]]:
     counted = _COUNTED[task.task]
     return [
-        ("", "score", lambda one: f"{one.counts.score}/{one.counts.trials}"),
-        ("binomial", "p", lambda one: p_text(one.p_value)),
-        ("binomial", "Holm", lambda one: p_text(one.holm)),
-        (counted, "hits", lambda one: f"{one.counts.hits}/{one.counts.signals}"),
-        (counted, "f.a.", lambda one: f"{one.counts.false_alarms}/{one.counts.noises}"),
+        ("", "score", lambda subject: f"{subject.counts.score}/{subject.counts.trials}"),
+        ("binomial", "p", lambda subject: p_text(subject.p_value)),
+        ("binomial", "Holm", lambda subject: p_text(subject.holm)),
+        (counted, "hits", lambda subject: f"{subject.counts.hits}/{subject.counts.signals}"),
+        (counted, "f.a.", lambda subject: f"{subject.counts.false_alarms}/{subject.counts.noises}"),
     ]
 
 
@@ -164,7 +167,7 @@ def legend(task: Task) -> list[str]:
         "upper limit; s.e. only where 0 is excluded",
         f"corr.: d' after {_CORRECTIONS[CORRECTION]}, which is finite also after perfect answers",
     ]
-    lines += [f"crit., {one.rule}: {one.criterion_meaning}" for one in task.subjects[0].d_prime]
+    lines += [f"crit., {d.rule}: {d.criterion_meaning}" for d in task.subjects[0].d_prime]
     return lines
 
 
@@ -180,7 +183,7 @@ def group_lines(task: Task) -> list[str]:
     for part in (*task.group_d_prime, *task.equivalence, *task.checks):
         lines += str(part).splitlines()
     for place in range(len(task.checks)):
-        checked = [(one.checks[place].p_value, one) for one in task.subjects if one.checks]
+        checked = [(subject.checks[place].p_value, subject) for subject in task.subjects if subject.checks]
         p_value, single = min(checked, key=lambda pair: pair[0])
         if p_value <= 0.05:
             lines.append(
@@ -191,10 +194,10 @@ def group_lines(task: Task) -> list[str]:
 
 
 def _threshold_lines(task: ThresholdTask) -> list[str]:
-    lines = [f"{one.subject}: {line}" for one in task.subjects for line in one.said.splitlines()]
-    for one in task.subjects if not any(one.threshold for one in task.subjects) else ():
-        shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in one.levels)
-        lines.append(f"{one.subject}: {shares}")
+    lines = [f"{subject.subject}: {line}" for subject in task.subjects for line in subject.said.splitlines()]
+    for subject in task.subjects if not any(subject.threshold for subject in task.subjects) else ():
+        shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in subject.levels)
+        lines.append(f"{subject.subject}: {shares}")
     if (group := task.group_threshold) is not None:
         lines.append(
             f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean "
@@ -203,24 +206,31 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
     return lines
 
 
-def _fields(one: SubjectResult | SubjectThreshold) -> dict[str, Any]:
-    found: dict[str, Any] = {
-        name: getattr(one, name) for name in ("subject", "simulated", "trials", "planned")
+def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
+    fields: dict[str, Any] = {
+        name: getattr(subject, name) for name in ("subject", "simulated", "trials", "planned")
     }
-    found["simulated"] = "yes" if one.simulated else "no"
-    if isinstance(one, SubjectThreshold):
-        low, high = one.interval or (None, None)
-        return found | {"threshold": one.threshold, "threshold_low": low, "threshold_high": high}
-    low, high = one.score_interval
-    found |= {
-        name: getattr(one.counts, name) for name in ("score", "hits", "signals", "false_alarms", "noises")
+    fields["simulated"] = "yes" if subject.simulated else "no"
+    if isinstance(subject, SubjectThreshold):
+        low, high = subject.interval or (None, None)
+        return fields | {"threshold": subject.threshold, "threshold_low": low, "threshold_high": high}
+    low, high = subject.score_interval
+    fields |= {
+        name: getattr(subject.counts, name) for name in ("score", "hits", "signals", "false_alarms", "noises")
     }
-    found |= {"proportion_low": low, "proportion_high": high, "p_value": one.p_value, "p_holm": one.holm}
-    for d in one.d_prime:
+    fields |= {
+        "proportion_low": low,
+        "proportion_high": high,
+        "p_value": subject.p_value,
+        "p_holm": subject.holm,
+    }
+    for d in subject.d_prime:
         name = f"d_prime_{d.rule.replace('-', '_')}"
-        found |= {name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1]}
-        found |= {f"{name}_{part}": getattr(d, part) for part in ("standard_error", "criterion", "corrected")}
-    return found
+        fields |= {name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1]}
+        fields |= {
+            f"{name}_{part}": getattr(d, part) for part in ("standard_error", "criterion", "corrected")
+        }
+    return fields
 
 
 _KIND = "burrlab analysis"
@@ -298,12 +308,15 @@ class Analysis:
             If `values` is something else.
         """
         refuse(values.get(_KIND) != FORMAT, f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
-        made = restored(cls, values)
+        analysis = restored(cls, values)
         refuse(
-            not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)),
+            not (
+                isinstance(analysis.tasks, tuple)
+                and all(not isinstance(task, Mapping) for task in analysis.tasks)
+            ),
             "tasks must be a list of tasks with all that they hold",
         )
-        return made
+        return analysis
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Writes a file that `from_json` reads back without loss."""
@@ -331,15 +344,15 @@ class Analysis:
         try:
             return cls.from_dict(values)
         except UNREADABLE as error:
-            told = in_one_line(error)
-            raise ValueError(f"{name}: this is no analysis that was written here: {told}") from None
+            reason = in_one_line(error)
+            raise ValueError(f"{name}: this is no analysis that was written here: {reason}") from None
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Writes tab-separated rows, one per subject and task: n/a for no value, inf for an open end."""
         rows = [
-            {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
+            {"task": task.name, "design": task.design.get("design", task.task), **_fields(subject)}
             for task in self.tasks
-            for one in task.subjects
+            for subject in task.subjects
         ]
         rows.sort(key=lambda row: "threshold" in row)  # rows of scores first, else in their order
         names = list(dict.fromkeys(column for row in rows for column in row))
@@ -453,34 +466,36 @@ def analyse(
         name, tasks = "", of_answers(data)
     refuse(not tasks, "data must hold answers, got none")
     settings = _settled(settings, rules, delta, level)
-    if any(one.answers for task in tasks for one in task.subjects):
+    if any(subject.answers for task in tasks for subject in task.subjects):
         notes.append("Practice trials are left out.")
-    runs = [(f"{one.subject} of {task.name}", one.answers) for task in tasks for one in task.subjects]
-    repeats = [(sum(row.repeats or 0 for row in found.rows), run) for run, found in runs if found]
-    if told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
-        notes.append(f"Trials that were repeated, as the loop had stalled: {told}.")
-    times = [
-        (sum(row.response_time is not None and row.response_time < TOO_FAST for row in found.rows), run)
-        for run, found in runs
-        if found
+    runs = [
+        (f"{subject.subject} of {task.name}", subject.answers) for task in tasks for subject in task.subjects
     ]
-    if told := ", ".join(f"{count} of {run}" for count, run in times if count):
-        notes.append(f"Answers within {TOO_FAST:g} s of the question, too fast to have judged: {told}.")
+    repeats = [(sum(row.repeats or 0 for row in answers.rows), run) for run, answers in runs if answers]
+    if runs_told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
+        notes.append(f"Trials that were repeated, as the loop had stalled: {runs_told}.")
+    times = [
+        (sum(row.response_time is not None and row.response_time < TOO_FAST for row in answers.rows), run)
+        for run, answers in runs
+        if answers
+    ]
+    if runs_told := ", ".join(f"{count} of {run}" for count, run in times if count):
+        notes.append(f"Answers within {TOO_FAST:g} s of the question, too fast to have judged: {runs_told}.")
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
     chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
-    made = provenance(
+    origin = provenance(
         rules=list(settings.rules), delta=settings.delta, level=settings.level,
         subjects=None if subjects is None else list(subjects), incomplete=incomplete,
     )  # fmt: skip
-    given: dict[str, Any] = {"level": settings.level, "incomplete": incomplete, "progress": progress}
+    options: dict[str, Any] = {"level": settings.level, "incomplete": incomplete, "progress": progress}
     results = tuple(
-        ThresholdTask.of_data(task, **given)
-        if any(one.levels for one in task.subjects)
-        else ScoredTask.of_data(task, rules=settings.rules, delta=settings.delta, **given)
+        ThresholdTask.of_data(task, **options)
+        if any(subject.levels for subject in task.subjects)
+        else ScoredTask.of_data(task, rules=settings.rules, delta=settings.delta, **options)
         for task in chosen
     )
-    return Analysis(name, results, tuple(notes), json_mapping(made))
+    return Analysis(name, results, tuple(notes), json_mapping(origin))
 
 
 def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
@@ -492,12 +507,12 @@ def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
     """Notes on tasks that subjects have not begun, and on answers that the protocol does not name."""
-    there = {task.name: [one.subject for one in task.subjects] for task in tasks}
+    present = {task.name: [subject_data.subject for subject_data in task.subjects] for task in tasks}
     notes = []
     for name in protocol.tasks:
-        if absent := [subject for subject in protocol.subjects if subject not in there.get(name, ())]:
+        if absent := [subject for subject in protocol.subjects if subject not in present.get(name, ())]:
             notes.append(f"No run of {name} yet: {', '.join(absent)}.")
-    for name, subjects in there.items():
+    for name, subjects in present.items():
         if name not in protocol.tasks:
             notes.append(f"Task {name} is in the folder and not in the protocol.")
         elif others := [subject for subject in subjects if subject not in protocol.subjects]:
@@ -512,12 +527,12 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
         return f"Delta = {delta:g}, given to the analysis: {counts}."
     before: dict[str, list[str]] = {}
     for task in tasks:
-        for one in task.subjects:
-            car = None if one.answers is None else one.answers.side_car
+        for subject in task.subjects:
+            car = None if subject.answers is None else subject.answers.side_car
             was = None if car is None else car.protocol.get("analysis", {}).get("delta")
             if was != delta:
                 runs = before.setdefault("none" if was is None else f"{was:g}", [])
-                runs.append(f"{one.subject} of {task.name}")
+                runs.append(f"{subject.subject} of {task.name}")
     if not before:
         return f"Delta = {delta:g}, as the protocol has it."
     changed = "; ".join(f"{was} when {', '.join(runs)} began" for was, runs in before.items())
@@ -532,14 +547,18 @@ def _settled(
     refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
     refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")
     named = rules and tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
-    given: dict[str, Any] = {"rules": named, "delta": delta and float(delta), "level": level and float(level)}
-    return replace(settings, **{name: value for name, value in given.items() if value is not None})
+    overrides: dict[str, Any] = {
+        "rules": named,
+        "delta": delta and float(delta),
+        "level": level and float(level),
+    }
+    return replace(settings, **{name: value for name, value in overrides.items() if value is not None})
 
 
 def _selected(
     task: TaskData, subjects: Sequence[str] | None, selected_from: int | None, selected_by: str
 ) -> TaskData:
-    known = [one.subject for one in task.subjects]
+    known = [subject.subject for subject in task.subjects]
     if isinstance(subjects, str):
         raise TypeError(f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}")
     unknown = [name for name in subjects or () if name not in known]

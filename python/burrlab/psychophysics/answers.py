@@ -169,15 +169,15 @@ def read_answers(
     """
     file, content = os.fspath(path), Path(path).read_bytes()
     car = read_side_car(path)
-    given = {"subject": subject, "name": name, "task": task}
-    labels = _labels(file, car, given)
+    file_labels = {"subject": subject, "name": name, "task": task}
+    labels = _labels(file, car, file_labels)
     refuse(labels["task"] not in TASKS, f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
     refuse(
         answers is not None
         and not (
             isinstance(answers, (list, tuple))
             and len(answers) == len(set(answers)) == 2
-            and all(isinstance(one, str) for one in answers)
+            and all(isinstance(answer, str) for answer in answers)
         ),
         f"answers must be two that differ, in the order of their keys, got {answers!r}",
     )
@@ -236,12 +236,12 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> 
     }.get(car.task, {})
     names = {letter: str(car.design[key]["name"]) for letter, key in places.items()}
     for line, row in rows if names else ():
-        due = [names[letter] for letter in ([""] if "" in names else []) + list(row.trial_type)]
-        for place, (found, name) in enumerate(zip(row.stimuli, due, strict=False), start=1):
+        expected = [names[letter] for letter in ([""] if "" in names else []) + list(row.trial_type)]
+        for place, (stimulus, name) in enumerate(zip(row.stimuli, expected, strict=False), start=1):
             refuse(
-                found not in (None, name),
+                stimulus not in (None, name),
                 f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got "
-                f"{found!r}",
+                f"{stimulus!r}",
             )
 
 
@@ -265,28 +265,28 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     OSError
         If a file cannot be read.
     """
-    found: dict[tuple[str, str], Answers] = {}
+    runs: dict[tuple[str, str], Answers] = {}
     for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
-        one, label = read_answers(path), path.parents[1].name
+        answers, label = read_answers(path), path.parents[1].name
         refuse(
-            label != f"sub-{one.subject}",
-            f"{path}: the answers are of subject {one.subject}, the folder is {label}",
+            label != f"sub-{answers.subject}",
+            f"{path}: the answers are of subject {answers.subject}, the folder is {label}",
         )
-        if other := found.get((one.name, one.subject)):
+        if other := runs.get((answers.name, answers.subject)):
             raise ValueError(
-                f"{path}: subject {one.subject} has another file for task {one.name}, {other.source}"
+                f"{path}: subject {answers.subject} has another file for task {answers.name}, {other.source}"
             )
-        other = next((other for other in found.values() if other.name == one.name), None)
-        if other and other.side_car and one.side_car:
-            changes = "; ".join(other.side_car.differences_across_subjects(one.side_car))
-            refuse(changes, f"{one.source}: the task was another one in {other.source}: {changes}")
-        found[one.name, one.subject] = one
+        other = next((other for other in runs.values() if other.name == answers.name), None)
+        if other and other.side_car and answers.side_car:
+            changes = "; ".join(other.side_car.differences_across_subjects(answers.side_car))
+            refuse(changes, f"{answers.source}: the task was another one in {other.source}: {changes}")
+        runs[answers.name, answers.subject] = answers
     where = os.fspath(folder)
-    refuse(not found, f"{where}: there is no file of answers, sub-*/beh/*_events.tsv")
-    simulated = [one.source for one in found.values() if one.simulated]
-    some = 0 < len(simulated) < len(found)
+    refuse(not runs, f"{where}: there is no file of answers, sub-*/beh/*_events.tsv")
+    simulated = [answers.source for answers in runs.values() if answers.simulated]
+    some = 0 < len(simulated) < len(runs)
     refuse(some, f"{where}: a simulated subject is among others: {''.join(simulated[:1])}")
-    return tuple(found[key] for key in sorted(found))
+    return tuple(runs[key] for key in sorted(runs))
 
 
 def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
@@ -310,11 +310,11 @@ def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
         trial = order.next()
         if trial is None:
             raise ValueError(f"{file}, line {line}: the run has no trial left that this could answer")
-        for column, found, due in _compared(row, trial):
+        for column, recorded, expected in _compared(row, trial):
             refuse(
-                found != due,
-                f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has "
-                f"{due!r}: made with another seed or protocol",
+                recorded != expected,
+                f"{file}, line {line}, column {column}: {recorded!r} where {row.phase} trial {row.trial} has "
+                f"{expected!r}: made with another seed or protocol",
             )
         order.answer(row.response)
 
@@ -326,9 +326,9 @@ def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
     yield "correct", row.correct, row.response == trial.correct
     names = tuple(interval.stimulus.name for interval in trial.intervals)
     seeds = tuple(interval.seed for interval in trial.intervals)
-    for name, found, due in (("stimulus", row.stimuli, names), ("seed", row.seeds, seeds)):
-        for place, expected in enumerate(due, start=1):
-            yield f"{name}_{place}", found[place - 1] if len(found) == len(due) else None, expected
+    for name, recorded, planned in (("stimulus", row.stimuli, names), ("seed", row.seeds, seeds)):
+        for place, expected in enumerate(planned, start=1):
+            yield f"{name}_{place}", recorded[place - 1] if len(recorded) == len(planned) else None, expected
 
 
 def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
@@ -360,12 +360,12 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
 def _one_subject(file: str, content: bytes, subject: str | None) -> str:
     """The known subject, or the one in a column; ValueError if they differ or both are missing."""
     for line, fields in tsv_text.parse(file, content).rows:
-        found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
+        participant = fields.get(_PARTICIPANT, "").removeprefix("sub-")
         refuse(
-            found and subject is not None and found != subject,
-            f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}",
+            participant and subject is not None and participant != subject,
+            f"{file}, line {line}, column {_PARTICIPANT}: {participant!r} in a file of subject {subject!r}",
         )
-        subject = subject or found or None
+        subject = subject or participant or None
     if subject is None:
         raise ValueError(
             f"{file}: the subject is unknown: name the file sub-LABEL_task-LABEL_events.tsv or give subject="
@@ -471,16 +471,16 @@ class AnswerFile:
                 os.ftruncate(file, 0)
                 return cls._begin(path, file, side_car)
             if changes := first.differences(side_car):
-                told = in_one_line("; ".join(changes), 2000)
-                raise ValueError(f"{path}: the protocol was changed since the run began: {told}")
-            found = path.read_bytes()
-            reader, content, torn = read_own_rows(os.fspath(path), found, first.task)
+                reason = in_one_line("; ".join(changes), 2000)
+                raise ValueError(f"{path}: the protocol was changed since the run began: {reason}")
+            file_bytes = path.read_bytes()
+            reader, content, torn = read_own_rows(os.fspath(path), file_bytes, first.task)
             columns = _checked_columns(path, content, first)
             replay(os.fspath(path), reader.rows, order)
             end = max((_end(row) for _, row in reader.rows), default=0.0)
             result = cls(path, file, first, end, reader, content.count(b"\n"), columns)
-            if len(content) > len(found):
-                synced_write(file, path, content[len(found) :])
+            if len(content) > len(file_bytes):
+                synced_write(file, path, content[len(file_bytes) :])
             if torn:
                 os.ftruncate(file, len(content))
                 os.fsync(file)
@@ -564,18 +564,18 @@ def _end(row: Row) -> float:
 
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
-    due, found = side_car.columns, tsv_text.parse(os.fspath(path), content).columns
+    expected, columns = side_car.columns, tsv_text.parse(os.fspath(path), content).columns
     earlier = columns_of(side_car.task)
-    if found in (earlier, earlier[:-1]):  # earlier versions had no columns of clipping, or of repeats
-        return found
-    for place, (one, other) in enumerate(itertools.zip_longest(due, found), start=1):
-        was, now = (repr(name) if name else "none" for name in (one, other))
+    if columns in (earlier, earlier[:-1]):  # earlier versions had no columns of clipping, or of repeats
+        return columns
+    for place, (expected_name, actual_name) in enumerate(itertools.zip_longest(expected, columns), start=1):
+        was, now = (repr(name) if name else "none" for name in (expected_name, actual_name))
         refuse(
-            one != other,
+            expected_name != actual_name,
             f"{path}, line 1: to go on, the columns must be as they were written: column {place} was {was}, "
             f"is now {now}",
         )
-    return found
+    return columns
 
 
 @contextlib.contextmanager
@@ -701,19 +701,19 @@ class ExperimentFolder:
         ValueError
             If the file is invalid; the message names the line.
         """
-        path, found = self.path / "participants.tsv", dict[str, dict[str, str]]()
+        path, participants = self.path / "participants.tsv", dict[str, dict[str, str]]()
         if not path.exists():
-            return found
+            return participants
         table = tsv_text.parse(os.fspath(path), path.read_bytes())
         for column in _COLUMNS[:2]:
             refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
         for line, fields in table.rows:
             subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
-            refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
+            refuse(subject in participants, f"{path}, line {line}: subject {subject} is there twice")
             where = f"{path}, line {line}, column simulated"
             refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
-            found[subject] = {**fields, "participant_id": subject}
-        return found
+            participants[subject] = {**fields, "participant_id": subject}
+        return participants
 
 
 def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
@@ -721,10 +721,10 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
 
     A last line that lacks only its line end, as an editor may leave it, gets one.
     """
-    found = path.read_bytes()
-    content, torn = tsv_text.split_torn(found)
-    own = tsv_text.line(_COLUMNS)
-    if torn and not content and own.startswith(torn):
+    file_bytes = path.read_bytes()
+    content, torn = tsv_text.split_torn(file_bytes)
+    heading = tsv_text.line(_COLUMNS)
+    if torn and not content and heading.startswith(torn):
         os.ftruncate(file, 0)
     elif torn:
         columns = tsv_text.parse(os.fspath(path), content or torn).columns
@@ -738,7 +738,7 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
         os.ftruncate(file, len(content))
     if content:
         return tsv_text.parse(os.fspath(path), content).columns
-    synced_write(file, path, own)
+    synced_write(file, path, heading)
     return _COLUMNS
 
 

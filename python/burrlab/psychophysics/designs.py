@@ -222,8 +222,8 @@ class Scored(Design):
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         one_of("mode", self.mode, MODES)
 
-    def _power(self, said: str, subjects: int) -> str:
-        return f"{said}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
+    def _power(self, comparison: str, subjects: int) -> str:
+        return f"{comparison}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
 
 def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
@@ -398,8 +398,8 @@ class Comparison(Design):
 
     def trial(self, kind: str, level: float, number: int, phase: Phase, block: int, draws: Draws) -> Trial:
         """A trial with reference and comparison in the order of `kind`, RC or CR."""
-        shown = {"R": self.reference, "C": self.comparison(level)}
-        intervals = tuple(Interval(shown[x], draws.interval_seed(), self.interval) for x in kind)
+        stimuli = {"R": self.reference, "C": self.comparison(level)}
+        intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in kind)
         # In a comparison of more c_e the burr sinks more slowly.
         slower = self._asks_speed and self.parameter == "c_e"
         more = "C" if (level > 1.0) != slower else "R"
@@ -499,9 +499,9 @@ class ABX(Scored):
         return self.reference if self.match is None else self.match
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-        shown = [(self.reference, self.reference_interval)]
-        shown += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
-        intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in shown)
+        stimuli = [(self.reference, self.reference_interval)]
+        stimuli += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
+        intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in stimuli)
         return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
 
     def power(self, subjects: int = 1) -> str:
@@ -578,5 +578,5 @@ class SameDifferent(Scored):
         return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
     def power(self, subjects: int = 1) -> str:
-        said = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
-        return self._power(said, subjects)
+        comparison = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
+        return self._power(comparison, subjects)

@@ -221,16 +221,16 @@ def rejected_as_few(
     value within a factor of 3 of the error rate.
     """
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
-    mean = sum(subject.mean[given] for subject, given in zip(subjects, answers.T, strict=True))
-    variance = sum(subject.variance[given] for subject, given in zip(subjects, answers.T, strict=True))
+    mean = sum(subject.mean[answered] for subject, answered in zip(subjects, answers.T, strict=True))
+    variance = sum(subject.variance[answered] for subject, answered in zip(subjects, answers.T, strict=True))
     spread = np.sqrt(np.maximum(variance, 1e-12))
     normal = ndtr((np.sum(hits, axis=1) + 0.5 - mean) / spread)
     sure = (variance > _WIDE) & ((normal < error / _CLOSE) | (normal > error * _CLOSE))
     out &= ~sure | (normal <= error)
     close = np.nonzero(out & ~sure)[0]
     if len(close):
-        own = answers[close] if len(answers) > 1 else answers
-        out[close] = _exact_tails(np.sum(hits[close], axis=1), own, subjects)[0] <= error
+        close_answers = answers[close] if len(answers) > 1 else answers
+        out[close] = _exact_tails(np.sum(hits[close], axis=1), close_answers, subjects)[0] <= error
     return out
 
 
@@ -239,8 +239,8 @@ def excess_hits(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Observed minus expected hits, and whether each subject is informative."""
     each = list(zip(subjects, answers.T, strict=True))
-    mean = np.stack([subject.mean[given] for subject, given in each], axis=1)
-    informative = np.stack([subject.informative[given] for subject, given in each], axis=1)
+    mean = np.stack([subject.mean[answered] for subject, answered in each], axis=1)
+    informative = np.stack([subject.informative[answered] for subject, answered in each], axis=1)
     excess = np.where(informative, hits - mean, 0.0)
     return excess, np.broadcast_to(informative, excess.shape)
 
@@ -412,9 +412,11 @@ def label_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
 
 def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
     """The distinct sums with their total weights."""
-    kept, place = np.unique(np.round(sums, 9), return_inverse=True)
-    refuse(len(kept) > _MOST_SUMS, f"{name} must have at most {_MOST_SUMS} different sums, got more")
-    return kept, np.asarray(np.bincount(place.ravel(), weights, minlength=len(kept)), dtype=np.float64)
+    distinct, place = np.unique(np.round(sums, 9), return_inverse=True)
+    refuse(len(distinct) > _MOST_SUMS, f"{name} must have at most {_MOST_SUMS} different sums, got more")
+    return distinct, np.asarray(
+        np.bincount(place.ravel(), weights, minlength=len(distinct)), dtype=np.float64
+    )
 
 
 def finite_values(values: ArrayLike) -> Floats:

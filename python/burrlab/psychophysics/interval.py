@@ -192,7 +192,7 @@ def wait_until_lifted(
     )
     reader = RecordReader(session.loop)
     begun = high_since = None
-    lifted = asked = False
+    lifted = notified = False
     with session:
         while not lifted and not stop():
             if session.loop.wait(_LOOK):
@@ -202,8 +202,8 @@ def wait_until_lifted(
                 begun = time if begun is None else begun
                 high_since = None if z < burr.radius else time if high_since is None else high_since
                 lifted = lifted or (high_since is not None and time - high_since >= _STEADY)
-                if not asked and high_since is None and time - begun >= _PATIENCE:
-                    asked = True
+                if not notified and high_since is None and time - begun >= _PATIENCE:
+                    notified = True
                     on_wait()
         session.stop("the burr is lifted" if lifted else "no more waiting")
     return lifted, session.reason
@@ -344,19 +344,19 @@ def render(
         limits=limits, ramp=0.0,
     )  # fmt: skip
     watch = _Watch(RecordReader(session.loop), burr, bone, interval.duration)
-    asked = False
+    stopped = False
     with session:
-        while not (watch.ended or asked):
+        while not (watch.ended or stopped):
             over = session.loop.wait(_LOOK)
             watch.look()
             if over:
                 break
-            asked = stop is not None and stop()
+            stopped = stop is not None and stop()
         session.stop("the interval is over")
         watch.look()
     in_time = interval.duration is not None and session.ticks >= round(interval.duration / _PERIOD)
     otherwise: Ending = "time" if in_time and not session.failed else "device"
-    ended: Ending = watch.ended or ("subject" if asked else otherwise)
+    ended: Ending = watch.ended or ("subject" if stopped else otherwise)
     ticks = watch.ticks()
     spans = _PERIOD * ticks["periods"]
     return Rendered(
@@ -429,9 +429,11 @@ class _Watch:
         late = ticks["time"] >= self._duration - 0.5 * _PERIOD
         through = touched & (z - self._radius <= self._bottom)
         wall = touched & (z < self._radius) & (place + width[:, None] >= self._half).any(axis=1)
-        found = [(int(over.argmax()), kind) for kind, over in enumerate((late, through, wall)) if over.any()]
-        if found:
-            first, kind = min(found)
+        violations = [
+            (int(over.argmax()), kind) for kind, over in enumerate((late, through, wall)) if over.any()
+        ]
+        if violations:
+            first, kind = min(violations)
             self.ended = ENDINGS[kind]
             ticks = ticks[: first + (self.ended != "time")]
         sent, wanted = (np.linalg.norm(burr[name][: len(ticks)], axis=1) for name in ("sent", "force"))
@@ -439,6 +441,6 @@ class _Watch:
         self._kept.append(ticks)
 
     def ticks(self) -> NDArray[np.void]:
-        kept: NDArray[Any] = np.concatenate(self._kept)
-        kept.flags.writeable = False
-        return kept
+        records: NDArray[Any] = np.concatenate(self._kept)
+        records.flags.writeable = False
+        return records

@@ -250,8 +250,8 @@ def _force_on_the_way(depth: Floats, force: Floats) -> float:
 
 
 def _log_mean(values: list[float]) -> float:
-    there = [value for value in values if value > 0.0]
-    return math.log(sum(there) / len(there)) if there else math.nan
+    positive = [value for value in values if value > 0.0]
+    return math.log(sum(positive) / len(positive)) if positive else math.nan
 
 
 Decision: TypeAlias = Literal["differencing", "covert"]
@@ -325,12 +325,12 @@ class SimulatedSubject:
             not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues),
             f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}",
         )
-        given = self.weber if isinstance(self.weber, Mapping) else dict.fromkeys(cues, self.weber)
+        fractions = self.weber if isinstance(self.weber, Mapping) else dict.fromkeys(cues, self.weber)
         for cue in cues:
-            refuse(cue not in given, f"weber must have a fraction for each cue, {cue} has none")
+            refuse(cue not in fractions, f"weber must have a fraction for each cue, {cue} has none")
             refuse(
-                not 0.0 < given[cue] < math.inf,
-                f"weber of {cue} must be positive and finite, got {given[cue]!r}",
+                not 0.0 < fractions[cue] < math.inf,
+                f"weber of {cue} must be positive and finite, got {fractions[cue]!r}",
             )
         one_of("decision", self.decision, DECISIONS)
         refuse(
@@ -347,7 +347,7 @@ class SimulatedSubject:
             f"memory must be zero or positive and finite, got {self.memory!r}",
         )
         object.__setattr__(self, "cues", cues)
-        object.__setattr__(self, "weber", {cue: float(given[cue]) for cue in cues})
+        object.__setattr__(self, "weber", {cue: float(fractions[cue]) for cue in cues})
 
     @property
     def rule(self) -> RuleName:

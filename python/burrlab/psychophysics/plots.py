@@ -66,8 +66,8 @@ def draw_d_prime(
         colour, marker = STYLES[rule]
         draw(ax, some, rows + shift, end, ({"label": None} if named else {}) | style, colour, marker)
         if named:
-            said = f"{style['label']}, {rule}" if style.get("label") else rule
-            ax.plot([], [], **styled({**style, "label": said}, color=colour, marker=marker, markersize=4.5))
+            label = f"{style['label']}, {rule}" if style.get("label") else rule
+            ax.plot([], [], **styled({**style, "label": label}, color=colour, marker=marker, markersize=4.5))
     ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
     if delta is not None:
         ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")

@@ -588,8 +588,8 @@ def _decided(
     lapse: float,
 ) -> Callable[[int, int], bool]:
     """A function of (subjects, trials per subject): whether the power for a d' or a Delta is reached."""
-    given = f"got {d_prime} and {delta}"
-    refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {given}")
+    arguments = f"got {d_prime} and {delta}"
+    refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {arguments}")
     refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
     _check_numbers("d_prime", () if d_prime is None else (d_prime,), delta)
     decision = rule_of(task, rule)

@@ -104,7 +104,7 @@ class Table:
                 raise self.error(f"{key} must be {rule}, got {shown(value)}")
             value = float(value) if kind is _NUMBER else value
         if kind is _LIST and key in self:
-            return [Table(self.file, self.name, {key: one}).get(key, _NUMBER) for one in value]
+            return [Table(self.file, self.name, {key: part}).get(key, _NUMBER) for part in value]
         return value
 
     def table(self, key: str, *, needed: bool = True) -> Table:
@@ -159,15 +159,15 @@ def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
         If a key is unknown, missing or of another type, a material is unknown, or the design refuses a value.
     """
     kind = DESIGNS[table.get("design", _TEXT, _choice(tuple(DESIGNS)))]
-    hints, given = get_type_hints(kind), {}
+    hints, options = get_type_hints(kind), {}
     for name, parameter in inspect.signature(kind).parameters.items():
         default = _REQUIRED if parameter.default is inspect.Parameter.empty else None
         value = _read(table, key_of(name), hints[name], stimuli, default)
         if key_of(name) in table:
-            given[name] = value
+            options[name] = value
     table.done()
     try:
-        return kind(**given)
+        return kind(**options)
     except (ValueError, TypeError) as error:
         name, space, rest = str(error).partition(" ")
         raise table.error(f"{key_of(name)}{space}{rest}") from None
@@ -183,26 +183,26 @@ def stimuli_of(table: Table) -> dict[str, Stimulus]:
         missing or of another type, or the values do not make a material.
     """
     stimuli = {name: Stimulus(name, material) for name, material in paper.items()}
-    for name, one in table.tables().items():
+    for name, stimulus in table.tables().items():
         if name in paper:
             raise table.error(f"{name!r} is a material of the paper: choose another name")
         if not (name.isascii() and name.replace("_", "").replace("-", "").isalnum()):
             raise table.error(f"a material's name must be of letters, digits, _ and -, got {name!r}")
         material = None
-        if not one.get("real", _FLAG, default=False):
-            numbers = {key: one.get(key, _NUMBER) for key in ("c_e", "alpha")}
-            texts = {key: one.get(key, _TEXT, default=None) for key in ("shape", "source")}
-            with one.errors():
+        if not stimulus.get("real", _FLAG, default=False):
+            numbers = {key: stimulus.get(key, _NUMBER) for key in ("c_e", "alpha")}
+            texts = {key: stimulus.get(key, _TEXT, default=None) for key in ("shape", "source")}
+            with stimulus.errors():
                 material = Material(name, **numbers, **{key: text for key, text in texts.items() if text})
         stimuli[name] = Stimulus(name, material)
-        one.done()
+        stimulus.done()
     return stimuli
 
 
 def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], default: Any) -> Any:
     """A value of the type of the design's parameter."""
     if get_origin(kind) in (Union, types.UnionType):
-        kind = next(one for one in get_args(kind) if one is not type(None))
+        kind = next(alternative for alternative in get_args(kind) if alternative is not type(None))
     if kind is Stimulus:
         name = table.get(key, _TEXT, default=default)
         if name is not None and name not in stimuli:
@@ -240,14 +240,18 @@ def subjects_of(table: Table) -> tuple[str, ...]:
         "subjects",
         (
             "a number or a list of names",
-            lambda found: (
-                type(found) is int
-                or (isinstance(found, list) and found != [] and all(isinstance(one, str) for one in found))
+            lambda listing: (
+                type(listing) is int
+                or (
+                    isinstance(listing, list)
+                    and listing != []
+                    and all(isinstance(subject, str) for subject in listing)
+                )
             ),
         ),
         (
             f"1 to {_MOST_SUBJECTS}, or a list of names",
-            lambda found: type(found) is not int or 1 <= found <= _MOST_SUBJECTS,
+            lambda listing: type(listing) is not int or 1 <= listing <= _MOST_SUBJECTS,
         ),
     )
     if type(value) is int:
@@ -307,19 +311,19 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
 
 def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
     """Arguments that make a `VolumeBlock` of [bone]; None if it names no volume."""
-    path, given = table.get("volume", _TEXT, default=None), {}
+    path, options = table.get("volume", _TEXT, default=None), {}
     for key, kind in (
         ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
         ("crop_mm", _CORNERS), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
     ):  # fmt: skip
-        given[key] = table.get(key, kind, default=None)
+        options[key] = table.get(key, kind, default=None)
         if path is None and key in table:
             raise table.error(f"{key} goes with volume")
         if path is not None and key in ("map", "entry_mm", "axis") and key not in table:
             raise table.error(f"{key} is missing: volume needs it")
     if path is None:
         return None
-    text, entry, axis, *others = given.values()
+    text, entry, axis, *others = options.values()
     with table.errors():
         return {
             "volume": VolumeRecipe(str(folder / path), OccupancyMap.parse(text), *others),
@@ -337,11 +341,11 @@ def designs_of(file: Table) -> Mapping[str, Design]:
         raise table.error("there must be at least one task, [tasks.NAME]")
     _check_labels(table, "a task", list(tables))
     tasks: dict[str, Design] = {}
-    for name, one in tables.items():
-        tasks[name] = design_of(one, stimuli)
+    for name, task_table in tables.items():
+        tasks[name] = design_of(task_table, stimuli)
         for other, design in tasks.items():
             if other != name and design.to_dict() == tasks[name].to_dict():
-                raise one.error(
+                raise task_table.error(
                     f"this is task {other} again, trial by trial: give one of them more trials or blocks"
                 )
     return MappingProxyType(tasks)
@@ -353,11 +357,11 @@ def analysis_of(table: Table) -> AnalysisSettings:
         "rules",
         (
             f"a list of {', '.join(RULES)}, each once at most",
-            lambda found: (
-                isinstance(found, list)
-                and found != []
-                and all(rule in RULES for rule in found)
-                and len({*found}) == len(found)
+            lambda names: (
+                isinstance(names, list)
+                and names != []
+                and all(rule in RULES for rule in names)
+                and len({*names}) == len(names)
             ),
         ),
         default=list(RULES),
@@ -457,14 +461,14 @@ class Protocol:
             If the file cannot be read.
         """
         path = Path(path)
-        told = os.fspath(path)
-        text = csv_text.decoded(told, path.read_bytes())
+        file_name = os.fspath(path)
+        text = csv_text.decoded(file_name, path.read_bytes())
         try:
-            file = Table(told, "", tomllib.loads(text))
+            file = Table(file_name, "", tomllib.loads(text))
         except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
-            raise ValueError(f"{told}: this is not TOML: {error}") from None
+            raise ValueError(f"{file_name}: this is not TOML: {error}") from None
         except RecursionError:
-            raise ValueError(f"{told}: lists or tables are nested too deeply") from None
+            raise ValueError(f"{file_name}: lists or tables are nested too deeply") from None
         experiment = file.table("experiment")
         get = experiment.get
         name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)
@@ -476,7 +480,8 @@ class Protocol:
         trace, feedback = (get(key, _FLAG, default=False) for key in ("trace", "feedback"))
         keys = get("keys", _KEYS, default=KEYS)
         pause, rest = (
-            get(key, _NUMBER, *_WAIT, default=due) for key, due in (("pause_s", 1.0), ("break_s", 60.0))
+            get(key, _NUMBER, *_WAIT, default=default_s)
+            for key, default_s in (("pause_s", 1.0), ("break_s", 60.0))
         )
         selected_by = get("selected_by", _TEXT, _ONE_FIELD, default=None)
         fewer: Rule = (f"more than the {len(subjects)} subjects", lambda value: value > len(subjects))

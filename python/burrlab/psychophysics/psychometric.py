@@ -164,15 +164,15 @@ class PosteriorThreshold(Result):
 
 def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level: float) -> PosteriorThreshold:
     """The threshold of a posterior, as a ratio above 1 (side 1) or below 1 (side -1)."""
-    found = posterior.summary(level)
-    near, far = found["interval"]
+    summary = posterior.summary(level)
+    near, far = summary["interval"]
     # True where a likelihood interval would extend beyond the grid
     low, high = (
-        density > math.exp(-0.5 * float(scipy.stats.chi2.ppf(level, 1))) for density in found["at_ends"]
+        density > math.exp(-0.5 * float(scipy.stats.chi2.ppf(level, 1))) for density in summary["at_ends"]
     )
     return PosteriorThreshold(
-        level=math.exp(side * found["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
-        credible=level, difference=found["threshold"], slope=found["slope"], lapse=found["lapse"],
+        level=math.exp(side * summary["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
+        credible=level, difference=summary["threshold"], slope=summary["slope"], lapse=summary["lapse"],
         trials=trials, open_below=bool(low), open_above=bool(high),
     )  # fmt: skip
 
@@ -409,9 +409,9 @@ def psychometric_function(
     refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
 
     data = np.array([(math.log(math.log(ratio)), *n) for ratio, n in pooled.items()])
-    found, at_bounds = _fit(data, level)
+    psignifit_fit, at_bounds = _fit(data, level)
     threshold, width, lapse = (
-        (found.parameter_estimate[name], *found.confidence_intervals[name][str(level)])
+        (psignifit_fit.parameter_estimate[name], *psignifit_fit.confidence_intervals[name][str(level)])
         for name in ("threshold", "width", "lambda")
     )
     sides = {ratio > 1.0 for ratio in ratios}
@@ -422,7 +422,7 @@ def psychometric_function(
         *_ends([math.exp(math.exp(value)) for value in threshold]),
         *_ends([_WIDTH_TIMES_SLOPE / width[i] for i in (0, 2, 1)]),
         *_ends([2.0 * value for value in lapse]),  # psignifit's lambda counts wrong answers only
-        overdispersion=float(found.parameter_estimate["eta"]),
+        overdispersion=float(psignifit_fit.parameter_estimate["eta"]),
         level=level,
         guess_rate=_GUESS,
         proportion=_PROPORTION,
@@ -475,11 +475,11 @@ def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
         warnings.simplefilter("always")
         # Many levels with one trial each are normal for a staircase.
         warnings.filterwarnings("ignore", r"All blocks in data have only 1 trial", UserWarning)
-        found = psignifit(
+        psignifit_fit = psignifit(
             data, experiment_type="2AFC", sigmoid="weibull", confP=(level, 0.9, 0.68),
             pool_max_blocks=len(data), **options,
         )  # fmt: skip
-    told = [_BOUND.search(str(warning.message)) for warning in caught]
-    for warning in (one for one, match in zip(caught, told, strict=True) if match is None):
+    matches = [_BOUND.search(str(warning.message)) for warning in caught]
+    for warning in (warning_of for warning_of, match in zip(caught, matches, strict=True) if match is None):
         warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
-    return found, [(match[1], match[2]) for match in told if match is not None]
+    return psignifit_fit, [(match[1], match[2]) for match in matches if match is not None]

@@ -402,10 +402,10 @@ class SelectionEffect:
         p = scipy.stats.binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
         m = np.arange(self.of + 1)
         # Joint probability of M_t (rows) and the sum of min(kept, M_t) over scores from t up (columns)
-        found = np.zeros((len(m), self.kept * self.trials + 1))
-        found[0, 0] = 1.0
+        shares = np.zeros((len(m), self.kept * self.trials + 1))
+        shares[0, 0] = 1.0
         for t in range(self.trials, 0, -1):
             at_t = p[t] / max(p[: t + 1].sum(), _LEAST)  # P(score t), given a score of at most t
-            found = scipy.stats.binom.pmf(m[:, None] - m, self.of - m, at_t) @ found
-            found = np.stack([np.roll(row, min(self.kept, n)) for n, row in enumerate(found)])
-        return np.asarray(found.sum(axis=0))
+            shares = scipy.stats.binom.pmf(m[:, None] - m, self.of - m, at_t) @ shares
+            shares = np.stack([np.roll(row, min(self.kept, n)) for n, row in enumerate(shares)])
+        return np.asarray(shares.sum(axis=0))

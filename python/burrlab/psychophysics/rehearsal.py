@@ -84,12 +84,12 @@ def rehearse(
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
-    found = []
+    all_counts = []
     for number in range(1, subjects + 1):
         order = rehearsed_order(design, taught, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
-        main = [(t.trial_type, said, t.correct) for t, said in order.answered if t.phase == "main"]
-        found.append(counts_of(design.task, main))
-    return found
+        main = [(t.trial_type, response, t.correct) for t, response in order.answered if t.phase == "main"]
+        all_counts.append(counts_of(design.task, main))
+    return all_counts
 
 
 def rehearsed_order(
@@ -129,14 +129,14 @@ def teach(
     if design.task == "2ifc":
         return subject
     burr, bone = burr or Burr(3.0), bone or Block()
-    found: dict[Material | None, Interval] = {}
+    intervals: dict[Material | None, Interval] = {}
     order = design.order(seed=0, subject="taught")
-    while len(found) < 2 and (trial := order.next()) is not None:
+    while len(intervals) < 2 and (trial := order.next()) is not None:
         for interval in trial.intervals:
-            found.setdefault(stood_in(design, interval).stimulus.material, interval)
+            intervals.setdefault(stood_in(design, interval).stimulus.material, interval)
         order.answer(design.answers[0])
-    refuse(len(found) != 2, f"design must have two materials, got {len(found)}")
-    a, b = (_felt(design, interval, burr, bone) for interval in found.values())
+    refuse(len(intervals) != 2, f"design must have two materials, got {len(intervals)}")
+    a, b = (_felt(design, interval, burr, bone) for interval in intervals.values())
     return subject.taught(a, b)
 
 
@@ -158,12 +158,12 @@ def stood_in(design: Design, interval: Interval) -> Interval:
 
 
 def _felt(design: Design, interval: Interval, burr: Burr, bone: Block) -> Cues:
-    shown = stood_in(design, interval)
-    assert shown.stimulus.material is not None
-    assert shown.duration is not None
+    stand_in = stood_in(design, interval)
+    assert stand_in.stimulus.material is not None
+    assert stand_in.duration is not None
     seed = 1 if design.mode == "probing" else 1 + interval.seed % REPLICATES
     return rendered_cues(
-        shown.stimulus.material, design.mode, burr=burr, bone=bone, duration=shown.duration, seed=seed
+        stand_in.stimulus.material, design.mode, burr=burr, bone=bone, duration=stand_in.duration, seed=seed
     )
 
 
@@ -425,8 +425,10 @@ class TaskOneTable:
                     )
         lines.append("")
         for (cue, rule), noise in self.noise_of_published.items():
-            there = "no noise" if noise is None else f"a noise of {100 * noise:.0f} %"
-            lines.append(f"{cue}, {rule}: {there} gives the paper's {_PUBLISHED_FOR[cue]} for bone and PVC")
+            noise_text = "no noise" if noise is None else f"a noise of {100 * noise:.0f} %"
+            lines.append(
+                f"{cue}, {rule}: {noise_text} gives the paper's {_PUBLISHED_FOR[cue]} for bone and PVC"
+            )
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -472,24 +474,24 @@ def task1_table(
     sum of 6 + 6 answers. "all" combines cues that no interval of the paper has together, so it is an upper
     limit.
     """
-    found = _differences(differences, burr or Burr(3.0), bone or Block())
+    cue_differences = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:
         refuse(not 0.0 < noise < math.inf, f"noises must be positive and finite, got {noise!r}")
     rows = [
-        _row(name, pair, decision, noise, _distance(found[pair], cues), lapse)
+        _row(name, pair, decision, noise, _distance(cue_differences[pair], cues), lapse)
         for name, cues in _NAMES.items()
-        for pair in found
+        for pair in cue_differences
         for decision in DECISIONS
         for noise in noises
     ]
-    first = next(iter(found))
+    first = next(iter(cue_differences))
     published: dict[tuple[str, str], float | None] = {
-        (name, decision): noise_for_score(_PUBLISHED_FOR[name], _distance(found[first], cues), decision, lapse=lapse)
+        (name, decision): noise_for_score(_PUBLISHED_FOR[name], _distance(cue_differences[first], cues), decision, lapse=lapse)
         for name, cues in _NAMES.items()
         for decision in DECISIONS
     }  # fmt: skip
     source = differences if isinstance(differences, str) else "given"
-    return TaskOneTable(tuple(rows), found, published, source, lapse)
+    return TaskOneTable(tuple(rows), cue_differences, published, source, lapse)
 
 
 def noise_for_score(
@@ -605,7 +607,7 @@ class SimulatedSeat(Seat):
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
-        cues = [Cues() if one is None else interval_cues(one) for one in rendered]
+        cues = [Cues() if interval is None else interval_cues(interval) for interval in rendered]
         what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
         draws = Draws(self._seed, self._name, {"simulated": what})
         return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None

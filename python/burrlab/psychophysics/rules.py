@@ -52,8 +52,8 @@ class Result:
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON, with null for values that are not finite."""
-        found: dict[str, Any] = _CODEC.plain({**vars(self), **{x: getattr(self, x) for x in self._derived}})
-        return found
+        fields: dict[str, Any] = _CODEC.plain({**vars(self), **{x: getattr(self, x) for x in self._derived}})
+        return fields
 
 
 def one_of(name: str, value: str, choices: Sequence[Chosen]) -> Chosen:
@@ -68,8 +68,8 @@ def halving(
     """(inside, outside) after halvings between `inside`, where `holds`, and `outside`, where not."""
     for _ in range(times):
         middle = 0.5 * (inside + outside)
-        there = holds(middle)
-        inside, outside = np.where(there, middle, inside), np.where(there, outside, middle)
+        held = holds(middle)
+        inside, outside = np.where(held, middle, inside), np.where(held, outside, middle)
     return inside, outside
 
 

@@ -146,9 +146,13 @@ class Runner:
             self._rest_before(trial)
             self._announce(trial)
             felt, repeats = self._feel(trial)
-            response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
-            onset, endings = felt[0].began, tuple(one.ended for one in felt)
-            clipped = tuple(None if one.rendered is None else one.rendered.clipped for one in felt)
+            response, response_time = self._seat.ask(
+                self._design, trial, [interval.rendered for interval in felt]
+            )
+            onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
+            clipped = tuple(
+                None if interval.rendered is None else interval.rendered.clipped for interval in felt
+            )
             self._keep(
                 Answer(
                     trial, onset, felt[-1].over - onset, response, response_time, endings, repeats, clipped
@@ -198,17 +202,17 @@ class Runner:
             self._seat.rest("Take a break.", self._protocol.rest)
 
     def _announce(self, trial: Trial) -> None:
-        practised = sum(one.phase == "practice" for one, _ in self._order.answered)
+        practised = sum(answered_trial.phase == "practice" for answered_trial, _ in self._order.answered)
         number = len(self._order.answered) - practised + 1
         place, total = f"block {trial.block}", self._order.total - self._design.practice
         if trial.phase == "practice":
             number, place, total = practised + 1, "practice", self._design.practice
         self._seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
-        shown = [(interval.stimulus.name, interval.stimulus.material) for interval in trial.intervals]
+        felt_stimuli = [(interval.stimulus.name, interval.stimulus.material) for interval in trial.intervals]
         stimuli = ", ".join(
             f"{name} (real)" if m is None else f"{name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
-            for name, m in shown
+            for name, m in felt_stimuli
         )
         self._experimenter.say(
             f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
@@ -319,10 +323,12 @@ class Runner:
         right = response == trial.correct
         main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
         score = sum(r == t.correct for t, r in main)
-        taken = "" if response_time is None else f" in {response_time:.2f} s"
-        taken += ", too fast to have judged" if response_time is not None and response_time < TOO_FAST else ""
+        duration = "" if response_time is None else f" in {response_time:.2f} s"
+        duration += (
+            ", too fast to have judged" if response_time is not None and response_time < TOO_FAST else ""
+        )
         self._experimenter.say(
-            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
+            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{duration}, "
             f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
         )
         if self._protocol.feedback and trial.phase == "practice":
@@ -378,11 +384,11 @@ class Sitting:
         again: str = "",
     ) -> None:
         self.protocol, self.subject = protocol, subject
-        due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
-        for task in due:
+        planned = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
+        for task in planned:
             protocol.order(subject, task)
         # Added subjects or tasks change a subject's order, so tasks that were begun come first.
-        self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
+        self.tasks = tuple(sorted(planned, key=lambda task: not self._file(task).exists()))
         self._text = _DRIVER
         if isinstance(device, Device) or callable(device):
             self._device: Callable[[Mode], Device] = device if callable(device) else lambda mode: device
@@ -413,10 +419,10 @@ class Sitting:
         BlockingIOError, FileNotFoundError, ValueError, OSError
             As for `Protocol.begin` and `Protocol.resume`.
         """
-        given = 0
+        answer_count = 0
         for task in self.tasks:
-            given += self._run_task(task, seat(task), rest=given > 0)
-        return given
+            answer_count += self._run_task(task, seat(task), rest=answer_count > 0)
+        return answer_count
 
     def _run_task(self, task: str, seat: Seat, *, rest: bool) -> int:
         enter = self.protocol.resume if self._file(task).exists() else self.protocol.begin
@@ -448,7 +454,7 @@ class Sitting:
                 render=_rendered_once() if self._once else render,
             )  # fmt: skip
             try:
-                given = runner.run()
+                answer_count = runner.run()
             except BaseException as error:
                 on = f"; {self._again} goes on" if self._again else ""
                 experimenter.say(
@@ -459,7 +465,7 @@ class Sitting:
                 if runner.repeated:
                     experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
             experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
-            return given
+            return answer_count
 
     def _trace(self, task: str, trial: Trial, number: int) -> Path:
         """The path of a new trace; a repeated interval gets another name than its first attempt."""
@@ -513,12 +519,12 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
 
 def _rendered_once() -> Callable[..., Rendered]:
     """A `render` that renders each material once and then returns the same result again."""
-    kept: dict[tuple[Any, ...], Rendered] = {}
+    rendered: dict[tuple[Any, ...], Rendered] = {}
 
     def once(interval: Interval, device: Device, **options: Any) -> Rendered:
         key = (interval.stimulus, interval.duration)
-        if key not in kept:
-            kept[key] = render(interval, device, **options)
-        return kept[key]
+        if key not in rendered:
+            rendered[key] = render(interval, device, **options)
+        return rendered[key]
 
     return once

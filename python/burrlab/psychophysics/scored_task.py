@@ -109,21 +109,23 @@ class TaskData:
 
     def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> TaskData:
         """The task with these subjects only, by default all; `pool` becomes `of`, if known."""
-        kept = tuple(one for one in self.subjects if subjects is None or one.subject in subjects)
-        several = len(kept) < len(self.subjects)
+        selected = tuple(
+            subject for subject in self.subjects if subjects is None or subject.subject in subjects
+        )
+        several = len(selected) < len(self.subjects)
         of = pool or self.of or (len(self.subjects) if several else 0)
         # A part of the selected subjects keeps the number that was selected.
         chosen = (self.chosen or len(self.subjects)) if self.of and not pool else 0
         return replace(
             self,
-            subjects=kept,
-            of=of if of > len(kept) else 0,
+            subjects=selected,
+            of=of if of > len(selected) else 0,
             selected_by=by or self.selected_by,
             chosen=chosen,
         )
 
 
-def of_answers(found: Iterable[Answers]) -> list[TaskData]:
+def of_answers(runs: Iterable[Answers]) -> list[TaskData]:
     """The tasks in files of answers, in order of appearance.
 
     Raises
@@ -134,20 +136,20 @@ def of_answers(found: Iterable[Answers]) -> list[TaskData]:
         If an item is not Answers.
     """
     tasks: dict[str, TaskData] = {}
-    for one in found:
-        if not isinstance(one, Answers):
+    for answers in runs:
+        if not isinstance(answers, Answers):
             raise TypeError(
-                f"data must hold Answers, or be a mapping of subjects to Counts, got {type(one).__name__}"
+                f"data must hold Answers, or be a mapping of subjects to Counts, got {type(answers).__name__}"
             )
-        task = tasks.setdefault(one.name, TaskData(one.name, one.task, (), _design(one)))
+        task = tasks.setdefault(answers.name, TaskData(answers.name, answers.task, (), _design(answers)))
         names = [other.subject for other in task.subjects]
         refuse(
-            (task.task, task.design) != (one.task, _design(one)),
-            f"task {one.name} of subject {one.subject} has another design than that of subject "
+            (task.task, task.design) != (answers.task, _design(answers)),
+            f"task {answers.name} of subject {answers.subject} has another design than that of subject "
             f"{''.join(names[:1])}",
         )
-        refuse(one.subject in names, f"subject {one.subject} has task {one.name} twice")
-        tasks[one.name] = replace(task, subjects=(*task.subjects, _subject(one)))
+        refuse(answers.subject in names, f"subject {answers.subject} has task {answers.name} twice")
+        tasks[answers.name] = replace(task, subjects=(*task.subjects, _subject(answers)))
     return list(tasks.values())
 
 
@@ -170,31 +172,38 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
 
 def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
     refuse(not subjects, f"task {name} must hold a subject, got none")
-    found: list[SubjectData] = []
+    group: list[SubjectData] = []
     for subject, value in subjects.items():
         if isinstance(value, Answers):
-            found.append(replace(_subject(value), subject=str(subject)))
+            group.append(replace(_subject(value), subject=str(subject)))
         elif isinstance(value, Counts):
-            found.append(SubjectData(str(subject), value, simulated=simulated))
+            group.append(SubjectData(str(subject), value, simulated=simulated))
         else:
             raise TypeError(f"subject {subject} must have Counts or Answers, got {type(value).__name__}")
     task, *others = dict.fromkeys(value.task for value in subjects.values())
     refuse(others, f"task {name} must be of one kind, got {', '.join(sorted([task, *others]))}")
     designs = [_design(value) for value in subjects.values() if isinstance(value, Answers)]
     refuse(any(x != designs[0] for x in designs), f"task {name} must have one design, got several")
-    return TaskData(name or task, task, tuple(found), designs[0] if designs else {})
+    return TaskData(name or task, task, tuple(group), designs[0] if designs else {})
 
 
-def _subject(one: Answers) -> SubjectData:
-    planned = None if one.trials is None else one.trials - int(_design(one).get("practice", 0))
-    answered = [(row.level, row.correct) for row in one.main if row.level is not None]
+def _subject(answers: Answers) -> SubjectData:
+    planned = None if answers.trials is None else answers.trials - int(_design(answers).get("practice", 0))
+    answered = [(row.level, row.correct) for row in answers.main if row.level is not None]
     trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
     levels = tuple((level, right[level], trials[level]) for level in sorted(trials))
-    return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
+    return SubjectData(
+        answers.subject,
+        answers.counts() if answers.main else None,
+        planned,
+        answers.simulated,
+        levels,
+        answers,
+    )
 
 
-def _design(one: Answers) -> dict[str, Any]:
-    return {} if one.side_car is None else dict(one.side_car.design)
+def _design(answers: Answers) -> dict[str, Any]:
+    return {} if answers.side_car is None else dict(answers.side_car.design)
 
 
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
@@ -203,22 +212,22 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
     The number of subjects before selection is `selected_from` of the protocol in the side-cars, or else part
     of a text such as "best 12 of 20".
     """
-    found = []
+    selected_tasks = []
     for task in tasks:
-        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
+        texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
         text = "; ".join(filter(None, texts))
         numbers = _OF.search(text)
         chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
-        cars = [one.answers.side_car for one in task.subjects if one.answers is not None]
-        settled = [car.protocol.get("experiment", {}) for car in cars if car is not None]
-        told = [(len(one["subjects"]), one["selected_from"]) for one in settled if one.get("selected_from")]
+        cars = [subject.answers.side_car for subject in task.subjects if subject.answers is not None]
+        settings = [car.protocol.get("experiment", {}) for car in cars if car is not None]
+        selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]
         # Subjects may be added while the experiment runs.
-        chosen, of = max(told, default=(chosen, of))
+        chosen, of = max(selections, default=(chosen, of))
         n = len(task.subjects)
-        found.append(
+        selected_tasks.append(
             replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
         )
-    return found
+    return selected_tasks
 
 
 def design_text(design: Mapping[str, Any]) -> str:
@@ -228,15 +237,15 @@ def design_text(design: Mapping[str, Any]) -> str:
         for part, value in design.items()
         if isinstance(value, Mapping) and "name" in value
     }
-    kind, said = design.get("design"), ""
+    kind, text = design.get("design"), ""
     if kind == "same-different":
-        said = f"{names['a']} (A) against {names['b']} (B)"
+        text = f"{names['a']} (A) against {names['b']} (B)"
     elif kind == "abx":
         match = "" if names["match"] == names["reference"] else f", match {names['match']}"
-        said = f"reference {names['reference']}{match}, foil {names['foil']}"
+        text = f"reference {names['reference']}{match}, foil {names['foil']}"
     elif "parameter" in design and "reference" in design:
-        said = f"{design['parameter']} around {names['reference']}"
-    return f"{said}, {design['mode']}" if said and "mode" in design else said
+        text = f"{design['parameter']} around {names['reference']}"
+    return f"{text}, {design['mode']}" if text and "mode" in design else text
 
 
 class OneSubject(Protocol):
@@ -289,7 +298,7 @@ class TaskResult(Generic[Subject]):
     @property
     def simulated(self) -> bool:
         """Whether any subject is simulated."""
-        return any(one.simulated for one in self.subjects)
+        return any(subject.simulated for subject in self.subjects)
 
     @property
     def selected(self) -> bool:
@@ -301,10 +310,10 @@ class TaskResult(Generic[Subject]):
         """Title of figures: name, comparison, and whether subjects are simulated or selected."""
         about = design_text(self.design)
         text = f"{self.name}: {about}" if about else self.name
-        said = ["simulated subjects"] if self.simulated else []
+        remarks = ["simulated subjects"] if self.simulated else []
         if self.selected:
-            said.append(self.selected_text if self.of else "selected subjects")
-        return f"{text} ({'; '.join(said)})" if said else text
+            remarks.append(self.selected_text if self.of else "selected subjects")
+        return f"{text} ({'; '.join(remarks)})" if remarks else text
 
     @property
     def selected_text(self) -> str:
@@ -324,18 +333,18 @@ class TaskResult(Generic[Subject]):
         ValueError
             If no subject has this name.
         """
-        ones = {one.subject: one for one in self.subjects}
-        refuse(name not in ones, f"subject must be one of {', '.join(ones)}, got {name!r}")
-        return ones[name]
+        subjects = {subject.subject: subject for subject in self.subjects}
+        refuse(name not in subjects, f"subject must be one of {', '.join(subjects)}, got {name!r}")
+        return subjects[name]
 
 
 def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str, Any]:
     """The fields of every `TaskResult`."""
-    names = [one.subject for one in used]
+    names = [subject.subject for subject in used]
     left_out = [
-        f"{one.subject} ({f'{one.trials} of {one.planned}' if one.trials else 'none of the main'} trials)"
-        for one in data.subjects
-        if one.subject not in names
+        f"{subject.subject} ({f'{subject.trials} of {subject.planned}' if subject.trials else 'none of the main'} trials)"
+        for subject in data.subjects
+        if subject.subject not in names
     ]
     return {
         "name": data.name, "design": data.design, "level": level, "subjects": tuple(used), "left_out": tuple(left_out),
@@ -395,14 +404,14 @@ class SubjectResult:
         ValueError
             If the analysis lacks the rule.
         """
-        ones: dict[str, DPrime] = {one.rule: one for one in self.d_prime}
-        refuse(rule not in ones, f"rule must be one of {', '.join(ones)}, got {rule!r}")
-        return ones[rule]
+        d_primes: dict[str, DPrime] = {d.rule: d for d in self.d_prime}
+        refuse(rule not in d_primes, f"rule must be one of {', '.join(d_primes)}, got {rule!r}")
+        return d_primes[rule]
 
     def span(self, rule: str) -> tuple[float, float, float]:
         """Lower end, estimate and upper end of d'."""
-        found = self.of_rule(rule)
-        return found.interval[0], found.estimate, found.interval[1]
+        d = self.of_rule(rule)
+        return d.interval[0], d.estimate, d.interval[1]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
@@ -461,12 +470,12 @@ class ScoredTask(TaskResult[SubjectResult]):
         progress: Progress | None = None,
     ) -> ScoredTask:  # fmt: skip
         """The result of the task; incomplete runs are left out unless `incomplete`."""
-        used = [one for one in data.subjects if one.counts and (incomplete or one.complete)]
+        used = [subject for subject in data.subjects if subject.counts and (incomplete or subject.complete)]
         # Both rules are the same with two intervals.
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)
-        counts = [one.counts for one in used if one.counts is not None]
+        counts = [subject.counts for subject in used if subject.counts is not None]
         several = len(used) > 1
-        asked = rules if counts and delta is not None else ()
+        tested_rules = rules if counts and delta is not None else ()
         return cls(
             **shared(data, level, _results(used, rules, level, data.name, progress)),
             task=data.task,
@@ -474,14 +483,16 @@ class ScoredTask(TaskResult[SubjectResult]):
             delta=delta,
             score=group_score(counts, level=level) if several else None,
             group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
-            equivalence=tuple(equivalence(counts, rule=x, delta=delta or 0.0, level=level) for x in asked),
+            equivalence=tuple(
+                equivalence(counts, rule=x, delta=delta or 0.0, level=level) for x in tested_rules
+            ),
             checks=tuple(pair_checks(counts)) if counts and all(map(_has_types, counts)) else (),
         )
 
     @property
     def trials(self) -> int | None:
         """Trials per subject; None if they differ."""
-        numbers = {one.counts.trials for one in self.subjects}
+        numbers = {subject.counts.trials for subject in self.subjects}
         return numbers.pop() if len(numbers) == 1 else None
 
     @property
@@ -513,13 +524,13 @@ class ScoredTask(TaskResult[SubjectResult]):
         if (trials := self.trials) is None:
             raise ValueError(
                 "a histogram of scores needs equally many trials a subject, "
-                f"got {', '.join(str(one.counts.trials) for one in self.subjects)}"
+                f"got {', '.join(str(subject.counts.trials) for subject in self.subjects)}"
             )
         if published is not None and published.trials != trials:
             raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
         ax = axes_or_new(ax)
         score = np.arange(trials + 1)
-        scores = np.array([one.counts.score for one in self.subjects])
+        scores = np.array([subject.counts.score for subject in self.subjects])
         n = len(scores)
         counts = np.bincount(scores, minlength=trials + 1)
         look = {"width": 0.9, "color": FORCE, "alpha": 0.75, "label": f"subjects, n = {n}", **style}
@@ -563,17 +574,17 @@ class ScoredTask(TaskResult[SubjectResult]):
         """
         self._some()
         ax = room_for(ax, len(self.subjects))
-        names, rows = [one.subject for one in self.subjects], np.arange(float(len(self.subjects)))
+        names, rows = [subject.subject for subject in self.subjects], np.arange(float(len(self.subjects)))
         if rule is None:
             spans = [
-                (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
-                for one in self.subjects
+                (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
+                for subject in self.subjects
             ]  # fmt: skip
             draw(ax, spans, rows, 100.0, style, POSITION, "o")
             ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
             ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
         else:
-            spans = [one.span(rule) for one in self.subjects]
+            spans = [subject.span(rule) for subject in self.subjects]
             draw_d_prime(ax, {rule: spans}, rows, self.level, style, named=False)
         return of_subjects(ax, names, rows, self.title)
 
@@ -590,8 +601,8 @@ class ScoredTask(TaskResult[SubjectResult]):
         """
         self._some()
         ax = room_for(ax, 1.5 * len(self.subjects))
-        names, rows = [one.subject for one in self.subjects], np.arange(float(len(self.subjects)))
-        spans = {rule: [one.span(rule) for one in self.subjects] for rule in self.rules}
+        names, rows = [subject.subject for subject in self.subjects], np.arange(float(len(self.subjects)))
+        spans = {rule: [subject.span(rule) for subject in self.subjects] for rule in self.rules}
         for group in self.group_d_prime:
             spans[group.rule].append((group.interval[0], group.estimate, group.interval[1]))
         if self.group_d_prime:
@@ -614,19 +625,19 @@ class ScoredTask(TaskResult[SubjectResult]):
 def _results(
     used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, task: str, progress: Progress | None
 ) -> tuple[SubjectResult, ...]:
-    counts = [one.counts for one in used if one.counts is not None]
-    p_values = [binomial_test(one) for one in counts]
-    found = []
-    for one, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
+    counts = [subject.counts for subject in used if subject.counts is not None]
+    p_values = [binomial_test(subject) for subject in counts]
+    subject_results = []
+    for subject, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
         if progress is not None:
-            progress(task, one.subject)
+            progress(task, subject.subject)
         bare = of_one.task, of_one.hits, of_one.signals, of_one.false_alarms, of_one.noises
-        found.append(
+        subject_results.append(
             SubjectResult(
-                subject=one.subject,
+                subject=subject.subject,
                 counts=of_one,
-                planned=one.planned,
-                simulated=one.simulated,
+                planned=subject.planned,
+                simulated=subject.simulated,
                 score_interval=score_interval(of_one, level),
                 p_value=p,
                 holm=corrected,
@@ -636,12 +647,12 @@ def _results(
                 checks=tuple(pair_checks(of_one)) if _has_types(of_one) else (),
             )
         )
-    return tuple(found)
+    return tuple(subject_results)
 
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and many subjects have equal counts
-def _of_outcome(*counts: Any, **asked: Any) -> DPrime:
-    return d_prime(Counts(*counts), **asked, correction=CORRECTION)
+def _of_outcome(*counts: Any, **options: Any) -> DPrime:
+    return d_prime(Counts(*counts), **options, correction=CORRECTION)
 
 
 def _has_types(counts: Counts) -> bool:

@@ -245,10 +245,10 @@ class TerminalSeat(Seat):
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
         self._keyboard.flush()
         self._page(f"{design.question}\n\n{choices}")
-        shown = time.monotonic()
+        shown_at = time.monotonic()
         key = self._keyboard.pressed(self.keys)
         assert key is not None  # the wait has no time limit
-        return keys[key], time.monotonic() - shown
+        return keys[key], time.monotonic() - shown_at
 
     def tell(self, text: str) -> None:
         self._page(text)
@@ -335,11 +335,16 @@ class Experimenter:
 def _open_view(path: Path) -> int:
     """The descriptor of a view; neither opening nor writing blocks."""
     kind = path.stat().st_mode if path.exists() else 0
-    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
+    terminals = [
+        stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()
+    ]
     any_of_them = path.resolve() == Path("/dev/tty")  # another name of the program's terminal
     refuse(
         stat.S_ISCHR(kind)
-        and any(any_of_them or os.path.samestat(os.fstat(one.fileno()), path.stat()) for one in own),
+        and any(
+            any_of_them or os.path.samestat(os.fstat(terminal.fileno()), path.stat())
+            for terminal in terminals
+        ),
         f"the experimenter's view must not be the subject's terminal, {path}",
     )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)

@@ -74,8 +74,8 @@ class Outcomes:
     @property
     def undetermined(self) -> NDArray[np.bool_]:
         """Whether all d' are equally likely: always the same answer, or no trial of one kind."""
-        given, trials = self.hits + self.false_alarms, self.signals + self.noises
-        return np.asarray((given == 0) | (given == trials) | (self.signals == 0) | (self.noises == 0))
+        positive, trials = self.hits + self.false_alarms, self.signals + self.noises
+        return np.asarray((positive == 0) | (positive == trials) | (self.signals == 0) | (self.noises == 0))
 
     def estimate(self, rule: Rule) -> tuple[Floats, Floats]:
         """The maximum-likelihood estimates of d', in [0, inf], and of the criterion.
@@ -99,10 +99,10 @@ class Outcomes:
     def greatest(self) -> Floats:
         """The log-likelihood at the estimate."""
         h, f = self.rates
-        given, trials = self.hits + self.false_alarms, self.signals + self.noises
+        positive, trials = self.hits + self.false_alarms, self.signals + self.noises
         apart = xlogy(self.hits, h) + xlogy(self.signals - self.hits, 1.0 - h)
         apart = apart + xlogy(self.false_alarms, f) + xlogy(self.noises - self.false_alarms, 1.0 - f)
-        pooled = xlogy(given, given / trials) + xlogy(trials - given, 1.0 - given / trials)
+        pooled = xlogy(positive, positive / trials) + xlogy(trials - positive, 1.0 - positive / trials)
         return np.asarray(np.where((h > f) | self.undetermined, apart, pooled))
 
     def deviance(self, rule: Rule, d_prime: ArrayLike) -> Floats:
@@ -112,16 +112,16 @@ class Outcomes:
         """
         d = np.asarray(d_prime, dtype=np.float64)
         low, high = np.broadcast_arrays(*rule.criterion_range(d, *self.rates))
-        one, two = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        at_one = self.log_likelihood(*rule.log_rates(d, one))
-        at_two = self.log_likelihood(*rule.log_rates(d, two))
+        inner_low, inner_high = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        at_one = self.log_likelihood(*rule.log_rates(d, inner_low))
+        at_two = self.log_likelihood(*rule.log_rates(d, inner_high))
         best = np.maximum(at_one, at_two)
         for _ in range(_SECTIONS):
             left = at_one > at_two
-            low, high = np.where(left, low, one), np.where(left, two, high)
+            low, high = np.where(left, low, inner_low), np.where(left, inner_high, high)
             new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
             at_new = self.log_likelihood(*rule.log_rates(d, new))
-            one, two = np.where(left, new, two), np.where(left, one, new)
+            inner_low, inner_high = np.where(left, new, inner_high), np.where(left, inner_low, new)
             at_one, at_two = np.where(left, at_new, at_two), np.where(left, at_one, at_new)
             best = np.maximum(best, at_new)
         return np.asarray(np.where(self.undetermined, 0.0, np.maximum(2.0 * (self.greatest() - best), 0.0)))
@@ -160,8 +160,8 @@ class Outcomes:
             return np.asarray(self.deviance(rule, d) > limit)
 
         def end(outside: float, otherwise: float) -> Floats:
-            found = 0.5 * sum(halving(lambda d: ~beyond(d), middle, outside, _HALVINGS))
-            return np.where(beyond(np.full_like(middle, outside)), found, otherwise)
+            bound = 0.5 * sum(halving(lambda d: ~beyond(d), middle, outside, _HALVINGS))
+            return np.where(beyond(np.full_like(middle, outside)), bound, otherwise)
 
         return end(0.0, 0.0), end(LARGEST, np.inf)
 
@@ -219,13 +219,13 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     def keeps(d: Floats) -> bool:
         return exact_p_value(counts, rule, float(d)) > error
 
-    kept = np.flatnonzero([keeps(d) for d in scanned])
+    accepted = np.flatnonzero([keeps(d) for d in scanned])
 
     def end(last: int, beyond: int) -> float:
         return float(halving(keeps, scanned[last], scanned[beyond], _TEST_HALVINGS)[1])
 
-    low = 0.0 if scanned[kept[0]] == 0.0 else end(kept[0], kept[0] - 1)
-    return low, math.inf if is_open else end(kept[-1], kept[-1] + 1)
+    low = 0.0 if scanned[accepted[0]] == 0.0 else end(accepted[0], accepted[0] - 1)
+    return low, math.inf if is_open else end(accepted[-1], accepted[-1] + 1)
 
 
 def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
@@ -553,12 +553,12 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     none = (0, 0)
     return [
         _check(
-            (one, two),
+            (first, two),
             counted,
-            [(s.by_type.get(one, none), s.by_type.get(two, none)) for s in subjects],
+            [(s.by_type.get(first, none), s.by_type.get(two, none)) for s in subjects],
             meaning,
         )
-        for one, two, counted, meaning in _SAME_DIFFERENT
+        for first, two, counted, meaning in _SAME_DIFFERENT
     ]
 
 
@@ -573,8 +573,10 @@ def _check(
     for (n, trials), (m, others) in rows:
         if trials + others:
             low, high = max(0, n + m - others), min(trials, n + m)
-            own = scipy.stats.hypergeom.pmf(np.arange(low, high + 1), trials + others, n + m, trials)
-            probabilities, least = np.convolve(probabilities, own), least + low
+            row_probabilities = scipy.stats.hypergeom.pmf(
+                np.arange(low, high + 1), trials + others, n + m, trials
+            )
+            probabilities, least = np.convolve(probabilities, row_probabilities), least + low
     table = np.array(rows).sum(axis=0)
     observed = probabilities[table[0, 0] - least]
     p = probabilities[probabilities <= observed * (1.0 + _TIES)].sum()

@@ -156,7 +156,9 @@ class Row:
 
     def correct_answer(self, answers: Sequence[str]) -> str:
         """The correct one of the two answers."""
-        return self.response if self.correct else next(one for one in answers if one != self.response)
+        return (
+            self.response if self.correct else next(answer for answer in answers if answer != self.response)
+        )
 
 
 def columns_of(task: TaskName, *, limited: bool = False) -> tuple[str, ...]:
@@ -193,11 +195,11 @@ class RowReader:
     def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
         self.task = task
         self._before: dict[tuple[str, int], tuple[int, Row]] = {}
-        own = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
+        answer_of_key = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
         self._read: Mapping[str, Callable[[str], Any]] = {
             **_READ,
             "trial_type": _one_of(tuple(TYPES[task])),
-            "response": lambda text: own[_one_of(tuple(own))(text)],
+            "response": lambda text: answer_of_key[_one_of(tuple(answer_of_key))(text)],
         }
 
     @property
@@ -217,18 +219,18 @@ class RowReader:
         ValueError
             If a field is invalid, or contradicts another field or row; the message names the column.
         """
-        found: dict[str, Any] = {}
+        fields_read: dict[str, Any] = {}
         for column in columns_of(self.task, limited=True):
             if column in fields:
                 try:
-                    found[column] = self._read[_unnumbered(column)](fields[column])
+                    fields_read[column] = self._read[_unnumbered(column)](fields[column])
                 except ValueError as error:
                     raise ValueError(f"column {column}: {error}") from None
         for column, name in _NUMBERED.items():
             columns = [f"{column}_{place}" for place in range(1, INTERVALS[self.task] + 1)]
-            if found.keys() & columns:
-                found[name] = tuple(found.pop(one, None) for one in columns)
-        row = Row(**found)
+            if fields_read.keys() & columns:
+                fields_read[name] = tuple(fields_read.pop(column_name, None) for column_name in columns)
+        row = Row(**fields_read)
         line = self._before.get((row.phase, row.trial), (None,))[0]
         refuse(line, f"column trial: {row.phase} trial {row.trial} is answered in line {line} already")
         _, before = next(reversed(self._before.values()), (0, replace(row, trial=0)))
@@ -237,17 +239,17 @@ class RowReader:
         return row
 
     def _check_correct(self, row: Row) -> None:
-        due, answer = TYPES[self.task][row.trial_type], row.correct_answer(ANSWERS[self.task])
-        said = f"the response {row.response!r} is called {'correct' if row.correct else 'wrong'}"
+        expected, answer = TYPES[self.task][row.trial_type], row.correct_answer(ANSWERS[self.task])
+        claim = f"the response {row.response!r} is called {'correct' if row.correct else 'wrong'}"
         refuse(
-            due not in (None, answer),
-            f"column correct: after {row.trial_type} the correct answer is {due!r}, and {said}",
+            expected not in (None, answer),
+            f"column correct: after {row.trial_type} the correct answer is {expected!r}, and {claim}",
         )
-        if due is None and (side := _side(row, answer)) is not None:
-            for line, one in self._before.values():
+        if expected is None and (side := _side(row, answer)) is not None:
+            for line, earlier in self._before.values():
                 refuse(
-                    _side(one, one.correct_answer(ANSWERS[self.task])) is (not side),
-                    f"column correct: {said} after {row.trial_type}, which contradicts line {line}",
+                    _side(earlier, earlier.correct_answer(ANSWERS[self.task])) is (not side),
+                    f"column correct: {claim} after {row.trial_type}, which contradicts line {line}",
                 )
 
 
@@ -266,8 +268,8 @@ def _check_place(row: Row, before: Row) -> None:
     refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
     same, was_main = before.phase == row.phase, before.trial and before.phase == "main"
     refuse(was_main and not in_main, "column phase: practice comes before the main phase")
-    due = before.trial + 1 if same else 1
-    refuse(row.trial != due, f"column trial: {row.phase} trial {due} is due, got {row.trial}")
+    expected = before.trial + 1 if same else 1
+    refuse(row.trial != expected, f"column trial: {row.phase} trial {expected} is due, got {row.trial}")
     for name, wrong in (("onset", row.onset < before.onset), ("block", same and row.block < before.block)):
         was, now = getattr(before, name), getattr(row, name)
         refuse(wrong, f"column {name}: must not be before the last trial's {was!r}, got {now!r}")
@@ -433,11 +435,11 @@ class SideCar:
         The list of subjects, folder, traces, analysis settings, other tasks and a device's address do not
         count.
         """
-        mine, others = (
-            {"subject": one.subject, "simulated subject": one.simulated, **one._shared()}
-            for one in (self, other)
+        self_fields, others = (
+            {"subject": car.subject, "simulated subject": car.simulated, **car._shared()}
+            for car in (self, other)
         )
-        return _changes("", mine, others)
+        return _changes("", self_fields, others)
 
     def differences_across_subjects(self, other: SideCar) -> tuple[str, ...]:
         """As `differences`, for another subject's run of this task."""
@@ -484,14 +486,16 @@ class SideCar:
             If a key is missing or invalid.
         """
         refuse(values.get(_KEY) != _FORMAT, f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
-        given = {name: _typed(values, key, kind) for key, (name, kind) in _FIELDS.items()}
-        refuse(given["task"] not in TASKS, f"Task must be one of {', '.join(TASKS)}, got {given['task']!r}")
+        options = {name: _typed(values, key, kind) for key, (name, kind) in _FIELDS.items()}
+        refuse(
+            options["task"] not in TASKS, f"Task must be one of {', '.join(TASKS)}, got {options['task']!r}"
+        )
         simulated = _typed(values, "SimulatedSubject", dict) if _typed(values, "Simulated", bool) else None
-        zone, started = None, given["started"]
+        zone, started = None, options["started"]
         with contextlib.suppress(ValueError):
             zone = datetime.fromisoformat(started).tzinfo
         refuse(zone is None, f"Started must be a time with its zone, got {started!r}")
-        car = cls(**given, simulated=simulated)
+        car = cls(**options, simulated=simulated)
         refuse(
             values.get("ProtocolDigest") != car.digest,
             "ProtocolDigest does not belong to the Protocol beside it: one of them was changed",
@@ -506,16 +510,18 @@ class SideCar:
             not (isinstance(experiment, dict) and isinstance(tasks, dict)),
             "Protocol must have tables of the experiment and its tasks",
         )
-        for key, found, due in (
+        for key, actual, expected in (
             ("Design", self.design, tasks.get(self.name)),
             ("Seed", self.seed, experiment.get("seed")),
         ):
-            refuse(found != due, f"{key} is not that of the Protocol beside it: one of them was changed")
-        made = design_of_dict(self.design)
-        due = made.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
+            refuse(
+                actual != expected, f"{key} is not that of the Protocol beside it: one of them was changed"
+            )
+        design = design_of_dict(self.design)
+        expected = design.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
         refuse(
-            (self.task, self.trials) != (made.task, due),
-            f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and "
+            (self.task, self.trials) != (design.task, expected),
+            f"Task and Trials must be {design.task!r} and {expected}, those of the Design, got {self.task!r} and "
             f"{self.trials}",
         )
 
@@ -555,7 +561,10 @@ def digest(protocol: Mapping[str, Any]) -> str:
 def descriptions(columns: Sequence[str], task: TaskName, keys: str = KEYS) -> dict[str, Any]:
     """BIDS descriptions of a file's columns, with units or levels."""
     levels = {
-        "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
+        "trial_type": {
+            trial_type: f"correct answer: {correct}" if correct else trial_type
+            for trial_type, correct in TYPES[task].items()
+        },
         "response": {answer: f"key {key}" for key, answer in zip(keys, ANSWERS[task], strict=True)},
         "correct": {"1": "correct", "0": "wrong"},
         "phase": {"practice": "not analysed", "main": "analysed"},

@@ -60,8 +60,8 @@ class Staircased(Comparison):
         track = self.track()
         while (level := track.level()) is not None:
             track.update(answers(abs(math.log(level))))
-        found = track.threshold()
-        return found.difference, found.trials
+        threshold = track.threshold()
+        return threshold.difference, threshold.trials
 
 
 class StaircaseOrder(Order):
@@ -254,10 +254,10 @@ class Staircase(Staircased):
         for number, (level, right) in enumerate(zip(*checked_answers(levels, correct), strict=True), 1):
             expected = track.level()
             if expected is None or not math.isclose(level, expected, rel_tol=1e-6):
-                given = "an end" if expected is None else f"{expected:.6g}"
+                expected_text = "an end" if expected is None else f"{expected:.6g}"
                 raise ValueError(
                     f"levels must be those of this staircase, got {level:.6g} in trial {number} where it has "
-                    f"{given}"
+                    f"{expected_text}"
                 )
             track.update(right)
         return track.threshold()
@@ -667,16 +667,16 @@ def design_of_dict(values: Mapping[str, Any]) -> Design:
         not isinstance(kind, str) or kind not in DESIGNS,
         f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",
     )
-    made = DESIGNS[kind]
-    given: dict[str, Any] = {}
-    for name, parameter in inspect.signature(made).parameters.items():
+    design_class = DESIGNS[kind]
+    options: dict[str, Any] = {}
+    for name, parameter in inspect.signature(design_class).parameters.items():
         key = key_of(name)
         if key in values:
             value = values[key]
-            given[name] = _stimulus(value) if isinstance(value, Mapping) else value
+            options[name] = _stimulus(value) if isinstance(value, Mapping) else value
         elif parameter.default is inspect.Parameter.empty:
             raise ValueError(f"design {kind} needs {name}, which is missing")
-    return made(**given)
+    return design_class(**options)
 
 
 def _stimulus(values: Mapping[str, Any]) -> Stimulus:

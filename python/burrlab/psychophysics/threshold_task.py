@@ -85,11 +85,11 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         """The result of the task; incomplete runs are left out unless `incomplete`."""
         design = design_of_dict(data.design) if data.design else None
         results = []
-        for one in data.subjects:
-            if one.counts:
+        for subject in data.subjects:
+            if subject.counts:
                 if progress is not None:
-                    progress(data.name, one.subject)
-                results.append(_threshold(one, design, level))
+                    progress(data.name, subject.subject)
+                results.append(_threshold(subject, design, level))
         return cls(**shared(data, level, [result for result in results if incomplete or result.complete]))
 
     @property
@@ -99,14 +99,16 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         |ln threshold| is the geometric mean of |ln ratio|, with its t interval. None: fewer than two
         thresholds, thresholds on both sides of 1, or all equal.
         """
-        logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
+        logs = [
+            math.log(subject.threshold) for subject in self.subjects if subject.threshold not in (None, 1.0)
+        ]
         if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
             return None
         side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
         mean, error = float(values.mean()), float(scipy.stats.sem(values))
         wide = float(scipy.stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
-        found = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
-        return found[0], found[1], found[2]
+        ratios = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
+        return ratios[0], ratios[1], ratios[2]
 
     @drawing
     def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
@@ -126,13 +128,13 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         """
         refuse(
             subject is None and len(self.subjects) != 1,
-            f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}",
+            f"subject must be given, one of {', '.join(chosen.subject for chosen in self.subjects)}",
         )
-        one = self.subjects[0] if subject is None else self.subject(subject)
-        if not isinstance(one.estimate, PsychometricFit):
-            raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
-        axes = one.estimate.plot(ax, **style)
-        axes.set_title(f"{self.title}, subject {one.subject}")
+        chosen = self.subjects[0] if subject is None else self.subject(subject)
+        if not isinstance(chosen.estimate, PsychometricFit):
+            raise ValueError(f"subject {chosen.subject} has no psychometric function: {chosen.said}")
+        axes = chosen.estimate.plot(ax, **style)
+        axes.set_title(f"{self.title}, subject {chosen.subject}")
         return axes
 
     @drawing
@@ -146,12 +148,16 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If no subject has a threshold.
         """
-        found = [(one.subject, one.threshold, one.interval) for one in self.subjects if one.threshold]
-        refuse(not found, f"task {self.name} must hold a threshold to be drawn, got none")
+        thresholds = [
+            (subject.subject, subject.threshold, subject.interval)
+            for subject in self.subjects
+            if subject.threshold
+        ]
+        refuse(not thresholds, f"task {self.name} must hold a threshold to be drawn, got none")
         ax = room_for(ax, len(self.subjects))
-        names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
+        names, rows = [name for name, *_ in thresholds], np.arange(len(thresholds), dtype=np.float64)
         look = styled(style, color=POSITION, marker="o", markersize=4.5)
-        for (_, threshold, interval), at in zip(found, rows, strict=True):
+        for (_, threshold, interval), at in zip(thresholds, rows, strict=True):
             if interval is not None:
                 ax.plot(interval, [at, at], "|-", color=look["color"], linewidth=1.2, markersize=5)
             ax.plot(threshold, at, **look)
@@ -163,10 +169,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
             ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
             ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
         ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
-        some = any(interval is not None for *_, interval in found) or group is not None
-        said = f", {100 * self.level:g} % interval" if some else ""
+        some = any(interval is not None for *_, interval in thresholds) or group is not None
+        ending = f", {100 * self.level:g} % interval" if some else ""
         what = self.design.get("parameter", "the parameter")
-        ax.set_xlabel(f"threshold, {what} over the reference's [1]{said}")
+        ax.set_xlabel(f"threshold, {what} over the reference's [1]{ending}")
         return of_subjects(ax, names, rows, self.title)
 
     def __repr__(self) -> str:
@@ -174,10 +180,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return f"ThresholdTask({self.name!r}, {self.design.get('design', self.task)}, {len(self.subjects)} {kind})"
 
 
-def _threshold(one: SubjectData, design: Design | None, level: float) -> SubjectThreshold:
-    rows = [row for row in one.answers.main if row.level is not None] if one.answers else []
+def _threshold(subject: SubjectData, design: Design | None, level: float) -> SubjectThreshold:
+    rows = [row for row in subject.answers.main if row.level is not None] if subject.answers else []
     levels, correct = [row.level or 1.0 for row in rows], [row.correct for row in rows]
-    planned, said, threshold, interval = one.planned, "", None, None
+    planned, text, threshold, interval = subject.planned, "", None, None
     estimate: Estimate | None
     if isinstance(design, Staircase):
         estimate = reversals = design.threshold(levels, correct)
@@ -187,17 +193,17 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
         estimate = posterior = design.threshold(levels, correct, level=level)
         threshold, interval = posterior.level, posterior.interval
     else:
-        estimate, said = fit, said = _fitted(one, design, level)
+        estimate, text = fit, text = _fitted(subject, design, level)
         if fit is not None:
             below = fit.side == "below"
             threshold, low, high = (1.0 / x if below else x for x in (fit.threshold, *fit.interval))
             interval = (low, high)
     return SubjectThreshold(
-        one.subject, one.simulated, one.trials, planned, one.levels, threshold, interval, said or str(estimate), estimate
+        subject.subject, subject.simulated, subject.trials, planned, subject.levels, threshold, interval, text or str(estimate), estimate
     )  # fmt: skip
 
 
-def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
+def _fitted(subject: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
     """The psychometric function and its text, or None and the reason."""
     known = {}
     if isinstance(design, ConstantStimuli):
@@ -205,7 +211,7 @@ def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[Psyc
             "parameter": design.parameter,
             "reference": getattr(design.reference.material, design.parameter),
         }
-    ratios, correct, trials = zip(*one.levels, strict=True)
+    ratios, correct, trials = zip(*subject.levels, strict=True)
     try:
         fit = psychometric_function(ratios, correct, trials, level=level, **known)
     except (ImportError, ValueError) as error:

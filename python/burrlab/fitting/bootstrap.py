@@ -51,11 +51,11 @@ def _fitted(
     shape: str,
     table: VoxelTable | None,
     box: Box,
-    given: tuple[str, ...],
+    bounded_names: tuple[str, ...],
 ) -> tuple[Likelihood, Domain]:
     """The likelihood and domain of all replicates."""
     fitted = Likelihood(o, kind, model_of(o, Shape(shape), table))
-    return fitted, Domain.of(fitted, box, dict.fromkeys(given))
+    return fitted, Domain.of(fitted, box, dict.fromkeys(bounded_names))
 
 
 def replicate(item: BootstrapItem) -> tuple[float, float]:
@@ -105,8 +105,8 @@ def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Fl
     begin = 0
     for i, mean in enumerate(means):
         rows = np.flatnonzero(o.run == i)
-        own = within[begin : begin + len(rows)]
-        log[rows] = mean + scatter[i] * (own - own.mean())
+        deviations = within[begin : begin + len(rows)]
+        log[rows] = mean + scatter[i] * (deviations - deviations.mean())
         begin += len(rows)
     return log
 
@@ -140,14 +140,14 @@ class Bootstrap:
     @property
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha``, ``combination`` -> level -> percentile interval; None is open."""
-        found = ByName()
+        intervals = ByName()
         for name in ("c_e", "alpha", "combination"):
-            values, found[name] = np.sort(getattr(self, name)), ByLevel()
+            values, intervals[name] = np.sort(getattr(self, name)), ByLevel()
             for level, p in LEVELS.items():
                 places = np.round(np.array([0.5 - p / 2, 0.5 + p / 2]) * (len(values) - 1)).astype(int)
                 ends = (float(end) if np.isfinite(end) else None for end in values[places])
-                found[name][level] = Interval(*ends)
-        return found
+                intervals[name][level] = Interval(*ends)
+        return intervals
 
     @property
     def on_ridge(self) -> float:
@@ -255,11 +255,11 @@ def bootstrap(
         )
         for k in range(n)
     ]
-    told = counter(progress, "fits")
+    report_progress = counter(progress, "fits")
     with ThreadPoolExecutor(1) as alone:  # a fit holds the interpreter: more threads only wait
         workers = alone if executor is None else executor
-        made = run_items(replicate, items, executor=workers, store=store, progress=told)
-    ends = np.array(made)
+        replicates = run_items(replicate, items, executor=workers, store=store, progress=report_progress)
+    ends = np.array(replicates)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations

@@ -115,15 +115,15 @@ class Comparison(InJson):
         """A sentence a pair, each on a line: whether its sets differ, and whether they are equivalent."""
         lines = []
         for pair in self.pairs:
-            said = " and ".join(pair.names) + (" differ" if pair.differ else " can be of one material")
+            sentence = " and ".join(pair.names) + (" differ" if pair.differ else " can be of one material")
             if self.margin is not None:
                 shown_to = "" if pair.equivalent else "not shown to be "
-                said += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
-            lines.append(f"{said}.")
+                sentence += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
+            lines.append(f"{sentence}.")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
-        names = ", ".join(one.name for one in self.sets)
+        names = ", ".join(data_set.name for data_set in self.sets)
         differ = sum(pair.differ for pair in self.pairs)
         return f"Comparison({names}: {differ} of {len(self.pairs)} pairs differ)"
 
@@ -137,15 +137,20 @@ class Comparison(InJson):
             )
         ratios = [["", "ratio of", "value", "95 %", "verdict"]]
         for pair in self.pairs:
-            said = f"{pair.names[1]} over {pair.names[0]}"
-            told = {f"alpha/c_e^{p}" if key == "combination" else key: r for key, r in pair.ratios.items()}
+            pair_text = f"{pair.names[1]} over {pair.names[0]}"
+            pair_ratios = {
+                f"alpha/c_e^{p}" if key == "combination" else key: r for key, r in pair.ratios.items()
+            }
             if pair.velocity is not None:
-                told[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
-            for quantity, ratio in told.items():
+                pair_ratios[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
+            for quantity, ratio in pair_ratios.items():
                 value = "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}"
-                ratios.append([said, quantity, value, span(ratio.interval), ratio.verdict])
+                ratios.append([pair_text, quantity, value, span(ratio.interval), ratio.verdict])
             corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
-            notes += [f"{said}: {pair.joint.sentence}{corrected}", f"{said}: {self._velocity(pair)}"]
+            notes += [
+                f"{pair_text}: {pair.joint.sentence}{corrected}",
+                f"{pair_text}: {self._velocity(pair)}",
+            ]
         least = "which makes the squared standard errors of all sets together smallest"
         why = "the ridge's, because c_e of a set or a ratio of c_e is open" if self.on_ridge else least
         notes.append("Whether two sets differ is the joint test's to say: each interval holds by itself.")
@@ -154,7 +159,7 @@ class Comparison(InJson):
             notes.append("Undetermined is not equal: an open end shows that the data set no limit there.")
         if len(self.pairs) > 1:
             notes.append(f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm.")
-        if doubtful := [one.name for one in self.sets if one.status not in ("ok", "ridge")]:
+        if doubtful := [data_set.name for data_set in self.sets if data_set.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
         last = [f"- {note}" for note in notes]
         blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last}
@@ -170,8 +175,8 @@ class Comparison(InJson):
         )
         if self.margin is None:
             return f"{seen}; without a margin nothing is called equivalent."
-        told = "equivalent" if pair.equivalent else "not shown to be equivalent"
-        return f"{seen}: {told} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
+        outcome = "equivalent" if pair.equivalent else "not shown to be equivalent"
+        return f"{seen}: {outcome} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -180,10 +185,10 @@ class Comparison(InJson):
         `style` are properties of the lines of ratios, `label` and `color` among them. ValueError if no two
         sets share a force at one radius.
         """
-        shown = [(pair.names, pair.velocity) for pair in self.pairs if pair.velocity is not None]
-        refuse(not shown, "no two sets share a force at one radius: there is no velocity ratio to draw")
+        drawn_pairs = [(pair.names, pair.velocity) for pair in self.pairs if pair.velocity is not None]
+        refuse(not drawn_pairs, "no two sets share a force at one radius: there is no velocity ratio to draw")
         ax = axes_or_new(ax)
-        for k, (names, v) in enumerate(shown):
+        for k, (names, v) in enumerate(drawn_pairs):
             for R in np.unique(v.radius):
                 F, ratio, low, high = np.array([v.force, v.ratio, v.lower, v.upper])[:, v.radius == R]
                 label = f"{names[1]} over {names[0]}, R = {R:g} mm"
@@ -293,8 +298,8 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         ComparedSet(name, one.n_points, one.c_e, one.alpha, one.residual_kind, one.status)
         for name, one in zip(named, fits, strict=True)
     ]
-    made = provenance(shape=fits[0].shape.name, margin=margin)
-    return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), made)
+    origin = provenance(shape=fits[0].shape.name, margin=margin)
+    return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,10 +369,13 @@ class _Side:
         rise = np.minimum(self.walk.minus2, 1e12) - self.base
         right = np.minimum.accumulate(rise[::-1])[::-1][i:]
         left = np.minimum.accumulate(rise)[: i + 1][::-1]
-        asked = self._rise(threshold, _T)
-        low, high = np.interp(asked, left, self.x[: i + 1][::-1]), np.interp(asked, right, self.x[i:])
+        thresholds = self._rise(threshold, _T)
+        low, high = (
+            np.interp(thresholds, left, self.x[: i + 1][::-1]),
+            np.interp(thresholds, right, self.x[i:]),
+        )
         if not self.domain.high_hard:
-            high[asked >= right[-1]] = _OPEN
+            high[thresholds >= right[-1]] = _OPEN
         return _Ends(low, high, threshold.nu)
 
     def distance(self, c_e: Floats) -> Any:
@@ -390,9 +398,9 @@ class _Difference:
         part = np.array([a.variance, b.variance])
         part /= part.sum()
         self.nu = 1 / max(float(np.sum(part**2 / [a.nu, b.nu])), 1e-12)
-        mine, other = _T[:, None] * np.cos(_ANGLE), _T[:, None] * np.sin(_ANGLE)
-        self.high = np.max(np.interp(other, _T, b.high) - np.interp(mine, _T, a.low), axis=1)
-        self.low = np.min(np.interp(other, _T, b.low) - np.interp(mine, _T, a.high), axis=1)
+        across, along = _T[:, None] * np.cos(_ANGLE), _T[:, None] * np.sin(_ANGLE)
+        self.high = np.max(np.interp(along, _T, b.high) - np.interp(across, _T, a.low), axis=1)
+        self.low = np.min(np.interp(along, _T, b.low) - np.interp(across, _T, a.high), axis=1)
 
     def ends(self, level: float) -> tuple[float, float]:
         """Logarithms of the interval's ends; infinite where open."""
@@ -423,10 +431,10 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     """Whether both sets have one c_e and alpha, each with its own scatter."""
     low, high = max(a.domain.low, b.domain.low), min(a.domain.high, b.domain.high)
     if low >= high:
-        said = (
+        allowed = (
             "the data contradict one another: windows of one need more c_e than overloaded runs of the other"
         )
-        return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {said} allow.")
+        return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {allowed} allow.")
     c_e = np.unique(np.concatenate([a.walk.c_e, b.walk.c_e])[::6])
     c_e = np.unique([low, *c_e[(c_e >= low) & (c_e <= high)], a.fit.c_e, b.fit.c_e, high])
     c_e = c_e[(c_e >= low) & (c_e <= high)]
@@ -448,9 +456,9 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     nu = 1 / max(float(np.sum(share**2 / [a.joint.nu, b.joint.nu])), 1e-12)
     freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
     F = statistic / len(freedom)
-    p, told = judged(F, *freedom)
+    p, outcome = judged(F, *freedom)
     differ = "differ" if p < ERROR else "can be of one material"
-    return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {told}.")
+    return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {outcome}.")
 
 
 def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> VelocityRatio | None:
@@ -460,7 +468,7 @@ def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> Veloc
     for R in np.intersect1d(of_a.radius, of_b.radius).tolist():
         used = [o.force[o.radius == R] for o in (of_a, of_b)]
         largest = WINDOW_STOP**1.5 * R**2 * min(a.domain.low, b.domain.low)  # with a window at every c_e
-        low, high = max(one.min() for one in used), min([largest, *(one.max() for one in used)])
+        low, high = max(forces.min() for forces in used), min([largest, *(forces.max() for forces in used)])
         if low > high:
             continue
         force = np.unique(np.geomspace(low, high, _FORCES))
@@ -472,11 +480,11 @@ def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> Veloc
             for side, h in zip((a, b), unit, strict=True):
                 slope = float(np.gradient(h[:, k], side.x)[side.best])
                 ends.append(side.ends(h[:, k], np.array([slope, 1.0])))
-            there = _Difference(*ends)
-            p = 1.0 if margin is None else there.outside(float(np.log1p(margin)))
+            difference = _Difference(*ends)
+            p = 1.0 if margin is None else difference.outside(float(np.log1p(margin)))
             if k == len(force) // 2:
-                middles.append(((R, F), there.ratio(level)))
-            rows.append((R, F, there.value, *there.ends(1 - 2 * ERROR), p))
+                middles.append(((R, F), difference.ratio(level)))
+            rows.append((R, F, difference.value, *difference.ends(1 - 2 * ERROR), p))
     if not rows:
         return None
     table = np.array(rows).T
@@ -487,7 +495,7 @@ def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> Veloc
 
 def _holm(p_values: Sequence[float]) -> list[float]:
     """p-values corrected for their number by Holm's step-down rule."""
-    made, least = list(p_values), 0.0
+    corrected, least = list(p_values), 0.0
     for done, (p, k) in enumerate(sorted((p, k) for k, p in enumerate(p_values))):
-        made[k] = least = max(least, min(1.0, (len(made) - done) * p))
-    return made
+        corrected[k] = least = max(least, min(1.0, (len(corrected) - done) * p))
+    return corrected

@@ -122,8 +122,8 @@ class Share:
         """95 % interval of the probability."""
         if not self.n:
             return 0.0, 1.0
-        found = scipy.stats.binomtest(self.k, self.n).proportion_ci(0.95, method="exact")
-        return float(found.low), float(found.high)
+        interval = scipy.stats.binomtest(self.k, self.n).proportion_ci(0.95, method="exact")
+        return float(interval.low), float(interval.high)
 
     def __str__(self) -> str:
         if not self.n:
@@ -319,8 +319,8 @@ class CoverageItem:
 def _template(experiment: ExperimentPlan, shape: str, c_e: float) -> tuple[Likelihood, Domain, Floats]:
     """The likelihood of every data set, its outcomes 1; its domain, and the velocities at c_e and alpha = 1 /ms."""
     o = experiment.observations()
-    made = Likelihood(o, "relative", MeanFieldModel(o, Shape(shape)))
-    return made, Domain.of(made, bounds_of(o, None), {}), made.model.unit(c_e)
+    likelihood = Likelihood(o, "relative", MeanFieldModel(o, Shape(shape)))
+    return likelihood, Domain.of(likelihood, bounds_of(o, None), {}), likelihood.model.unit(c_e)
 
 
 def replicate(item: CoverageItem) -> Floats:
@@ -343,14 +343,14 @@ def replicate(item: CoverageItem) -> Floats:
     best = lowest(likelihood, domain).point
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
-    found = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
-    tables = (found.intervals["c_e"], found.intervals["alpha"], found.identified.intervals)
+    evidence = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
+    tables = (evidence.intervals["c_e"], evidence.intervals["alpha"], evidence.identified.intervals)
     ends = [_ends(table[level]) for table in tables for level in LEVELS]
     at = likelihood.at(item.c_e)
-    rises = [float(at.profile[0]) - found.base, float(at.minus2(item.alpha)[0]) - found.base]
-    apart = not obstacle(found.intervals["c_e"]["95"], float(o.c_e_bounds().max()))
+    rises = [float(at.profile[0]) - evidence.base, float(at.minus2(item.alpha)[0]) - evidence.base]
+    apart = not obstacle(evidence.intervals["c_e"]["95"], float(o.c_e_bounds().max()))
     return np.concatenate(
-        [np.ravel(ends), [found.identified.exponent], rises, [*found.joint.values()], [apart]]
+        [np.ravel(ends), [evidence.identified.exponent], rises, [*evidence.joint.values()], [apart]]
     )
 
 
@@ -448,10 +448,10 @@ def coverage_study(
         )
         for k in range(n)
     ]
-    told = counter(progress, "fits")
+    report_progress = counter(progress, "fits")
     with ThreadPoolExecutor(1) as alone:  # a fit holds the interpreter: more threads only wait
         workers = alone if executor is None else executor
-        outcomes = run_items(replicate, items, executor=workers, store=store, progress=told)
+        outcomes = run_items(replicate, items, executor=workers, store=store, progress=report_progress)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(

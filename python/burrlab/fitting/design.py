@@ -86,7 +86,7 @@ class Design(dataset.Tabular):
         return self.rows[0]
 
     def __repr__(self) -> str:
-        cells = zip(*(_cells(one) for one in self.rows[:_SHOWN]), strict=True)
+        cells = zip(*(_cells(candidate) for candidate in self.rows[:_SHOWN]), strict=True)
         lines = dataset.table_lines(
             [("", head, list(part)) for head, part in zip(_HEADS, cells, strict=True)]
         )
@@ -95,7 +95,7 @@ class Design(dataset.Tabular):
         return "\n".join([self._title(), *lines])
 
     def _repr_html_(self) -> str:
-        cells = zip(*(_cells(one) for one in self.rows), strict=True)
+        cells = zip(*(_cells(candidate) for candidate in self.rows), strict=True)
         return dataset.html_table(self._title(), dict(zip(_HEADS, cells, strict=True)))
 
     def _title(self) -> str:
@@ -116,7 +116,7 @@ class Design(dataset.Tabular):
         return values
 
     def _table(self) -> dict[str, list[Any]]:
-        rows = [asdict(one) for one in self.rows]
+        rows = [asdict(candidate) for candidate in self.rows]
         return {_COLUMNS.get(name, name): [row[name] for row in rows] for name in rows[0]}
 
     @drawing
@@ -134,32 +134,34 @@ class Design(dataset.Tabular):
             `color` and other properties of the lines and marks.
         """
         ax = axes_or_new(ax)
-        velocities = [one for one in self.rows if one.force is not None]
-        for i, R in enumerate(sorted({one.radius for one in velocities})):
+        velocities = [candidate for candidate in self.rows if candidate.force is not None]
+        for i, R in enumerate(sorted({candidate.radius for candidate in velocities})):
             line = sorted(
-                (one.force, one.area_ratio, one.overloaded) for one in velocities if one.radius == R
+                (candidate.force, candidate.area_ratio, candidate.overloaded)
+                for candidate in velocities
+                if candidate.radius == R
             )
             force, ratio, overloaded = (np.array(column) for column in zip(*line, strict=True))
             colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
             look = styled(style, color=colour, marker=marker, linewidth=1.2, markersize=4.5)
             ax.plot(force, ratio, **(look | {"marker": ""}))
             likely = overloaded > 0.5
-            said: str | None = f"{label or 'velocity'}, $R$ = {R:g} mm"
+            text: str | None = f"{label or 'velocity'}, $R$ = {R:g} mm"
             for rows, face in ((~likely, look["color"]), (likely, "white")):
                 if rows.any():
-                    ax.plot(force[rows], ratio[rows], label=said, **(look | {"linestyle": "", "mfc": face}))
-                    said = None
-        if any(one.overloaded > 0.5 for one in velocities):
+                    ax.plot(force[rows], ratio[rows], label=text, **(look | {"linestyle": "", "mfc": face}))
+                    text = None
+        if any(candidate.overloaded > 0.5 for candidate in velocities):
             ax.plot(
                 [], [], "o", color=REFERENCE, mfc="white", mew=1.0, ms=4.5, label="more likely overloaded"
             )
-        static = [one for one in self.rows if one.force is None]
+        static = [candidate for candidate in self.rows if candidate.force is None]
         if static:
             ax.axhline(
                 static[0].area_ratio, color=REFERENCE, linewidth=1.2, linestyle="--", label="static pairs"
             )
         ax.axhline(1.0, color=REFERENCE, linewidth=0.8, linestyle=":")
-        top = max(one.area_ratio for one in self.rows)
+        top = max(candidate.area_ratio for candidate in self.rows)
         ax.set(
             xlabel="force [N]",
             ylabel="area of the 95 % region, new / old [1]",
@@ -188,15 +190,15 @@ def _repeats(n: int) -> str:
     return f"{n} repeat{'s' if n > 1 else ''}"
 
 
-def _cells(one: Candidate) -> list[str]:
-    numbers = (one.force, one.depth, one.radius)
+def _cells(candidate: Candidate) -> list[str]:
+    numbers = (candidate.force, candidate.depth, candidate.radius)
     return [
-        one.kind,
+        candidate.kind,
         *("" if x is None else f"{x:g}" for x in numbers),
-        f"{one.area_ratio:.2f}",
-        f"{one.probability:.2f}",
-        "open" if np.isinf(one.c_e_ratio) else f"{one.c_e_ratio:.3g}",
-        f"{one.overloaded:.2f}",
+        f"{candidate.area_ratio:.2f}",
+        f"{candidate.probability:.2f}",
+        "open" if np.isinf(candidate.c_e_ratio) else f"{candidate.c_e_ratio:.3g}",
+        f"{candidate.overloaded:.2f}",
     ]
 
 
@@ -317,13 +319,13 @@ def design(
     scatter = _scatter(fit, scatter)
     static_scatter = _static_scatter(fit, static_scatter)
     seed = seed_or_new(seed)
-    told, total = counter(progress, "candidates"), len(radius) * len(force) + len(depth)
+    report_progress, total = counter(progress, "candidates"), len(radius) * len(force) + len(depth)
 
     grid = RegionGrid.of(fit)
     truth = grid.truths(truths, np.random.default_rng(seed))
     c_e = np.exp(grid.log_c_e)
     curve = MasterCurve(fit.shape)
-    found = []
+    candidates = []
     new = NewData(n, scatter)
     for R in radius.tolist():
         for F in force.tolist():
@@ -331,15 +333,15 @@ def design(
             log_velocity = log_unit[:, None] + grid.log_alpha
             ceiling = F / (R**2 * WINDOW_STOP**1.5)
             after, overloaded = _expected(grid, truth, log_velocity, new, ceiling)
-            found.append(_candidate(grid, after, overloaded, n, R, force=F))
-            told(len(found), total)
+            candidates.append(_candidate(grid, after, overloaded, n, R, force=F))
+            report_progress(len(candidates), total)
     if len(depth):
         pairs = NewData(n, static_scatter, own=first)
         after, _ = _expected(grid, truth, grid.log_c_e[:, None], pairs, 0.0)
-        found += [_candidate(grid, after, 0.0, n, static_radius, depth=h) for h in depth.tolist()]
-        told(total, total)
+        candidates += [_candidate(grid, after, 0.0, n, static_radius, depth=h) for h in depth.tolist()]
+        report_progress(total, total)
     return Design(
-        rows=tuple(sorted(found, key=lambda one: one.area_ratio)),
+        rows=tuple(sorted(candidates, key=lambda candidate: candidate.area_ratio)),
         scatter=scatter,
         static_scatter=static_scatter if len(depth) else None,
         truths=truths,
@@ -427,9 +429,9 @@ def _depths(fit: Fit, static: ArrayLike | None, radius: float | None) -> tuple[F
     return depth, R
 
 
-def _scatter(fit: Fit, given: float | None) -> float:
-    if given is not None:
-        return float(_positive("scatter", given, "")[0])
+def _scatter(fit: Fit, scatter: float | None) -> float:
+    if scatter is not None:
+        return float(_positive("scatter", scatter, "")[0])
     refuse(
         fit.residual_kind != "relative",
         f"scatter must be given, the standard deviation of ln v: the fit has {fit.residual_kind!r} residuals",
@@ -438,8 +440,8 @@ def _scatter(fit: Fit, given: float | None) -> float:
     return float(np.hypot(value, MODEL_ERROR))
 
 
-def _static_scatter(fit: Fit, given: float | None) -> float:
-    if given is not None:
-        return float(_positive("static_scatter", given, "")[0])
+def _static_scatter(fit: Fit, scatter: float | None) -> float:
+    if scatter is not None:
+        return float(_positive("static_scatter", scatter, "")[0])
     values = [s.value for s in fit._evidence().scatters if s.name == "force" and not s.known]
     return float(np.hypot(values[0], MODEL_ERROR)) if values else _STATIC_SCATTER

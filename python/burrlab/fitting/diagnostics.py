@@ -129,9 +129,9 @@ def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
         return None
     above = float(rest @ r) ** 2 / float(rest @ rest)
     F = above / max((float(r @ r) - above) / below, 1e-300)
-    p, told = judged(F, 1, below)
+    p, outcome = judged(F, 1, below)
     bends = "do not bend" if p >= 0.05 else "bend"
-    return HypothesisTest("curvature", F, (1, below), p, f"The residuals {bends} over the force: {told}.")
+    return HypothesisTest("curvature", F, (1, below), p, f"The residuals {bends} over the force: {outcome}.")
 
 
 def _orthonormal(J: Floats) -> Floats:
@@ -187,7 +187,7 @@ class Row:
 
 
 def influence(
-    likelihood: Likelihood, point: Point, data: Sequence[Data], given: Bounds, *, every: bool = True
+    likelihood: Likelihood, point: Point, data: Sequence[Data], bounds: Bounds, *, every: bool = True
 ) -> tuple[Row, ...]:
     """The curves' rows in the order of the data, each with the fit without it.
 
@@ -238,7 +238,7 @@ def influence(
     columns = (np.flatnonzero(o.run < 0), leverage, residual, named)
     return tuple(
         Row(data_set, row, float(o.force[at]), h, t, stands_out,
-            *(_without(likelihood, at, given) if abs(t) >= least else _NO_FIT))
+            *(_without(likelihood, at, bounds) if abs(t) >= least else _NO_FIT))
         for (data_set, row), at, h, t, stands_out in zip(
             places, *(column.tolist() for column in columns), strict=True
         )
@@ -267,13 +267,13 @@ def doubts(likely: Plausibility | None, o: Observations, rows: Sequence[Row]) ->
         for row in sorted(rows, key=lambda row: -abs(row.studentised))
     ]
     far[2:] = [f"{len(far) - 2} more"] if len(far) > 2 else []
-    told = {
+    doubtful = {
         f"Suspect: {likely.sentence if likely else ''}.": likely is not None and likely.suspect,
         f"{copied.sum()} of {len(same)} rows are exact copies of others, which narrow the intervals "
         "but are no repeats.": copied.any(),
         f"Rows that stand out: {', '.join(far)}.": far,
     }
-    return [text for text, due in told.items() if due]
+    return [text for text, applies in doubtful.items() if applies]
 
 
 def rows_limit(likelihood: Likelihood, point: Point, rows: NDArray[np.bool_]) -> float | None:
@@ -299,7 +299,7 @@ def _studentised(J: Floats, r: Floats, known: bool, floor: float) -> tuple[Float
 _NO_FIT = np.nan, np.nan, Interval(None, None)
 
 
-def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, float, Interval]:
+def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, float, Interval]:
     """c_e, alpha and c_e's 95 % interval without a velocity row."""
     keep = np.arange(len(likelihood.observations.force)) != row
     try:
@@ -307,13 +307,13 @@ def _without(likelihood: Likelihood, row: int, given: Bounds) -> tuple[float, fl
         model = likelihood.model
         few = MeanFieldModel(o, model.shape) if isinstance(model, MeanFieldModel) else _Kept(model, keep)
         rest = Likelihood(o, likelihood.kind, few)
-        domain = Domain.of(rest, bounds_of(o, given), given)
+        domain = Domain.of(rest, bounds_of(o, bounds), bounds)
     except ValueError:  # too few forces are left
         return _NO_FIT
     best = lowest(rest, domain).point
     total, scatters, shares = rest.information(*best)
-    found = ranges(rest, Calibration(scatters, total, shares), domain, best, 0.0)
-    return *best, found.intervals["c_e"]["95"]
+    evidence = ranges(rest, Calibration(scatters, total, shares), domain, best, 0.0)
+    return *best, evidence.intervals["c_e"]["95"]
 
 
 @dataclass(frozen=True)

@@ -174,17 +174,17 @@ def fit(
     table, failure = None, ""
     record: tuple[Point, ...] = ()
     if voxels is not None:
-        there = starts[0].end
-        made = Descents(observations, shape, voxels, seed).tabulate(likelihood, box, there)
-        if isinstance(made, str):
-            failure = made
+        mean_field_end = starts[0].end
+        descents = Descents(observations, shape, voxels, seed).tabulate(likelihood, box, mean_field_end)
+        if isinstance(descents, str):
+            failure = descents
         else:
-            table, record = made
+            table, record = descents
             likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table))
-            starts, missed = _searched(likelihood, domain, box, ("from mean-field", there))
+            starts, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field_end))
             failure = "" if starts else "No c_e within its bounds gave every row a velocity."
         if failure:
-            starts = (Start("from mean-field", there, there, np.inf, "FAILURE", 0),)
+            starts = (Start("from mean-field", mean_field_end, mean_field_end, np.inf, "FAILURE", 0),)
 
     radii = sorted(set(observations.radius.tolist()))
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
@@ -229,12 +229,12 @@ def fit(
 
 def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
     sets = tuple(data) if isinstance(data, (list, tuple)) else (data,)
-    for one in sets:
-        if not isinstance(one, (VelocityCurve, Indentation, DepthTrace)):
-            way = f"from_csv({one if isinstance(one, str) else 'data.csv'!r})"
+    for data_set in sets:
+        if not isinstance(data_set, (VelocityCurve, Indentation, DepthTrace)):
+            way = f"from_csv({data_set if isinstance(data_set, str) else 'data.csv'!r})"
             raise TypeError(
                 "data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as "
-                f"VelocityCurve.{'from_dataframe(frame)' if hasattr(one, 'keys') else way}, got {shown(one)}"
+                f"VelocityCurve.{'from_dataframe(frame)' if hasattr(data_set, 'keys') else way}, got {shown(data_set)}"
             )
     refuse(not sets, "data must hold at least one data set: got none")
     return sets
@@ -264,11 +264,11 @@ def _check(burr: object, residuals: str, voxels: VoxelEngine | None) -> None:
     )
 
 
-def _check_ranges(name: str, given: Bounds | None) -> None:
+def _check_ranges(name: str, ranges: Bounds | None) -> None:
     """Refuse `bounds` or `plausible` unless None or a dict of positive pairs for c_e and alpha."""
-    if not isinstance(given, (dict, type(None))):
-        raise TypeError(f"{name} must be a dict such as {{'c_e': (1, 3)}}, got {shown(given)}")
-    for key, pair in (given or {}).items():
+    if not isinstance(ranges, (dict, type(None))):
+        raise TypeError(f"{name} must be a dict such as {{'c_e': (1, 3)}}, got {shown(ranges)}")
+    for key, pair in (ranges or {}).items():
         near = nearest(key, PLAUSIBLE)
         refuse(key not in PLAUSIBLE, f"{name} may hold 'c_e' and 'alpha' alone: got {key!r}{near}")
         ends = real(pair, f"{name} of {key}")
@@ -284,19 +284,19 @@ def _searched(
     The second value is by how much -2 log L at the best end lies below the walk's lowest.
     """
     within = domain.within(box)
-    found = minima(likelihood, within)
-    if not found:
+    lowest_points = minima(likelihood, within)
+    if not lowest_points:
         return (), 0.0
-    best = at_ridge(likelihood, within, found[0])
+    best = at_ridge(likelihood, within, lowest_points[0])
     end = best.point
-    origin, there = begin or ("walk along c_e", end)
-    walk = Start(origin, there, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
+    origin, begun_at = begin or ("walk along c_e", end)
+    walk = Start(origin, begun_at, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
     ends = [walk]
-    for point in (end, *(one.point for one in found[1:])):
+    for point in (end, *(minimum.point for minimum in lowest_points[1:])):
         if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
             ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
-    lowest = min(float(likelihood.at(one.end[0]).minus2(one.end[1])[0]) for one in ends)
-    return tuple(ends), found[0].minus2 - lowest
+    lowest = min(float(likelihood.at(minimum.end[0]).minus2(minimum.end[1])[0]) for minimum in ends)
+    return tuple(ends), lowest_points[0].minus2 - lowest
 
 
 def minimise(
@@ -331,12 +331,12 @@ def minimise(
     def value(logarithms: Floats, _: Floats) -> float:
         nonlocal best, worst, evaluations
         c_e, alpha = np.exp(np.clip(logarithms, low, high)).tolist()  # BOBYQA can leave the box by rounding
-        found, evaluations = float(objective(c_e, alpha)), evaluations + 1
-        if not np.isfinite(found):  # nlopt "succeeds" on NaN
+        height, evaluations = float(objective(c_e, alpha)), evaluations + 1
+        if not np.isfinite(height):  # nlopt "succeeds" on NaN
             return 10.0 * worst
-        worst = max(worst, found)
-        best = min(best, (found, (c_e, alpha)))  # nlopt can lose the best point
-        return found
+        worst = max(worst, height)
+        best = min(best, (height, (c_e, alpha)))  # nlopt can lose the best point
+        return height
 
     optimiser = nlopt.opt(nlopt.LN_BOBYQA, 2)
     optimiser.set_lower_bounds(low)

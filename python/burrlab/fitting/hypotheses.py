@@ -50,8 +50,14 @@ def p_text(p: float) -> str:
 def judged(statistic: float, *freedom: float) -> tuple[float, str]:
     """p-value of an F, or of a chi-square where `freedom` is one number; and the outcome in words."""
     p = float((scipy.stats.f if len(freedom) > 1 else scipy.stats.chi2).sf(statistic, *freedom))
-    told = ", ".join(f"{one:.3g}" if isinstance(one, float) else f"{one}" for one in freedom)
-    number = f"F({told}) = {statistic:.3g}" if len(freedom) > 1 else f"chi-square {statistic:.3g} of {told}"
+    freedom_text = ", ".join(
+        f"{number_of:.3g}" if isinstance(number_of, float) else f"{number_of}" for number_of in freedom
+    )
+    number = (
+        f"F({freedom_text}) = {statistic:.3g}"
+        if len(freedom) > 1
+        else f"chi-square {statistic:.3g} of {freedom_text}"
+    )
     return p, f"{number}, {p_text(p)}"
 
 
@@ -82,24 +88,24 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     S = float(np.sum(r**2))
     if likelihood.known:
         nu = likelihood.n - 2
-        p, told = judged(S, nu)
-        said = f"The scatter {'agrees with' if p >= 0.05 else 'contradicts'} the given sigma: {told}."
+        p, outcome = judged(S, nu)
+        sentence = f"The scatter {'agrees with' if p >= 0.05 else 'contradicts'} the given sigma: {outcome}."
         if 1 - p < POOR:
             factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
-            said = (
+            sentence = (
                 f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
                 f"chi-square {S:.3g} of {nu}, {p_text(1 - p)} for one so small."
             )
-        return HypothesisTest(name, S, (nu,), p, said)
+        return HypothesisTest(name, S, (nu,), p, sentence)
     o = likelihood.observations
     columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[o.run < 0]
     groups = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
     F, freedom = _against_repeats(r, groups, 2)
     if not freedom:
         return None
-    p, told = judged(F, *freedom)
+    p, outcome = judged(F, *freedom)
     agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
-    return HypothesisTest(name, F, freedom, p, f"Lack of fit: {agree}, {told}.")
+    return HypothesisTest(name, F, freedom, p, f"Lack of fit: {agree}, {outcome}.")
 
 
 def _against_repeats(r: Floats, groups: Rows, parameters: int) -> tuple[float, tuple[int, ...]]:
@@ -176,7 +182,7 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     pattern = precision @ table / np.sum(precision**2)
     expected = np.log(unit[o.run == 0])
     measured = float(np.exp(pattern[0] + expected[0] - pattern[-1] - expected[-1]))
-    said = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
+    ratios = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
     if runs > 1:
         freedom = segments - 1, (runs - 1) * (segments - 1)
         above, below = freedom
@@ -188,9 +194,9 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
         weights = 1 / (o.log_sigma[o.run == 0] ** 2 + MODEL_ERROR**2)
         r = np.log(o.velocity[o.run == 0]) - expected
         F = float(np.sum(weights * (r - np.sum(weights * r) / np.sum(weights)) ** 2))
-    p, told = judged(F, *freedom)
+    p, outcome = judged(F, *freedom)
     agree = "agrees with" if p >= 0.05 else "contradicts"
-    sentence = f"The fall of velocity with depth {agree} the model ({said}): {told}."
+    sentence = f"The fall of velocity with depth {agree} the model ({ratios}): {outcome}."
     return HypothesisTest("fall with depth", F, tuple(map(float, freedom)), p, sentence)
 
 
@@ -201,18 +207,18 @@ def given_values(
     at = likelihood.at(c_e)
     rise = float(at.minus2(alpha)[0]) - base
     name = f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms"
-    one = calibration.scatters[0]
+    scatter = calibration.scatters[0]
     freedom: tuple[float, ...] = (2.0,)  # two parameters; a denominator where one scatter is estimated
-    if len(calibration.scatters) == 1 and not one.known:
-        freedom = (2.0, float(one.n - 2))
+    if len(calibration.scatters) == 1 and not scatter.known:
+        freedom = (2.0, float(scatter.n - 2))
     o, p = likelihood.observations, 0.0
     if np.isnan(rise):
         force = o.force[np.argmax(o.c_e_bounds())]
-        rise, said = np.inf, f"is excluded: at {force:.4g} N there would have been no window."
+        rise, ending = np.inf, f"is excluded: at {force:.4g} N there would have been no window."
     elif c_e > o.ceiling:
-        rise, said = np.inf, "is excluded: the overloaded run would have had a window."
+        rise, ending = np.inf, "is excluded: the overloaded run would have had a window."
     else:
         p = calibration.probability(max(rise, 0.0))
         where = "inside" if p >= 0.05 else "outside"
-        said = f"lies {where} the joint 95 % region: -2 log L rises by {rise:.3g}, {p_text(p)}."
-    return HypothesisTest(name, rise, freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) {said}")
+        ending = f"lies {where} the joint 95 % region: -2 log L rises by {rise:.3g}, {p_text(p)}."
+    return HypothesisTest(name, rise, freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) {ending}")

@@ -69,11 +69,11 @@ class MeanFieldModel:
     def _rows(self, c_e: ArrayLike, function: Callable[[Floats], Floats]) -> Floats:
         """A function of the velocity of each row, made once for equal rows; row after row in memory."""
         stiffness = np.asarray(c_e, dtype=np.float64)
-        made = np.empty((self._n, stiffness.size))
+        velocities = np.empty((self._n, stiffness.size))
         for start, end, pressure, radius, rows, inverse in self._groups:
             ratio = self._curve.velocity_ratio(pressure[:, None] / stiffness.ravel(), start, end)
-            made[rows] = function(PER_SECOND * radius[:, None] * ratio)[inverse]
-        return made.T.reshape(*stiffness.shape, self._n)
+            velocities[rows] = function(PER_SECOND * radius[:, None] * ratio)[inverse]
+        return velocities.T.reshape(*stiffness.shape, self._n)
 
 
 #: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
@@ -121,9 +121,15 @@ class Likelihood:
         self.log = kind in ("relative", "student")
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
-        own = [np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs]
+        scatters_of_runs = [
+            np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs
+        ]
         #: scatter of each run's segments, from its record, over the geometric mean of all runs
-        self.run_scatter: Floats = np.array(own) / np.exp(np.mean(np.log(own))) if own else np.empty(0)
+        self.run_scatter: Floats = (
+            np.array(scatters_of_runs) / np.exp(np.mean(np.log(scatters_of_runs)))
+            if scatters_of_runs
+            else np.empty(0)
+        )
         self.known = kind == "sigma"
         self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0

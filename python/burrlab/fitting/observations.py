@@ -69,25 +69,25 @@ class Observations:
         parts: dict[str, list[Floats]] = {name: [np.empty(0)] for name in (*_VELOCITY, *_PRESSED)}
         rows: list[tuple[str, Rows]] = []
         ceiling, n_skipped, n_censored, n_runs = np.inf, 0, 0, 0
-        for one in data:
-            radius = _radius(one, burr)
-            found: dict[str, Any] = {"force": one.force, "radius": radius, "run": -1}
-            if isinstance(one, Indentation):
-                unit = radius**2 * (one.depth / radius) ** 1.5
-                found = {"pressed": one.force, "pressed_sigma": one.sigma, "pressed_unit": unit}
-            elif isinstance(one, DepthTrace):
-                segments = one.segments(SEGMENTS)
+        for data_set in data:
+            radius = _radius(data_set, burr)
+            found: dict[str, Any] = {"force": data_set.force, "radius": radius, "run": -1}
+            if isinstance(data_set, Indentation):
+                unit = radius**2 * (data_set.depth / radius) ** 1.5
+                found = {"pressed": data_set.force, "pressed_sigma": data_set.sigma, "pressed_unit": unit}
+            elif isinstance(data_set, DepthTrace):
+                segments = data_set.segments(SEGMENTS)
                 found |= {"velocity": segments.velocity, "log_sigma": segments.log_sigma, "run": n_runs}
                 found |= {"window_start": segments.start_mm, "window_end": segments.end_mm}
                 n_runs += 1
             else:
-                ok = one.ok
+                ok = data_set.ok
                 for name in ("force", "velocity", "sigma", "window_start", "window_end"):
-                    column = getattr(one, name)
+                    column = getattr(data_set, name)
                     found[name] = None if column is None else column[ok]
-                over = np.array([s == "overloaded" for s in one.status or len(one) * ("",)])
-                end = np.full(len(one), np.nan) if one.window_end is None else one.window_end
-                ceiling = float(_static_c_e(one.force[over], end[over], radius).min(initial=ceiling))
+                over = np.array([s == "overloaded" for s in data_set.status or len(data_set) * ("",)])
+                end = np.full(len(data_set), np.nan) if data_set.window_end is None else data_set.window_end
+                ceiling = float(_static_c_e(data_set.force[over], end[over], radius).min(initial=ceiling))
                 n_skipped, n_censored = n_skipped + int((~ok).sum()), n_censored + int(over.sum())
             kind, names = ("velocity", _VELOCITY) if "velocity" in found else ("pressed", _PRESSED)
             begin, n = sum(map(len, parts[kind])), len(found[kind])
@@ -96,9 +96,11 @@ class Observations:
                 parts[name].append(np.broadcast_to(np.asarray(found.get(name), np.float64), n))
         tables: dict[str, Any] = {name: np.concatenate(columns) for name, columns in parts.items()}
         tables["run"] = tables["run"].astype(np.intp)
-        made = cls(**tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored)
-        made._check()
-        return made
+        observations = cls(
+            **tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored
+        )
+        observations._check()
+        return observations
 
     def _check(self) -> None:
         for name, unit, values in (
@@ -144,9 +146,9 @@ class Observations:
 
     def kept(self, keep: NDArray[np.bool_]) -> Observations:
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
-        made = replace(self, **{name: getattr(self, name)[keep] for name in _VELOCITY})
-        made._check()
-        return made
+        remaining = replace(self, **{name: getattr(self, name)[keep] for name in _VELOCITY})
+        remaining._check()
+        return remaining
 
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
@@ -207,7 +209,7 @@ class Box:
     upper: tuple[float, float]
 
 
-def bounds_of(observations: Observations, given: Bounds | None) -> Box:
+def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
     """The box of the search.
 
     c_e runs from the hard bound of `Observations.c_e_bounds` to 100 times that, or to the limit of an
@@ -225,7 +227,7 @@ def bounds_of(observations: Observations, given: Bounds | None) -> Box:
     ceiling = observations.ceiling * (1 - _MARGIN)
     deepest = float(observations.force[np.argmax(observations.c_e_bounds())])
     box = {"c_e": (min(hard, ceiling), min(C_E_RANGE * hard, ceiling)), "alpha": ALPHA_BOUNDS}
-    for name, pair in (given or {}).items():
+    for name, pair in (bounds or {}).items():
         low, high = (float(end) for end in pair)
         refuse(
             name == "c_e" and high <= hard,

@@ -53,13 +53,13 @@ class Domain:
     points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
-    def of(cls, likelihood: Likelihood, box: Box, given: Mapping[str, object]) -> Domain:
+    def of(cls, likelihood: Likelihood, box: Box, bounds: Mapping[str, object]) -> Domain:
         """The whole range of c_e, or the bounds given by the user."""
         o = likelihood.observations
         kinks = tuple(np.unique(o.ridge_entries()).tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
-        if "c_e" in given:
+        if "c_e" in bounds:
             low_hard = low <= float(o.c_e_bounds().max()) * (1 + 2e-4)
             high_hard = high >= o.ceiling * (1 - 2e-4)
         else:
@@ -68,7 +68,7 @@ class Domain:
                 if high_hard
                 else _FAR[-1] * (kinks[-1] if np.isfinite(kinks[-1]) else low)
             )
-        alpha = (box.lower[1], box.upper[1]) if "alpha" in given else (0.0, np.inf)
+        alpha = (box.lower[1], box.upper[1]) if "alpha" in bounds else (0.0, np.inf)
         return cls(low, high, low_hard, high_hard, kinks, alpha)
 
     @property
@@ -180,22 +180,22 @@ def profile(
     ridge : float
         Exponent of the ridge, 4 (k + 1)/3 for an f with a zero of order k.
     """
-    found = ranges(likelihood, calibration, domain, best, ridge)
-    walk, base, joint = found.walk, found.base, found.joint
+    evidence = ranges(likelihood, calibration, domain, best, ridge)
+    walk, base, joint = evidence.walk, evidence.base, evidence.joint
     rise = walk.minus2 - base
     alphas = _alphas(walk, base, max(joint.values()))
     x = np.log(walk.c_e)
     table = np.array([_lowest(x, row)[1] for row in walk.slices.minus2_table(alphas)]) - base
-    shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
+    drawn = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
-        c_e=walk.c_e[shown],
-        c_e_rise=rise[shown],
-        best_alpha=walk.alpha[shown],
+        c_e=walk.c_e[drawn],
+        c_e_rise=rise[drawn],
+        best_alpha=walk.alpha[drawn],
         alpha=alphas,
         alpha_rise=np.maximum(table, 0.0),
-        limits=found.limits,
-        intervals=found.intervals,
-        identified=found.identified,
+        limits=evidence.limits,
+        intervals=evidence.intervals,
+        identified=evidence.identified,
         regions={name: _region(walk, domain, base + limit) for name, limit in joint.items()},
         at_infinity=np.nan if domain.high_hard else float(rise[-1]),
         base=base,
@@ -237,14 +237,16 @@ def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
                 places.append(sides)
     if not places:
         return []
-    found = _followed(likelihood, domain, c_e[places], kinks, len(c_e), step=_PARABOLIC if few else 0.0)
+    lowest_points = _followed(
+        likelihood, domain, c_e[places], kinks, len(c_e), step=_PARABOLIC if few else 0.0
+    )
     edges = np.array([domain.low, *every, domain.high])
-    for k, rough in enumerate([] if few else found):
+    for k, rough in enumerate([] if few else lowest_points):
         i = int(np.searchsorted(edges, rough.c_e))
         beside = np.lib.stride_tricks.sliding_window_view(edges[max(i - 2, 0) : i + 2], 2)
         exact = _followed(likelihood, domain, beside, every, rough.evaluations, cells=4, step=_PARABOLIC / 8)
-        found[k] = min(exact, key=lambda minimum: minimum.minus2, default=rough)
-    return sorted(found, key=lambda minimum: minimum.minus2)
+        lowest_points[k] = min(exact, key=lambda minimum: minimum.minus2, default=rough)
+    return sorted(lowest_points, key=lambda minimum: minimum.minus2)
 
 
 def _followed(
@@ -286,10 +288,14 @@ def _followed(
     walk = Walk(likelihood, domain, np.append(lowest, at_vertex))
     of_two = np.where(walk.minus2[len(low) :] < walk.minus2[: len(low)], each + len(low), each)
     columns = (column[of_two].tolist() for column in (walk.c_e, walk.alpha, walk.minus2))
-    found = [Minimum(c, a, m, tried + 2 * len(low)) for c, a, m in zip(*columns, strict=True)]
-    ends = [one.c_e for one in found]
+    lowest_points = [Minimum(c, a, m, tried + 2 * len(low)) for c, a, m in zip(*columns, strict=True)]
+    ends = [minimum.c_e for minimum in lowest_points]
     # a stretch that is lowest at a kink has a minimum there only if the one beyond has too
-    return [one for k, one in enumerate(found) if one.c_e not in kinks or one.c_e in ends[:k]]
+    return [
+        minimum
+        for k, minimum in enumerate(lowest_points)
+        if minimum.c_e not in kinks or minimum.c_e in ends[:k]
+    ]
 
 
 def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum:
@@ -317,8 +323,8 @@ def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum
             return float(Walk(likelihood, domain, np.array([c_e])).minus2[0]) - lowest.minus2 - FLAT
 
         begin = scipy.optimize.brentq(height, float(c_e[first - 1]), begin, rtol=1e-9)
-    there = Walk(likelihood, domain, np.array([begin]))
-    return replace(lowest, c_e=begin, alpha=float(there.alpha[0]), minus2=float(there.minus2[0]))
+    ridge_walk = Walk(likelihood, domain, np.array([begin]))
+    return replace(lowest, c_e=begin, alpha=float(ridge_walk.alpha[0]), minus2=float(ridge_walk.minus2[0]))
 
 
 def lowest(likelihood: Likelihood, domain: Domain) -> Minimum:
@@ -328,7 +334,7 @@ def lowest(likelihood: Likelihood, domain: Domain) -> Minimum:
 
 def _valleys(y: Floats) -> list[int]:
     """Places of the minima; a rise of more than `FLAT` separates two."""
-    found, low = [], 0  # low: place of the lowest since the last peak
+    valleys, low = [], 0  # low: place of the lowest since the last peak
     high = -1  # place of the highest since the last minimum
     for i, value in enumerate(y.tolist()):
         if low < high:
@@ -339,9 +345,9 @@ def _valleys(y: Floats) -> list[int]:
         elif value < y[low]:
             low = i
         elif value > y[low] + FLAT:
-            found.append(low)
+            valleys.append(low)
             high = i
-    return found if low < high else [*found, low]
+    return valleys if low < high else [*valleys, low]
 
 
 def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
@@ -461,8 +467,8 @@ def _region(walk: Walk, domain: Domain, target: float) -> Region:
     low, high = walk.band(target)
     inside = np.isfinite(low)
     is_open = bool(inside[-1]) and not domain.high_hard
-    shown = _thin(walk.c_e, inside, int(np.argmin(walk.minus2)))
-    return Region(walk.c_e[shown], low[shown], high[shown], is_open)
+    drawn = _thin(walk.c_e, inside, int(np.argmin(walk.minus2)))
+    return Region(walk.c_e[drawn], low[drawn], high[drawn], is_open)
 
 
 def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:

@@ -131,7 +131,7 @@ class FitRecord(InJson):
     @property
     def curve(self) -> VelocityCurve:
         """The first velocity curve of the data; ValueError without one."""
-        curves = [one for one in self.data if isinstance(one, VelocityCurve)]
+        curves = [data_set for data_set in self.data if isinstance(data_set, VelocityCurve)]
         refuse(not curves, "the data of this fit hold no velocity curve")
         return curves[0]
 
@@ -226,7 +226,11 @@ class FitRecord(InJson):
     @cached_property
     def observations(self) -> Observations:
         """The rows of the data, as they were compared."""
-        burr = Burr(self.radius) if any(one.radius is None for one in self.data) and self.radius else None
+        burr = (
+            Burr(self.radius)
+            if any(data_set.radius is None for data_set in self.data) and self.radius
+            else None
+        )
         return Observations.of(self.data, burr)
 
     @cached_property
@@ -343,23 +347,23 @@ def weigh(
     exponent = 4 * (shape.order + 1) / 3
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
-    found = profile(likelihood, calibration, domain, best, exponent)
+    profiled = profile(likelihood, calibration, domain, best, exponent)
     if table is not None:
-        is_open = found.intervals["c_e"]["95"].upper is None
+        is_open = profiled.intervals["c_e"]["95"].upper is None
         monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
         calibration = replace(calibration, monte_carlo=monte_carlo)
-        found = profile(likelihood, calibration, domain, best, exponent)
+        profiled = profile(likelihood, calibration, domain, best, exponent)
     fits, unscaled = goodness(likelihood, best, lack_of_fit(likelihood, best)), None
     if fits.inflation > 1:
-        unscaled, calibration = found.intervals, replace(calibration, inflation=fits.inflation)
-        found = profile(likelihood, calibration, domain, best, exponent)
-    intervals, better, likely = found.intervals, None, None
-    if found.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
-        lowest = int(np.argmin(found.c_e_rise))
-        better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
+        unscaled, calibration = profiled.intervals, replace(calibration, inflation=fits.inflation)
+        profiled = profile(likelihood, calibration, domain, best, exponent)
+    intervals, better, likely = profiled.intervals, None, None
+    if profiled.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
+        lowest = int(np.argmin(profiled.c_e_rise))
+        better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
     if plausible is not None:
         guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
-        likely = plausibility(likelihood, shape, calibration, found.base, best, plausible, guess)
+        likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
     rows = influence(likelihood, best, data, bounds, every=False)
     evidence = Evidence(
         likelihood.log_likelihood(*best),
@@ -367,8 +371,8 @@ def weigh(
         scatters,
         shares,
         calibration.monte_carlo,
-        found,
-        ridge_of(likelihood, exponent, best, found),
+        profiled,
+        ridge_of(likelihood, exponent, best, profiled),
         "",
         better,
         fits,
@@ -377,7 +381,7 @@ def weigh(
         rows,
     )
     status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
-    conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified, status)
+    conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
     texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion)
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 

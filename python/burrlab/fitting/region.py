@@ -171,14 +171,14 @@ class RegionGrid:
         old = np.where(impossible, _EXCLUDED, self.minus2)
         y = np.where(impossible, 0.0, predicted)
         limits = new.limits(self.calibration)
-        found = []
+        regions = []
         for begin in range(0, len(row), _BLOCK):
             block = slice(begin, begin + _BLOCK)
             table = y - predicted[row[block], column[block]][:, None, None]
             table = new.rise(table)
             table += old
-            found.append(self._region(table, limits, self.high_hard))
-        return NewRegion(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+            regions.append(self._region(table, limits, self.high_hard))
+        return NewRegion(*(np.concatenate(parts) for parts in zip(*regions, strict=True)))
 
     def below(self, ceiling: float) -> NewRegion:
         """The region after an overloaded run, which needs c_e [N/mm^2] below `ceiling`; shape (1,)."""
@@ -196,9 +196,9 @@ class RegionGrid:
 
     def _area(self, rise: Floats, limit: float) -> Floats:
         """Area where the rise is below its limit, between the columns by linear interpolation."""
-        one, other = rise[..., :-1], rise[..., 1:]
-        low = np.minimum(one, other)
-        part = np.clip((limit - low) / (np.abs(one - other) + 1e-12), 0.0, 1.0)
+        left, right = rise[..., :-1], rise[..., 1:]
+        low = np.minimum(left, right)
+        part = np.clip((limit - low) / (np.abs(left - right) + 1e-12), 0.0, 1.0)
         lengths = np.einsum("tma,ma->tm", part, np.diff(self.log_alpha, axis=1))
         return np.asarray(lengths @ self.width)
 

@@ -76,7 +76,7 @@ def statistics(fit: FitRecord) -> dict[str, str]:
     if len(o.pressed):
         points += f", {len(o.pressed)} pairs of an indentation"
     rows = {
-        "data": "; ".join(one.source or "unnamed" for one in fit.data),
+        "data": "; ".join(data_set.source or "unnamed" for data_set in fit.data),
         "engine": f"{fit.engine}, shape {fit.shape.label}, burr radius {radius} mm",
         "likelihood": _RESIDUALS[fit.residual_kind],
         "data points": f"{points}; rows skipped: {fit.n_skipped}, of these censored: {fit.n_censored}",
@@ -97,13 +97,13 @@ def statistics(fit: FitRecord) -> dict[str, str]:
     }
 
 
-def scatter(fit: FitRecord, one: Scatter) -> str:
+def scatter(fit: FitRecord, part: Scatter) -> str:
     """A scatter in words."""
-    if one.known:
-        return f"{one.name} as given"
-    unit = " mm/s" if one.name == "velocity" and fit.residual_kind == "absolute" else " %"
-    value = one.value if unit == " mm/s" else 100 * one.value
-    return f"{one.name} {value:.3g}{unit} estimated from {one.n} rows"
+    if part.known:
+        return f"{part.name} as given"
+    unit = " mm/s" if part.name == "velocity" and fit.residual_kind == "absolute" else " %"
+    value = part.value if unit == " mm/s" else 100 * part.value
+    return f"{part.name} {value:.3g}{unit} estimated from {part.n} rows"
 
 
 def variable_rows(fit: FitRecord) -> list[list[str]]:

@@ -104,8 +104,8 @@ class Fit(FitRecord):
         Of more than 1000 rows only the two that lie farthest off are fitted without.
         """
         self._evidence()
-        given = {name: self.bounds[name] for name in self.given_bounds}
-        return influence(self.likelihood, (self.c_e, self.alpha), self.data, given)
+        bounds = {name: self.bounds[name] for name in self.given_bounds}
+        return influence(self.likelihood, (self.c_e, self.alpha), self.data, bounds)
 
     def bootstrap(
         self,
@@ -122,7 +122,10 @@ class Fit(FitRecord):
 
     def material(self, name: str) -> Material:
         """The fitted material; its source says where the numbers come from."""
-        data = "; ".join(one.source for one in self.data if one.source) or "a velocity-force curve"
+        data = (
+            "; ".join(data_set.source for data_set in self.data if data_set.source)
+            or "a velocity-force curve"
+        )
         source = f"fit to {data} ({self.engine}, status {self.status})"
         return Material(name, c_e=self.c_e, alpha=self.alpha, shape=self.shape, source=source)
 
@@ -210,7 +213,7 @@ class Fit(FitRecord):
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
         dress = {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"}
-        for curve in (one for one in self.data if isinstance(one, VelocityCurve)):
+        for curve in (data_set for data_set in self.data if isinstance(data_set, VelocityCurve)):
             curve.plot(ax, log=log, **dress)
         segment, default = o.run >= 0, np.isnan(o.window_start)
         if segment.any():
@@ -277,9 +280,9 @@ class Fit(FitRecord):
         limits = {level: evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
         top = 1.6 * limits["99.7"]
         near = np.flatnonzero((rise < top) & (x < 12 * getattr(self, name)))
-        shown = slice(max(near[0] - 1, 0), near[-1] + 2)
+        drawn = slice(max(near[0] - 1, 0), near[-1] + 2)
         look = next_look(ax, style, color=FORCE, linestyle="-", linewidth=1.4, label="profile")
-        ax.plot(x[shown], rise[shown], **look)
+        ax.plot(x[drawn], rise[drawn], **look)
         for level, limit in limits.items():
             ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--", label="limits of the levels")
             ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
@@ -328,7 +331,7 @@ class Fit(FitRecord):
         widest, look = 12 * self.c_e, next_look(ax, style, color=FORCE, label="fit")
         color, named = look.pop("color"), look.pop("label")
         p = profile.identified.exponent if combination else 0.0
-        told = color if named == "fit" else "black"
+        edge = color if named == "fit" else "black"
         # A region lies on the wider ones and so looks like `seen`, in the legend too: once for all fits.
         for level, alpha, seen in (("99.7", 0.2, 0.2), ("95", 0.35, 0.48), ("68", 0.6, 0.79)):
             region = profile.regions[level]
@@ -336,7 +339,7 @@ class Fit(FitRecord):
             c_e = region.c_e[near]
             shade = {"color": to_rgba(color, alpha), "edgecolor": color, "linewidth": 0.6, **look}
             ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p, **shade)
-            ax.fill_between([], [], color=to_rgba(told, seen), ec=told, lw=0.6, label=f"{level} %")
+            ax.fill_between([], [], color=to_rgba(edge, seen), ec=edge, lw=0.6, label=f"{level} %")
         opened = ", ".join(level for level in LEVELS if profile.regions[level].open_above)
         named += f", {opened} % open above" if opened else ""
         ax.plot(self.c_e, self.alpha / self.c_e**p, "P", color=color, mec="white", mew=0.7, ms=6, label=named)
@@ -371,8 +374,8 @@ class Fit(FitRecord):
         limit = rows_limit(self.likelihood, (self.c_e, self.alpha), ~named)
         if limit is not None:
             ax.axhspan(-limit, limit, color="0.95", zorder=0)
-            for sign, said in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
-                ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=said)
+            for sign, limit_label in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
+                ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=limit_label)
         if named.any():
             ax.plot(
                 force[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"})
@@ -435,26 +438,29 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     if isinstance(items, VelocityCurve | Fit):
         items = [items]
     if not isinstance(items, Mapping):
-        sources = [getattr(one.data[0] if isinstance(one, Fit) else one, "source", "") for one in items]
+        sources = [
+            getattr(material.data[0] if isinstance(material, Fit) else material, "source", "")
+            for material in items
+        ]
         names = [f"{k}: {source}".rstrip(": ") for k, source in enumerate(sources, 1)]
         items = dict(zip(names, items, strict=True))
     refuse(not items, "items must hold a curve or a fit, got none")
     ax = axes_or_new(ax)
     bar: dict[str, Any] = {"marker": (2, 2, 45), "linestyle": "", "mew": 1.2}  # across a line that rises
     kinks: list[float] = []
-    for look, (name, one) in zip(itertools.cycle(SERIES), items.items(), strict=False):
+    for look, (name, material) in zip(itertools.cycle(SERIES), items.items(), strict=False):
         dress: dict[str, Any] = {"label": name, **look, **style}
-        if isinstance(one, VelocityCurve):
-            one.plot(ax, log=log, **dress | {"linestyle": ""})
+        if isinstance(material, VelocityCurve):
+            material.plot(ax, log=log, **dress | {"linestyle": ""})
             continue
-        if not isinstance(one, Fit):
-            raise TypeError(f"items must be VelocityCurve or Fit, got {type(one).__name__} for {name!r}")
-        one.plot(ax, log=log, **dress)
-        o = one.observations
+        if not isinstance(material, Fit):
+            raise TypeError(f"items must be VelocityCurve or Fit, got {type(material).__name__} for {name!r}")
+        material.plot(ax, log=log, **dress)
+        o = material.observations
         for R in sorted(set(o.radius[np.isnan(o.window_start)].tolist())):
-            force, kink = o.force[o.radius == R], one.c_e * R**2 * WINDOW_START**1.5
+            force, kink = o.force[o.radius == R], material.c_e * R**2 * WINDOW_START**1.5
             if force.min() < kink < force.max():
-                ax.plot(kink, one.velocity(kink, radius=R), color=dress["color"], ms=18, zorder=5, **bar)
+                ax.plot(kink, material.velocity(kink, radius=R), color=dress["color"], ms=18, zorder=5, **bar)
                 kinks.append(kink)
     if kinks:
         ax.plot([], [], color=REFERENCE, ms=11, label="kink: $c_e$ shows above", **bar)

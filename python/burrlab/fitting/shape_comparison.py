@@ -192,8 +192,10 @@ class ShapeComparison:
     @property
     def indistinguishable(self) -> tuple[Pair, ...]:
         """Pairs of the kept shapes that the data cannot tell apart."""
-        kept = set(self.kept)
-        return tuple(pair for pair in self.pairs if not pair.told_apart and {pair.better, pair.worse} <= kept)
+        kept_shapes = set(self.kept)
+        return tuple(
+            pair for pair in self.pairs if not pair.told_apart and {pair.better, pair.worse} <= kept_shapes
+        )
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -206,9 +208,9 @@ class ShapeComparison:
         if reference is not None and reference.shape.name in self.kept:
             lines += [_alpha(reference, row) for row in self.rows if row.shape.name in self.kept]
         for row in self.rows:
-            said = [_words(self, part) for part in row.pattern if part.clear]
-            if len(said) > 1 or (said and row.rejected):
-                lines.append(f"Under {row.shape.label}, velocities are {_listed(said)}.")
+            patterns = [_words(self, part) for part in row.pattern if part.clear]
+            if len(patterns) > 1 or (patterns and row.rejected):
+                lines.append(f"Under {row.shape.label}, velocities are {_listed(patterns)}.")
         lack = self.best.fit.lack_of_fit
         if lack is not None and lack.p_value < 0.05:
             lines.append(f"The best shape, {self.best.shape.label}, does not fit either: {lack.sentence}")
@@ -339,7 +341,7 @@ class ShapeComparison:
             }
             for row in self.rows
         ]
-        made: dict[str, Any] = Codec().plain(
+        comparison: dict[str, Any] = Codec().plain(
             {
                 "rows": rows,
                 "power": self.power,
@@ -351,7 +353,7 @@ class ShapeComparison:
                 "provenance": self.provenance,
             }
         )
-        return made
+        return comparison
 
     def __repr__(self) -> str:
         return "\n".join(columns(cells(self)))
@@ -384,21 +386,21 @@ def cells(comparison: ShapeComparison) -> list[list[str]]:
     """The table, header first."""
     rows = [list(_HEAD)]
     for row in comparison.rows:
-        one = row.fit
-        lack = "-" if one.lack_of_fit is None else p_text(one.lack_of_fit.p_value)
+        fit = row.fit
+        lack = "-" if fit.lack_of_fit is None else p_text(fit.lack_of_fit.p_value)
         against = "-" if row.p_value is None else p_text(row.p_value)
         if row.rejected:
             against += ", rejected"
-        numbers = [f"{one.c_e:.4g}", f"{one.alpha:.4g}"]
+        numbers = [f"{fit.c_e:.4g}", f"{fit.alpha:.4g}"]
         rows.append(
             [
                 row.shape.label,
                 *(f"{number} (open)" if _is_open(row) else number for number in numbers),
-                f"{one.log_likelihood:.4g}",
-                f"{one.aic:.4g}",
-                f"{one.bic:.4g}",
+                f"{fit.log_likelihood:.4g}",
+                f"{fit.aic:.4g}",
+                f"{fit.bic:.4g}",
                 f"{row.delta_aic:.3g}",
-                _amount(comparison, one.residual_norm, sign=False),
+                _amount(comparison, fit.residual_norm, sign=False),
                 lack,
                 against,
                 _pattern(comparison, row.pattern),
@@ -417,15 +419,15 @@ def _rejection(comparison: ShapeComparison) -> str:
         return "No shape was tested: that needs the family power(k), free=True, and more than three rows."
     nu = comparison.threshold.nu
     test = "chi-square of 1" if nu == float("inf") else f"F(1, {nu:.4g})"
-    said = []
+    rejections = []
     for name, rows in (
         ("rejected", [row for row in comparison.rows if row.rejected]),
         ("not rejected", [row for row in comparison.rows if not row.rejected]),
     ):
         if rows:
             each = [f"{row.shape.label} ({p_text(row.p_value or 0.0)})" for row in rows]
-            said.append(f"{_listed(each)} {'is' if len(rows) == 1 else 'are'} {name}")
-    return f"Against f = (1 - x^2)^k with k free, at {percent} ({test}): {'; '.join(said)}."
+            rejections.append(f"{_listed(each)} {'is' if len(rows) == 1 else 'are'} {name}")
+    return f"Against f = (1 - x^2)^k with k free, at {percent} ({test}): {'; '.join(rejections)}."
 
 
 def _free(power: PowerProfile) -> str:
@@ -525,16 +527,16 @@ def _set_ticks(ax: Axes, places: Sequence[float]) -> None:
     ax.set_yticks([], minor=True)
 
 
-def _predicted(one: Fit) -> Floats:
-    return np.asarray(one.alpha * one.likelihood.model.unit(one.c_e))
+def _predicted(fit: Fit) -> Floats:
+    return np.asarray(fit.alpha * fit.likelihood.model.unit(fit.c_e))
 
 
-def _line(one: Fit, best: Fit) -> tuple[Floats, Floats]:
+def _line(fit: Fit, best: Fit) -> tuple[Floats, Floats]:
     """Force [N] and velocity over the best's; smooth if all rows have one radius and the default window."""
     o = best.observations
-    if np.isnan(o.window_start).all() and one.radius is not None:
+    if np.isnan(o.window_start).all() and fit.radius is not None:
         force = np.geomspace(o.force.min(), o.force.max(), 200)
-        return force, np.asarray(one.velocity(force)) / np.asarray(best.velocity(force))
+        return force, np.asarray(fit.velocity(force)) / np.asarray(best.velocity(force))
     force, inverse = np.unique(o.force, return_inverse=True)
-    log = np.log(_predicted(one) / _predicted(best))
+    log = np.log(_predicted(fit) / _predicted(best))
     return force, np.exp(np.bincount(inverse, log) / np.bincount(inverse))

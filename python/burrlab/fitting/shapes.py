@@ -118,10 +118,10 @@ class PowerFamily:
         heights = [self.lowest(k).minus2 for k in NODES]
         i = int(np.argmin(heights))
         ends = NODES[max(i - 1, 0)], NODES[min(i + 1, len(NODES) - 1)]
-        found = scipy.optimize.minimize_scalar(
+        optimum = scipy.optimize.minimize_scalar(
             lambda k: self.lowest(float(k)).minus2, bounds=ends, method="bounded", options={"xatol": 1e-4}
         )
-        k = float(found.x) if found.fun < heights[i] else NODES[i]
+        k = float(optimum.x) if optimum.fun < heights[i] else NODES[i]
         return k, self.lowest(k)
 
     def threshold(self, k: float, point: tuple[float, float]) -> Threshold | None:
@@ -231,14 +231,14 @@ class Weighed:
         """Every two shapes, judged against one another."""
         if self.threshold is None:
             return ()
-        made = []
+        pairs = []
         for pair in combinations(self.minima, 2):
             better, worse = sorted(pair, key=lambda name: self.minima[name].minus2)
             rise = self.minima[worse].minus2 - self.minima[better].minus2
-            made.append(
+            pairs.append(
                 Pair(better, worse, rise, self.threshold.limit(Pair.LEVEL), self.threshold.probability(rise))
             )
-        return tuple(made)
+        return tuple(pairs)
 
 
 def weigh_shapes(
@@ -360,18 +360,18 @@ def compare_shapes(
     )
     refuse(not 0 < level < 1, f"level must be between 0 and 1: got {level!r}")
     refuse(residuals == "student", "residuals must be relative, absolute or sigma: got 'student'")
-    told, fits = counter(progress, "shapes"), {}
+    report_progress, fits = counter(progress, "shapes"), {}
     steps = len(names) + (len(NODES) if free else 0)
     for name in names:
         fits[name] = fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed)
-        told(len(fits), steps)
+        report_progress(len(fits), steps)
     first = fits[names[0]]
     observations = first.observations
     for done, k in enumerate(NODES if free else (), start=len(names) + 1):
         MeanFieldModel(observations, member(k)).unit(
             first.c_e
         )  # makes the master curve that the family needs
-        told(done, steps)
+        report_progress(done, steps)
     weighed = weigh_shapes(observations, residuals, names, bounds=bounds, free=free)
     power = None
     if weighed.k is not None and weighed.threshold is not None:
@@ -379,26 +379,26 @@ def compare_shapes(
         domain = Domain.of(first.likelihood, bounds_of(observations, bounds), bounds or {})
         family = PowerFamily(observations, residuals, domain)
         power = family.profile(weighed.k, weighed.free, weighed.threshold)
-    lowest_aic = min(one.aic for one in fits.values())
+    lowest_aic = min(fitted.aic for fitted in fits.values())
     best = min(names, key=lambda name: weighed.minima[name].minus2)
     scatter = _scatter(fits[best])
     reference = fits.get(REFERENCE)
     rows = []
-    for name, one in fits.items():
+    for name, fitted in fits.items():
         p = weighed.p_value(name)
         rows.append(
             ShapeRow(
-                shape=one.shape,
-                fit=one,
-                delta_aic=one.aic - lowest_aic,
+                shape=fitted.shape,
+                fit=fitted,
+                delta_aic=fitted.aic - lowest_aic,
                 rise=weighed.rise(name),
                 p_value=p,
                 rejected=None if p is None else p < 1 - level,
-                pattern=_pattern(one, scatter),
-                alpha_ratio=None if reference is None else _ratio(one, reference, 0.0),
+                pattern=_pattern(fitted, scatter),
+                alpha_ratio=None if reference is None else _ratio(fitted, reference, 0.0),
                 combination_ratio=None
                 if reference is None
-                else _ratio(one, reference, 4 * (one.shape.order + 1) / 3),
+                else _ratio(fitted, reference, 4 * (fitted.shape.order + 1) / 3),
             )
         )
     return ShapeComparison(
@@ -414,24 +414,24 @@ def compare_shapes(
     )
 
 
-def _residuals(one: Fit) -> tuple[Floats, Floats, Floats]:
+def _residuals(fit: Fit) -> tuple[Floats, Floats, Floats]:
     """F/R^2 [N/mm^2], force [N] and residual of the curves' rows and the runs' means."""
-    o = one.observations
-    residuals = one.likelihood.velocity_residuals(one.likelihood.model.unit(one.c_e), one.alpha)
+    o = fit.observations
+    residuals = fit.likelihood.velocity_residuals(fit.likelihood.model.unit(fit.c_e), fit.alpha)
     runs = [int(np.flatnonzero(o.run == i)[0]) for i in range(int(o.run.max(initial=-1)) + 1)]
     rows = np.concatenate([np.flatnonzero(o.run < 0), np.array(runs, dtype=np.intp)])
     return o.force[rows] / o.radius[rows] ** 2, o.force[rows], residuals
 
 
-def _scatter(one: Fit) -> float:
+def _scatter(fit: Fit) -> float:
     """Standard deviation of one residual about a fit; 1 where sigma is known."""
-    evidence = one.evidence
+    evidence = fit.evidence
     return np.nan if evidence is None else evidence.scatters[0].value
 
 
-def _pattern(one: Fit, scatter: float) -> tuple[Part, ...]:
+def _pattern(fit: Fit, scatter: float) -> tuple[Part, ...]:
     """Mean residual in the low, middle and high third of the forces."""
-    pressure, force, r = _residuals(one)
+    pressure, force, r = _residuals(fit)
     thirds = np.array_split(np.unique(pressure), 3)
     parts = []
     for name, third in zip(("low", "middle", "high"), thirds, strict=True):
@@ -444,14 +444,14 @@ def _pattern(one: Fit, scatter: float) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _ratio(one: Fit, reference: Fit, exponent: float) -> float | None:
+def _ratio(fit: Fit, reference: Fit, exponent: float) -> float | None:
     """alpha/c_e^exponent over the reference's; None where c_e, and alpha with it, is open above.
 
     With the ridge's exponent c_e may be open, but only shapes of the reference's order compare.
     """
     if exponent:
-        if one.shape.order != reference.shape.order:
+        if fit.shape.order != reference.shape.order:
             return None
-    elif any(each.intervals["c_e"]["95"].upper is None for each in (one, reference)):
+    elif any(each.intervals["c_e"]["95"].upper is None for each in (fit, reference)):
         return None
-    return float(one.alpha / reference.alpha * (reference.c_e / one.c_e) ** exponent)
+    return float(fit.alpha / reference.alpha * (reference.c_e / fit.c_e) ** exponent)

@@ -125,23 +125,23 @@ class VoxelDescent:
 @stored_as("burrlab.fitting.voxel_descent.sink")
 def sink(descent: VoxelDescent) -> list[float]:
     """Penetration velocity [mm/s] over each window; NaN without a number, infinite without a window."""
-    R, given = descent.burr.radius, descent.settings
+    R, settings = descent.burr.radius, descent.settings
     windows = [
         (R * (WINDOW_START if start is None else start), R * (WINDOW_STOP if end is None else end))
         for start, end in descent.windows
     ]
     stop = max(end for _, end in windows)
-    specimen = given.specimen
+    specimen = settings.specimen
     if isinstance(specimen, BoneField):
-        specimen = specimen.specimen(descent.burr, given.voxel, depth=stop, seed=descent.seed)
+        specimen = specimen.specimen(descent.burr, settings.voxel, depth=stop, seed=descent.seed)
     run = descend(
         descent.burr,
         descent.material,
         descent.force,
-        voxel=given.voxel,
-        dt=given.dt,
+        voxel=settings.voxel,
+        dt=settings.dt,
         seed=descent.seed,
-        ideal=not given.rig,
+        ideal=not settings.rig,
         specimen=specimen,
         stop=stop,
         max_duration=_LONGEST,
@@ -152,8 +152,8 @@ def sink(descent: VoxelDescent) -> list[float]:
         return [np.nan] * len(windows)
     numbers = []
     for window, (start, end) in zip(descent.windows, windows, strict=True):
-        own = window == (None, None) and given.rig
-        numbers.append((run.penetration_velocity or np.nan) if own else _velocity(run, start, end))
+        default_window = window == (None, None) and settings.rig
+        numbers.append((run.penetration_velocity or np.nan) if default_window else _velocity(run, start, end))
     return numbers
 
 
@@ -266,7 +266,7 @@ class Descents:
         order = sorted(
             range(len(items)), key=lambda j: items[j].force
         )  # small forces take longest: they come first
-        found = run_items(
+        velocities_of_items = run_items(
             sink,
             [items[j] for j in order],
             executor=self._engine.executor,
@@ -274,7 +274,7 @@ class Descents:
             progress=counter(self._engine.progress, "descents"),
         )
         velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
-        for j, values in zip(order, found, strict=True):
+        for j, values in zip(order, velocities_of_items, strict=True):
             i, k, tables = places[j]
             for rows, value in zip(tables, values, strict=True):
                 velocity[i, k, rows] = value
@@ -320,9 +320,9 @@ class Descents:
             table = _table(c_e, np.log(velocity) - np.log(alpha[:, None] * base.unit(c_e))[:, None, :])
             likelihood = Likelihood(o, mean_field.kind, VoxelModel(o, self._shape, table))
             low = table.low / _CLOSE[0]
-            there = likelihood.at(c_e)
-            moved = float(np.max(np.abs(np.log(there.best_alpha / alpha))))
-            if np.nanargmin(there.profile) == len(c_e) - 1 and top < min(entry, box.upper[0]):
+            at_c_e = likelihood.at(c_e)
+            moved = float(np.max(np.abs(np.log(at_c_e.best_alpha / alpha))))
+            if np.nanargmin(at_c_e.profile) == len(c_e) - 1 and top < min(entry, box.upper[0]):
                 top *= 2
             elif moved < _MOVED:
                 break
@@ -356,11 +356,11 @@ def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
         part = deviation[:, :, row]
         known = np.isfinite(part).all(axis=1)
         terms = min(_DEGREE + 1, int(known.sum()) - 1)
-        found = np.zeros((_DEGREE + 1, k))
-        found[:terms] = np.linalg.lstsq(V[known, :terms], part[known], rcond=None)[0]
-        coefficients[:, row] = found.T
+        fitted = np.zeros((_DEGREE + 1, k))
+        fitted[:terms] = np.linalg.lstsq(V[known, :terms], part[known], rcond=None)[0]
+        coefficients[:, row] = fitted.T
         mean = part[known].mean(axis=1)
-        errors.append(np.sum((mean - V[known] @ found.mean(axis=1)) ** 2) / (known.sum() - terms))
+        errors.append(np.sum((mean - V[known] @ fitted.mean(axis=1)) ** 2) / (known.sum() - terms))
         noises.append(np.mean((part[known] - mean[:, None]) ** 2) * k / (k - 1))
     return VoxelTable(
         float(c_e[0]),

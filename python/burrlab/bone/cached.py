@@ -41,24 +41,24 @@ def keep_bone(
     if math.prod(bone.shape) < (WORTH_SMOOTHED if smoothed else WORTH):
         return
     table = None if bone.tissues is None else tissues_to_json(bone.tissues)
-    own = {"shape": bone.shape, "spacing": bone.spacing, "origin": bone.origin, "tissues": table}
+    bone_header = {"shape": bone.shape, "spacing": bone.spacing, "origin": bone.origin, "tissues": table}
     lies = {name: getattr(grid, name).tolist() for name in ("spacing", "origin", "direction")}
-    told = {"bone": own, "shape": grid.shape, "path": grid.path, "notes": list(notes), **lies}
-    entry.keep(told, pack_bone(bone))
+    header = {"bone": bone_header, "shape": grid.shape, "path": grid.path, "notes": list(notes), **lies}
+    entry.keep(header, pack_bone(bone))
 
 
-def kept_bone(kept: Kept) -> VoxelBone:
+def kept_bone(cached: Kept) -> VoxelBone:
     """A new bone as it was kept."""
-    told, packed = kept.told["bone"], [np.frombuffer(part, np.uint8) for part in kept.parts]
-    table = None if told["tissues"] is None else tissues_from_json(told["tissues"])
-    return unpack_bone(told["shape"], told["spacing"], told["origin"], packed[0], table, packed[1])
+    header, packed = cached.told["bone"], [np.frombuffer(part, np.uint8) for part in cached.parts]
+    table = None if header["tissues"] is None else tissues_from_json(header["tissues"])
+    return unpack_bone(header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1])
 
 
-def kept_grid(kept: Kept) -> OnGrid:
+def kept_grid(cached: Kept) -> OnGrid:
     """The geometry of the volume; its voxels, all 0, are not those of the volume."""
-    told, none = kept.told, np.broadcast_to(np.uint8(0), kept.told["shape"])
-    notes = tuple(told["notes"])
-    return Volume(none, told["spacing"], told["origin"], told["direction"], told["path"], notes)
+    header, none = cached.told, np.broadcast_to(np.uint8(0), cached.told["shape"])
+    notes = tuple(header["notes"])
+    return Volume(none, header["spacing"], header["origin"], header["direction"], header["path"], notes)
 
 
 def _files(path: str) -> list[str]:
@@ -70,11 +70,11 @@ def _files(path: str) -> list[str]:
     if Path(path).is_dir():  # of DICOM slices; notes name the other files
         parts = Path(path).iterdir() if holds_dicom(path) else Path(path).rglob("*")
         return sorted(str(part) for part in parts if part.is_file())
-    found = format_of(path)
-    if found is None or is_dicom(path):
+    file_format = format_of(path)
+    if file_format is None or is_dicom(path):
         return [path]
     pair = [path[:-4] + ".hdr"] if path.lower().endswith(".img") else []
-    return [path, *pair, *map(str, found.read(path)[1].files)]
+    return [path, *pair, *map(str, file_format.read(path)[1].files)]
 
 
 def _slices(folder: Path) -> list[str]:

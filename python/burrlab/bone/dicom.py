@@ -118,10 +118,10 @@ def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
             f"the slices are numbered {numbers[0]} to {numbers[-1]}, of which {absent} are absent: slices "
             "may be missing"
         )
-    told = max((s.images or 0 for s in slices), default=0)
-    if told > len(slices):
+    stated_count = max((s.images or 0 for s in slices), default=0)
+    if stated_count > len(slices):
         notes.append(
-            f"the DICOM headers count {told} images in the acquisition, {len(slices)} are there: slices may "
+            f"the DICOM headers count {stated_count} images in the acquisition, {len(slices)} are there: slices may "
             "be missing"
         )
     if others:
@@ -137,16 +137,16 @@ def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple
 
     A DICOM file has DICM at byte 128, or ends in .dcm or .dicom. The index (DICOMDIR) is in neither list.
     """
-    found, others = [], []
+    slice_files, others = [], []
     for path in sorted(Path(folder).rglob("*") if below else Path(folder).iterdir()):
         if not path.is_file() or path.name.upper() == "DICOMDIR":
             continue
         if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom"):
-            found.append(str(path))
+            slice_files.append(str(path))
         elif not path.name.startswith(".") and path.name != IN_FOLDER:
             others.append(path.name)
-    refuse(not found, f"{os.fspath(folder)}: the folder holds no DICOM files")
-    return found, others
+    refuse(not slice_files, f"{os.fspath(folder)}: the folder holds no DICOM files")
+    return slice_files, others
 
 
 def holds_dicom(folder: str | os.PathLike[str]) -> bool:
@@ -175,50 +175,50 @@ def dataset(name: str) -> Any:
         refuse(stream.unconsumed_tail, f"{name}: the deflated data must be of at most {_SMALL} bytes")
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found: Any = pydicom.dcmread(io.BytesIO(content), force=True)
-        raw = [item for item in map(found.get_item, found.keys()) if item.is_raw]
+        attributes: Any = pydicom.dcmread(io.BytesIO(content), force=True)
+        raw = [item for item in map(attributes.get_item, attributes.keys()) if item.is_raw]
         whole = all(
             item.length in (_OPEN, len(item.value or b"")) for item in raw
         )  # GDCM allocates the length that an element states
-        if whole and isinstance(found.get_item("PixelData").value, bytes):
-            return found
+        if whole and isinstance(attributes.get_item("PixelData").value, bytes):
+            return attributes
     raise ValueError(f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image")
 
 
-def text_of(found: Any, keyword: str) -> str:
+def text_of(attributes: Any, keyword: str) -> str:
     """Text of an element as stored; empty if there is no such element."""
-    value = found.get_item(keyword).value if keyword in found else b""
+    value = attributes.get_item(keyword).value if keyword in attributes else b""
     return in_one_line(value.decode("latin-1").strip(" \0")) if isinstance(value, bytes) else ""
 
 
-def short_of(found: Any, keyword: str) -> int:
+def short_of(attributes: Any, keyword: str) -> int:
     """The single whole number of an element (US); -1 if there is no such element."""
-    value = found.get_item(keyword).value if keyword in found else b""
-    order: Any = "little" if found.original_encoding[1] else "big"
+    value = attributes.get_item(keyword).value if keyword in attributes else b""
+    order: Any = "little" if attributes.original_encoding[1] else "big"
     return int.from_bytes(value, order) if isinstance(value, bytes) and len(value) == 2 else -1
 
 
-def is_packed(found: Any) -> bool:
+def is_packed(attributes: Any) -> bool:
     """Whether the pixels are compressed."""
-    return bool(found.get_item("PixelData").length == _OPEN)
+    return bool(attributes.get_item("PixelData").length == _OPEN)
 
 
 def _header_of(name: str) -> _Slice:
-    found = dataset(plain_name(name))
+    attributes = dataset(plain_name(name))
 
     def numbers(keyword: str, count: int) -> tuple[float, ...]:
         try:
-            values = tuple(float(part) for part in text_of(found, keyword).split("\\"))
+            values = tuple(float(part) for part in text_of(attributes, keyword).split("\\"))
         except ValueError:
             values = ()
         return values if len(values) == count and np.all(np.isfinite(values)) else (np.nan,) * count
 
     def whole(keyword: str) -> int | None:
-        text = text_of(found, keyword)
+        text = text_of(attributes, keyword)
         return int(text) if text.lstrip("+-").isdecimal() else None
 
     rows, columns, bits, values = (
-        short_of(found, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
+        short_of(attributes, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
     )
     refuse(
         min(rows, columns, bits) < 1,
@@ -228,7 +228,7 @@ def _header_of(name: str) -> _Slice:
         (whole("NumberOfFrames") or 1) > 1,
         f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI",
     )
-    shades = text_of(found, "PhotometricInterpretation")
+    shades = text_of(attributes, "PhotometricInterpretation")
     refuse(
         abs(values) != 1 or shades not in ("MONOCHROME2", ""),
         f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of "
@@ -243,20 +243,20 @@ def _header_of(name: str) -> _Slice:
         f"{name}: the DICOM header does not say the slice's position and orientation",
     )
     return _Slice(
-        name, text_of(found, "SeriesInstanceUID"), (columns, rows), (across, down), turn[:3], turn[3:], np.array(position), bits,
+        name, text_of(attributes, "SeriesInstanceUID"), (columns, rows), (across, down), turn[:3], turn[3:], np.array(position), bits,
         whole("InstanceNumber"), whole("ImagesInAcquisition"),
     )  # fmt: skip
 
 
 def _of_series(slices: list[_Slice], where: str, series: str | None) -> list[_Slice]:
     counts = Counter(s.series for s in slices)
-    said = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
+    choices = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
     refuse(
         series is None and len(counts) > 1,
-        f"{where}: series must say which of {len(counts)} DICOM series: {said}",
+        f"{where}: series must say which of {len(counts)} DICOM series: {choices}",
     )
     refuse(
-        series is not None and series not in counts, f"{where}: series must be one of {said}, got {series}"
+        series is not None and series not in counts, f"{where}: series must be one of {choices}, got {series}"
     )
     return [s for s in slices if series in (None, s.series)]
 
@@ -300,8 +300,8 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
     times = np.rint(steps / least)
     if times.max() > 1 and np.all(np.abs(steps - times * least) <= 2 * EVEN * least * times):
         lost, first = int((times - 1).sum()), int(np.flatnonzero(times > 1)[0])
-        said = "slices are" if lost > 1 else "slice is"
-        raise ValueError(f"{where}: {lost} {said} missing: {gap(first, least)}")
+        slices_are = "slices are" if lost > 1 else "slice is"
+        raise ValueError(f"{where}: {lost} {slices_are} missing: {gap(first, least)}")
     odd = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
     if len(odd):
         raise ValueError(f"{where}: the slices are not evenly spaced: {gap(int(odd[0]), usual)}")
@@ -328,13 +328,13 @@ def _size(part: _Slice) -> int:
 
 def _check_whole(part: _Slice) -> None:
     """ValueError if the pixel data are shorter than rows times columns: GDCM would fill in the rest."""
-    found, wanted = dataset(part.name), _size(part)
-    content = found.get_item("PixelData").value
+    attributes, wanted = dataset(part.name), _size(part)
+    content = attributes.get_item("PixelData").value
     refuse(  # before a decoder allocates memory
         wanted > max(DEFLATE * len(content), _SMALL),
         f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}",
     )
-    if str(found.file_meta.get("TransferSyntaxUID", "")).startswith(_JPEG):
+    if str(attributes.file_meta.get("TransferSyntaxUID", "")).startswith(_JPEG):
         most = max((bits[0] for bits in _PRECISION.findall(content)), default=0)
         refuse(
             most > part.bits,  # a decoder would write beyond its memory
@@ -347,7 +347,7 @@ def _check_whole(part: _Slice) -> None:
             f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them",
         )
     refuse(
-        not is_packed(found) and len(content) < wanted,
+        not is_packed(attributes) and len(content) < wanted,
         f"{part.name}: the pixel data is cut short: {len(content)} bytes of {wanted}",
     )
 
@@ -384,9 +384,9 @@ def _listening(name: str) -> Iterator[None]:
         finally:
             stderr.value = before
             libc.fflush(memory)
-            said = ctypes.string_at(text, size.value) if size.value else b""
-    if said:
-        first = said.decode("utf-8", "replace").splitlines()[0]
+            message = ctypes.string_at(text, size.value) if size.value else b""
+    if message:
+        first = message.decode("utf-8", "replace").splitlines()[0]
         raise ValueError(f"{name}: the pixel data of the slice is damaged ({first[:200]})")
 
 
@@ -476,8 +476,8 @@ def write_slices(folder: Path, volume: Volume) -> None:
             image.SetSpacing(volume.spacing.tolist())
             image.SetOrigin((volume.origin + volume.patient_point((0, 0, k * volume.spacing[2]))).tolist())
             image.SetDirection(volume.direction.ravel().tolist())
-            own = {"0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
-            for tag, value in {**shared, **own}.items():
+            of_slice = {"0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
+            for tag, value in {**shared, **of_slice}.items():
                 image.SetMetaData(tag, value)
             writer.SetFileName(str(folder / slice_name(k)))
             writer.Execute(image)

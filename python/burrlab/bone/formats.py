@@ -70,7 +70,7 @@ ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
 
 def format_of(name: str) -> Format | None:
     """Format that belongs to a file's ending; None if there is none."""
-    return next((one for one in FORMATS if name.lower().endswith(one.suffixes)), None)
+    return next((file_format for file_format in FORMATS if name.lower().endswith(file_format.suffixes)), None)
 
 
 #: A file, a folder of DICOM slices, or the files of the slices.
@@ -168,13 +168,13 @@ def _read(
     if not single or is_dicom(name):
         return name, *read_dicom(names, name, series)
     refuse(series is not None, f"series goes with DICOM, got {name}")
-    found = format_of(name)
-    if found is None:
+    file_format = format_of(name)
+    if file_format is None:
         raise ValueError(
             f"{name}: cannot be read as a volume: it must be a folder of DICOM slices or end in one of "
-            f"{', '.join(suffix for one in FORMATS for suffix in one.suffixes)}"
+            f"{', '.join(suffix for known in FORMATS for suffix in known.suffixes)}"
         )
-    header, layout = found.read(name)
+    header, layout = file_format.read(name)
     header = _noted(header, name)
     checked_direction(header.direction, name)
     settled_spacing(header, spacing, name)
@@ -270,9 +270,9 @@ def write_volume(
     and colours of labels go into NRRD only, in the fields of a segmentation of 3D Slicer, without label 0.
     """
     target = Path(path)
-    kept = format_of(target.name)
+    file_format = format_of(target.name)
     fields: Mapping[str, str] = {}
-    if kept is not None and kept.keeps_labels and isinstance(volume, LabelVolume):
+    if file_format is not None and file_format.keeps_labels and isinstance(volume, LabelVolume):
         fields = segment_fields(volume.labels, volume.names, volume.colours)
     with new_volume(target, volume, fields, compress=compress):
         pass
@@ -290,11 +290,11 @@ def _noted(header: Header, name: str) -> Header:
     return replace(header, notes=(*header.notes, note))
 
 
-def ending_of(target: Path, said: str) -> str:
-    """Ending of a path, one of `ENDINGS`; ValueError, which names the endings `said`, for another."""
+def ending_of(target: Path, endings: str) -> str:
+    """Ending of a path, one of `ENDINGS`; ValueError, which names the endings `endings`, for another."""
     ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
     if ending is None:
-        raise ValueError(f"path must end in {said}, got {target}")
+        raise ValueError(f"path must end in {endings}, got {target}")
     return ending
 
 
@@ -378,8 +378,8 @@ def _write_back(part: Path, head: bytes, contents: Iterable[Any]) -> None:
     """Writes a volume, and its packed size into the header of a MetaImage; OSError if it reads back as another."""
 
     def sized(size: int) -> bytes:
-        told = b"CompressedDataSize = %018d" % size
-        return re.sub(rb"(?m)^CompressedDataSize = \d+$", told, head, count=1)
+        size_line = b"CompressedDataSize = %018d" % size
+        return re.sub(rb"(?m)^CompressedDataSize = \d+$", size_line, head, count=1)
 
     with part.open("w+b") as file:
         begin, check = file.write(sized(0)), 0
@@ -389,10 +389,10 @@ def _write_back(part: Path, head: bytes, contents: Iterable[Any]) -> None:
         size = file.tell() - begin
         file.seek(0)
         file.write(sized(size))
-        found = 0
+        crc = 0
         while content := file.read(1 << 20):
-            found = zlib.crc32(content, found)
-    if found != check:
+            crc = zlib.crc32(content, crc)
+    if crc != check:
         raise OSError(errno.EIO, "what was written is not what is read back", os.fspath(part))
 
 
@@ -453,11 +453,11 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
 
 def _parts(fields: Mapping[str, str]) -> dict[int, dict[str, str]]:
     """Fields of each segment by its number."""
-    found: dict[int, dict[str, str]] = {}
+    segments: dict[int, dict[str, str]] = {}
     for key, value in fields.items():
         if match := re.fullmatch(r"Segment(\d+)_(Name|ID|LabelValue|Layer|Color)", key, flags=re.ASCII):
-            found.setdefault(int(match[1]), {})[match[2]] = value
-    return found
+            segments.setdefault(int(match[1]), {})[match[2]] = value
+    return segments
 
 
 def _named(fields: Mapping[str, str]) -> tuple[dict[int, str], dict[int, Colour]]:
@@ -517,32 +517,32 @@ def merged(
         If segments overlap: a voxel has only one label.
     """
     notes: tuple[str, ...] = ()
-    own = [segment.label for segment in segments]
+    numbers = [segment.label for segment in segments]
     if values.ndim == 3:
         labels = values
     else:
-        if len(set(own)) < len(own):
-            own = list(range(1, len(segments) + 1))
+        if len(set(numbers)) < len(numbers):
+            numbers = list(range(1, len(segments) + 1))
             notes = (
-                f"labels are renumbered, 1 to {len(own)} in the order of the segments: layers repeat them",
+                f"labels are renumbered, 1 to {len(numbers)} in the order of the segments: layers repeat them",
             )
-        labels = np.zeros(values.shape[:3], np.uint8 if max(own, default=0) < 256 else np.int32)
-        for label, segment in zip(own, segments, strict=True):
+        labels = np.zeros(values.shape[:3], np.uint8 if max(numbers, default=0) < 256 else np.int32)
+        for label, segment in zip(numbers, segments, strict=True):
             here = values[..., segment.layer] == segment.label
             twice = here & (labels != 0)
             if twice.any():
                 first = tuple(int(i) for i in np.argwhere(twice)[0])
-                other = segments[own.index(int(labels[first]))].name
+                other = segments[numbers.index(int(labels[first]))].name
                 raise ValueError(
                     f"segments must not overlap, {other!r} and {segment.name!r} share voxels, "
                     f"{np.count_nonzero(twice)} in all, the first at (z, y, x) = "
                     f"{first}: export the segmentation as a label map"
                 )
             labels[here] = label
-    names = {label: segment.name for label, segment in zip(own, segments, strict=True)}
+    names = {label: segment.name for label, segment in zip(numbers, segments, strict=True)}
     colours = {
         label: segment.colour
-        for label, segment in zip(own, segments, strict=True)
+        for label, segment in zip(numbers, segments, strict=True)
         if segment.colour is not None
     }
     return labels, names, colours, notes

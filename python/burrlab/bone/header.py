@@ -71,8 +71,8 @@ class Header:
         with np.errstate(all="ignore"):  # `checked_direction` refuses values that are not finite
             mirrored = np.linalg.det(self.direction) < 0
         if mirrored:
-            said = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
-            object.__setattr__(self, "notes", (*self.notes, said))
+            note = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
+            object.__setattr__(self, "notes", (*self.notes, note))
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class Layout:
 
 def assumed(notes: Iterable[str]) -> str:
     """Words of the notes that a picture of the bone repeats: `LPS_ASSUMED` and `MIRRORED`."""
-    said = "\n".join(notes)
-    return ", ".join(words for words in (LPS_ASSUMED, MIRRORED) if words in said)
+    text = "\n".join(notes)
+    return ", ".join(words for words in (LPS_ASSUMED, MIRRORED) if words in text)
 
 
 def told_notes(source: Any) -> tuple[str, ...]:
@@ -121,10 +121,10 @@ def medical(module: str, what: str) -> Any:
         raise ImportError(f"{what} needs {module}: pip install 'burrlab[medical]'") from error
 
 
-def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) -> Array:
+def settled_spacing(header: Header, spacing: float | ArrayLike | None, name: str) -> Array:
     """Spacing of the file, or the given one if it has none; ValueError if both lack it or they differ."""
     missing = ~(np.isfinite(header.spacing) & (header.spacing > 0))
-    if given is None:
+    if spacing is None:
         if missing.any():
             axes = ", ".join(axis for axis, lost in zip("xyz", missing, strict=True) if lost)
             raise ValueError(
@@ -132,24 +132,24 @@ def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) 
                 "spacing=(x, y, z) [mm]"
             )
         return header.spacing
-    asked = checked_spacing(given)
-    if not np.allclose(header.spacing[~missing], asked[~missing], rtol=1e-4, atol=0):
-        own = ", ".join(f"{s:g}" for s in header.spacing)
+    wanted = checked_spacing(spacing)
+    if not np.allclose(header.spacing[~missing], wanted[~missing], rtol=1e-4, atol=0):
+        file_spacing = ", ".join(f"{s:g}" for s in header.spacing)
         raise ValueError(
-            f"{name}: spacing must be that of the file, ({own}) mm, where the file has one, got {given!r}"
+            f"{name}: spacing must be that of the file, ({file_spacing}) mm, where the file has one, got {spacing!r}"
         )
-    return np.where(missing, asked, header.spacing)
+    return np.where(missing, wanted, header.spacing)
 
 
 def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     """Sizes (z, y, x) from x, y, z and further sizes of 1; ValueError for anything else."""
-    kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
+    used_sizes = sizes[:3] + [n for n in sizes[3:] if n != 1]
     refuse(
-        len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes),
+        len(used_sizes) != 3 or any(not 1 <= n < 2**31 for n in sizes),
         f"{name}: a volume needs three dimensions and one value a voxel, got sizes "
         f"{' x '.join(map(shown, sizes[:16]))}",
     )
-    x, y, z = kept
+    x, y, z = used_sizes
     return z, y, x
 
 
@@ -160,11 +160,11 @@ def _unit_columns(vectors: Array) -> tuple[Array, Array]:
         return lengths, vectors / lengths
 
 
-def _check_not_negative(numbers: Array, said: str) -> None:
+def _check_not_negative(numbers: Array, quantity: str) -> None:
     """ValueError for a spacing below 0: some readers would mirror the volume, others would drop the sign."""
     refuse(
         np.any(numbers < 0),
-        f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?",
+        f"{quantity} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?",
     )
 
 
@@ -181,9 +181,9 @@ def _count(text: str, what: str, name: str) -> int:
     return int(text)
 
 
-def _value_files(told: str, name: str) -> list[Path]:
+def _value_files(statement: str, name: str) -> list[Path]:
     """Files that a header names: one, a list, or a pattern with its first number, last number and step."""
-    first, *names = told.splitlines() or [""]
+    first, *names = statement.splitlines() or [""]
     words = first.split()
     if words[:1] == ["LIST"]:
         names = [line.strip() for line in names if line.strip()]
@@ -232,8 +232,8 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
     except (KeyError, ValueError):
         raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no sizes") from None
     kinds = fields.get("kinds", "").lower().split() or ["?"] * len(sizes)
-    told = re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
-    vectors = [() if part == "none" else _vector(part, name) for part in told]
+    directions = re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
+    vectors = [() if part == "none" else _vector(part, name) for part in directions]
     refuse(
         {len(sizes), len(kinds), len(vectors or sizes)} != {dimension}
         or dimension > 16,  # the format's limit
@@ -265,18 +265,18 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
     else:
         spacing, direction = _nrrd_spacings(fields, spatial, name), np.eye(3)
         notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
-    if (said := fields.get("space origin")) is None:
+    if (origin_text := fields.get("space origin")) is None:
         notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(3)
     else:
-        origin = np.array(_vector(said, name))
+        origin = np.array(_vector(origin_text, name))
         refuse(
             origin.shape != (3,) or not np.all(np.isfinite(origin)),
-            f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(said)}",
+            f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(origin_text)}",
         )
         origin = turn * origin
-    kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
-    header = Header(shape, spacing, origin, direction, tuple(notes), kept, layers)
+    custom_keys = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
+    header = Header(shape, spacing, origin, direction, tuple(notes), custom_keys, layers)
     return header, _nrrd_layout(fields, end, name)
 
 
@@ -342,29 +342,29 @@ def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Arr
         return np.full(3, np.nan)
     try:
         every = [float(number) for number in text.split()]
-        found = np.array([every[i] for i in spatial])
+        spacings = np.array([every[i] for i in spatial])
     except (ValueError, IndexError):
         raise ValueError(
             f"{name}: cannot be read as a volume: spacings of the NRRD header are '{text}'"
         ) from None
-    _check_not_negative(found, f"{name}: spacings of the NRRD header")
+    _check_not_negative(spacings, f"{name}: spacings of the NRRD header")
     units = re.findall(r'"([^"]*)"', fields.get("units", ""))
     wanted = " ".join(f'"{units[i]}"' for i in spatial) if len(units) > max(spatial) else None
-    return _unit(wanted, name) * np.where(found > 0, found, np.nan)
+    return _unit(wanted, name) * np.where(spacings > 0, spacings, np.nan)
 
 
 def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
-    said = fields.get("encoding", "").lower()
-    encoding = _NRRD_ENCODINGS.get(said)
+    encoding_name = fields.get("encoding", "").lower()
+    encoding = _NRRD_ENCODINGS.get(encoding_name)
     if encoding is None:
         raise ValueError(
-            f"{name}: encoding of the NRRD file must be raw, gzip, text or hex, got {shown(said)}"
+            f"{name}: encoding of the NRRD file must be raw, gzip, text or hex, got {shown(encoding_name)}"
         )
-    told = fields.get("type", "").lower()
-    kind = next((np.dtype(k) for k, words in _NRRD_KINDS.items() if told in words), None)
+    type_name = fields.get("type", "").lower()
+    kind = next((np.dtype(k) for k, words in _NRRD_KINDS.items() if type_name in words), None)
     if kind is None:
         raise ValueError(
-            f"{name}: type of the NRRD file must be one of whole or real numbers, got {shown(told)}"
+            f"{name}: type of the NRRD file must be one of whole or real numbers, got {shown(type_name)}"
         )
     if encoding != "text" and kind.itemsize > 1:
         refuse(
@@ -442,15 +442,17 @@ def meta_header(name: str) -> tuple[Header, Layout]:
         if fields.get("AnatomicalOrientation") != "RAI":  # MetaImage names where axes begin: RAI is LPS
             notes.append(f"the MetaImage header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
         matrix = np.eye(n).ravel()
-    for key, found, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
-        refuse(len(found) != count, f"{name}: {key} must hold {count} numbers, got {len(found)}")
+    for key, quantities, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
+        refuse(len(quantities) != count, f"{name}: {key} must hold {count} numbers, got {len(quantities)}")
     origin = numbers("Offset", "Position", "Origin", default=[])
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(n)
     direction = matrix.reshape(n, n)[:3, :3].T  # its rows are the voxel axes
-    kept = {key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000}
-    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), kept), _meta_layout(
+    custom_fields = {
+        key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000
+    }
+    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields), _meta_layout(
         fields, end, name
     )
 
@@ -468,9 +470,9 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
                 break
             fields[key.strip()] = value.strip()
             if key.strip() == _LAST:
-                told = raw.partition(b"=")[2]  # bytes: a list of names follows
-                told += file.read(1 << 24) if told.split()[:1] == [b"LIST"] else b""
-                fields[_LAST] = "\n".join(map(_text, told.splitlines())).strip()
+                names = raw.partition(b"=")[2]  # bytes: a list of names follows
+                names += file.read(1 << 24) if names.split()[:1] == [b"LIST"] else b""
+                fields[_LAST] = "\n".join(map(_text, names.splitlines())).strip()
                 return fields, file.tell()
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
 
@@ -483,8 +485,8 @@ def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
             f"{shown(fields.get('ElementType'))}"
         )
     big = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False"))
-    told = [fields.get("BinaryData", "True"), fields.get("CompressedData", "False"), big]
-    binary, packed, big_endian = (text[:1].lower() in ("t", "1") for text in told)
+    switches = [fields.get("BinaryData", "True"), fields.get("CompressedData", "False"), big]
+    binary, packed, big_endian = (text[:1].lower() in ("t", "1") for text in switches)
     local, size = fields[_LAST].upper() == "LOCAL", fields.get("CompressedDataSize", "none")
     before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
     refuse(before < 0 and (packed or not binary), f"{name}: HeaderSize of -1 goes with raw values")
@@ -546,10 +548,11 @@ def nifti_header(name: str) -> tuple[Header, Layout]:
         np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
     )
     spacing, origin, direction, notes = _nifti_place(at, shape, name)
-    kept = {  # ITK refuses to write a text that does not end in a zero byte
-        key: at[own][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore") for key, own in _KEPT_NIFTI.items()
+    texts = {  # ITK refuses to write a text that does not end in a zero byte
+        key: at[field][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore")
+        for key, field in _KEPT_NIFTI.items()
     }
-    return Header(shape, spacing, origin, direction, notes, kept), layout
+    return Header(shape, spacing, origin, direction, notes, texts), layout
 
 
 def _is_packed(path: str) -> bool:

@@ -34,32 +34,32 @@ Colour = tuple[int, int, int]
 
 def checked_point(point: ArrayLike, what: str) -> Array:
     """Point (x, y, z); ValueError unless three finite numbers."""
-    found = real(point, what)
+    coordinates = real(point, what)
     refuse(
-        found.shape != (3,) or not np.all(np.isfinite(found)),
+        coordinates.shape != (3,) or not np.all(np.isfinite(coordinates)),
         f"{what} must be three finite numbers [mm], got {point!r}",
     )
-    return found
+    return coordinates
 
 
 def checked_direction(direction: ArrayLike, what: str = "direction", most: float = ORTHONORMAL) -> Array:
     """Nearest orthonormal matrix, of either hand; ValueError if it is off by more than `most`."""
-    found = real(direction, what)
+    matrix = real(direction, what)
     refuse(
-        found.shape != (3, 3) or not np.all(np.isfinite(found)),
+        matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)),
         f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}",
     )
     with np.errstate(over="ignore", invalid="ignore"):
-        off = float(np.abs(found.T @ found - np.eye(3)).max())
+        off = float(np.abs(matrix.T @ matrix - np.eye(3)).max())
     refuse(
         not off <= most,
         f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {most:g}): "
         "sheared volumes are not supported",
     )
     if off > _EXACT:
-        left, _, right = np.linalg.svd(found)
-        found = left @ right
-    return found
+        left, _, right = np.linalg.svd(matrix)
+        matrix = left @ right
+    return matrix
 
 
 class OnGrid(ABC):
@@ -79,20 +79,20 @@ class OnGrid(ABC):
 
     @property
     def _voxels(self) -> NDArray[Any]:
-        found: NDArray[Any] = getattr(self, self._ARRAY)
-        return found
+        voxels: NDArray[Any] = getattr(self, self._ARRAY)
+        return voxels
 
     def _moved(self, voxels: NDArray[Any], note: str, **grid: Array) -> Self:
         """The volume with other voxels and another grid; grey values get a note."""
-        told = {"notes": (*self.notes, note)} if self._ARRAY == "values" else {}
-        moved: Self = replace(cast(Any, self), **{self._ARRAY: voxels}, **told, **grid)
+        notes = {"notes": (*self.notes, note)} if self._ARRAY == "values" else {}
+        moved: Self = replace(cast(Any, self), **{self._ARRAY: voxels}, **notes, **grid)
         return moved
 
     def _check(self, voxels: NDArray[Any]) -> None:
         """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if it is wrong."""
-        kept = voxels.view()
-        kept.flags.writeable = False
-        object.__setattr__(self, self._ARRAY, kept)
+        read_only = voxels.view()
+        read_only.flags.writeable = False
+        object.__setattr__(self, self._ARRAY, read_only)
         object.__setattr__(self, "spacing", checked_spacing(self.spacing))
         object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
         object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
@@ -169,10 +169,10 @@ class OnGrid(ABC):
             f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to "
             f"{tuple(stop)}",
         )
-        kept = self._voxels[tuple(slice(a, b) for a, b in box)]
+        cropped = self._voxels[tuple(slice(a, b) for a, b in box)]
         origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
         note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
-        return self._moved(kept, note, origin=origin)
+        return self._moved(cropped, note, origin=origin)
 
     @doing("resampling a volume")
     def resample(self, spacing: float | ArrayLike) -> Self:
@@ -322,15 +322,15 @@ def resample_linear(
     # Part of the last voxel that lies in the volume; 1 if both end together but for rounding.
     last = np.array(values.shape) * old[::-1] / new[::-1] - (np.array(shape) - 1)
     within = np.where(empty_outside & (last < 1.0 - _WHOLE), last, 1.0).astype(np.float32)
-    found = np.empty(shape, dtype=kind)
+    resampled = np.empty(shape, dtype=kind)
     for k in range(shape[0]):  # plane by plane: no copies of a large volume
         plane = work[z0[k]] + zw[k] * (work[z1[k]] - work[z0[k]])
         plane = plane[y0] + yw[:, None] * (plane[y1] - plane[y0])
         plane = plane[:, x0] + xw * (plane[:, x1] - plane[:, x0])
         plane[-1] *= within[1]
         plane[:, -1] *= within[2]
-        found[k] = store(plane if k < shape[0] - 1 else plane * within[0])
-    return found
+        resampled[k] = store(plane if k < shape[0] - 1 else plane * within[0])
+    return resampled
 
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
@@ -348,15 +348,15 @@ def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) 
     edges = np.minimum(np.arange(count + 1) * ratio, old)
     whole = np.minimum(edges.astype(int), old - 1)
     part = (edges - whole).reshape(-1, 1, 1)
-    found = np.empty([count if k == axis else side for k, side in enumerate(values.shape)], np.float32)
+    averages = np.empty([count if k == axis else side for k, side in enumerate(values.shape)], np.float32)
     for rows in slabs(values.shape, axis):
         moved = np.moveaxis(values[rows], axis, 0)
         total = np.zeros((old + 1, *moved.shape[1:]))
         np.cumsum(moved, axis=0, out=total[1:], dtype=np.float64)
         at_edge = total[whole] + part * (total[whole + 1] - total[whole])
         means = np.diff(at_edge, axis=0) / np.diff(edges).reshape(-1, 1, 1)
-        found[rows] = np.moveaxis(means, 0, axis)
-    return found
+        averages[rows] = np.moveaxis(means, 0, axis)
+    return averages
 
 
 def _neighbours(
@@ -504,13 +504,13 @@ class OccupancyMap:
             for out, part in zip(mapped, values, strict=True) if values.ndim == 3 else [(mapped, values)]:
                 out[...] = entries[part.astype(np.int32) - least]
             return mapped
-        found = np.empty(values.shape, dtype=kind)
-        flat, out = values.reshape(-1), found.reshape(-1)
+        levels = np.empty(values.shape, dtype=kind)
+        flat, out = values.reshape(-1), levels.reshape(-1)
         for first in range(0, flat.size, 1 << 22):  # in parts: limits the memory of float64
             part = flat[first : first + (1 << 22)].astype(np.float64)
             refuse(not np.all(np.isfinite(part)), "values must be finite, got some that are not")
             out[first : first + part.size] = store(self._linear(part))
-        return found
+        return levels
 
     def _linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         # Written out instead of np.interp: the same operations in the same order make the same bone anywhere.
@@ -682,7 +682,7 @@ def grey_specimen(
 
     Errors as `Volume.specimen`.
     """
-    made = {
+    provenance = {
         "path": grid.path,
         "map": mapping.text,
         "volume_spacing_mm": grid.spacing.tolist(),
@@ -696,7 +696,7 @@ def grey_specimen(
         values = whole().values
         return f"{grid.path}, whose grey values are {values.min():g} to {values.max():g}"
 
-    return specimen_in(grid, bone, entry, axis, made, f"map {mapping.text}", of=of)
+    return specimen_in(grid, bone, entry, axis, provenance, f"map {mapping.text}", of=of)
 
 
 def specimen_in(
@@ -704,7 +704,7 @@ def specimen_in(
     bone: VoxelBone,
     entry: Vector,
     axis: Vector,
-    made: dict[str, Any],
+    provenance: dict[str, Any],
     how: str,
     *,
     of: Callable[[], str] | None = None,
@@ -735,17 +735,17 @@ def specimen_in(
         f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it",
     )
     where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
-    return Specimen(bone, surface, direction, where, made)
+    return Specimen(bone, surface, direction, where, provenance)
 
 
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
     """Sentence on where a volume lies, for a point outside it."""
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
-    said = f"the volume lies from {point_text(np.round(low, 2) + 0.0)} to {point_text(np.round(high, 2) + 0.0)} mm, x to the left, y to the back (LPS)"
+    sentence = f"the volume lies from {point_text(np.round(low, 2) + 0.0)} to {point_text(np.round(high, 2) + 0.0)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
     if np.all((low <= mirrored) & (mirrored <= high)) and not np.all((low <= entry) & (entry <= high)):
-        said += f"; {point_text(np.round(mirrored, 2) + 0.0)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
-    return said
+        sentence += f"; {point_text(np.round(mirrored, 2) + 0.0)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
+    return sentence
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:
@@ -833,7 +833,7 @@ class LabelVolume(OnGrid):
         steps = turn * volume.spacing  # columns: one voxel of the volume along the axes of the labels [mm]
         z, y, x = (np.arange(n) for n in volume.shape)
         sizes = self.shape[::-1]
-        found, covered = np.zeros(volume.shape, self.labels.dtype), 0
+        resampled, covered = np.zeros(volume.shape, self.labels.dtype), 0
         for k in z:  # plane by plane: no large arrays of indices
             inside = np.ones((len(y), len(x)), bool)
             places = []
@@ -842,7 +842,7 @@ class LabelVolume(OnGrid):
                 place = np.ceil(along / self.spacing[axis] - 0.5 - 1e-9).astype(np.int64)
                 inside &= (place >= 0) & (place < sizes[axis])
                 places.append(np.clip(place, 0, sizes[axis] - 1))
-            found[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
+            resampled[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
             covered += int(np.count_nonzero(inside))
         refuse(
             not covered,
@@ -850,11 +850,11 @@ class LabelVolume(OnGrid):
             f"{box_text(volume)}",
         )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
-        if covered < found.size:  # the part is never rounded to 0 or 100 %
-            part = 100 * covered / found.size
+        if covered < resampled.size:  # the part is never rounded to 0 or 100 %
+            part = 100 * covered / resampled.size
             note += f", of which they cover {'less than 1' if part < 1 else f'{min(part, 99.9):.3g}'} %"
         return replace(
-            self, labels=found, spacing=volume.spacing, origin=volume.origin, direction=volume.direction,
+            self, labels=resampled, spacing=volume.spacing, origin=volume.origin, direction=volume.direction,
             notes=(*self.notes, note), files=(),
         )  # fmt: skip
 
@@ -870,11 +870,11 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
         return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels
     check_finite(labels, path)
     with np.errstate(invalid="ignore"):  # numbers that are too large become -2^31
-        found = labels.astype(np.int32)
-    wrong = (found != labels) | (found == -(2**31))
+        whole = labels.astype(np.int32)
+    wrong = (whole != labels) | (whole == -(2**31))
     first = _first(wrong)
     refuse(
         wrong[first],
         f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}",
     )
-    return found
+    return whole

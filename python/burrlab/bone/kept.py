@@ -92,13 +92,13 @@ def followed(target: Path) -> Path:
 
 def sidecars(target: Path) -> list[Path]:
     """Exact states beside a file, of its present or older contents; for a link, also beside its target."""
-    found: list[Path] = []
+    paths: list[Path] = []
     for place in dict.fromkeys((target, followed(target))):
         folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
-        found += (
+        paths += (
             sorted(path for path in folder.iterdir() if name.fullmatch(path.name)) if folder.is_dir() else []
         )
-    return found
+    return paths
 
 
 def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
@@ -109,18 +109,18 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
         beside = sidecar(followed(target), digest)
     if not beside.is_file():
         others = ", ".join(other.name for other in sidecars(target))
-        found = (
+        problem = (
             f"there is {others}, of another content of it"
             if others
             else "there is none: was the volume moved, or is it not one that was saved half-drilled?"
         )
-        raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {found}")
-    told = _told(beside)
+        raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {problem}")
+    description = _told(beside)
     refuse(
-        told.get("sha256") != digest,
+        description.get("sha256") != digest,
         f"{target}: {beside.name} belongs to another content of it: one of them was changed",
     )
-    return beside, told
+    return beside, description
 
 
 def is_drilled(target: Path) -> bool:
@@ -135,12 +135,12 @@ def is_drilled(target: Path) -> bool:
 def _told(path: Path) -> dict[str, Any]:
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         try:
-            told = json.loads(attributes(file)["source"])
+            description = json.loads(attributes(file)["source"])
         except UNREADABLE:
-            told = None
-    if not isinstance(told, dict) or told.get("kind") != KIND:
+            description = None
+    if not isinstance(description, dict) or description.get("kind") != KIND:
         raise ValueError(f"{path} is a bone, but not one of a drilled volume")
-    return told
+    return description
 
 
 class Changes(NamedTuple):
@@ -168,9 +168,11 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
     levels = np.arange(256) / 255.0
     last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
     low, high = occupancies[last - 1], occupancies[last]
-    found = greys[last - 1] + np.minimum((levels - low) / (high - low), 1.0) * (greys[last] - greys[last - 1])
-    found[0] = greys[np.flatnonzero(occupancies == 0)[-1]]
-    return np.asarray(found)
+    by_level = greys[last - 1] + np.minimum((levels - low) / (high - low), 1.0) * (
+        greys[last] - greys[last - 1]
+    )
+    by_level[0] = greys[np.flatnonzero(occupancies == 0)[-1]]
+    return np.asarray(by_level)
 
 
 def changes(
@@ -208,16 +210,16 @@ def coded(
     `empty` (0 for labels), is out of range for this type with `bits` used bits.
     """
     greys = np.append(greys, empty or 0.0)
-    found, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
+    codes, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
     if not real:
-        nearest = np.rint(found)
+        nearest = np.rint(codes)
         if empty is not None:  # rounded up, it might not be empty
-            down = np.floor(found + 1e-9) if slope > 0 else np.ceil(found - 1e-9)
+            down = np.floor(codes + 1e-9) if slope > 0 else np.ceil(codes - 1e-9)
             nearest = np.where(greys <= empty, down, nearest)
-        found = nearest
+        codes = nearest
     used, limits = bits or whole, np.finfo(kind) if real else np.iinfo(kind)
     least, most = (end if real else int(end) >> (whole - used) for end in (limits.min, limits.max))
-    beyond = (found < least) | (found > most)
+    beyond = (codes < least) | (codes > most)
     if beyond.any():
         grey, held = "labels must have a 0", f"{kind.newbyteorder('=')}"
         if empty is not None:
@@ -228,7 +230,7 @@ def coded(
         raise ValueError(
             f"{grey} that {name} can hold, for removed bone: it holds {held}, got {greys[beyond][0]:g}"
         )
-    return found[:-1].astype(kind)
+    return codes[:-1].astype(kind)
 
 
 def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
@@ -244,18 +246,18 @@ def changed_values(like: Volume | LabelVolume, changed: Changes, planes: slice =
 
 def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     """Fields beyond the geometry in the original's file, if the new file has the same format."""
-    kept = format_of(target.name)
-    if kept is None:
+    file_format = format_of(target.name)
+    if file_format is None:
         return {}
     header = None
-    if kept is format_of(like.path):
+    if file_format is format_of(like.path):
         with contextlib.suppress(ValueError, OSError):  # the file may have changed or gone
-            header, _ = kept.read(like.path)
+            header, _ = file_format.read(like.path)
     fields = {} if header is None else {key: text for key, text in header.fields.items() if text}
     whole = header is not None and header.shape == like.shape and header.layers <= 1
-    if kept.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
-        own = segment_fields(like.labels, like.names, like.colours)
-        fields = {key: text for key, text in fields.items() if not key.startswith("Segment")} | own
+    if file_format.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
+        by_segment = segment_fields(like.labels, like.names, like.colours)
+        fields = {key: text for key, text in fields.items() if not key.startswith("Segment")} | by_segment
     return fields
 
 
@@ -301,32 +303,36 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
     ends = np.concatenate([[0], np.cumsum(np.count_nonzero(changed.where, axis=(1, 2)))])
     series = hashlib.sha256(np.packbits(changed.where).tobytes() + changed.values.tobytes())
     for k, (name, plane) in enumerate(zip(like.files, _voxels(like), strict=True)):
-        found = dataset(name)
-        source = text_of(found, "SOPInstanceUID")
+        attributes = dataset(name)
+        source = text_of(attributes, "SOPInstanceUID")
         if k == 0:
-            series.update(text_of(found, "SeriesInstanceUID").encode() + source.encode())
-        stored, coding = _stored(found, plane, name)
+            series.update(text_of(attributes, "SeriesInstanceUID").encode() + source.encode())
+        stored, coding = _stored(attributes, plane, name)
         stored[changed.where[k]] = coded(changed.values[ends[k] : ends[k + 1]], name, changed.empty, *coding)
-        content, own = stored.tobytes(), uid_of(series.digest() + source.encode() + b"%d" % k)
-        kind = "OW" if is_packed(found) else found.get_item("PixelData").VR
+        content, identifier = stored.tobytes(), uid_of(series.digest() + source.encode() + b"%d" % k)
+        kind = "OW" if is_packed(attributes) else attributes.get_item("PixelData").VR
         written = io.BytesIO()
         try:
             with pydicom.config.disable_value_validation(), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                found.file_meta.TransferSyntaxUID = _NOT_PACKED[found.original_encoding]
+                attributes.file_meta.TransferSyntaxUID = _NOT_PACKED[attributes.original_encoding]
                 reference = pydicom.Dataset()
-                reference.ReferencedSOPClassUID = text_of(found, "SOPClassUID")
+                reference.ReferencedSOPClassUID = text_of(attributes, "SOPClassUID")
                 reference.ReferencedSOPInstanceUID = source
-                found.ImageType = ["DERIVED", "SECONDARY", *text_of(found, "ImageType").split("\\")[2:]]
-                found.SOPInstanceUID = found.file_meta.MediaStorageSOPInstanceUID = own
-                found.SeriesInstanceUID = uid_of(series.digest())
-                found.DerivationDescription, found.SourceImageSequence = _DERIVATION, [reference]
-                found["PixelData"] = pydicom.DataElement(
+                attributes.ImageType = [
+                    "DERIVED",
+                    "SECONDARY",
+                    *text_of(attributes, "ImageType").split("\\")[2:],
+                ]
+                attributes.SOPInstanceUID = attributes.file_meta.MediaStorageSOPInstanceUID = identifier
+                attributes.SeriesInstanceUID = uid_of(series.digest())
+                attributes.DerivationDescription, attributes.SourceImageSequence = _DERIVATION, [reference]
+                attributes["PixelData"] = pydicom.DataElement(
                     "PixelData", kind or "OW", content + b"\0" * (len(content) % 2)
                 )
                 for tag in _STALE:
-                    found.pop(tag, None)
-                found.save_as(written, enforce_file_format=not found.preamble)
+                    attributes.pop(tag, None)
+                attributes.save_as(written, enforce_file_format=not attributes.preamble)
         except Exception:
             raise ValueError(
                 f"{name}: the DICOM file cannot be taken apart, so its header cannot be kept"
@@ -335,33 +341,34 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
 
 
 def _stored(
-    found: Any, plane: NDArray[Any], name: str
+    attributes: Any, plane: NDArray[Any], name: str
 ) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
     """Stored numbers of a slice, and their type, slope, intercept and bits for `coded`."""
-    whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
+    whole, used, top = (short_of(attributes, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     refuse(
         whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
         f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got "
         f"{whole} bits allocated, {used} stored, the highest at {top}",
     )
-    order = "<" if found.original_encoding[1] else ">"
+    order = "<" if attributes.original_encoding[1] else ">"
     refuse(
         whole == 8 and order == ">",
         f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first",
     )
-    kind = np.dtype(f"{order}{'i' if short_of(found, 'PixelRepresentation') == 1 else 'u'}{whole // 8}")
+    kind = np.dtype(f"{order}{'i' if short_of(attributes, 'PixelRepresentation') == 1 else 'u'}{whole // 8}")
     scale = [1.0, 0.0]
     with contextlib.suppress(ValueError):
         scale = [
-            float(text_of(found, f"Rescale{key}") or one) for key, one in (("Slope", 1), ("Intercept", 0))
+            float(text_of(attributes, f"Rescale{key}") or default)
+            for key, default in (("Slope", 1), ("Intercept", 0))
         ]
     for slope, inter in (scale, (1.0, 0.0)):  # the reader ignores the scale of some kinds of images
         if slope == 0 or not (math.isfinite(slope) and math.isfinite(inter)):
             continue
-        if is_packed(found):
+        if is_packed(attributes):
             stored = np.rint((plane.astype(np.float64) - inter) / slope).astype(kind)
         else:
-            content = found.get_item("PixelData").value
+            content = attributes.get_item("PixelData").value
             if len(content) < plane.size * kind.itemsize:
                 break
             stored = np.frombuffer(content, kind, plane.size).reshape(plane.shape).copy()
@@ -380,18 +387,18 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
 
     Grey values that resampling made fractional are rounded if the original's are whole.
     """
-    own = _voxels(like)
-    if isinstance(like, Volume) and own.dtype.kind == "f":
+    voxels = _voxels(like)
+    if isinstance(like, Volume) and voxels.dtype.kind == "f":
         original = read_volume(list(like.files))
         if original.values.dtype.kind in "iu" and not np.allclose(original.spacing, like.spacing, rtol=1e-6):
-            own = np.rint(own).astype(np.int64)
-            like = replace(like, values=own)
-    least, most = min(float(own.min()), math.floor(empty or 0.0)), float(own.max())
+            voxels = np.rint(voxels).astype(np.int64)
+            like = replace(like, values=voxels)
+    least, most = min(float(voxels.min()), math.floor(empty or 0.0)), float(voxels.max())
     fits = [
         kind for kind in map(np.dtype, KINDS) if np.iinfo(kind).min <= least and most <= np.iinfo(kind).max
     ]
-    kind = fits[0] if fits and own.dtype.kind in "iu" else own.dtype
-    new = own if changed is None else changed_values(like, changed)
+    kind = fits[0] if fits and voxels.dtype.kind in "iu" else voxels.dtype
+    new = voxels if changed is None else changed_values(like, changed)
     return Volume(new.astype(kind), like.spacing, like.origin, like.direction, like.path)
 
 
@@ -423,8 +430,8 @@ def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iter
             image[...] = new[k].transpose(turn)
         else:
             image[..., :3] = new[k].transpose(turn)[..., None]
-        made = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
-        made.save(written, format="PNG", compress_level=3)
+        picture = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
+        picture.save(written, format="PNG", compress_level=3)
         yield path.name, written.getvalue()
     if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
         import yaml
@@ -621,7 +628,7 @@ def save_drilled(
     slices = check_drilled(target, like, mapping)
     check_place(bone, like)
     check_original(bone, like)
-    told = {
+    description = {
         "kind": KIND,
         "source": like.path,
         "map": None if mapping is None else mapping.text,
@@ -629,7 +636,7 @@ def save_drilled(
     }
 
     def beside(where: Path, digest: str) -> None:
-        save_bone(where, bone, tick, source=json.dumps({**told, "sha256": digest}))
+        save_bone(where, bone, tick, source=json.dumps({**description, "sha256": digest}))
 
     if slices is not None or is_series(target, like):
         changed = changes(bone, like, mapping)
@@ -637,8 +644,8 @@ def save_drilled(
             if slices is None and not is_whole(like):
                 write_slices(part, _grey(like, changed.empty, changed))
             else:
-                made = _derived(like, changed) if slices is None else _drawn(slices, like, changed)
-                for name, content in made:
+                written_slices = _derived(like, changed) if slices is None else _drawn(slices, like, changed)
+                for name, content in written_slices:
                     write_synced(part / name, content)
             beside(part / IN_FOLDER, content_digest(part))
         return
@@ -655,9 +662,9 @@ def save_drilled(
         like = replace(like, labels=new, names=names | like.names, colours=colours | like.colours)
     with new_volume(target, like, kept_fields(target, like), planes=planes) as part:
         digest = content_digest(part)
-        own = sidecar(target, digest)
-        before = [other for other in sidecars(target) if other.name != own.name]
-        beside(own, digest)
+        state = sidecar(target, digest)
+        before = [other for other in sidecars(target) if other.name != state.name]
+        beside(state, digest)
     for other in before:  # the file is replaced: the new pair counts
         other.unlink(missing_ok=True)
 
@@ -676,9 +683,14 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     target = Path(path)
     if not target.exists():
         raise FileNotFoundError(f"{target}: no such file or folder")
-    beside, told = own_sidecar(target)
+    beside, description = own_sidecar(target)
     bone, tick = load_bone(beside)
-    mapping = None if told.get("map") is None else OccupancyMap.parse(str(told["map"]))
+    mapping = None if description.get("map") is None else OccupancyMap.parse(str(description["map"]))
     return DrilledVolume(
-        bone, tick, mapping, str(told.get("source", "")), os.fspath(path), bool(told.get("transpose"))
+        bone,
+        tick,
+        mapping,
+        str(description.get("source", "")),
+        os.fspath(path),
+        bool(description.get("transpose")),
     )

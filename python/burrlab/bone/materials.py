@@ -16,7 +16,7 @@ class Materials(Mapping[str, Material]):
     """Materials by name, read-only; printed as a table."""
 
     def __init__(self, *materials: Material) -> None:
-        self._named = {one.name: one for one in materials}
+        self._named = {material.name: material for material in materials}
 
     def __getitem__(self, name: str) -> Material:
         if name not in self._named:

@@ -82,25 +82,27 @@ class BoneRecipe(ABC):
 
         Without the key `transpose`, as in recipes of earlier versions, slices are not transposed.
         """
-        found = {}
+        arguments = {}
         for each in fields(cast(Any, cls)):
-            told = each.metadata
-            value = plain.get(told["key"])
+            metadata = each.metadata
+            value = plain.get(metadata["key"])
             # null counts as a missing key if the field may be None; otherwise the reader refuses it.
-            if value is not None or (told["key"] in plain and None not in (each.default, told["before"])):
-                found[each.name] = told["read"](value)
-            elif told["before"] is not MISSING:
-                found[each.name] = told["before"]
-        return cls(**found)
+            if value is not None or (
+                metadata["key"] in plain and None not in (each.default, metadata["before"])
+            ):
+                arguments[each.name] = metadata["read"](value)
+            elif metadata["before"] is not MISSING:
+                arguments[each.name] = metadata["before"]
+        return cls(**arguments)
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, without fields that are not given."""
-        found: dict[str, Any] = {"kind": self._KIND}
+        plain: dict[str, Any] = {"kind": self._KIND}
         for each in fields(cast(Any, self)):
             value = getattr(self, each.name)
             if value is not None and value != each.metadata["omitted"]:
-                found[each.metadata["key"]] = each.metadata["write"](value)
-        return found
+                plain[each.metadata["key"]] = each.metadata["write"](value)
+        return plain
 
     @abstractmethod
     def at(self, path: str | os.PathLike[str]) -> Self:
@@ -116,10 +118,10 @@ class _FileRecipe(BoneRecipe):
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, without fields that are not given."""
-        found = super().plain()
-        if not (found.get("transpose", True) or is_stack(getattr(self, self._file))):
-            del found["transpose"]
-        return found
+        plain = super().plain()
+        if not (plain.get("transpose", True) or is_stack(getattr(self, self._file))):
+            del plain["transpose"]
+        return plain
 
     @property
     def _file(self) -> str:
@@ -250,8 +252,8 @@ class VolumeRecipe(_CachedRecipe):
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", absolute(self.path))
         for name in ("spacing", "voxel"):
-            if (given := getattr(self, name)) is not None:
-                object.__setattr__(self, name, _triple(checked_spacing(given, name)))
+            if (lengths := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _triple(checked_spacing(lengths, name)))
         object.__setattr__(self, "transpose", rows_along_x(self.path, self.transpose))
         if self.crop is not None:
             low, high = self.crop
@@ -278,14 +280,14 @@ class VolumeRecipe(_CachedRecipe):
     def _whole(self) -> Volume:
         self._entry.look()
         if is_stack(self.path):
-            found = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
+            volume = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
         elif self.transpose:
             raise ValueError(f"transpose (--transpose) goes with PNG slices, got {self.path}")
         else:
-            found = read_volume(self.path, spacing=self.spacing, series=self.series)
-        if not isinstance(found, Volume):
+            volume = read_volume(self.path, spacing=self.spacing, series=self.series)
+        if not isinstance(volume, Volume):
             raise ValueError(f"{self.path}: the slices are coloured labels, and a map is of grey values")
-        return found
+        return volume
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions and steps in reading the volume; errors as `volume`."""
@@ -305,8 +307,8 @@ class VolumeRecipe(_CachedRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        found = grey_specimen(self._grid(), bone, self.mapping, entry, axis, self.volume)
-        return replace(found, made={**found.made, "recipe": self.plain()})
+        specimen = grey_specimen(self._grid(), bone, self.mapping, entry, axis, self.volume)
+        return replace(specimen, made={**specimen.made, "recipe": self.plain()})
 
     _on = volume
 
@@ -320,10 +322,12 @@ class VolumeRecipe(_CachedRecipe):
 
 def altered(recipe: VolumeRecipe, **changes: Any) -> VolumeRecipe:
     """The recipe with another crop or voxel; its volume is not read again."""
-    made = replace(recipe, **changes)
-    made.__dict__.update({name: own for name, own in recipe.__dict__.items() if name == "_whole"})
-    made._entry.look(recipe._entry)
-    return made
+    changed = replace(recipe, **changes)
+    changed.__dict__.update(
+        {name: attribute for name, attribute in recipe.__dict__.items() if name == "_whole"}
+    )
+    changed._entry.look(recipe._entry)
+    return changed
 
 
 def absolute(path: str | os.PathLike[str]) -> str:
@@ -368,19 +372,19 @@ def cut_block(
         not (voxels := math.prod(counts.tolist())) <= MOST_VOXELS,
         f"voxel must be coarser: the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most",
     )
-    found = recipe.specimen(entry=entry, axis=axis)
-    across = np.cross(found.axis, np.eye(3)[np.argmin(np.abs(found.axis))])
+    specimen = recipe.specimen(entry=entry, axis=axis)
+    across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])
     across /= np.linalg.norm(across)
     # The block's axes in the bone frame.
-    turn = np.column_stack([across, np.cross(-found.axis, across), -found.axis])
+    turn = np.column_stack([across, np.cross(-specimen.axis, across), -specimen.axis])
     x, y, z = (int(n) for n in counts)
     first = np.array([0.5 * (1 - x) * apart, 0.5 * (1 - y) * apart, (0.5 - z) * apart])
-    levels, out = found.bone.density, np.empty((z, y, x), np.uint8)
-    scale, origin = np.array(found.bone.spacing), np.array(found.bone.origin)
+    levels, out = specimen.bone.density, np.empty((z, y, x), np.uint8)
+    scale, origin = np.array(specimen.bone.spacing), np.array(specimen.bone.origin)
     plane = np.stack(np.meshgrid(np.arange(x), np.arange(y), indexing="xy"), -1) * apart
     for k in range(z):
         points = np.concatenate([plane, np.full((y, x, 1), k * apart)], axis=-1) + first
-        places = (found.surface + points @ turn.T - origin) / scale
+        places = (specimen.surface + points @ turn.T - origin) / scale
         out[k] = np.rint(
             scipy.ndimage.map_coordinates(
                 levels, np.moveaxis(places[..., ::-1], -1, 0), output=float, order=1, mode="grid-constant"
@@ -522,15 +526,15 @@ class LabelledRecipe(_CachedRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         grid = self._grid()
-        made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
+        provenance = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
         if self.grey is None:
             widest = float(max(*grid.spacing, *(self.voxel or ())))
-            made["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
-        return specimen_in(grid, self.bone(), entry, axis, made, f"labels of {self.labels}")
+            provenance["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
+        return specimen_in(grid, self.bone(), entry, axis, provenance, f"labels of {self.labels}")
 
     def _voxel(self) -> ArrayLike:
-        given = self.voxel if self.grey is None else self.grey.voxel
-        return self._grid().spacing if given is None else given
+        spacing = self.voxel if self.grey is None else self.grey.voxel
+        return self._grid().spacing if spacing is None else spacing
 
     def _on(self) -> OnGrid:
         return self._labels if self.grey is None else self.grey.volume()
@@ -545,9 +549,9 @@ class LabelledRecipe(_CachedRecipe):
     def _made(self) -> LabelledBone:
         if (bone := self._kept_bone()) is not None:
             return LabelledBone(bone, self._grid().notes)
-        made = self._new()
-        keep_bone(self._entry, made.bone, self._on(), made.notes, smoothed=self.smooth is not None)
-        return made
+        labelled = self._new()
+        keep_bone(self._entry, labelled.bone, self._on(), labelled.notes, smoothed=self.smooth is not None)
+        return labelled
 
     def _new(self) -> LabelledBone:
         labels = self._labels
@@ -586,8 +590,8 @@ def usual_tissues(
     bone = [getattr(material, name) for name in ("name", "c_e", "alpha", "source")]
     entry = entry_of(["tissues", absolute(path), *bone, material.shape.name, options], [absolute(path)])
     with contextlib.suppress(*UNREADABLE):
-        if (kept := entry.find()) is not None:
-            return tissues_from_json(kept.told["tissues"]), lambda recipe: None
+        if (cached := entry.find()) is not None:
+            return tissues_from_json(cached.told["tissues"]), lambda recipe: None
     labels = labels_of(path, usual=True, **options)
     tissues = default_tissues(labels, material=material)
     if labels.labels.size >= WORTH_SMOOTHED:
@@ -620,10 +624,10 @@ def labels_of(
             name = "unknown" if unknown != "refuse" else "transpose" if transpose else "unit"
             raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
-    found = stack_of(path, spacing, palette, unknown, unit, transpose, ranking, usual=usual)
-    if not isinstance(found, LabelVolume):
+    labels = stack_of(path, spacing, palette, unknown, unit, transpose, ranking, usual=usual)
+    if not isinstance(labels, LabelVolume):
         raise ValueError(f"{os.fspath(path)}: the slices are grey, and labels are coloured ones")
-    return found
+    return labels
 
 
 @dataclass(frozen=True)
@@ -660,8 +664,13 @@ class DrilledRecipe(_FileRecipe):
 
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, with the digest: after further drilling the file holds another bone."""
-        told = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
-        return {"kind": "drilled volume", "path": self.path, "digest": self.drilled().bone.digest(), **told}
+        transpose = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
+        return {
+            "kind": "drilled volume",
+            "path": self.path,
+            "digest": self.drilled().bone.digest(),
+            **transpose,
+        }
 
     def drilled(self) -> DrilledVolume:
         """Content of the file; it is read once."""
@@ -670,15 +679,15 @@ class DrilledRecipe(_FileRecipe):
     @cached_property
     def _drilled(self) -> DrilledVolume:
         if _holds_bone(self.path):
-            found = DrilledVolume(*load_bone(self.path), None, self.path, self.path)
+            drilled = DrilledVolume(*load_bone(self.path), None, self.path, self.path)
         else:
-            found = load_drilled(self.path)
-        if self.digest not in (None, found.bone.digest()):
+            drilled = load_drilled(self.path)
+        if self.digest not in (None, drilled.bone.digest()):
             raise ValueError(
-                f"{self.path}: the bone has digest {found.bone.digest()} by now, and {self.digest} is "
+                f"{self.path}: the bone has digest {drilled.bone.digest()} by now, and {self.digest} is "
                 "asked for"
             )
-        return found
+        return drilled
 
     @property
     def tick(self) -> int:
@@ -715,13 +724,13 @@ class DrilledRecipe(_FileRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        made = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
+        provenance = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
         grid: Volume | LabelVolume
         if _holds_bone(self.path):
             grid = Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
         else:
             grid = self.like()
-        return specimen_in(grid, bone, entry, axis, made, f"after {self.tick} ticks")
+        return specimen_in(grid, bone, entry, axis, provenance, f"after {self.tick} ticks")
 
     def _voxel(self) -> ArrayLike:
         return self.drilled().bone.spacing
@@ -861,9 +870,9 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
         If there is no such volume.
     """
     try:
-        made = _RECIPES[recipe["kind"]].of(recipe)
+        built = _RECIPES[recipe["kind"]].of(recipe)
     except UNREADABLE:
         raise ValueError(
             f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
-    return (made if volume is None else made.at(volume)).bone()
+    return (built if volume is None else built.at(volume)).bone()

@@ -79,19 +79,19 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
     """
     text = os.fspath(place)
     if Path(text).is_dir():
-        found = [path for path in Path(text).iterdir() if path.suffix.lower() == ".png"]
+        pictures = [path for path in Path(text).iterdir() if path.suffix.lower() == ".png"]
     elif any(sign in text for sign in "*?["):
-        found = [Path(name) for name in glob.glob(text)]
+        pictures = [Path(name) for name in glob.glob(text)]
     else:
         raise FileNotFoundError(
             f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file"
         )
-    seen = (path for path in found if path.is_file() and not path.name.startswith("."))
-    found = [path for path in seen if path.name.startswith(prefix or "")]
+    seen = (path for path in pictures if path.is_file() and not path.name.startswith("."))
+    pictures = [path for path in seen if path.name.startswith(prefix or "")]
     named = "" if prefix is None else f" that begin with {prefix!r}"
-    refuse(not found, f"{text}: there are no PNG slices{named}")
+    refuse(not pictures, f"{text}: there are no PNG slices{named}")
     first = 0 if prefix is not None else 1  # a description counts from 0
-    paths = _in_order(text, found, latest=first if Path(text).is_dir() else None)
+    paths = _in_order(text, pictures, latest=first if Path(text).is_dir() else None)
     return _alike(paths)
 
 
@@ -117,11 +117,11 @@ def pixels(path: Path) -> NDArray[Any]:
         raise ValueError(f"{path}: the PNG file is damaged or cut short ({error})") from None
 
 
-def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path]:
+def _in_order(place: str, paths: list[Path], *, latest: int | None) -> list[Path]:
     """Files in the order of the numbers at the end of their names; the first may be at most `latest`."""
     numbered: dict[int, Path] = {}
     prefixes: dict[str, Path] = {}
-    for path in sorted(found):
+    for path in sorted(paths):
         match = re.fullmatch(r"(.*?)(\d+)", path.stem, flags=re.ASCII)
         if match is None:
             raise ValueError(f"{path}: the name of a slice must end in its number, as slice0012.png")
@@ -139,9 +139,11 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
     far = order[-1] - order[0] >= 10**6
     missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
     if missing or far:
-        told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        numbers_text = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
         some = (
-            f"slice {missing[0]} is missing" if len(missing) == 1 else f"{len(missing)} are missing ({told})"
+            f"slice {missing[0]} is missing"
+            if len(missing) == 1
+            else f"{len(missing)} are missing ({numbers_text})"
         )
         which = "many are missing (numbers far apart)" if far else some
         raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
@@ -156,15 +158,15 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
 def _alike(paths: list[Path]) -> Slices:
     first = _header(paths[0])
     for path in paths[1:]:
-        found = _header(path)
+        header = _header(path)
         refuse(
-            found[:2] != first[:2],
-            f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and "
+            header[:2] != first[:2],
+            f"{path}: slices must be of one size, this one has {header[0]} x {header[1]} pixels, and "
             f"{paths[0].name} has {first[0]} x {first[1]}",
         )
         refuse(
-            found[2:] != first[2:],
-            f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and "
+            header[2:] != first[2:],
+            f"{path}: slices must be of one kind, this one is {header[3]} of {header[2]} bits, and "
             f"{paths[0].name} is {first[3]} of {first[2]} bits",
         )
     columns, rows, bits, kind = first
@@ -241,8 +243,8 @@ class Palette:
         self.names: dict[int, str] = {}
         self.colours: dict[int, Colour] = {}
         seen: dict[Colour, str] = {}
-        for label, name, given in rows:
-            colour = _colour(name, given)
+        for label, name, color_text in rows:
+            colour = _colour(name, color_text)
             if label == 0:  # always transparent and black
                 self.names[0] = name
                 continue
@@ -302,7 +304,7 @@ class Palette:
         codes = _code(kinds.astype(np.uint32))
         codes[kinds[:, 3] == 0] = 0
         places = self._places.take(codes)
-        own = self._labels.take(places)
+        run_labels = self._labels.take(places)
         strange = places == self._strange_place
         for count in _SUMMED:
             summed = kinds[:, 3] == 256 - count
@@ -315,28 +317,28 @@ class Palette:
             sums = self._sums[count].places.take(codes[summed])
             clear = (sums > 0) & (sums < _UNCLEAR)
             winners = self._sums[count].winners[np.where(clear, sums, 0)]
-            own[summed] = np.where(clear, winners, own[summed])
+            run_labels[summed] = np.where(clear, winners, run_labels[summed])
             strange[summed] = (strange[summed] & ~clear) | (sums == _UNCLEAR)
             self._overlaps[count].update(np.repeat(sums[clear], runs[summed][clear]).tolist())
-        found = np.repeat(own, runs).reshape(image.shape[:2])
+        labels = np.repeat(run_labels, runs).reshape(image.shape[:2])
         if strange.any():
-            codes, strange = (np.repeat(of, runs).reshape(found.shape) for of in (codes, strange))
-            found[strange] = self._of_strange(codes, strange, path)
+            codes, strange = (np.repeat(of, runs).reshape(labels.shape) for of in (codes, strange))
+            labels[strange] = self._of_strange(codes, strange, path)
         self._slices += 1
-        return found
+        return labels
 
     def unknown_colours(self) -> tuple[dict[str, Any], ...]:
         """Colours that are in no table, in the form of `LabelVolume.unknown_colours`."""
         order = self._strange.most_common()
         labels, apart = self._nearest(np.array([code for code, _ in order], np.uint32), list(self.colours))
-        found = []
+        unknown = []
         for (code, count), label, distance in zip(order, labels.tolist(), apart.tolist(), strict=True):
             file, row, column = self._first[code]
-            found.append(
+            unknown.append(
                 {"colour": [code >> 16, (code >> 8) & 255, code & 255], "pixels": count, "slice": file, "row": row,
                  "column": column, "nearest": self.names[label], "distance": round(distance, 1)}
             )  # fmt: skip
-        return tuple(found)
+        return tuple(unknown)
 
     def notes(
         self, name: str, unknown: Sequence[Mapping[str, Any]], labels: NDArray[Any], apart: NDArray[Any]
@@ -347,40 +349,40 @@ class Palette:
         """
         notes = []
         for count, overlaps in self._overlaps.items():
-            told = "; ".join(
+            colours_text = "; ".join(
                 f"{voxels} of {', '.join(first)} and {last} as {self.names[int(self._sums[count].winners[place])]}"
                 for place, voxels in overlaps.most_common()
                 for *first, last in [[self.names[label] for label in self._sums[count].groups[place - 1]]]
             )
-            if told:
+            if colours_text:
                 notes.append(
-                    f"voxels of {_SUMMED[count]} structures that overlap, by the sum of their colours: {told}"
+                    f"voxels of {_SUMMED[count]} structures that overlap, by the sum of their colours: {colours_text}"
                 )
         if not unknown:
             return notes
         pixels, kinds = sum(self._strange.values()), len(unknown)
         many = f"{pixels} pixel{'s' if pixels > 1 else ''} of {kinds} colour{'s' if kinds > 1 else ''} that are in no table"
-        told = "; ".join(
+        colours_text = "; ".join(
             f"{tuple(row['colour'])} in {row['slice']}, row {row['row']}, column {row['column']} (count "
             f"{row['pixels']}, {row['distance']:g} from {row['nearest']})"
             for row in unknown[:_TOLD]
         )
         if kinds > _TOLD:
-            told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
+            colours_text += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
         refuse(
             self.unknown == "refuse",
-            f"{name}: {many}: {told}; clipped sums of overlapping structures, or blends from scaling? "
+            f"{name}: {many}: {colours_text}; clipped sums of overlapping structures, or blends from scaling? "
             "unknown=LABEL (--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but "
             "never as a critical structure or empty",
         )
-        taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
-        notes.append(f"{many} were taken as {taken}: {told}")
+        replacement = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
+        notes.append(f"{many} were taken as {replacement}: {colours_text}")
         if self._spared:
             instead = " or ".join(self.names[i] for i in self._bones) or "label 0: the table has no bone"
-            told = ", ".join(f"{self.names[i]} {count}" for i, count in self._spared.most_common())
+            colours_text = ", ".join(f"{self.names[i]} {count}" for i, count in self._spared.most_common())
             notes.append(
                 "pixels whose nearest colour is a critical structure's, or of what is empty, were taken as "
-                f"{instead} ({told}); unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that "
+                f"{instead} ({colours_text}); unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that "
                 "structure"
             )
         return notes + [self._far(label, places, labels, apart) for label, places in self._guessed.items()]
@@ -395,23 +397,23 @@ class Palette:
             self._strange[code] += count
         if self.unknown != "nearest":
             return np.full(inverse.shape, 0 if self.unknown == "refuse" else self.unknown)
-        taken = self._nearest(kinds, list(self.colours))[0]
+        assigned = self._nearest(kinds, list(self.colours))[0]
         if self._ranked is not None:
-            spared = np.isin(taken, list(self._spare - set(self._asked)))
-            for label, count in zip(taken[spared].tolist(), counts[spared].tolist(), strict=True):
+            spared = np.isin(assigned, list(self._spare - set(self._asked)))
+            for label, count in zip(assigned[spared].tolist(), counts[spared].tolist(), strict=True):
                 self._spared[label] += count
-            taken[spared] = self._nearest(kinds[spared], self._bones)[0] if self._bones else 0
+            assigned[spared] = self._nearest(kinds[spared], self._bones)[0] if self._bones else 0
         for label, places in self._guessed.items():
-            here = where[(taken == label)[inverse]]
+            here = where[(assigned == label)[inverse]]
             places.append(
                 np.insert(np.stack(divmod(here, strange.shape[1]), axis=-1), 0, self._slices, axis=1)
             )
-        return np.asarray(taken[inverse])
+        return np.asarray(assigned[inverse])
 
     def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Nearest of these labels for each colour, and its distance."""
-        own = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
-        apart = scipy.spatial.distance.cdist(own, [self.colours[label] for label in labels])
+        triples = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
+        apart = scipy.spatial.distance.cdist(triples, [self.colours[label] for label in labels])
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
@@ -449,12 +451,14 @@ class Palette:
         """Note on how far the voxels guessed to be a structure lie from the rest of it."""
         guessed, rest = np.concatenate(places), labels == label
         rest[tuple(guessed.T)] = False
-        said = f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
+        sentence = (
+            f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
+        )
         if not (len(guessed) and rest.any()):
-            return f"{said}; {np.count_nonzero(rest)} others are there"
+            return f"{sentence}; {np.count_nonzero(rest)} others are there"
         surface = np.argwhere(rest & ~stoppable(lambda: scipy.ndimage.binary_erosion(rest)))
         far = np.asarray(stoppable(lambda: scipy.spatial.cKDTree(surface * apart).query(guessed * apart)[0]))
-        return f"{said}: up to {far.max():.3g} mm from the rest of it, {np.count_nonzero(far > 1)} of them beyond 1 mm"
+        return f"{sentence}: up to {far.max():.3g} mm from the rest of it, {np.count_nonzero(far > 1)} of them beyond 1 mm"
 
 
 def _known(name: str) -> tuple[str, bool]:
@@ -467,14 +471,14 @@ def _code(colour: NDArray[Any]) -> Any:
     return (colour[..., 0] << 16) | (colour[..., 1] << 8) | colour[..., 2]
 
 
-def _colour(name: str, given: Any) -> Colour:
+def _colour(name: str, triple: Any) -> Colour:
     try:
-        red, green, blue = (operator.index(part) for part in given)
+        red, green, blue = (operator.index(part) for part in triple)
     except (TypeError, ValueError):
         red = -1
     refuse(
         red < 0 or not all(0 <= part <= 255 for part in (red, green, blue)),
-        f"palette: a colour must be three whole numbers from 0 to 255, got {given!r} for {name!r}",
+        f"palette: a colour must be three whole numbers from 0 to 255, got {triple!r} for {name!r}",
     )
     return red, green, blue
 
@@ -485,9 +489,9 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
         return unknown, []
     if isinstance(unknown, str) and unknown.startswith("nearest:"):
         wanted = {_known(name)[0] for name in unknown[len("nearest:") :].split(",")}
-        asked = [label for label, name in names.items() if label and _known(name)[0] in wanted]
-        if wanted <= {_known(names[label])[0] for label in asked}:
-            return "nearest", asked
+        requested = [label for label, name in names.items() if label and _known(name)[0] in wanted]
+        if wanted <= {_known(names[label])[0] for label in requested}:
+            return "nearest", requested
         have = ", ".join(filter(None, names.values()))
         raise ValueError(
             f"unknown='nearest:NAME' must name structures of the palette, {have}, got {unknown!r}"
@@ -608,8 +612,8 @@ def _volume_block(name: str, content: Any) -> dict[str, Any]:
     rows = content.items() if isinstance(content, dict) else ()
     blocks = {key: block for key, block in rows if str(key).startswith("VOLUME ")}
     if len(blocks) != 1:
-        found = ", ".join(map(str, blocks))[:200] or "none"
-        raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {found}")
+        names = ", ".join(map(str, blocks))[:200] or "none"
+        raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {names}")
     [(key, block)] = blocks.items()
     if not isinstance(block, dict):
         raise ValueError(f"{name}: {str(key)[:200]} must have dimensions and images, got {shown(block)}")
@@ -783,7 +787,7 @@ def stack_of(
         plane = colours.labels(pixels(file), file)
         labels[k] = plane.T if turned else plane
     if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
-        colours.names = {label: _known(said)[0] for label, said in colours.names.items()}
+        colours.names = {label: _known(label_name)[0] for label, label_name in colours.names.items()}
     strange = colours.unknown_colours()
     rows = labels.transpose(0, 2, 1) if turned else labels
     notes.extend(colours.notes(name, strange, rows, apart[[2, 0, 1] if turned else [2, 1, 0]]))

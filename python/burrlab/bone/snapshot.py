@@ -176,15 +176,15 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     file = open_any_hdf5(path, f"a {kind}")
     try:
         with told_as_damage(path):
-            told = attributes(file)
-            found, version = told.get("format"), int(told.get("format_version", 0))
+            header = attributes(file)
+            file_kind, version = header.get("format"), int(header.get("format_version", 0))
     except ValueError:
         file.close()
         raise
-    if found == kind and 1 <= version <= newest:
+    if file_kind == kind and 1 <= version <= newest:
         return file
     file.close()
-    refuse(found != kind, f"{path} is not a {kind}")
+    refuse(file_kind != kind, f"{path} is not a {kind}")
     raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
 
 
@@ -198,60 +198,60 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
     ValueError
         If the dataset is incomplete or needs more memory than the machine has.
     """
-    found = group[name]
+    dataset = group[name]
     where = f"its dataset {name}"
     refuse(
-        found.is_virtual or found.external or (found.dtype.hasobject and found.shape),
+        dataset.is_virtual or dataset.external or (dataset.dtype.hasobject and dataset.shape),
         f"{where} lies elsewhere",
     )
-    if not found.shape:
-        check_heap(found, found.dtype)
-        return found[()]
-    shape = (len(found) if rows is None else rows, *found.shape[1:])
-    size, stored = math.prod(shape) * found.dtype.itemsize, os.stat(group.file.filename).st_size
-    stored = min(stored, found.id.get_storage_size())
-    check_packed(size, stored if found.chunks else stored / DEFLATE, where)
+    if not dataset.shape:
+        check_heap(dataset, dataset.dtype)
+        return dataset[()]
+    shape = (len(dataset) if rows is None else rows, *dataset.shape[1:])
+    size, stored = math.prod(shape) * dataset.dtype.itemsize, os.stat(group.file.filename).st_size
+    stored = min(stored, dataset.id.get_storage_size())
+    check_packed(size, stored if dataset.chunks else stored / DEFLATE, where)
     check_memory(size, where)
-    values = np.empty(shape, found.dtype)
-    if found.chunks is None:
+    values = np.empty(shape, dataset.dtype)
+    if dataset.chunks is None:
         if size:
-            found.read_direct(values, np.s_[: shape[0]])
+            dataset.read_direct(values, np.s_[: shape[0]])
         return values
-    plan, whole, chunks = found.id.get_create_plist(), 0, list[Any]()
+    plan, whole, chunks = dataset.id.get_create_plist(), 0, list[Any]()
     filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
-    found.id.chunk_iter(chunks.append)
+    dataset.id.chunk_iter(chunks.append)
     with open(group.file.filename, "rb") as file:
         for place, at in {chunk.chunk_offset: chunk for chunk in chunks}.items():
-            part = values[tuple(slice(k, k + n) for k, n in zip(place, found.chunks, strict=True))]
+            part = values[tuple(slice(k, k + n) for k, n in zip(place, dataset.chunks, strict=True))]
             if not part.size:
                 continue
             file.seek(at.byte_offset)
-            kept = [one for k, one in enumerate(filters) if not at.filter_mask >> k & 1]
-            content = _unfiltered(file.read(min(at.size, stored)), kept, found, where)
+            applied = [filter_id for k, filter_id in enumerate(filters) if not at.filter_mask >> k & 1]
+            content = _unfiltered(file.read(min(at.size, stored)), applied, dataset, where)
             part[...] = content[tuple(map(slice, part.shape))]
             whole += part.size
     refuse(whole != values.size, f"{where} is not whole")
     return values
 
 
-def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: str) -> NDArray[Any]:
+def _unfiltered(content: bytes, filters: list[int], dataset: h5py.Dataset, where: str) -> NDArray[Any]:
     """Content of a chunk after its filters, gzip and shuffle, are undone."""
     import h5py
 
-    size, width = math.prod(found.chunks) * found.dtype.itemsize, found.dtype.itemsize
+    size, width = math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.dtype.itemsize
     chunk: NDArray[Any] = np.frombuffer(content, np.uint8)
-    for one in reversed(filters):
-        if one == h5py.h5z.FILTER_DEFLATE:
+    for filter_id in reversed(filters):
+        if filter_id == h5py.h5z.FILTER_DEFLATE:
             check_packed(size, len(chunk), where)
             chunk = np.frombuffer(zlib.decompressobj().decompress(chunk.data, size + 1), np.uint8)
-        elif one != h5py.h5z.FILTER_SHUFFLE:
-            raise ValueError(f"{where} must be packed by gzip and shuffle, got filter {one}")
+        elif filter_id != h5py.h5z.FILTER_SHUFFLE:
+            raise ValueError(f"{where} must be packed by gzip and shuffle, got filter {filter_id}")
         elif len(chunk) == size:  # the first bytes of all numbers come first
             shuffled, chunk = chunk.reshape(width, -1), np.empty(size, np.uint8)
             for k in range(width):  # three times as fast as a transposed copy
                 chunk[k::width] = shuffled[k]
     refuse(len(chunk) != size, f"{where} must have chunks of {size} bytes, got {len(chunk)} or more")
-    return np.asarray(chunk.view(found.dtype).reshape(found.chunks))
+    return np.asarray(chunk.view(dataset.dtype).reshape(dataset.chunks))
 
 
 def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
@@ -290,20 +290,20 @@ def _runs(content: bytes) -> bytes:
 
 def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
     """The bone of a group and its tick; ValueError if its digest differs from the saved one."""
-    told = attributes(group)
+    header = attributes(group)
     density = read_dataset(group, "density")
     pristine = read_dataset(group, "pristine") if "pristine" in group else density
-    bone = VoxelBone(pristine, told["spacing_mm"], told["origin_mm"])
+    bone = VoxelBone(pristine, header["spacing_mm"], header["origin_mm"])
     if pristine is not density:
         bone.restore(density)
     if "tissue" in group:
-        bone.set_tissues(tissues_from_json(told["tissues"]), read_dataset(group, "tissue"))
-    if bone.digest() != told["digest"]:
+        bone.set_tissues(tissues_from_json(header["tissues"]), read_dataset(group, "tissue"))
+    if bone.digest() != header["digest"]:
         raise ValueError(
             f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with "
-            + in_one_line(told["digest"])
+            + in_one_line(header["digest"])
         )
-    return bone, whole("tick", told["tick"], 2**64, "2^64")
+    return bone, whole("tick", header["tick"], 2**64, "2^64")
 
 
 def tissues_to_json(tissues: Tissues) -> str:

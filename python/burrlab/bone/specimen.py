@@ -92,12 +92,12 @@ class Block:
 
 def checked_spacing(spacing: ArrayLike, what: str = "spacing") -> NDArray[np.float64]:
     """Spacing (x, y, z) from one number or three [mm]; ValueError unless positive and finite."""
-    found = real(spacing, what)
+    lengths = real(spacing, what)
     refuse(
-        found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)),
+        lengths.shape not in ((), (3,)) or not np.all(np.isfinite(lengths) & (lengths > 0)),
         f"{what} must be a positive number or three [mm], got {spacing!r}",
     )
-    return np.broadcast_to(found, (3,)).copy()
+    return np.broadcast_to(lengths, (3,)).copy()
 
 
 def block_below_plane(

@@ -200,21 +200,22 @@ def default_tissues(
     check_count(names)
     unknown = [label for label, name in names.items() if known_tissue(name) is None]
     if unknown:
-        told = ", ".join(
+        unknown_text = ", ".join(
             f"label {label} ({names[label]!r}{'' if counts is None else f', {counts.get(label, 0)} voxels'})"
             for label in unknown
         )
         known = ", ".join(tissue.name for tissue in KNOWN)
         raise ValueError(
-            f"the default table does not know {told}; it knows {known}, and their usual synonyms: "
+            f"the default table does not know {unknown_text}; it knows {known}, and their usual synonyms: "
             "give a table of your own (read_tissues, `burrlab tissues FILE --template table.csv`)"
         )
     rows = []
-    taken: set[str] = set()
-    for label, given in sorted(names.items()):
-        tissue = _BY_NAME[plain_name(given)]
-        name = given if tissue.name in taken else tissue.name  # the second side keeps its name in the file
-        taken.add(name)
+    used_names: set[str] = set()
+    for label, file_name in sorted(names.items()):
+        tissue = _BY_NAME[plain_name(file_name)]
+        # The second side keeps its name in the file.
+        name = file_name if tissue.name in used_names else tissue.name
+        used_names.add(name)
         rows.append(
             Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha,
                    colour=colours.get(label, tissue.colour), critical=tissue.critical, bleeds=tissue.bleeds,
@@ -237,17 +238,17 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
     ValueError
         If a label is negative or not a whole number.
     """
-    said = f"{path}: " if path else ""
+    prefix = f"{path}: " if path else ""
     if not np.issubdtype(values.dtype, np.integer):
         whole = np.rint(values)
         refuse(
             not np.array_equal(whole, values),  # NaN too
-            f"{said}labels must be whole numbers: this is a grey volume, or was interpolated",
+            f"{prefix}labels must be whole numbers: this is a grey volume, or was interpolated",
         )
         values = whole.astype(np.int64)
     least = int(values.min()) if values.size else 0
     if least < 0:
-        raise ValueError(f"{said}labels must be zero or positive, got {least}: is this a grey volume?")
+        raise ValueError(f"{prefix}labels must be zero or positive, got {least}: is this a grey volume?")
     every, large = np.zeros(1 << 16, np.int64), Counter[int]()
     for plane in values.reshape(len(values) or 1, -1):  # bincount works in int64: plane by plane
         if plane.max(initial=0) < every.size:
@@ -276,9 +277,9 @@ def _named(
     names = {label: labels.names.get(label, UNLABELLED if label == 0 else "") for label in counts}
     nameless = [label for label, name in names.items() if not name]
     if nameless:
-        told = ", ".join(f"{label} ({counts[label]} voxels)" for label in nameless)
+        labels_text = ", ".join(f"{label} ({counts[label]} voxels)" for label in nameless)
         raise ValueError(
-            f"{labels.path}: the labels {told} have no names in the file: give a table of tissues that says "
+            f"{labels.path}: the labels {labels_text} have no names in the file: give a table of tissues that says "
             "what they are (read_tissues, `burrlab tissues FILE --template table.csv`)"
         )
     for label, name in labels.names.items():  # named structures that are absent here may be in another crop
@@ -287,12 +288,12 @@ def _named(
     return names, counts, {label: colour for label, colour in labels.colours.items() if label != 0}
 
 
-def check_count(labels: Mapping[int, object], said: str = "") -> None:
+def check_count(labels: Mapping[int, object], prefix: str = "") -> None:
     """ValueError for more labels than a bone can have tissues, for example grey values or instances."""
     first = ", ".join(str(label) for label in sorted(labels)[:5])
     refuse(
         len(labels) > MOST,
-        f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
+        f"{prefix}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
         "is this a grey volume, or does it hold instances? Merge labels first",
     )
 
@@ -387,11 +388,13 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     for where, texts in TABLE.rows(name, text, faults):
         if not {"label", "name"} <= texts.keys():
             break  # the headings are at fault
-        given, line = texts["name"], where.removeprefix(f"{name}, ")
+        tissue_name, line = texts["name"], where.removeprefix(f"{name}, ")
         flags = texts.get("critical") or texts.get("bleeds")
         # A template calls a structure without a name "structure 3", or marks its name in the file.
-        if given in ("", "" if flags else f"structure {texts['label']}") or given.endswith(_WAITS):
-            waiting.append(f"{line} ({given!r})" if given else line)
+        if tissue_name in ("", "" if flags else f"structure {texts['label']}") or tissue_name.endswith(
+            _WAITS
+        ):
+            waiting.append(f"{line} ({tissue_name!r})" if tissue_name else line)
             continue
         for column in ("label", "name"):
             before = lines.setdefault(f"{column} {texts[column]}", line)
@@ -402,8 +405,8 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
             rows.append(_tissue(where, row, material))
     csv_text.refuse_all(name, faults)
     if waiting:
-        told = ", ".join(waiting)
-        raise ValueError(f"{name}, {told}, column name: every row needs a name, that of its structure")
+        lines_text = ", ".join(waiting)
+        raise ValueError(f"{name}, {lines_text}, column name: every row needs a name, that of its structure")
     try:
         return Tissues(rows, material)
     except ValueError as error:
@@ -454,8 +457,8 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     rows = []
     for t in tissues:
         values = [
-            "" if t.assumed and own == bone else repr(own)
-            for own, bone in ((t.c_e, tissues.material.c_e), (t.alpha, tissues.material.alpha))
+            "" if t.assumed and of_tissue == bone else repr(of_tissue)
+            for of_tissue, bone in ((t.c_e, tissues.material.c_e), (t.alpha, tissues.material.alpha))
         ]
         flags = ["yes" if flag else "no" for flag in (t.critical, t.bleeds, t.assumed)]
         colour = "#{:02x}{:02x}{:02x}".format(*t.colour)
@@ -473,31 +476,31 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
 def _material(name: str, text: str) -> Material:
     for line in text.splitlines():
         if line.startswith("# material:"):
-            given = line.partition(":")[2].strip()
+            material_text = line.partition(":")[2].strip()
             row = '[{"name": "x", "label": 0, "c_e_N_per_mm2": 1, "alpha_per_ms": 0, "colour": [0, 0, 0], '
             row += '"critical": false, "bleeds": false, "assumed": true}]'
             try:
-                return tissues_from_json(f'{{"material": {given}, "tissues": {row}}}').material
+                return tissues_from_json(f'{{"material": {material_text}, "tissues": {row}}}').material
             except UNREADABLE as error:
-                told = in_one_line(error)
-                raise ValueError(f"{name}: the material in the comments is none: {told}") from None
+                problem = in_one_line(error)
+                raise ValueError(f"{name}: the material in the comments is none: {problem}") from None
     return materials["bone"]
 
 
 def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
     known = known_tissue(row["name"])
-    given = {key: value for key, value in row.items() if value is not None}
-    missing = not {"c_e", "alpha"} <= given.keys()
+    stated = {key: value for key, value in row.items() if value is not None}
+    missing = not {"c_e", "alpha"} <= stated.keys()
     # Bone with both values empty has the material's pair, which is published.
-    lacking = missing and not (known is not None and known.bone and not {"c_e", "alpha"} & given.keys())
+    lacking = missing and not (known is not None and known.bone and not {"c_e", "alpha"} & stated.keys())
     refuse(
-        lacking and given.get("assumed") is False,
+        lacking and stated.get("assumed") is False,
         f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'",
     )
     usual: dict[str, Any] = {"c_e": material.c_e, "alpha": material.alpha, "assumed": lacking, "colour": GREY}
     if known is not None:
         usual |= {"colour": known.colour, "critical": known.critical, "bleeds": known.bleeds}
-    return Tissue(**{"critical": False, "bleeds": False, **usual, **given})
+    return Tissue(**{"critical": False, "bleeds": False, **usual, **stated})
 
 
 #: Level from which a voxel counts as bone in notes: half.
@@ -612,7 +615,7 @@ def labelled_bone(
         counts = label_counts(labels.labels, labels.path)
     numbers = _numbers(labels.labels, tissues)
     levels: NDArray[np.uint8] | None = source if isinstance(source, np.ndarray) else None
-    own = np.zeros(len(tissues), np.uint8)  # level of each tissue where no source says it
+    full_levels = np.zeros(len(tissues), np.uint8)  # level of each tissue where no source says it
     if isinstance(source, Volume):
         assert mapping is not None
         bone = source.to_bone(mapping, spacing=spacing)
@@ -621,23 +624,27 @@ def labelled_bone(
     if source is None:
         known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
         hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
-        own = np.where(hollow, 0, 255).astype(np.uint8)
+        full_levels = np.where(hollow, 0, 255).astype(np.uint8)
         where = ", ".join(empty)
-        said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
+        smoothing_note = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
         if smooth is not None:
-            levels, numbers, said = _smoothed(own, numbers, tissues, labels.spacing[::-1], smooth)
+            levels, numbers, smoothing_note = _smoothed(
+                full_levels, numbers, tissues, labels.spacing[::-1], smooth
+            )
         notes.append(
-            f"occupancy from labels alone: empty where there is {where} or label 0, else solid{said}"
+            f"occupancy from labels alone: empty where there is {where} or label 0, else solid{smoothing_note}"
         )
     least, filled = _filled(tissues, fill or {})
     both = np.zeros(2 * len(tissues), np.int64)  # voxels of each tissue, those below `_HALF` apart
     if source is None and levels is None:  # what a voxel holds follows from its label
-        own = np.maximum(own, least)
-        both[2 * np.arange(own.size) + (own >= _HALF)] = [counts.get(tissue.label, 0) for tissue in tissues]
+        full_levels = np.maximum(full_levels, least)
+        both[2 * np.arange(full_levels.size) + (full_levels >= _HALF)] = [
+            counts.get(tissue.label, 0) for tissue in tissues
+        ]
     for k in range(0, len(numbers), SLAB):  # slab by slab: no copies of a large volume
         plane = numbers[k : k + SLAB]
         if source is None and levels is None:
-            bone.write(own.take(plane), (k, 0, 0))
+            bone.write(full_levels.take(plane), (k, 0, 0))
             continue
         part = bone.read((k, 0, 0), plane.shape) if levels is None else levels[k : k + SLAB]
         if fill or levels is not None:
@@ -703,10 +710,12 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
     known = {tissue.label for tissue in tissues}
     strange = [label for label in counts if label not in known and label != 0]
     if strange:
-        told = ", ".join(f"{label} ({counts[label]} voxels)" for label in strange[:10])
+        labels_text = ", ".join(f"{label} ({counts[label]} voxels)" for label in strange[:10])
         more = f" and {len(strange) - 10} more" if len(strange) > 10 else ""
         have = ", ".join(f"{tissue.label} {tissue.name}" for tissue in tissues)
-        raise ValueError(f"{path}: labels that are not in the table: {told}{more}; the table has {have}")
+        raise ValueError(
+            f"{path}: labels that are not in the table: {labels_text}{more}; the table has {have}"
+        )
     if 0 in known or 0 not in counts:
         return tissues
     refuse(
@@ -719,21 +728,25 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
 
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
-    own = np.array([tissue.label for tissue in tissues])
-    if labels.dtype == np.uint8 and np.array_equal(own, np.arange(own.size)):
+    table_labels = np.array([tissue.label for tissue in tissues])
+    if labels.dtype == np.uint8 and np.array_equal(table_labels, np.arange(table_labels.size)):
         return labels
-    order = np.argsort(own).astype(np.uint8)
+    order = np.argsort(table_labels).astype(np.uint8)
     direct = np.zeros(1 << 16, np.uint8)
-    direct[own[own < direct.size]] = np.flatnonzero(own < direct.size)
+    direct[table_labels[table_labels < direct.size]] = np.flatnonzero(table_labels < direct.size)
     small = labels.dtype.itemsize <= 2 or labels.max() < direct.size
     numbers = np.empty(labels.shape, np.uint8)
     for k, plane in enumerate(labels):  # plane by plane: no large arrays of indices
-        numbers[k] = direct[plane] if small else order[np.searchsorted(own, plane, sorter=order)]
+        numbers[k] = direct[plane] if small else order[np.searchsorted(table_labels, plane, sorter=order)]
     return numbers
 
 
 def _smoothed(
-    own: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
+    full_levels: NDArray[np.uint8],
+    numbers: NDArray[np.uint8],
+    tissues: Tissues,
+    apart: NDArray[Any],
+    width: float,
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
     """Smoothed levels, tissue numbers, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
     refuse(
@@ -742,11 +755,11 @@ def _smoothed(
         f"mm, got {width!r}",
     )
     weights = [_gaussian(width / side) for side in apart]
-    solid = (own > 0).astype(np.uint8)
+    solid = (full_levels > 0).astype(np.uint8)
     sums = np.empty(numbers.shape, np.uint16)  # of the first axis: whole numbers up to 2^8
     for rows in slabs(sums.shape, 0):
         scipy.ndimage.correlate1d(solid.take(numbers[rows]), weights[0], 0, output=sums[rows], mode="reflect")
-    owner, mark = np.empty_like(numbers), solid * np.arange(1, own.size + 1).astype(np.uint8)
+    owner, mark = np.empty_like(numbers), solid * np.arange(1, full_levels.size + 1).astype(np.uint8)
     for k in range(0, len(owner), SLAB):
         owner[k : k + SLAB] = mark.take(numbers[k : k + SLAB])
     for _ in range(max(map(len, weights)) // 2):
@@ -754,19 +767,19 @@ def _smoothed(
     held = np.array([True, *(tissue.critical for tissue in tissues)])
     levels, before, after = np.empty_like(numbers), np.zeros(len(tissues)), np.zeros(len(tissues))
     for k in range(len(owner)):  # plane by plane: no large arrays of float64
-        part, label, full = sums[k].astype(np.float32), numbers[k], own.take(numbers[k])
+        part, label, full = sums[k].astype(np.float32), numbers[k], full_levels.take(numbers[k])
         for axis in range(2):  # whole numbers up to 2^24: exact on every machine
             part = scipy.ndimage.correlate1d(part, weights[1 + axis], axis, mode="reflect")
         plane = np.floor((255.0 * part + (1 << 23)) / (1 << 24)).astype(np.uint8)
         levels[k] = plane = np.where(held.take(owner[k]), full, plane)
-        owner[k] = found = np.where(plane > 0, owner[k] - np.uint8(1), label)
+        owner[k] = nearest = np.where(plane > 0, owner[k] - np.uint8(1), label)
         before += np.bincount(label.ravel(), full.ravel(), len(tissues))
-        after += np.bincount(found.ravel(), plane.ravel(), len(tissues))
+        after += np.bincount(nearest.ravel(), plane.ravel(), len(tissues))
     change = 100 * (after - before) / np.maximum(before, 255)
     most = int(np.argmax(np.abs(change)))
     whole = 100 * (after.sum() / max(before.sum(), 1.0) - 1)
-    said = f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by {change[most]:.2g} %"
-    return levels, owner, said
+    note = f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by {change[most]:.2g} %"
+    return levels, owner, note
 
 
 def _grow(owner: NDArray[np.uint8]) -> None:

@@ -70,17 +70,17 @@ class Entry:
             if int(bytes(whole[:_CHECK]), 16) != zlib.crc32(whole[_CHECK:]):
                 return None
             end = mapped.find(b"\n", _CHECK)
-            told, files, sizes = json.loads(bytes(whole[_CHECK:end]))
+            header, files, sizes = json.loads(bytes(whole[_CHECK:end]))
             if list(files) != list(self._files) or not all(map(self._same, files, files.values())):
                 return None
             ends = [sum(sizes[: k + 1]) + end + 1 for k in range(len(sizes))]
             with contextlib.suppress(OSError):
                 os.utime(path)  # it was used
-            return Kept(told, [whole[last - size : last] for last, size in zip(ends, sizes, strict=True)])
+            return Kept(header, [whole[last - size : last] for last, size in zip(ends, sizes, strict=True)])
         except (OSError, *UNREADABLE):
             return None
 
-    def keep(self, told: dict[str, Any], parts: Sequence[Any] = ()) -> None:
+    def keep(self, header: dict[str, Any], parts: Sequence[Any] = ()) -> None:
         """Keeps a result, with arrays of bytes; nothing if a file may have changed meanwhile, or without room."""
         with contextlib.suppress(OSError):
             if (path := self._path) is None:
@@ -88,7 +88,7 @@ class Entry:
             files = {name: [*state, _digest(name)] for name, state in self._files.items()}
             if any(state != _state(name) or not _settled(state) for name, state in self._files.items()):
                 return
-            head = json.dumps([told, files, [len(part) for part in parts]]).encode() + b"\n"
+            head = json.dumps([header, files, [len(part) for part in parts]]).encode() + b"\n"
             check = 0
             for content in (head, *parts):
                 check = zlib.crc32(content, check)
@@ -106,9 +106,9 @@ class Entry:
 
 
 def _folder() -> Path | None:
-    told = os.environ.get(FOLDER)
-    if told is not None:
-        return Path(told) if told else None
+    chosen = os.environ.get(FOLDER)
+    if chosen is not None:
+        return Path(chosen) if chosen else None
     with contextlib.suppress(RuntimeError):  # no home
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "burrlab"
     return None
@@ -139,8 +139,8 @@ def _state(name: str) -> tuple[int, ...]:
     Outside POSIX the last number is the time at which the file was made.
     """
     with contextlib.suppress(OSError):
-        found = os.stat(name)
-        return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+        status = os.stat(name)
+        return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
     return ()
 
 
@@ -157,7 +157,7 @@ def _make_room(folder: Path) -> None:
     """Removes what was not used for longest, also what a killed process left half-written."""
     files = [(path, path.stat()) for path in folder.glob("*.kept*")]
     left = sum(state.st_size for _, state in files)
-    for path, state in sorted(files, key=lambda one: one[1].st_mtime):
+    for path, state in sorted(files, key=lambda file: file[1].st_mtime):
         if left > MOST:
             path.unlink(missing_ok=True)
             left -= state.st_size

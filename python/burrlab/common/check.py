@@ -31,8 +31,8 @@ def require_type(name: str, value: object, kind: type, example: str) -> None:
 def require_tool(burr: object, *material: object) -> None:
     """TypeError unless these are a Burr and, if given, a Material."""
     require_type("burr", burr, Burr, "Burr(3.0)")
-    for one in material:
-        require_type("material", one, Material, "materials['bone']")
+    for part in material:
+        require_type("material", part, Material, "materials['bone']")
 
 
 def real(value: object, name: str) -> NDArray[np.float64]:
@@ -40,10 +40,12 @@ def real(value: object, name: str) -> NDArray[np.float64]:
     if np.ma.is_masked(value):
         raise ValueError(f"{name} must have no masked numbers: leave them out, got {shown(value)}")
     try:
-        found = np.asarray(value)
-        texts = found.dtype.kind == "O" and any(isinstance(one, str | bytes) for one in found.flat)
-        if found.dtype.kind in "iufO" and not texts:
-            return np.array(found, np.float64)
+        numbers = np.asarray(value)
+        texts = numbers.dtype.kind == "O" and any(
+            isinstance(element, str | bytes) for element in numbers.flat
+        )
+        if numbers.dtype.kind in "iufO" and not texts:
+            return np.array(numbers, np.float64)
     except (TypeError, ValueError, OverflowError):
         pass
     raise ValueError(f"{name} must be of real numbers that a float holds, got {shown(value)}")
@@ -51,10 +53,10 @@ def real(value: object, name: str) -> NDArray[np.float64]:
 
 def scalar(value: object, name: str) -> float:
     """A number as a float; ValueError for a list and for anything not real."""
-    found = real(value, name)
-    if found.ndim:
+    number = real(value, name)
+    if number.ndim:
         raise ValueError(f"{name} must be a single number, got {shown(value)}")
-    return float(found)
+    return float(number)
 
 
 def whole(name: str, value: object, end: int, end_text: str) -> int:
@@ -83,9 +85,9 @@ def seed_or_new(seed: int | None) -> int:
 
 def nearest(name: object, names: Iterable[str]) -> str:
     """ "; did you mean 'bone'?" for a misspelt name; empty where none is near."""
-    lower = {one.lower(): one for one in names}
-    found = difflib.get_close_matches(str(name).lower(), lower, 1)
-    return f"; did you mean {lower[found[0]]!r}?" if found else ""
+    lower = {known.lower(): known for known in names}
+    matches = difflib.get_close_matches(str(name).lower(), lower, 1)
+    return f"; did you mean {lower[matches[0]]!r}?" if matches else ""
 
 
 #: Most bytes that Deflate unpacks from one: two bits can stand for 258 bytes.
@@ -105,22 +107,22 @@ def shown(value: object) -> str:
 
 def available_memory() -> float:
     """Free memory of the machine or its container [bytes]; infinity if unknown."""
-    found = [math.inf]
+    limits = [math.inf]
     with contextlib.suppress(OSError, ValueError, AttributeError):
-        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+        limits.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     with contextlib.suppress(OSError):
-        told = re.search(r"^MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
-        found.append(1024 * int(told[1]) if told else math.inf)
+        match = re.search(r"^MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
+        limits.append(1024 * int(match[1]) if match else math.inf)
     with contextlib.suppress(OSError, ValueError):  # "max" means no limit
-        found.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
-    return min(found)
+        limits.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
+    return min(limits)
 
 
 def check_memory(size: float, what: str) -> None:
     """ValueError if `size` [bytes] exceeds the available memory; `what` names the object."""
     refuse(
-        size > (there := available_memory()),
-        f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there",
+        size > (available := available_memory()),
+        f"{what} needs {size / 1e9:.3g} GB of memory, and {available / 1e9:.3g} GB are there",
     )
 
 
@@ -150,8 +152,8 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
     if not packed:
         plain = np.empty(min(size, left), np.uint8)
         have = 0
-        while taken := file.readinto(plain[have : have + (1 << 26)]):  # type: ignore[attr-defined]
-            have += taken
+        while count := file.readinto(plain[have : have + (1 << 26)]):  # type: ignore[attr-defined]
+            have += count
         return plain[:have], b""
     values, have, rest = np.empty(size, np.uint8), 0, b""
     stream, chunk = zlib.decompressobj(32 + zlib.MAX_WBITS), b""
@@ -161,9 +163,9 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
             piece = stream.decompress(chunk, 1 << 22)
         except zlib.error as error:
             raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from None
-        taken = min(len(piece), size - have)
-        values[have : have + taken] = np.frombuffer(piece, np.uint8, taken)
-        have, rest = have + taken, rest + piece[taken:]
+        count = min(len(piece), size - have)
+        values[have : have + count] = np.frombuffer(piece, np.uint8, count)
+        have, rest = have + count, rest + piece[count:]
         if not stream.eof:
             refuse(
                 not (chunk or piece), f"{name}: the compressed data is cut short or damaged (it has no end)"

@@ -37,15 +37,15 @@ def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], li
     def ask(name: str) -> Any:
         module, known = places.get(name, (package, name))
         if module != package:
-            found = getattr(importlib.import_module(module), known)
+            attribute = getattr(importlib.import_module(module), known)
         elif name.startswith("__") or importlib.util.find_spec(f"{package}.{name}") is None:
             raise AttributeError(
                 f"module {package!r} has no attribute {name!r}", name=name, obj=sys.modules[package]
             )
         else:
-            found = importlib.import_module(f"{package}.{name}")
-        setattr(importlib.import_module(package), name, found)
-        return found
+            attribute = importlib.import_module(f"{package}.{name}")
+        setattr(importlib.import_module(package), name, attribute)
+        return attribute
 
     public = sorted(places)
     return ask, lambda: public, public

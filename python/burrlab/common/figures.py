@@ -87,10 +87,10 @@ def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
 
 
 def _size(width: float, height: float) -> tuple[float, float]:
-    asked = rcParams["figure.figsize"]
-    if list(asked) == list(rcParamsDefault["figure.figsize"]):
+    chosen = rcParams["figure.figsize"]
+    if list(chosen) == list(rcParamsDefault["figure.figsize"]):
         return width, height
-    return asked[0], height * min(max(asked[0] / width, 0.7), 1.0)
+    return chosen[0], height * min(max(chosen[0] / width, 0.7), 1.0)
 
 
 def axes_or_new(axes: Axes | None) -> Axes:
@@ -99,31 +99,29 @@ def axes_or_new(axes: Axes | None) -> Axes:
         return axes
     from matplotlib import pyplot
 
-    made: Axes = pyplot.subplots(figsize=_size(4.8, 3.6), layout="constrained")[1]
-    return made
+    ax: Axes = pyplot.subplots(figsize=_size(4.8, 3.6), layout="constrained")[1]
+    return ax
 
 
-def panels(given: Panels, count: tuple[int, int], size: tuple[float, float], **how: Any) -> list[Axes]:
+def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how: Any) -> list[Axes]:
     """The given Axes, or rows x columns of a figure: a new one of a size [inch] by default.
 
     A figure that holds as many Axes already is drawn on again.
     """
-    if (
-        given is None and count == (1, 2) and _size(*size)[0] < 4.5
-    ):  # a column of a paper: one below the other
+    if ax is None and count == (1, 2) and _size(*size)[0] < 4.5:  # a column of a paper: one below the other
         count, size = (2, 1), (4.5, 5.0)
-    needed, figure = count[0] * count[1], new_figure(*size) if given is None else given
+    needed, figure = count[0] * count[1], new_figure(*size) if ax is None else ax
     if isinstance(figure, Figure | SubFigure):
         figure = figure.axes if len(figure.axes) == needed else figure.subplots(*count, squeeze=False, **how)
-    found = list(np.asarray(list(figure), dtype=object).ravel())
-    refuse(len(found) != needed, f"ax must hold {needed} Axes, got {len(found)}")
-    return found
+    axes = list(np.asarray(list(figure), dtype=object).ravel())
+    refuse(len(axes) != needed, f"ax must hold {needed} Axes, got {len(axes)}")
+    return axes
 
 
 def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """A plot's usual look with what its caller asks for; None keeps the usual."""
-    asked = {name: value for name, value in normalize_kwargs(style, Line2D).items() if value is not None}
-    return normalize_kwargs(usual, Line2D) | asked
+    chosen = {name: value for name, value in normalize_kwargs(style, Line2D).items() if value is not None}
+    return normalize_kwargs(usual, Line2D) | chosen
 
 
 def next_look(ax: Axes, style: dict[str, Any], **usual: Any) -> dict[str, Any]:

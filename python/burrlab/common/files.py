@@ -58,17 +58,17 @@ def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str 
         return None
 
 
-def lock(file: int, taken: str, *, wait: bool = False) -> None:
+def lock(file: int, message: str, *, wait: bool = False) -> None:
     """Takes the lock of an open file or folder, until it is closed or the process ends.
 
-    BlockingIOError with the text `taken`, if another process has the lock and `wait` is False.
+    BlockingIOError with the text `message`, if another process has the lock and `wait` is False.
     """
     import fcntl
 
     try:
         fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError:
-        raise BlockingIOError(taken) from None
+        raise BlockingIOError(message) from None
 
 
 @contextlib.contextmanager
@@ -132,10 +132,10 @@ def new_folder(target: Path) -> Iterator[Path]:
     try:
         if os.fstat(descriptor).st_uid != os.geteuid():  # its owner could put links into it
             raise PermissionError(f"{part} is another user's")
-        taken = f"{target} is being written by another process"
-        lock(descriptor, taken)
+        message = f"{target} is being written by another process"
+        lock(descriptor, message)
         if not _is_at(descriptor, part):  # another process renamed it
-            raise BlockingIOError(taken)
+            raise BlockingIOError(message)
         try:
             for left in part.iterdir():  # files of a killed process
                 left.unlink()

@@ -104,13 +104,13 @@ def doing(what: str) -> Iterator[None]:
 
 def stoppable(work: Callable[[], Made]) -> Made:
     """Result of a call that does not look at signals. It runs in a thread, so that Ctrl-C does not wait for it."""
-    made: Future[Made] = Future()
+    future: Future[Made] = Future()
 
     def run() -> None:
         try:
-            made.set_result(work())
+            future.set_result(work())
         except BaseException as error:
-            made.set_exception(error)
+            future.set_exception(error)
 
     threading.Thread(target=run, daemon=True).start()
-    return made.result()
+    return future.result()

@@ -51,8 +51,8 @@ def parsed(
     try:
         return make(json.loads(text, **hooks))
     except UNREADABLE as error:
-        said = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{name}: this is not {what} ({in_one_line(said)})") from None
+        problem = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{name}: this is not {what} ({in_one_line(problem)})") from None
 
 
 def in_one_line(error: object, most: int = 200) -> str:
@@ -62,10 +62,10 @@ def in_one_line(error: object, most: int = 200) -> str:
 
 def check_texts(value: object) -> None:
     """ValueError if a text in a JSON value holds control characters or a lone surrogate."""
-    found = re.search(
+    control = re.search(
         r"[\x7f\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)
     )
-    refuse(found, "a text has control characters")
+    refuse(control, "a text has control characters")
 
 
 def _whole(text: str) -> int:
@@ -139,42 +139,42 @@ class Codec:
     def _converter(self) -> Converter:
         import cattrs
 
-        made = cattrs.Converter()
-        made.register_unstructure_hook(float, self._written)
-        made.register_unstructure_hook(Path, str)
-        made.register_unstructure_hook(Shape, lambda shape: shape.name)
-        made.register_unstructure_hook(Burr, lambda burr: burr.radius)
+        hooks = cattrs.Converter()
+        hooks.register_unstructure_hook(float, self._written)
+        hooks.register_unstructure_hook(Path, str)
+        hooks.register_unstructure_hook(Shape, lambda shape: shape.name)
+        hooks.register_unstructure_hook(Burr, lambda burr: burr.radius)
         names = ("name", "c_e", "alpha", "shape", "source")
-        made.register_unstructure_hook(
+        hooks.register_unstructure_hook(
             Material, lambda material: {name: self.plain(getattr(material, name)) for name in names}
         )
-        made.register_unstructure_hook_func(
+        hooks.register_unstructure_hook_func(
             _is(np.ndarray, np.generic), lambda value: self.plain(value.tolist())
         )
-        made.register_unstructure_hook_func(
+        hooks.register_unstructure_hook_func(
             _is(Mapping), lambda value: {str(name): self.plain(part) for name, part in value.items()}
         )
-        made.register_unstructure_hook_func(
+        hooks.register_unstructure_hook_func(
             _is(tuple, list), lambda value: [self.plain(part) for part in value]
         )
-        made.register_unstructure_hook_factory(dataclasses.is_dataclass, self._taken_apart)
+        hooks.register_unstructure_hook_factory(dataclasses.is_dataclass, self._taken_apart)
         for kind in (int, str, bool):
-            made.register_structure_hook(kind, functools.partial(_of_type, (kind,)))
-        made.register_structure_hook(float, self._number)
-        made.register_structure_hook(Burr, lambda value, _: Burr(self._number(value)))
-        made.register_structure_hook(Shape, lambda value, _: Shape(_of_type((str,), value, str)))
-        made.register_structure_hook(Material, lambda value, _: Material(**_of_type((dict,), value, dict)))
-        made.register_structure_hook_func(_is(np.ndarray), self._array)
-        made.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
-        made.register_structure_hook_factory(_is(Mapping), _mapping)
-        made.register_structure_hook_factory(_is_list, _sequence)
-        made.register_structure_hook_factory(dataclasses.is_dataclass, self._put_together)
-        made.register_structure_hook_func(_is_choice, self._chosen)
-        return made
+            hooks.register_structure_hook(kind, functools.partial(_of_type, (kind,)))
+        hooks.register_structure_hook(float, self._number)
+        hooks.register_structure_hook(Burr, lambda value, _: Burr(self._number(value)))
+        hooks.register_structure_hook(Shape, lambda value, _: Shape(_of_type((str,), value, str)))
+        hooks.register_structure_hook(Material, lambda value, _: Material(**_of_type((dict,), value, dict)))
+        hooks.register_structure_hook_func(_is(np.ndarray), self._array)
+        hooks.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
+        hooks.register_structure_hook_factory(_is(Mapping), _mapping)
+        hooks.register_structure_hook_factory(_is_list, _sequence)
+        hooks.register_structure_hook_factory(dataclasses.is_dataclass, self._put_together)
+        hooks.register_structure_hook_func(_is_choice, self._chosen)
+        return hooks
 
     def _known(self, kind: type) -> Keys:
         """Entry of a class, or of its first base class with one, in `keys`."""
-        return next((self._keys[one] for one in kind.__mro__ if one in self._keys), {})
+        return next((self._keys[base] for base in kind.__mro__ if base in self._keys), {})
 
     def _written(self, value: float) -> Any:
         if math.isfinite(value) or self._not_finite == "kept":
@@ -191,23 +191,23 @@ class Codec:
         return number
 
     def _array(self, value: Any, _: Any) -> Any:
-        found = np.array(_of_type((list,), value, list), dtype=object)
-        wrong = set(map(type, found.flat)) - {float, int, type(None)}
+        numbers = np.array(_of_type((list,), value, list), dtype=object)
+        wrong = set(map(type, numbers.flat)) - {float, int, type(None)}
         named = " and ".join(sorted(kind.__name__ for kind in wrong))
         refuse(wrong, f"must be of numbers, got {named}")
-        return found.astype(np.float64)
+        return numbers.astype(np.float64)
 
     def _taken_apart(self, kind: type) -> Callable[[Any], Any]:
         """Function that writes a dataclass."""
-        own = {field.name: field.name for field in fields(kind) if field.init}
-        keys = self._known(kind) or own
-        tags = {one: {"kind": name} for name, one in self._kinds.items()}
+        field_names = {field.name: field.name for field in fields(kind) if field.init}
+        keys = self._known(kind) or field_names
+        tags = {tagged: {"kind": name} for name, tagged in self._kinds.items()}
         tag = tags.get(kind, {})
         return lambda value: {
             **tag,
             **{
-                key: self.plain(getattr(value, said) if isinstance(said, str) else said(value))
-                for key, said in keys.items()
+                key: self.plain(getattr(value, source) if isinstance(source, str) else source(value))
+                for key, source in keys.items()
             },
         }
 
@@ -217,21 +217,23 @@ class Codec:
 
         keys = {field.name: field.name for field in fields(kind) if field.init}
         known = self._known(kind)
-        keys |= {said: key for key, said in known.items() if isinstance(said, str)}
-        derived = {key for key, said in known.items() if not isinstance(said, str)}
+        keys |= {source: key for key, source in known.items() if isinstance(source, str)}
+        derived = {key for key, source in known.items() if not isinstance(source, str)}
         needed = [keys[f.name] for f in fields(kind) if f.init and f.default is f.default_factory is MISSING]
         overrides: dict[str, Any] = {name: override(rename=key) for name, key in keys.items()}
-        for (one, name), meaning in self._null.items():
-            if one is kind:
+        for (owner, name), meaning in self._null.items():
+            if owner is kind:
                 hook = functools.partial(self._number, null=meaning)
                 overrides[name] = override(rename=keys[name], struct_hook=hook)
         strict = self._not_finite != "spelt"
-        made: Any = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=strict, **overrides)
+        structure: Any = make_dict_structure_fn(
+            kind, converter, _cattrs_forbid_extra_keys=strict, **overrides
+        )
 
         def read(value: Any, _: Any) -> Any:
             missing = [key for key in needed if key not in _of_type((dict,), value, dict)]
             refuse(missing, f"{kind.__name__} needs {', '.join(missing)}, which the record does not have")
-            return made({key: part for key, part in value.items() if key not in derived}, kind)
+            return structure({key: part for key, part in value.items() if key not in derived}, kind)
 
         return read
 
@@ -285,17 +287,17 @@ class InJson:
         """
         text = isinstance(file, str) and file.lstrip().startswith(("{", "["))
         refuse(text, f"file must be a name or an open file, as io.StringIO(text), got the text {shown(file)}")
-        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
-            name = getattr(given, "name", "JSON text")
-            return parsed(name, given.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)
+        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:
+            name = getattr(stream, "name", "JSON text")
+            return parsed(name, stream.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)
 
 
 def _is(*kinds: type) -> Callable[[Any], bool]:
     """A test of whether a field's declared type is one of `kinds`."""
 
     def asked(declared: Any) -> bool:
-        found = typing.get_origin(declared) or declared
-        return isinstance(found, type) and issubclass(found, kinds)
+        origin = typing.get_origin(declared) or declared
+        return isinstance(origin, type) and issubclass(origin, kinds)
 
     return asked
 
@@ -325,8 +327,8 @@ def _mapping(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
     from cattrs.gen import mapping_structure_factory
 
     key, part = typing.get_args(declared) or (Any, Any)
-    made: Any = mapping_structure_factory(dict[key, part], converter)  # type: ignore[valid-type]
-    return lambda value, _: made(_of_type((dict,), value, dict), dict)
+    structure: Any = mapping_structure_factory(dict[key, part], converter)  # type: ignore[valid-type]
+    return lambda value, _: structure(_of_type((dict,), value, dict), dict)
 
 
 def _sequence(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
@@ -339,8 +341,8 @@ def _sequence(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
 
     def read(value: Any, _: Any) -> Any:
         _of_type((list, tuple), value, list)
-        due = len(kinds) if make is tuple and kinds[-1] is not Ellipsis else len(value)
-        refuse(len(value) != due, f"must have {due} values, got {len(value)}")
+        length = len(kinds) if make is tuple and kinds[-1] is not Ellipsis else len(value)
+        refuse(len(value) != length, f"must have {length} values, got {len(value)}")
         if alike:
             return make(listed(value, list))
         return tuple(converter.structure(part, kind) for kind, part in zip(kinds, value, strict=True))

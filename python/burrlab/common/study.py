@@ -221,14 +221,14 @@ class Store:
         if not lines:
             return True
         try:
-            found = json.loads(lines[0])[_NAME]
+            file_format = json.loads(lines[0])[_NAME]
         except UNREADABLE:
             raise ValueError(
                 f"store must be a file of burrlab results or a new one, got {self.path}"
             ) from None
         refuse(
-            found != FORMAT,
-            f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(found)}",
+            file_format != FORMAT,
+            f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(file_format)}",
         )
         for line in lines[1:]:
             if line == _HEADER:  # two processes made the file at once

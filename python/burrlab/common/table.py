@@ -106,7 +106,7 @@ class Table:
 
     def problem(self, row: Mapping[str, Any]) -> Problem:
         """(name of a column, message) of the first rule that the values of a row break, else None."""
-        wrong = ((name, said) for name, value in row.items() if (said := self.broken(name, value)))
+        wrong = ((name, problem) for name, value in row.items() if (problem := self.broken(name, value)))
         return next(wrong, self.rule(row))
 
     def read(
@@ -133,9 +133,11 @@ class Table:
             before = len(faults)
             row = self.values(where, texts, faults)
             wrong = [(name, self.broken(name, value)) for name, value in row.items()]
-            if len(faults) == before and not any(said for _, said in wrong):
+            if len(faults) == before and not any(problem for _, problem in wrong):
                 wrong.append(self.rule(row) or ("", None))
-            faults += [f"{where}, column {self.named[name].heading}: {said}" for name, said in wrong if said]
+            faults += [
+                f"{where}, column {self.named[name].heading}: {problem}" for name, problem in wrong if problem
+            ]
             for name, value in row.items():
                 columns.setdefault(name, []).append(value)
         for name, values in columns.items():
@@ -162,35 +164,35 @@ class Table:
                 faults.append(str(error))
                 continue
             if len(texts) != len(columns):
-                due = listed(heading for heading, _ in columns)
-                faults.append(f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
+                headings = listed(heading for heading, _ in columns)
+                faults.append(f"{where}: {len(columns)} fields are due ({headings}), found {len(texts)}")
                 continue
             row = list(zip(columns, texts, strict=True))
             if others:
-                for (heading, _), told in row:
-                    others.get(heading, []).append(told)
-            yield where, {column.name: told for (_, column), told in row if column is not None}
+                for (heading, _), cell in row:
+                    others.get(heading, []).append(cell)
+            yield where, {column.name: cell for (_, column), cell in row if column is not None}
         refuse(not where and not faults, f"{name}: there is no row below the column names")
 
     def values(self, where: str, texts: Mapping[str, str], faults: list[str]) -> dict[str, Any]:
         """Values of a row by column name; `faults` gets the texts without a value, with place and column."""
-        found = {}
+        values = {}
         for name, text in texts.items():
             column = self.named[name]
             try:
                 refuse(column.due and not text, f"every row needs {column.due}")
-                found[name] = column.type(text)
+                values[name] = column.type(text)
             except ValueError as error:
                 faults.append(f"{where}, column {column.heading}: {error}")
-        return found
+        return values
 
     def unpaired(self, headings: Collection[str]) -> Iterator[str]:
         """What is wrong with headings of which one of a pair is missing."""
         for pair in self.pairs:
-            one, other = (self.named[name].heading for name in pair)
-            if (one in headings) != (other in headings):
-                there, needed = (one, other) if one in headings else (other, one)
-                yield f"column {there} needs column {needed} beside it"
+            first, second = (self.named[name].heading for name in pair)
+            if (first in headings) != (second in headings):
+                present, absent = (first, second) if first in headings else (second, first)
+                yield f"column {present} needs column {absent} beside it"
 
     def _columns(
         self, where: str, header: str, faults: list[str], others: dict[str, list[str]] | None
@@ -206,14 +208,14 @@ class Table:
         missing = [c.heading for c in self.columns if not c.optional and c.heading not in headings]
         rest = [heading for heading in headings if heading not in known]
         if unknown := [heading for heading in rest if others is None or missing or not heading]:
-            told = ", ".join(map(shown, unknown))
-            faults.append(f"{where}: unknown column {told}; known are {', '.join(known)}")
-        twice = dict.fromkeys(one for one in headings if one and headings.count(one) > 1)
+            unknown_text = ", ".join(map(shown, unknown))
+            faults.append(f"{where}: unknown column {unknown_text}; known are {', '.join(known)}")
+        twice = dict.fromkeys(repeated for repeated in headings if repeated and headings.count(repeated) > 1)
         faults += (f"{where}: column {heading} is there twice" for heading in twice)
         if others is not None:
             others |= {heading: [] for heading in rest}
         faults += (f"{where}: column {heading} is missing" for heading in missing)
-        faults += (f"{where}: {said}" for said in self.unpaired(headings))
+        faults += (f"{where}: {problem}" for problem in self.unpaired(headings))
         return [(heading, known.get(heading)) for heading in headings]
 
 
@@ -231,9 +233,9 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
     if not faults:
         return
     faults = list(dict.fromkeys(faults))
-    told = [fault.removeprefix(f"{name}, ").removeprefix(f"{name}: ") for fault in faults[:_TOLD]]
+    first_faults = [fault.removeprefix(f"{name}, ").removeprefix(f"{name}: ") for fault in faults[:_TOLD]]
     more = f"; and {len(faults) - _TOLD} more" if len(faults) > _TOLD else ""
-    several = f"{name}: {len(faults)} faults: {'; '.join(told)}{more}"
+    several = f"{name}: {len(faults)} faults: {'; '.join(first_faults)}{more}"
     raise ValueError((faults[0] if len(faults) == 1 else several) + hint)
 
 
@@ -256,8 +258,8 @@ def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = 
         f"{name}: a line must have at most {_LONGEST_LINE} characters, got one of {longest}",
     )
     # Messages quote the text: it must hold no control characters.
-    if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
-        raise ValueError(f"{name}: this is not a text file, it holds the control character {found[0]!r}")
+    if control := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
+        raise ValueError(f"{name}: this is not a text file, it holds the control character {control[0]!r}")
     return text
 
 
@@ -279,14 +281,14 @@ def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping
 
 def origin(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
     """Source (default: the file's name), and provenance if the comments hold one."""
-    kept: dict[str, Any] = {"source": comments.get("source", os.path.basename(file))}
+    known: dict[str, Any] = {"source": comments.get("source", os.path.basename(file))}
     if "provenance" in comments:
         try:
             noted = json.loads(comments["provenance"])
         except (ValueError, RecursionError):
             noted = None
-        kept["provenance"] = noted if isinstance(noted, dict) else {"note": comments["provenance"]}
-    return kept
+        known["provenance"] = noted if isinstance(noted, dict) else {"note": comments["provenance"]}
+    return known
 
 
 def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> float | None:
@@ -439,11 +441,11 @@ Made = TypeVar("Made")
 def by_value(kind: type[Made]) -> type[Made]:
     """Decorator for a dataclass with arrays: objects are equal if all their fields are."""
 
-    def equal(one: Any, other: Any) -> Any:
-        if type(other) is not type(one):
+    def equal(first: Any, second: Any) -> Any:
+        if type(second) is not type(first):
             return NotImplemented
-        names = (f.name for f in fields(one) if f.compare)
-        return all(_same(getattr(one, name), getattr(other, name)) for name in names)
+        names = (f.name for f in fields(first) if f.compare)
+        return all(_same(getattr(first, name), getattr(second, name)) for name in names)
 
     kind.__eq__ = equal  # type: ignore[method-assign]
     kind.__hash__ = None  # type: ignore[assignment]
@@ -498,17 +500,17 @@ class TableData(Tabular):
         for name, values in columns.items():
             column = self._TABLE.named[name]
             if column.type is number and not (values is None and column.optional):
-                given, values = values, real(values, name)
+                raw, values = values, real(values, name)
                 if not values.ndim:
-                    raise ValueError(f"{name} must be a list of numbers, got {shown(given)}")
+                    raise ValueError(f"{name} must be a list of numbers, got {shown(raw)}")
                 refuse(values.ndim != 1, f"{name} must have one dimension: got shape {values.shape}")
                 values.flags.writeable = False
             object.__setattr__(self, name, values)
         for name, value in numbers.items():
-            found = None if value is None else scalar(value, name)
-            object.__setattr__(self, name, found)
-            if found is not None and (said := positive(found, self._NUMBERS[name])):
-                raise ValueError(f"{name} {said}")
+            checked = None if value is None else scalar(value, name)
+            object.__setattr__(self, name, checked)
+            if checked is not None and (problem := positive(checked, self._NUMBERS[name])):
+                raise ValueError(f"{name} {problem}")
         object.__setattr__(self, "source", " ".join(str(source or "").split()))
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
         first, *others = self._columns().items()
@@ -520,8 +522,8 @@ class TableData(Tabular):
 
     def _columns(self) -> dict[str, Any]:
         """Columns that are not None, by their names."""
-        found = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
-        return {name: values for name, values in found.items() if values is not None}
+        columns = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
+        return {name: values for name, values in columns.items() if values is not None}
 
     def _check_rows(self) -> None:
         """ValueError unless there is a row and every row obeys the table's rules."""
@@ -530,8 +532,8 @@ class TableData(Tabular):
         for i, row in enumerate(
             zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
         ):
-            if found := self._TABLE.problem(dict(zip(columns, row, strict=True))):
-                raise ValueError(f"row {i}, {found[0]}: {found[1]}")
+            if problem := self._TABLE.problem(dict(zip(columns, row, strict=True))):
+                raise ValueError(f"row {i}, {problem[0]}: {problem[1]}")
 
     def _table(self) -> dict[str, list[Any]]:
         return {
@@ -541,8 +543,8 @@ class TableData(Tabular):
     def _comments(self) -> dict[str, Any]:
         """What stands above the table in a file."""
         numbers = {f"{name}_{unit}": getattr(self, name) for name, unit in self._NUMBERS.items()}
-        told = {"provenance": json.dumps(self.provenance)} if self.provenance else {}
-        return {"source": self.source} | {key: x for key, x in numbers.items() if x is not None} | told
+        provenance = {"provenance": json.dumps(self.provenance)} if self.provenance else {}
+        return {"source": self.source} | {key: x for key, x in numbers.items() if x is not None} | provenance
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write a CSV file that `from_csv` reads back without loss.
@@ -597,17 +599,17 @@ _OBJECTS = {
 }
 
 
-def object_html(shown: object) -> str:
+def object_html(instance: object) -> str:
     """HTML of a burr, material, bone or volume: a row an attribute."""
-    rows = _OBJECTS[(kind := type(shown).__name__)]
+    rows = _OBJECTS[(kind := type(instance).__name__)]
     names = [f"{name} [{unit}]" if unit else name for name, unit in rows.items()]
-    return html_table(kind, {"": names, kind: [_plain(getattr(shown, name)) for name in rows]})
+    return html_table(kind, {"": names, kind: [_plain(getattr(instance, name)) for name in rows]})
 
 
 def _plain(value: Any) -> str:
     value = f"{value.shape} {value.dtype}" if isinstance(value, np.ndarray) and value.ndim == 3 else value
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-        return "(" + ", ".join(_plain(one) for one in value) + ")"
+        return "(" + ", ".join(_plain(part) for part in value) + ")"
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
@@ -657,13 +659,13 @@ def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
     """Lines wrapped between words to the width; continuation lines are indented."""
     if width is None:
         return list(lines)
-    found: list[str] = []
+    wrapped: list[str] = []
     for line in lines:
         inner = " " * (len(line) - len(line.lstrip()) + 4)
-        found += textwrap.wrap(
+        wrapped += textwrap.wrap(
             line, max(width, 40), subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
         ) or [""]
-    return found
+    return wrapped
 
 
 def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
@@ -686,13 +688,13 @@ def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
 
 def _groups(columns: Sequence[ReportColumn]) -> list[tuple[int, int]]:
     """First and last column of each group."""
-    found: list[tuple[int, int]] = []
+    groups: list[tuple[int, int]] = []
     for place, (group, *_) in enumerate(columns):
-        if found and group and columns[found[-1][0]][0] == group:
-            found[-1] = found[-1][0], place
+        if groups and group and columns[groups[-1][0]][0] == group:
+            groups[-1] = groups[-1][0], place
         else:
-            found.append((place, place))
-    return found
+            groups.append((place, place))
+    return groups
 
 
 def table_html(columns: Sequence[ReportColumn]) -> str:

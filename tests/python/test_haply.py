@@ -125,7 +125,7 @@ def test_a_force_ends_with_its_program(service, case):
             assert not select.select([child.stdout], [], [], 0)[0]  # it is still held
         else:
             child.stdout.readline()
-            assert any(service.forces[-1])
+            wait_for(lambda: any(service.forces[-1]))
             child.send_signal(signal.SIGTERM)
             assert child.wait(10) == -signal.SIGTERM
             wait_for(lambda: not any(service.forces[-1]))

@@ -128,8 +128,8 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
             material = bone.tissues.material
-    own = not str(options.bone or "").lower().endswith(".h5")
-    return Start(bone, tick, material, source, place, like, mapping, grid_of(recipe) if own else None)
+    as_volume = not str(options.bone or "").lower().endswith(".h5")
+    return Start(bone, tick, material, source, place, like, mapping, grid_of(recipe) if as_volume else None)
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:
@@ -209,18 +209,24 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
         A table of the tissues; by default they follow from the names in the file. `tissue` is None for an
         unknown label.
     """
-    own = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
+    table_names = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
     voxel = float(labels.spacing.prod())
     rows = []
     for label, count in label_counts(labels.labels, labels.path).items():
         name = labels.names.get(label, "")
         if tissues is None:
             known = known_tissue(name or (UNLABELLED if label == 0 else ""))
-            found = None if known is None else known.name
+            tissue_name = None if known is None else known.name
         else:
-            found = own.get(label, UNLABELLED if label == 0 else None)
+            tissue_name = table_names.get(label, UNLABELLED if label == 0 else None)
         rows.append(
-            {"label": label, "voxels": count, "volume_mm3": count * voxel, "name": name, "tissue": found}
+            {
+                "label": label,
+                "voxels": count,
+                "volume_mm3": count * voxel,
+                "name": name,
+                "tissue": tissue_name,
+            }
         )
     return rows
 
@@ -253,10 +259,12 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     clouds = []
     for name in _EAR:
         known = {row["label"]: known_tissue(row["tissue"] or "") for row in table}
-        own = [label for label, tissue in known.items() if tissue is not None and tissue.name == name]
-        if len(own) != 1:
+        labels_of_name = [
+            label for label, tissue in known.items() if tissue is not None and tissue.name == name
+        ]
+        if len(labels_of_name) != 1:
             return None
-        places = np.argwhere(labels.labels == own[0])[:, ::-1] * labels.spacing
+        places = np.argwhere(labels.labels == labels_of_name[0])[:, ::-1] * labels.spacing
         clouds.append(places @ labels.direction.T)
     canal, joint, nerve = clouds
     middle = canal.mean(axis=0)
@@ -273,8 +281,8 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     turn = np.stack([lateral, anterior, across * np.sign(across @ to_exit)])
     nearest = max(itertools.permutations(range(3)), key=lambda p: float(np.abs(turn[range(3), p]).sum()))
     named = zip(("lateral", "anterior", "inferior"), turn, nearest, strict=True)
-    found = {word: "-+"[int(way[axis] > 0)] + "xyz"[axis] for word, way, axis in named}
-    return {**found, "side": "left" if across @ to_exit > 0 else "right"}
+    directions = {word: "-+"[int(way[axis] > 0)] + "xyz"[axis] for word, way, axis in named}
+    return {**directions, "side": "left" if across @ to_exit > 0 else "right"}
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -335,12 +343,12 @@ def do_tissues(options: Options) -> int:
         options.file, spacing=options.spacing, unknown=0 if listed else unknown_colours(options), palette=table,
         unit=options.unit, transpose=transposed(options, options.file),
     )  # fmt: skip
-    found = labels_table(labels, table)
-    lines = [_text(found)]
-    strange = [row for row in found if row["tissue"] is None]
+    label_rows = labels_table(labels, table)
+    lines = [_text(label_rows)]
+    strange = [row for row in label_rows if row["tissue"] is None]
     if strange:
         lines.append(
-            f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, "
+            f"{len(strange)} of {len(label_rows)} labels are no known tissue: they need a table (--template, "
             "--tissues)"
         )
     ear = ear_side(labels, table)
@@ -366,7 +374,7 @@ def do_tissues(options: Options) -> int:
             f"written {options.template}"
             + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
         )
-    result = {"file": options.file, "labels": found, "ear": ear or None, "notes": list(labels.notes)}
+    result = {"file": options.file, "labels": label_rows, "ear": ear or None, "notes": list(labels.notes)}
     result["unknown_colours"] = [dict(colour) for colour in labels.unknown_colours]
     deliver(options, result, "\n".join(lines))
     return 0

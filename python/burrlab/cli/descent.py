@@ -89,12 +89,14 @@ def do_materials(options: Options) -> int:
     return 0
 
 
-def read_data(options: Options, kind: str, **given: Any) -> list[Any]:
+def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
     """The data sets in files of one kind, laid out as the options say; prints how they were read."""
     tables = {name: data_kind(name)._TABLE.named for name in KINDS if getattr(options, name, [])}
-    told = options.columns
+    column_options = options.columns
     layout = {
-        "columns": {name: [text for key, text in told if key == name] for name, _ in told},
+        "columns": {
+            name: [text for key, text in column_options if key == name] for name, _ in column_options
+        },
         "unit": options.unit,
     }
     for what, named in layout.items():
@@ -102,13 +104,13 @@ def read_data(options: Options, kind: str, **given: Any) -> list[Any]:
             for name in named:
                 refuse(not any(name in known for known in tables.values()), f"--{what}: no file has a {name}")
             layout[what] = {name: text for name, text in named.items() if name in tables.get(kind, ())}
-    given |= layout | {name: getattr(options, name) for name in ("sep", "decimal", "encoding")}
+    layout_options |= layout | {name: getattr(options, name) for name in ("sep", "decimal", "encoding")}
     files = (sys.stdin.buffer if file == "-" else file for file in getattr(options, kind))
-    found = [data_kind(kind).from_csv(file, **given) for file in files]
-    for file, data in zip(getattr(options, kind), found, strict=True):
+    data_sets = [data_kind(kind).from_csv(file, **layout_options) for file in files]
+    for file, data in zip(getattr(options, kind), data_sets, strict=True):
         if "read" in data.provenance:
             print(f"burrlab: {file}: {data.provenance['read']}", file=sys.stderr)
-    return found
+    return data_sets
 
 
 def do_fit(options: Options) -> int:
@@ -121,9 +123,9 @@ def do_fit(options: Options) -> int:
         residuals=options.residuals,
         seed=options.seed,
     )
-    given = {} if options.test is None else {"given": options.test}
+    points = {} if options.test is None else {"given": options.test}
     plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
-    plot(options.region, lambda: result.plot_region(points=given))
+    plot(options.region, lambda: result.plot_region(points=points))
     plot(options.profile, result.plot_profile)
     plain, text = result.to_dict(), result.report(options.verbose)
     if options.test is not None:
@@ -177,16 +179,16 @@ def do_design(options: Options) -> int:
 def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:
     """The data sets of a fit, each with its own radius or --radius."""
     refuse(not options.file and not options.trace, "a fit needs velocities: give a FILE.csv or --trace")
-    found: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
+    data_sets: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
     for file, curve in zip(options.file, read_data(options, "file"), strict=True):
         radius = curve.radius or options.radius
         refuse(radius is None, f"--radius must be given: {file} does not say it")
         if options.radius not in (None, radius):
             raise ValueError(f"--radius is {options.radius:g} mm, but {file} was taken with {radius:g} mm")
-        found.append(replace(curve, radius=radius))
+        data_sets.append(replace(curve, radius=radius))
     for kind in ("indentation", "trace"):
-        found += read_data(options, kind, radius=options.radius)
-    return found
+        data_sets += read_data(options, kind, radius=options.radius)
+    return data_sets
 
 
 def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:

@@ -68,8 +68,8 @@ def do_run(options: Options) -> int:
     sittings = _sittings(options)
     for sitting in sittings:
         resume = _command("resume", options, sitting.subject)
-        told = f"subject {sitting.subject} has begun task {''.join(sitting.begun[:1])}"
-        refuse(sitting.begun, f"{told}: {resume} goes on")
+        progress_text = f"subject {sitting.subject} has begun task {''.join(sitting.begun[:1])}"
+        refuse(sitting.begun, f"{progress_text}: {resume} goes on")
     return _sit(options, sittings)
 
 
@@ -110,8 +110,8 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
     file = Path(path).resolve()
     within = file.relative_to(folder).parts[0] if folder in file.parents else ""
     described = ("participants.tsv", "participants.json", "dataset_description.json", "README", "sourcedata")
-    own = file == Path(config).resolve() or within.startswith("sub-") or within in described
-    refuse(own, f"--{option}: {path} is of the experiment and is not written to")
+    of_experiment = file == Path(config).resolve() or within.startswith("sub-") or within in described
+    refuse(of_experiment, f"--{option}: {path} is of the experiment and is not written to")
 
 
 def _draw(analysis: Analysis, folder: Path) -> int:
@@ -138,8 +138,8 @@ def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
             f"psychometric_sub-{subject}": functools.partial(task.plot_psychometric, subject=subject)
             for subject in fitted
         }
-        found = any(one.threshold is not None for one in task.subjects)
-        return {**drawn, "thresholds": task.plot_thresholds} if found else drawn
+        with_thresholds = any(one.threshold is not None for one in task.subjects)
+        return {**drawn, "thresholds": task.plot_thresholds} if with_thresholds else drawn
     drawn = {"intervals": task.plot_intervals, "d_prime": task.plot_d_prime} if task.subjects else {}
     return drawn if task.trials is None else {"scores": task.plot_scores, **drawn}
 
@@ -174,8 +174,8 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
                 return _sit_down(stack, at)
             for at in sittings:
                 with working(f"simulated subject {at.subject}"):
-                    given = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
-                print(f"simulated subject {at.subject}: {given} trials answered")
+                    answered = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
+                print(f"simulated subject {at.subject}: {answered} trials answered")
     except DeviceLost as error:
         if options.simulated:
             say(f"{error}; {_command('resume', options, at.subject)} goes on")
@@ -213,8 +213,8 @@ def _simulated(options: Options) -> Mapping[str, Any]:
 
 
 def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:
-    given = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
-    return default_subject(mode, **given)
+    parameters = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
+    return default_subject(mode, **parameters)
 
 
 def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:

@@ -32,8 +32,8 @@ class _Parser(argparse.ArgumentParser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """As argparse, but names a misspelt option before it asks for a missing one."""
-        given = list(sys.argv[1:] if args is None else args)
-        for text in [] if self._subparsers else given[: (given + ["--"]).index("--")]:
+        arguments = list(sys.argv[1:] if args is None else args)
+        for text in [] if self._subparsers else arguments[: (arguments + ["--"]).index("--")]:
             name = text.partition("=")[0]
             if name.startswith("--") and name not in self._option_string_actions:
                 self.error(f"unknown option {name}{nearest(name, self._option_string_actions)}")
@@ -41,8 +41,8 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Prints one line that names the option, and exits with status 2."""
-        if found := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
-            message += nearest(found[1], re.findall(r"[\w-]+", found[2]))
+        if match := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+            message += nearest(match[1], re.findall(r"[\w-]+", match[2]))
         if message.endswith("required: COMMAND"):
             message += f", one of {', '.join(self._actions[-1].choices or ())}"
         self.exit(2, f"{self.prog}: {message}\n")
@@ -98,15 +98,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     as asked, 130 interrupted, 141 nobody reads."""
     options = argparse.Namespace(command="")
     try:
-        given = join_vectors(sys.argv[1:] if arguments is None else arguments)
-        words = [text for text in given if text != _QUIET]
+        texts = join_vectors(sys.argv[1:] if arguments is None else arguments)
+        words = [text for text in texts if text != _QUIET]
         options = command_parser().parse_args(words)
         module = importlib.import_module(f"burrlab.cli.{COMMANDS[options.command].module}")
         run = getattr(module, f"do_{getattr(options, 'action', options.command)}")
         started()
         check_outputs(options, words)
         with contextlib.ExitStack() as quiet:
-            if words != given:
+            if words != texts:
                 nowhere = quiet.enter_context(open(os.devnull, "w"))
                 quiet.enter_context(contextlib.redirect_stderr(nowhere))
             status = int(run(options))

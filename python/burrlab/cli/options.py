@@ -79,13 +79,13 @@ def flag(name: str, help: str, default: bool | None = False) -> Option:
 
 def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
     """Adds options and groups of options to a parser."""
-    for one in options:
-        if isinstance(one, Option):
-            parser.add_argument(one.name, **one.settings)
-        elif one.title:
-            add_options(parser.add_argument_group(one.title), one.options)
+    for option in options:
+        if isinstance(option, Option):
+            parser.add_argument(option.name, **option.settings)
+        elif option.title:
+            add_options(parser.add_argument_group(option.title), option.options)
         else:
-            add_options(parser.add_mutually_exclusive_group(), one.options)
+            add_options(parser.add_mutually_exclusive_group(), option.options)
 
 
 def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
@@ -150,9 +150,9 @@ def shape(text: str) -> Shape:
         return ("f", f"must be at most f(0) = {above[0][1]:g}: got {f:g}") if f > above[0][1] else None
 
     columns = tuple(Column(name, check=not_negative, due="a number") for name in "xf")
-    name, _, found = Table(columns, rule=rule).read(text)
+    name, _, columns_read = Table(columns, rule=rule).read(text)
     try:
-        return Shape.from_table(found["x"], found["f"])
+        return Shape.from_table(columns_read["x"], columns_read["f"])
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -175,16 +175,16 @@ MATERIAL = (
 def chosen_material(options: Options) -> Material:
     """The material of the options: a named one, possibly with changes."""
     named = burrlab.materials[options.material]
-    given = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
-    if set(given.values()) == {None}:
+    constants = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
+    if set(constants.values()) == {None}:
         return named
-    changed = {key: getattr(named, key) if value is None else value for key, value in given.items()}
+    changed = {key: getattr(named, key) if value is None else value for key, value in constants.items()}
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
-        made = Material(f"{named.name}, modified", **changed, source="command line")
+        modified = Material(f"{named.name}, modified", **changed, source="command line")
     for doubt in doubts:
         say(str(doubt.message))
-    return made
+    return modified
 
 
 #: Options that say where a descent begins.
@@ -244,16 +244,16 @@ def _write(path: str, name: str, write: Callable[[str], object], what: str) -> N
         raise not_kept(path, name, error, write, what) from error
 
 
-def check_outputs(options: Options, given: Sequence[str]) -> None:
+def check_outputs(options: Options, arguments: Sequence[str]) -> None:
     """ValueError before any work if a result could not be written, or would replace a file of `given`."""
-    texts = [text.partition("=")[2] if text.startswith("--") else text for text in given]
+    texts = [text.partition("=")[2] if text.startswith("--") else text for text in arguments]
     # an experiment checks its own files
     files = [
         Path(text).resolve()
         for text in texts
         if os.path.isfile(text) and text != getattr(options, "config", None)
     ]
-    taken: dict[Path, str] = {}
+    outputs: dict[Path, str] = {}
     for name in _FILES:
         path = getattr(options, name, None)
         if path is None or (path == "-" and name not in _FIGURES):  # "-" is standard output, for text
@@ -264,11 +264,11 @@ def check_outputs(options: Options, given: Sequence[str]) -> None:
         refuse(not writable or is_folder, f"--{name}: {path} cannot be written")
         # No command replaces a trace.
         refuse(name == "record" and place.exists(), f"--record must be a new file, {path} exists")
-        other = taken.setdefault(place, name)
+        other = outputs.setdefault(place, name)
         refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
         # a bone may be saved in its place; an export checks this itself
-        own = name == "save" or (name, options.command) == ("out", "export")
-        lost = not own and files.count(place) > 1
+        written_anyway = name == "save" or (name, options.command) == ("out", "export")
+        lost = not written_anyway and files.count(place) > 1
         refuse(lost, f"--{name}: {path} is read, and would be lost")
         if name in _FIGURES:
             from matplotlib.figure import Figure
@@ -352,10 +352,10 @@ def ended_by_signals() -> Iterator[None]:
     names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
         names = []  # only the main thread may set handlers
-    shown = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and stream.isatty()]
+    terminals = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and stream.isatty()]
 
     def end(*_: object) -> NoReturn:
-        for stream in shown:
+        for stream in terminals:
             if not stream.isatty():  # it is closed: text that goes there would be an error
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         raise KeyboardInterrupt
@@ -397,9 +397,9 @@ def vector(text: str) -> Numbers:
 @parsed_by
 def spacing(text: str) -> Numbers:
     """X,Y,Z, or one number for all."""
-    found = _three(text if "," in text else f"{text},{text},{text}", "positive X,Y,Z", text)
-    refuse(min(found) <= 0, f"must be positive X,Y,Z, got '{text}'")
-    return found
+    lengths = _three(text if "," in text else f"{text},{text},{text}", "positive X,Y,Z", text)
+    refuse(min(lengths) <= 0, f"must be positive X,Y,Z, got '{text}'")
+    return lengths
 
 
 @parsed_by
@@ -501,8 +501,8 @@ def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
     """The value of --transpose; ValueError where none of the files is a stack."""
     if not any(path is not None and slices.is_stack(path) for path in paths):
         refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
-    asked: bool | None = options.transpose
-    return asked
+    transpose: bool | None = options.transpose
+    return transpose
 
 
 def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
@@ -525,7 +525,7 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         ".yaml",
         ".yml",
     )
-    own = options.spacing if grey is None or sizeless else None
+    label_spacing = options.spacing if grey is None or sizeless else None
     stack: dict[str, Any] = {
         "unknown": unknown_colours(options),
         "unit": options.unit,
@@ -533,14 +533,14 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     }
     give: Callable[[LabelledRecipe], object] | None = None
     if options.tissues is None:
-        tissues, give = recipes.usual_tissues(options.labels, material, spacing=own, **stack)
+        tissues, give = recipes.usual_tissues(options.labels, material, spacing=label_spacing, **stack)
     else:
         tissues = tissue_tables.read_tissues(options.tissues, material=material)
     alone = (
         {} if grey is not None else {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
     )
     recipe = recipes.LabelledRecipe(
-        options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
+        options.labels, tissues, grey, dict(options.fill), label_spacing, **stack, **alone, onto=options.onto,
         smooth=options.smooth,
     )  # fmt: skip
     if give is not None:

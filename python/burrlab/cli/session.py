@@ -123,8 +123,8 @@ def _frames(
     devices: Sequence[Device], options: Options, place: Mapping[str, Any]
 ) -> list[DeviceFrame] | None:
     """Of each device; None where the options say nothing and no device has axes of its own."""
-    asked = (options.scale, options.rotation, options.offset, options.clutch)
-    if not any(isinstance(one, HeldDevice) for one in devices) and asked == (None,) * 4:
+    frame_options = (options.scale, options.rotation, options.offset, options.clutch)
+    if not any(isinstance(one, HeldDevice) for one in devices) and frame_options == (None,) * 4:
         return None
 
     def of(device: Device) -> DeviceFrame:
@@ -273,14 +273,14 @@ def _device(text: str, options: Options, burr: Burr, start: Start, number: int) 
 def _opening(text: str) -> Iterator[None]:
     """Says what is done. Ctrl-C ends the program at once, as a vendor's library may hang."""
     here = threading.current_thread() is threading.main_thread()
-    asked = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    own_handler = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     try:
-        if asked:
+        if own_handler:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
         with working(text):
             yield
     finally:
-        if asked:
+        if own_handler:
             signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
@@ -320,7 +320,7 @@ def do_replica(options: Options) -> int:
         except FileNotFoundError as error:
             raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
     say(f"following {host}, port {port}")
-    interrupted, told = False, 0
+    interrupted, events_printed = False, 0
     effects = start_effects(options, replica)
     try:
         with ended_by_signals(), contextlib.ExitStack() as stack:
@@ -331,23 +331,23 @@ def do_replica(options: Options) -> int:
                 stack.callback(timer.cancel)
             show_live(options, replica, effects)
             while not replica.wait(1.0):
-                told = _tell_events(replica, told)
+                events_printed = _tell_events(replica, events_printed)
                 status = replica.status
                 show_line(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
     except KeyboardInterrupt:
         interrupted = True
     replica.stop()
     effects_text, effects_plain = end_effects(effects)
-    _tell_events(replica, told)
+    _tell_events(replica, events_printed)
     show_line("")
     anatomy = replica_report(replica)
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    said = [status_text(status, interrupted=interrupted)]
+    lines = [status_text(status, interrupted=interrupted)]
     if anatomy is not None:
-        said.append(str(anatomy))
+        lines.append(str(anatomy))
         status["anatomy"] = anatomy.to_dict()
     try:
-        deliver(options, {**status, **effects_plain}, "\n".join(said) + effects_text)
+        deliver(options, {**status, **effects_plain}, "\n".join(lines) + effects_text)
     finally:  # an error does not keep the bone from being saved
         if options.save is not None:
             bone, tick = replica.snapshot()
@@ -369,13 +369,13 @@ def do_replay(options: Options) -> int:
     trace = load_trace(options.file)
     again = replay(trace, until=options.until, progress=on_terminal())
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
-    said = f"equal: {where}" if again.equal else f"different: {again.difference}"
+    verdict = f"equal: {where}" if again.equal else f"different: {again.difference}"
     ended = trace.ended or "recording did not end: the session was killed, or goes on"
     result: dict[str, Any] = {
         "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
         "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
     }  # fmt: skip
-    deliver(options, result, f"{said}\n{ended}")
+    deliver(options, result, f"{verdict}\n{ended}")
     return 0 if again.equal else 1
 
 
@@ -401,11 +401,11 @@ def do_metrics(options: Options) -> int:
         # A wrong target is refused before the work.
         compare_with_target(trace.bone(), target, onto=options.onto)
     metrics = session_metrics(trace, burr=options.burr, **wanted)
-    asked = watch_asked_for(options)
+    watch_chosen = watch_asked_for(options)
     # The report was not recorded, the session was killed, or another watch is wanted.
-    if asked or (metrics.anatomy is None and trace.tissues is not None):
-        watch = chosen_watch(options, trace.bone()) if asked else None
-        refuse(asked and watch is None, "--watch must name structures of the trace's bone, got none")
+    if watch_chosen or (metrics.anatomy is None and trace.tissues is not None):
+        watch = chosen_watch(options, trace.bone()) if watch_chosen else None
+        refuse(watch_chosen and watch is None, "--watch must name structures of the trace's bone, got none")
         anatomy = anatomy_report(trace, watch=watch, progress=on_terminal())
         metrics = replace(metrics, anatomy=anatomy)
     result, text = metrics.to_dict(), repr(metrics)

@@ -69,14 +69,14 @@ def do_view(options: Options) -> int:
         window = options.png is None and options.video is None
         both = window and bool(options.stereo)  # files have two whole pictures
         size = options.size or (SIZE if both else (1024, 768))
-        shown: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
+        settings: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
         if player is None:
-            scene = Scene(bone, [], **shown)
+            scene = Scene(bone, [], **settings)
             if options.slices:
                 scene.set_slices(options.entry or middle)
         else:
             view = TraceView(
-                player, effects=effects, slices=bool(options.slices), progress=on_terminal(), **shown
+                player, effects=effects, slices=bool(options.slices), progress=on_terminal(), **settings
             )
             scene = view.scene
         if (viewpoint := _viewpoint(options, bone, player)) is not None:

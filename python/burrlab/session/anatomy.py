@@ -114,9 +114,9 @@ def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
         )
     for tick, _, reason in status["last_faults"][-_TOLD:]:
         lines.append(f"  connection given up at tick {tick}: {reason}")
-    for one in status["divergences"][-_TOLD:]:
+    for divergence in status["divergences"][-_TOLD:]:
         lines.append(
-            f"  bone not the leader's at tick {one['tick']}: {one['what']}, {len(one['bricks'])} bricks "
+            f"  bone not the leader's at tick {divergence['tick']}: {divergence['what']}, {len(divergence['bricks'])} bricks "
             "replaced"
         )
     return "\n".join(lines)
@@ -196,7 +196,7 @@ def anatomy_report(
     TypeError
         If `trace` is not a trace.
     """
-    report, own = reporter(progress, "replay"), None if callable(progress) else progress
+    report, watch_progress = reporter(progress, "replay"), None if callable(progress) else progress
     check_trace(trace)
     bone = trace.bone()
     tissues = bone.tissues
@@ -204,12 +204,12 @@ def anatomy_report(
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
         try:
-            watch = Watch(bone, progress=own, **options_of(trace.watch))
+            watch = Watch(bone, progress=watch_progress, **options_of(trace.watch))
         except UNREADABLE as error:
-            said = in_one_line(repr(error))
-            raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
+            problem = in_one_line(repr(error))
+            raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({problem})") from None
     elif watch is None and critical_structures(bone):
-        watch = Watch(bone, progress=own)
+        watch = Watch(bone, progress=watch_progress)
     executor = executor_of(trace, bone)
     core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
     executor.set_watch(core)

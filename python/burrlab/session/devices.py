@@ -62,10 +62,14 @@ class DeviceFrame:
     def __post_init__(self) -> None:
         check_positive("scale", scalar(self.scale, "scale"))
         for name, count in (("rotation", 4), ("offset", 3)):
-            given = getattr(self, name)
-            good = isinstance(given, Iterable) and not isinstance(given, str) and len(tuple(given)) == count
-            refuse(not good, f"{name} must be {count} numbers, got {given!r}")
-            object.__setattr__(self, name, tuple(scalar(one, name) for one in given))
+            numbers = getattr(self, name)
+            good = (
+                isinstance(numbers, Iterable)
+                and not isinstance(numbers, str)
+                and len(tuple(numbers)) == count
+            )
+            refuse(not good, f"{name} must be {count} numbers, got {numbers!r}")
+            object.__setattr__(self, name, tuple(scalar(number, name) for number in numbers))
         length = math.hypot(*self.rotation)
         good = abs(length * length - 1.0) <= 1e-3
         refuse(not good, f"rotation must be a quaternion of length 1, got {length:g}")
@@ -151,9 +155,11 @@ class DeviceLimits:
             value = getattr(self, name)
             if value is None and name != "window":
                 continue
-            for one in value if isinstance(value, tuple) else (value,):
-                good = isinstance(one, int | float) and not isinstance(one, bool) and 0 < one < math.inf
-                refuse(not good, f"{name} must be positive and finite, or None, got {one!r}")
+            for number in value if isinstance(value, tuple) else (value,):
+                good = (
+                    isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < math.inf
+                )
+                refuse(not good, f"{name} must be positive and finite, or None, got {number!r}")
 
     def numbers(self) -> dict[str, Any]:
         """The numbers that are known, by name with unit."""
@@ -209,7 +215,7 @@ class KnownLimits(Mapping[str, DeviceLimits]):
     """Limits by model, read-only; printed as the table of docs/stability.md."""
 
     def __init__(self) -> None:
-        self._models = {one.model: one for one in map(_of_row, _TABLE.strip().splitlines())}
+        self._models = {limits.model: limits for limits in map(_of_row, _TABLE.strip().splitlines())}
 
     def __getitem__(self, model: str) -> DeviceLimits:
         if model not in self._models:

@@ -91,8 +91,8 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes], *, volume: OnGrid | N
         mirrored = np.linalg.det(volume.direction) < 0
         refuse(mirrored, f"{name}: no orientation can be given in coordinates that mirror the bone frame")
         rotation = scipy.spatial.transform.Rotation
-        own = rotation.from_quat(np.roll(turn, -1, axis=1))
-        turn = np.roll((rotation.from_matrix(volume.direction.T) * own).as_quat(), 1, axis=1)
+        orientation = rotation.from_quat(np.roll(turn, -1, axis=1))
+        turn = np.roll((rotation.from_matrix(volume.direction.T) * orientation).as_quat(), 1, axis=1)
     return ScriptedDevice(time, volume.bone_point(position.T).T, on, turn)
 
 
@@ -129,10 +129,12 @@ class VrpnLog:
 
     def __repr__(self) -> str:
         tables = ("poses", "velocities", "forces", "buttons")
-        told = (
-            f"{len(rows)} {name} of {one}" for name in tables for one, rows in getattr(self, name).items()
+        counts = (
+            f"{len(rows)} {name} of {sender}"
+            for name in tables
+            for sender, rows in getattr(self, name).items()
         )
-        return f"VrpnLog({', '.join([*told, f'{sum(self.other.values())} others'])})"
+        return f"VrpnLog({', '.join([*counts, f'{sum(self.other.values())} others'])})"
 
 
 _HEAD = struct.Struct(">ii8sI4x")  # type, sender, time stamp, size of the payload, nothing
@@ -227,12 +229,12 @@ def _messages(file: Path) -> Iterator[tuple[str, str, bytes, bytes]]:
             kind, number, stamp, size = _HEAD.unpack(head.ljust(_HEAD.size))
             payload = log.read(min(size, end))  # a size that lies costs no memory
             name = names[_TYPE].get(kind, f"type {kind}")
-            due = _SIZES.get(name, size)
+            expected = _SIZES.get(name, size)
             if kind in names:
-                due = 4 + int.from_bytes(payload[:4])
+                expected = 4 + int.from_bytes(payload[:4])
             elif name == _STATES:
-                due = 4 + 4 * int.from_bytes(payload[:4])
-            if len(head) < _HEAD.size or not len(payload) == size == due or kind not in _TYPES:
+                expected = 4 + 4 * int.from_bytes(payload[:4])
+            if len(head) < _HEAD.size or not len(payload) == size == expected or kind not in _TYPES:
                 raise ValueError(f"{file} is truncated or damaged: at byte {at} stands no whole message")
             at += _HEAD.size + size
             if kind in names:

@@ -107,8 +107,8 @@ class HaplyDevice(MailboxDevice):
     def _open(self, message: dict[str, Any]) -> None:
         """Takes the first message, with all devices."""
         arms = _listed(message, "inverse3")
-        grips = [(kind, one) for kind in _GRIPS for one in _listed(message, kind)]
-        names = ", ".join([*arms, *(one for _, one in grips)]) or "none"
+        grips = [(kind, identifier) for kind in _GRIPS for identifier in _listed(message, kind)]
+        names = ", ".join([*arms, *(identifier for _, identifier in grips)]) or "none"
         rule = "exactly one Inverse3 and at most one VerseGrip"
         refuse(len(arms) != 1 or len(grips) > 1, f"the service must have {rule}, got {names}")
         ((self._id, arm),) = arms.items()
@@ -122,7 +122,9 @@ class HaplyDevice(MailboxDevice):
         refuse(bad, f"the Inverse3 {self._id} must be calibrated, as its manual says")
         self._grip = grips[0] if grips else None
         #: Kinds of the devices, with their ids
-        self.hardware = ", ".join(f"{kind} {one}" for kind, one in [("inverse3", self._id), *grips])
+        self.hardware = ", ".join(
+            f"{kind} {identifier}" for kind, identifier in [("inverse3", self._id), *grips]
+        )
         self._read(message)
         _OPEN[self._id] = self
 
@@ -236,7 +238,7 @@ def _exchange(alive: weakref.ref[HaplyDevice], opened: queue.SimpleQueue[str]) -
         ) as connection:  # fmt: skip
             what = "cannot be used"
             device._open(_parsed(connection.recv(timeout=_OPEN_LIMIT)))
-            what, rest, due = "failed", _command(device._id, (0, 0, 0)), time.monotonic()
+            what, rest, deadline = "failed", _command(device._id, (0, 0, 0)), time.monotonic()
             frame = Frame(Opcode.TEXT, rest.encode()).serialize(mask=True)
             silence = 1e3 * _SILENCE * device._patience
             plain.watchdog = watchdog = ForceWatchdog(plain.fileno(), frame, silence)
@@ -245,8 +247,8 @@ def _exchange(alive: weakref.ref[HaplyDevice], opened: queue.SimpleQueue[str]) -
                 while device is not None and not _ENDING.is_set():
                     device._turn(connection, watchdog)
                     device = None
-                    due = max(due + _PERIOD, time.monotonic())
-                    time.sleep(max(0.0, due - time.monotonic()))
+                    deadline = max(deadline + _PERIOD, time.monotonic())
+                    time.sleep(max(0.0, deadline - time.monotonic()))
                     device = alive()
             finally:
                 with contextlib.suppress(Exception):
@@ -286,13 +288,13 @@ def _parsed(text: str | bytes) -> dict[str, Any]:
 
 def _listed(message: dict[str, Any], kind: str) -> dict[str, Any]:
     """Devices of a kind by their id."""
-    found = message.get(kind, [])
-    good = isinstance(found, list) and all(isinstance(one, dict) for one in found)
-    names = [one.get("device_id") for one in found] if good else []
+    devices = message.get(kind, [])
+    good = isinstance(devices, list) and all(isinstance(device, dict) for device in devices)
+    names = [device.get("device_id") for device in devices] if good else []
     fit = [isinstance(name, str) and name.isprintable() and len(name) < _LONGEST for name in names]
     if not good or not all(fit) or len({*names}) < len(names):
-        raise ValueError(f"{kind} must be devices with an id each, got {shown(found)}")
-    return dict(zip(names, found, strict=True))
+        raise ValueError(f"{kind} must be devices with an id each, got {shown(devices)}")
+    return dict(zip(names, devices, strict=True))
 
 
 def _state(message: dict[str, Any], kind: str, device: str) -> dict[str, Any]:
@@ -303,8 +305,8 @@ def _state(message: dict[str, Any], kind: str, device: str) -> dict[str, Any]:
 
 
 def _numbers(state: dict[str, Any], field: str, axes: str) -> list[float]:
-    given = state.get(field)
-    values: list[Any] = [given.get(axis) for axis in axes] if isinstance(given, dict) else [None]
-    if not all(type(one) in (int, float) and abs(one) < 1e6 for one in values):
-        raise ValueError(f"{field} must be numbers {', '.join(axes)}, got {shown(given)}")
+    by_axis = state.get(field)
+    values: list[Any] = [by_axis.get(axis) for axis in axes] if isinstance(by_axis, dict) else [None]
+    if not all(type(number) in (int, float) and abs(number) < 1e6 for number in values):
+        raise ValueError(f"{field} must be numbers {', '.join(axes)}, got {shown(by_axis)}")
     return values

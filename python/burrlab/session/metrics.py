@@ -126,7 +126,9 @@ class SessionMetrics:
 
     def _rows(self) -> list[tuple[str, float]]:
         rows = [(text, getattr(self, name)) for name, _, text in _TABLE]
-        return rows + [(f"removed of {name} [mm^3]", one) for name, one in (self.structures or {}).items()]
+        return rows + [
+            (f"removed of {name} [mm^3]", volume) for name, volume in (self.structures or {}).items()
+        ]
 
     def __repr__(self) -> str:
         lines = [f"{text:<42} {value:>12.5g}" for text, value in self._rows()]
@@ -152,8 +154,8 @@ class SessionMetrics:
         drawn = panels(ax, (5 if near else 3, 1), (6.4, 11.2 if near else 6.4))
         all_axes, lower = drawn[:3], drawn[3:]
         top, middle, bottom = all_axes
-        s, told = self.series, {"label": None} | style
-        top.plot(s["time"], s["force"], **styled(told, color=FORCE, linewidth=0.6))
+        s, unlabelled = self.series, {"label": None} | style
+        top.plot(s["time"], s["force"], **styled(unlabelled, color=FORCE, linewidth=0.6))
         if self.peak_force > 0.5 * self.threshold:
             top.axhline(self.threshold, color=REFERENCE, linewidth=0.8, linestyle="--", label="threshold")
             top.legend()
@@ -282,12 +284,12 @@ def _strokes(
     if not len(grid):
         return 0, 0.0
     met = np.interp(grid, time, touching.astype(float)) > 0.5
-    shown = np.flatnonzero(met) if met.any() else np.arange(len(grid))
-    span = slice(shown[0], shown[-1] + 1)
-    about = center[shown] - center[shown].mean(axis=0)
+    rows = np.flatnonzero(met) if met.any() else np.arange(len(grid))
+    span = slice(rows[0], rows[-1] + 1)
+    about = center[rows] - center[rows].mean(axis=0)
     axis = np.linalg.eigh(about.T @ about)[1][:, -1]
     along = (center[span] - center[span].mean(axis=0)) @ axis
-    return _runs(along, hysteresis), float(grid[shown[-1]] - grid[shown[0]])
+    return _runs(along, hysteresis), float(grid[rows[-1]] - grid[rows[0]])
 
 
 def _runs(along: Array, hysteresis: float) -> int:

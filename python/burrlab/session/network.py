@@ -50,8 +50,8 @@ def open_publisher(
         range.
     """
     port, vrpn = (
-        one if one is None else whole(name, one, 2**16, "2^16")
-        for name, one in (("port", port), ("vrpn", vrpn))
+        number if number is None else whole(name, number, 2**16, "2^16")
+        for name, number in (("port", port), ("vrpn", vrpn))
     )
     for name in _NEEDED:
         refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
@@ -138,13 +138,16 @@ def follow(
         bone is None and not recipe,
         f"bone must be given: the leader at {host}:{port} does not say how its own was made",
     )
-    mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
-    if mine.tissues is not None:  # a hello does not say where a material's values are from
-        known = mine.tissues.material
-        told = [(m.name, m.c_e, m.alpha, m.shape) for m in (known, *(m for _, m in tools))]
-        tools = [(b, known if told[0] == one else m) for (b, m), one in zip(tools, told[1:], strict=True)]
-    watch = _watch(mine, hello.get("watch"), tools)
-    replica.start(mine, tools, seed, period=period, scheme=scheme, watch=watch)
+    copy = make_bone(recipe, volume=volume) if bone is None else bone.copy()
+    if copy.tissues is not None:  # a hello does not say where a material's values are from
+        known = copy.tissues.material
+        described = [(m.name, m.c_e, m.alpha, m.shape) for m in (known, *(m for _, m in tools))]
+        tools = [
+            (b, known if described[0] == description else m)
+            for (b, m), description in zip(tools, described[1:], strict=True)
+        ]
+    watch = _watch(copy, hello.get("watch"), tools)
+    replica.start(copy, tools, seed, period=period, scheme=scheme, watch=watch)
     return replica
 
 

@@ -74,9 +74,9 @@ class BrickHistory:
                 self._thin()
                 self._weigh()
 
-    def changed_between(self, one: int, other: int) -> NDArray[np.uint32]:
+    def changed_between(self, first: int, second: int) -> NDArray[np.uint32]:
         """Sorted bricks that may differ between the bone at two ticks, up to the newest state."""
-        low, high = min(one, other), max(one, other)
+        low, high = min(first, second), max(first, second)
         with self.lock:
             last = bisect.bisect_left(self._states, high, key=_tick) + 1
             return _union([bricks for _, bricks, _ in self._states[self._behind(low) : last]])
@@ -89,10 +89,10 @@ class BrickHistory:
             wanted[bricks] = True
             i = self._behind(tick) - 1
             while left and i > 0:  # newest first: the first that holds a brick is right
-                _, kept, content = self._states[i]
-                rows = np.flatnonzero(wanted[kept])
-                levels[np.searchsorted(bricks, kept[rows])] = content[rows]
-                wanted[kept[rows]] = False
+                _, saved, content = self._states[i]
+                rows = np.flatnonzero(wanted[saved])
+                levels[np.searchsorted(bricks, saved[rows])] = content[rows]
+                wanted[saved[rows]] = False
                 left, i = left - len(rows), i - 1
             rest = wanted[bricks]
             wanted[bricks] = False
@@ -336,8 +336,8 @@ class TracePlayer:
         return True
 
     def _last(self, name: str) -> NDArray[np.float64]:
-        kept = self.trace.ticks["burr"][name]
-        return np.array(kept[self.done - 1] if self.done else np.zeros(kept.shape[1:]))
+        column = self.trace.ticks["burr"][name]
+        return np.array(column[self.done - 1] if self.done else np.zeros(column.shape[1:]))
 
     def __repr__(self) -> str:
         states, size = self.kept
@@ -347,15 +347,17 @@ class TracePlayer:
 class _Walk:
     """One bone that moves to any tick of a trace, and keeps the states that are not kept yet."""
 
-    def __init__(self, trace: Trace, kept: BrickHistory, every: int) -> None:
-        self._trace, self._kept, self._every = trace, kept, every
+    def __init__(self, trace: Trace, history: BrickHistory, every: int) -> None:
+        self._trace, self._kept, self._every = trace, history, every
         self.bone = trace.bone()
         self.done = 0
         self._executor = executor_of(trace, self.bone)
         self._since: list[NDArray[np.uint32]] = []  # changed since a state at or before the newest one
         take_changed_bricks(self.bone)
 
-    def go(self, done: int, told: Callable[[float], object] = lambda done: None) -> NDArray[np.uint32]:
+    def go(
+        self, done: int, report_progress: Callable[[float], object] = lambda done: None
+    ) -> NDArray[np.uint32]:
         """Moves to the state after `done` ticks; returns the bricks that changed."""
         changed: list[NDArray[np.uint32]] = []
         with self._kept.lock:  # another walk may drop states
@@ -369,7 +371,7 @@ class _Walk:
         first = self.done
         while self.done < done:
             changed.append(self._execute(done))
-            told(1 - (done - self.done) / (done - first))
+            report_progress(1 - (done - self.done) / (done - first))
         return _union(changed)
 
     def _execute(self, done: int) -> NDArray[np.uint32]:
@@ -464,7 +466,7 @@ class RecordingPlayer:
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
         force = np.linalg.norm(self._force(time), axis=1)
         self.history = History(time, force[:, None], np.full((len(time), 1), np.nan))
-        absent = [told for name, told in _ABSENT.items() if name in recording.absent]
+        absent = [absence for name, absence in _ABSENT.items() if name in recording.absent]
         self.note = ", ".join(["not recorded: penetration", "whether the burr turned", *absent])
         empty = int(np.count_nonzero(self._level == 0))
         if 2 * empty > len(self._level):

@@ -351,8 +351,8 @@ class TraceWriter:
                 self._complete = False
                 if lost not in _BROKEN:
                     self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
-                kept = f"kept as {self.rescued}" if self.rescued else "lost"
-                self._ended = f"{self.path} {lost} during the session: what was recorded is {kept}"
+                fate = f"kept as {self.rescued}" if self.rescued else "lost"
+                self._ended = f"{self.path} {lost} during the session: what was recorded is {fate}"
                 self._warning = self._ended
             else:
                 with new_part(self.path) as part:

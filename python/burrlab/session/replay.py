@@ -170,14 +170,14 @@ def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Difference | None:
-    found = []
+    unequal_places = []
     for order, name in enumerate(COMPARED):
-        one, two = (_bits(table["burr"][name]) for table in (rows, again))
-        unequal = (one != two).reshape(len(rows), rows["burr"].shape[1], -1).any(axis=2)
-        found += [(*place, order, name) for place in np.argwhere(unequal)[:1].tolist()]
-    if not found:
+        recorded, executed = (_bits(table["burr"][name]) for table in (rows, again))
+        unequal = (recorded != executed).reshape(len(rows), rows["burr"].shape[1], -1).any(axis=2)
+        unequal_places += [(*place, order, name) for place in np.argwhere(unequal)[:1].tolist()]
+    if not unequal_places:
         return None
-    row, burr, _, name = min(found)
+    row, burr, _, name = min(unequal_places)
     return Difference(
         int(rows["index"][row]), burr, name, rows["burr"][name][row, burr], again["burr"][name][row, burr]
     )

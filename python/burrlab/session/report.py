@@ -92,7 +92,7 @@ class SessionReport:
     ) -> SessionReport:
         """The present report of these parts."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
-        found: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
+        histograms: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
         recording = {} if writer is None else {
             "file": str(writer.path), "ticks": writer.recorded,
             **{name: getattr(writer, name) for name in ("ended", "complete", "rescued")},
@@ -100,9 +100,9 @@ class SessionReport:
         return cls(
             state="running" if loop.running else loop.reason or "not started",
             **{name: getattr(counts, name) for name in ("ticks", "late", "missed", "dropped")},
-            times={name: _times(h) for name, h in found.items()},
-            histograms={name: h.counts for name, h in found.items()},
-            edges=found["jitter"].edges,
+            times={name: _times(h) for name, h in histograms.items()},
+            histograms={name: h.counts for name, h in histograms.items()},
+            edges=histograms["jitter"].edges,
             follower=follower.status,
             stability=[{**follower.stability(burr), **_against(burr, limits)} for burr in burrs],
             energy=[loop.energy(burr) for burr in burrs],
@@ -118,7 +118,7 @@ class SessionReport:
         plain: dict[str, Any] = Codec().plain({
             "state": self.state, "ticks": self.ticks, "late": self.late, "missed": self.missed, "dropped": self.dropped,
             "times_us": self.times, "follower": self.follower, "stability": self.stability,
-            "energy": [{"given_mJ": given, "most_mJ": most} for given, most in self.energy],
+            "energy": [{"given_mJ": supplied, "most_mJ": most} for supplied, most in self.energy],
             "network": self.network, "recording": self.recording, "notes": self.notes, "messages": self.messages,
             **({} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}),
         })  # fmt: skip
@@ -166,13 +166,13 @@ class SessionReport:
             )
         for name in ("network", "recording"):
             part = getattr(self, name)
-            said = [
+            parts = [
                 f"{key} {value}"
                 for key, value in part.items()
                 if value not in (0, "", {}) or key == "complete"
             ]
-            if said:
-                lines.append(f"  {name}: {', '.join(said)}")
+            if parts:
+                lines.append(f"  {name}: {', '.join(parts)}")
         if self.anatomy is not None:
             lines += [f"  {line}" for line in str(self.anatomy).splitlines()]
         lines += [f"  {note}" for note in self.notes]

@@ -194,7 +194,9 @@ class Session:
             tools, _is_tool, "tools must be (Burr, Material) or a list of such pairs"
         )
         self.devices: list[Device] = _listed(
-            devices, lambda one: isinstance(one, Device), "devices must be a Device or a list of them"
+            devices,
+            lambda candidate: isinstance(candidate, Device),
+            "devices must be a Device or a list of them",
         )
         self.seed = seed_or_new(seed)
         tick = whole("tick", tick, _EXACT, "2^53")
@@ -209,14 +211,14 @@ class Session:
         if isinstance(frames, DeviceFrame):
             frames = [frames] * len(self.tools)
         stands = _listed(
-            frames or [], lambda one: isinstance(one, DeviceFrame), "frames must be DeviceFrames"
+            frames or [], lambda candidate: isinstance(candidate, DeviceFrame), "frames must be DeviceFrames"
         )
         self._stands = stands or [DeviceFrame()] * len(self.tools)
         if stop_at_force is not None:
             check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
         if stop_button is not None:
             stop_button = whole("stop_button", stop_button, 8, "8")
-            clutched = any(one.clutch == stop_button for one in stands)
+            clutched = any(candidate.clutch == stop_button for candidate in stands)
             refuse(clutched, f"stop_button must be another button than the clutch, got {stop_button}")
         self._stop_within = _nearness(stop_within, watch, wall_clock)
         refuse(not rate > 0, f"rate must be positive, got {rate!r}")
@@ -269,7 +271,7 @@ class Session:
         )  # fmt: skip
         rules = {
             **self._limits.provenance, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
-            "stop_button": stop_button, "frames": [asdict(one) for one in stands] or None,
+            "stop_button": stop_button, "frames": [asdict(candidate) for candidate in stands] or None,
         }  # fmt: skip
         self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
         self._rules = [*self._limits.sentences] + [
@@ -472,25 +474,27 @@ class Session:
 
     def _keep_house(self) -> None:
         """Serves the parts while the loop runs, then ends them."""
-        waited, due, well = 0.0, 0.0, True
+        waited, next_look, well = 0.0, 0.0, True
         reader = RecordReader(self._loop)  # the loop runs, so it does not wait for this reader
         look = _LOOK / 10 if self._stop_within else _LOOK
         while not self._loop.wait(look):
             try:
                 self._stop_if_near()
                 waited += look
-                if waited < due + _LOOK:
+                if waited < next_look + _LOOK:
                     continue
                 self._hand_digests()
                 self._tell_of_anatomy()
                 self._warn_of_border(reader)
-                if self._loop.counts.ticks == 0 and due < _PATIENCE <= due + _LOOK:
-                    why = "".join(f"; {text}" for one in self.devices if (text := getattr(one, "fault", "")))
+                if self._loop.counts.ticks == 0 and next_look < _PATIENCE <= next_look + _LOOK:
+                    why = "".join(
+                        f"; {text}" for device in self.devices if (text := getattr(device, "fault", ""))
+                    )
                     self._say(f"no tick yet: the devices have not given a first position{why}")
-                notes = {getattr(one, "note", "") for one in self.devices} - {"", *self.messages}
+                notes = {getattr(device, "note", "") for device in self.devices} - {"", *self.messages}
                 for note in notes:
                     self._say(note)
-                due += _LOOK
+                next_look += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)
             except Exception as error:  # the end of the session needs this thread
@@ -585,21 +589,23 @@ class Session:
                     self._say(f"burr {burr} never met the bone: {miss}")
 
 
-def _nearness(given: Mapping[str, float] | None, watch: Watch | None, wall_clock: bool) -> dict[str, float]:
-    if given is None:
+def _nearness(
+    stop_within: Mapping[str, float] | None, watch: Watch | None, wall_clock: bool
+) -> dict[str, float]:
+    if stop_within is None:
         return {}
-    require_type("stop_within", given, Mapping, "{'facial nerve': 1.0}")
+    require_type("stop_within", stop_within, Mapping, "{'facial nerve': 1.0}")
     if watch is None or not wall_clock:
         raise ValueError(
             "stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock"
         )
-    found = {name: scalar(limit, f"stop_within of {name}") for name, limit in given.items()}
-    for name, limit in found.items():
+    limits = {name: scalar(limit, f"stop_within of {name}") for name, limit in stop_within.items()}
+    for name, limit in limits.items():
         check_structure(name, watch.structures)
         refuse(
             not 0 <= limit <= MARGIN, f"stop_within of {name} must be from 0 to {MARGIN:g} mm, got {limit!r}"
         )
-    return found
+    return limits
 
 
 _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()
@@ -618,8 +624,8 @@ def _guard_signals(starting: Session | None = None) -> None:
     first. Signals that the program itself handles, and other threads than the main one, are left alone."""
     if threading.current_thread() is not threading.main_thread():
         return
-    running = [one for one in _to_stop if one is starting or one.running]
-    held = any(isinstance(device, HeldDevice) for one in running for device in one.devices)
+    running = [session for session in _to_stop if session is starting or session.running]
+    held = any(isinstance(device, HeldDevice) for session in running for device in session.devices)
     before, after = (signal.SIG_DFL, _end_by_signal) if held else (_end_by_signal, signal.SIG_DFL)
     for number in _SIGNALS:
         if signal.getsignal(number) is before:
@@ -649,12 +655,12 @@ def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
     return call
 
 
-def _listed(given: Any, is_one: Callable[[object], bool], rule: str) -> list[Any]:
+def _listed(objects: Any, is_one: Callable[[object], bool], rule: str) -> list[Any]:
     """One item or several as a list; TypeError with the rule if one is of another kind."""
-    found = [given] if is_one(given) else given
-    if not isinstance(found, Sequence) or not all(map(is_one, found)):
-        raise TypeError(f"{rule}, got {given!r}")
-    return list(found)
+    listed = [objects] if is_one(objects) else objects
+    if not isinstance(listed, Sequence) or not all(map(is_one, listed)):
+        raise TypeError(f"{rule}, got {objects!r}")
+    return list(listed)
 
 
 def _is_tool(tool: object) -> bool:

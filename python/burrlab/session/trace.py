@@ -176,11 +176,11 @@ def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
         for name, count in (("ticks", "recorded"), ("digests", "digests_recorded")):
             _copy_table(raw[name], file, int(raw[count][()]), int(raw.attrs["first_tick"]))
         if GROUP in raw:
-            watch, kept = raw[GROUP], file.create_group(GROUP)
+            watch, compact = raw[GROUP], file.create_group(GROUP)
             for name in watch:
                 if name != "events":
-                    watch.copy(name, kept)
-            _copy_table(watch["events"], kept, int(watch["events_recorded"][()]))
+                    watch.copy(name, compact)
+            _copy_table(watch["events"], compact, int(watch["events_recorded"][()]))
 
 
 def _copy_table(
@@ -435,8 +435,8 @@ def _read(file: h5py.File, path: Path) -> Trace:
         tools.append((Burr(float(tool["radius_mm"])), material))
         devices.append(tool["device"])
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
-    told = (*devices, *(material.name for _, material in tools))
-    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in told)
+    names_read = (*devices, *(material.name for _, material in tools))
+    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names_read)
     refuse(
         not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
         f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 "
@@ -454,7 +454,9 @@ def _read(file: h5py.File, path: Path) -> Trace:
         f"{path} is damaged: its volume is not the one that the session began with",
     )
     names = ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
-    made_by = {name: getattr(about[name], "tolist", lambda kept=about[name]: kept)() for name in names}
+    made_by = {
+        name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)() for name in names
+    }
     return Trace(
         path, ticks, tuple(tools), tuple(devices), seed, float(about["period_ms"]), scheme,
         first, tuple((int(d["tick"]), d["digest"].decode("ascii")) for d in digests), ended, complete,

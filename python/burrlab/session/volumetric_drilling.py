@@ -158,23 +158,27 @@ class _Grid:
     def of(cls, bone: VoxelBone, source: str | Mapping[str, Any]) -> _Grid:
         sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
         try:
-            told = json.loads(source) if isinstance(source, str) else source
-            told = told.get("grey", told)  # the bone has this volume's voxels
-            path = str(told.get("path") or told.get("labels") or "")
+            described = json.loads(source) if isinstance(source, str) else source
+            described = described.get("grey", described)  # the bone has this volume's voxels
+            path = str(described.get("path") or described.get("labels") or "")
         except (ValueError, AttributeError, RecursionError):
             return cls(None, sizes, first)
-        if "transpose" not in told and not (path and is_stack(path)):
+        if "transpose" not in described and not (path and is_stack(path)):
             return cls(None, sizes, first)
-        turned = bool(told.get("transpose", False))
-        if "crop_mm" in told and "voxel_mm" not in told and (slices := stack_slices(path)) is not None:
+        turned = bool(described.get("transpose", False))
+        if (
+            "crop_mm" in described
+            and "voxel_mm" not in described
+            and (slices := stack_slices(path)) is not None
+        ):
             first = np.rint(np.array(bone.origin) / bone.spacing).astype(np.int64)
             sides = (slices.rows, slices.columns) if turned else (slices.columns, slices.rows)
             sizes = np.array([*sides, len(slices.paths)])
         return cls(turned, sizes, first)
 
-    def indices(self, found: NDArray[np.int64]) -> NDArray[np.int64]:
+    def indices(self, voxels: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices (x, y, z) in this grid of voxels (z, y, x) of the bone, shape (n, 3)."""
-        x, y, z = (found[:, ::-1] + self.first).T
+        x, y, z = (voxels[:, ::-1] + self.first).T
         if self.turned is None:
             return np.column_stack([x, y, z])
         across, down, rows = (y, x, self.sizes[0]) if self.turned else (x, y, self.sizes[1])
@@ -214,12 +218,12 @@ def _write_voxels(
     for first in range(0, len(trace), _GROUP):
         rows = trace.ticks[first : first + _GROUP]
         executor.execute(inputs(rows))
-        found = _newly_gone(bone, start, gone)
-        if len(found):
-            group, opaque = np.full((len(found), 1), float(len(times))), np.full((len(found), 1), 255.0)
-            at = tuple(found.T)
+        removed = _newly_gone(bone, start, gone)
+        if len(removed):
+            group, opaque = np.full((len(removed), 1), float(len(times))), np.full((len(removed), 1), 255.0)
+            at = tuple(removed.T)
             color = np.tile(before[at].astype(float)[:, None], 3) if numbers is None else table[numbers[at]]
-            voxels.append(np.hstack([group, grid.indices(found)]))
+            voxels.append(np.hstack([group, grid.indices(removed)]))
             colors.append(np.hstack([group, color, opaque]))
             times.append(stamps[first + len(rows) - 1])
         report((first + len(rows)) / len(trace))
@@ -237,14 +241,14 @@ def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> N
     Marks them in `gone`.
     """
     bricks = take_changed_bricks(bone)
-    now, before = (read_bricks(one, bricks).astype(np.int16) for one in (bone, start))
+    now, before = (read_bricks(each_bone, bricks).astype(np.int16) for each_bone in (bone, start))
     brick, voxel = np.nonzero((before >= _BONE) & (2 * now < before))  # both are 0 outside the bone
     counts = [-(-n // 8) for n in bone.shape]
     corner, within = np.unravel_index(bricks[brick], counts), np.unravel_index(voxel, (8, 8, 8))
-    found: NDArray[np.int64] = np.unique(8 * np.column_stack(corner) + np.column_stack(within), axis=0)
-    found = found[~gone[tuple(found.T)]]
-    gone[tuple(found.T)] = True
-    return found
+    voxels: NDArray[np.int64] = np.unique(8 * np.column_stack(corner) + np.column_stack(within), axis=0)
+    voxels = voxels[~gone[tuple(voxels.T)]]
+    gone[tuple(voxels.T)] = True
+    return voxels
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -355,11 +359,11 @@ class DrillingRecording:
 
         Other parameters and errors are those of `removed_from`.
         """
-        places, made, levels = self.removed_from(bone, source), bone.copy(), np.array(bone.density)
+        places, drilled, levels = self.removed_from(bone, source), bone.copy(), np.array(bone.density)
         assert self.removed_time is not None
         levels[tuple(places[self.removed_time <= until].T)] = 0
-        made.restore(levels)
-        return made
+        drilled.restore(levels)
+        return drilled
 
     def device(self, bone: VoxelBone | None = None, source: str | Mapping[str, Any] = "") -> ScriptedDevice:
         """A device that repeats the recorded path at its times, and always turns.
@@ -402,10 +406,10 @@ class DrillingRecording:
         if self.volume_pose is None:
             raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
         of_quaternion = scipy.spatial.transform.Rotation.from_quat
-        ours, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
-        to_bone = of_quaternion(ours[3:]) * of_quaternion(theirs).inv()
+        bone_pose, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
+        to_bone = of_quaternion(bone_pose[3:]) * of_quaternion(theirs).inv()
         scale = self._scale_on(bone, source, least=_RESAMPLED)
-        position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * ours[:3]
+        position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3]
         note = f"lengths are divided by {scale:g}, by which its recorder multiplied them"
         return to_bone, position, note * (scale != 1.0)
 
@@ -414,15 +418,15 @@ class DrillingRecording:
     ) -> float:  # fmt: skip
         """By what the recorder multiplied lengths, as the sizes of the voxels tell. Where nothing known fits, 1 for
         voxels of at least this share of the bone's, else ValueError."""
-        sizes, ours = _Grid.of(bone, source).sizes, float(np.prod(bone.spacing))
+        sizes, bone_voxel = _Grid.of(bone, source).sizes, float(np.prod(bone.spacing))
         side = float(sizes.max() * bone.spacing[sizes.argmax()]) / 1000.0  # the volume's own header
-        ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / ours
+        ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / bone_voxel
         for scale in (1.0, _SCALE, side):
             if abs(ratio / scale**3 - 1.0) <= 1e-3:
                 return scale
         refuse(
             ratio < least,
-            f"bone must have voxels of {ratio * ours:.6g} mm^3, as the recording's volume, got {ours:.6g} mm^3; if "
+            f"bone must have voxels of {ratio * bone_voxel:.6g} mm^3, as the recording's volume, got {bone_voxel:.6g} mm^3; if "
             f"its recorder multiplied lengths, scale={ratio ** (1 / 3):.6g} (--scale) would fit",
         )
         return 1.0
@@ -455,8 +459,8 @@ class DrillingRecording:
 
     def __repr__(self) -> str:
         voxels = "no" if self.removed is None else len(self.removed)
-        told = f"{len(self.time)} poses, {voxels} voxels removed from {len(self.structures)} structures"
-        return f"DrillingRecording({self.layout} layout; {told}; absent: {', '.join(self.absent) or '-'})"
+        counts = f"{len(self.time)} poses, {voxels} voxels removed from {len(self.structures)} structures"
+        return f"DrillingRecording({self.layout} layout; {counts}; absent: {', '.join(self.absent) or '-'})"
 
 
 _KIND = "a recording of volumetric_drilling"
@@ -509,9 +513,9 @@ def read_volumetric_drilling(
     `high_frequency_poses`, else of the stream of about 50 Hz.
     """
     check_positive("scale", scale)
-    one = isinstance(path, str | os.PathLike)
-    files = [Path(path)] if one else [Path(each) for each in path]  # type: ignore[arg-type, union-attr]
-    if one and files[0].is_dir():
+    single = isinstance(path, str | os.PathLike)
+    files = [Path(path)] if single else [Path(each) for each in path]  # type: ignore[arg-type, union-attr]
+    if single and files[0].is_dir():
         files = sorted(files[0].glob("*.hdf5"))
     refuse(not files, f"path must hold files *.hdf5, got {path}")
     parts = []
@@ -584,8 +588,8 @@ class _Part:
         self.layout: Literal["new", "old"] = "new" if new else "old"
         text = read_dataset(file, place) if (place := self._place("metadata", "README")) in file else b""
         text = text.decode(errors="replace") if isinstance(text, bytes) else ""
-        if told := re.search(r"\bpositions?\b[^.\n]*? in (\w+)", text, re.IGNORECASE):
-            self._check_unit(place, told[1], "m")
+        if unit := re.search(r"\bpositions?\b[^.\n]*? in (\w+)", text, re.IGNORECASE):
+            self._check_unit(place, unit[1], "m")
         size = self._column("metadata", "voxel_volume", "mm^3", None, optional=True)
         self.voxel_volume = float(size) / scale**3 or None if size is not None else None  # its 0: not known
         refuse((self.voxel_volume or 1.0) < 0, f"{path} is damaged: its voxels have a volume of {size} mm^3")
@@ -631,8 +635,8 @@ class _Part:
         stamps, values = self._column(group, time, "s", 0), self._column(group, *column)
         if stamps is None or values is None:
             return None
-        told = f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times"
-        self._refuse(len(values) != len(stamps), told)
+        problem = f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times"
+        self._refuse(len(values) != len(stamps), problem)
         return [stamps, values]
 
     def _column(
@@ -647,24 +651,24 @@ class _Part:
         self._refuse(place not in self._file, f"it has no dataset {place}")
         if unit is not None:
             self._check_unit(place, str(attributes(self._file[place]).get("units", unit)), unit)
-        values, its = np.asarray(read_dataset(self._file, place)), f"its dataset {place}"
-        self._refuse(values.dtype.kind not in "iuf", f"{its} must hold numbers, got {values.dtype}")
-        due = () if width is None else (len(values), width)[: 1 + bool(width)] if values.ndim else None
-        self._refuse(values.shape != due, f"{its} has the shape {values.shape}")
+        values, dataset = np.asarray(read_dataset(self._file, place)), f"its dataset {place}"
+        self._refuse(values.dtype.kind not in "iuf", f"{dataset} must hold numbers, got {values.dtype}")
+        shape = () if width is None else (len(values), width)[: 1 + bool(width)] if values.ndim else None
+        self._refuse(values.shape != shape, f"{dataset} has the shape {values.shape}")
         values = values.astype(float)
         self._refuse(
-            not (abs(values) < 1e12).all(), f"{its} holds a number that is not finite, or above 1e12"
+            not (abs(values) < 1e12).all(), f"{dataset} holds a number that is not finite, or above 1e12"
         )
         turns = np.linalg.norm(values[:, 3:], axis=1) if width == 7 else np.ones(1)
-        self._refuse((abs(turns - 1.0) > 1e-3).any(), f"{its} holds a quaternion not of length 1")
+        self._refuse((abs(turns - 1.0) > 1e-3).any(), f"{dataset} holds a quaternion not of length 1")
         return values
 
     def _place(self, group: str, name: str) -> str:
         return f"{_NEW.get(group, group) if self.layout == 'new' else group}/{name}"
 
-    def _check_unit(self, place: str, told: str, unit: str) -> None:
-        known = re.split(r"[\s,;]", told.strip().lower())[0] in _UNITS[unit]
-        refuse(not known, f"{self._path} is in other units: {place} must be in {unit}, says {told!r}")
+    def _check_unit(self, place: str, unit_text: str, unit: str) -> None:
+        known = re.split(r"[\s,;]", unit_text.strip().lower())[0] in _UNITS[unit]
+        refuse(not known, f"{self._path} is in other units: {place} must be in {unit}, says {unit_text!r}")
 
     def _refuse(self, broken: object, why: str) -> None:
         refuse(broken, f"{self._path} is damaged: {why}")

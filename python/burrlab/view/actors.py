@@ -31,7 +31,7 @@ def vtk_class(name: str) -> Any:
     from vtkmodules import vtkCommonCore, vtkCommonDataModel, vtkRenderingCore
 
     modules = (vtkCommonCore, vtkCommonDataModel, vtkRenderingCore)
-    return next(getattr(one, name) for one in modules if hasattr(one, name))
+    return next(getattr(module, name) for module in modules if hasattr(module, name))
 
 
 def new(name: str, **settings: Any) -> Any:
@@ -43,8 +43,8 @@ def vtk_array(values: NDArray[Any], name: str | None = None, *, deep: bool = Tru
     """An array for VTK. Unless `deep`, it shares memory where types allow."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
 
-    made = numpy_to_vtk(np.ascontiguousarray(values), deep=deep)
-    return made if name is None else configure(made, Name=name)
+    array = numpy_to_vtk(np.ascontiguousarray(values), deep=deep)
+    return array if name is None else configure(array, Name=name)
 
 
 def flat_actor(renderer: Any, mesh: Any, **look: Any) -> Any:
@@ -202,9 +202,9 @@ class _Rim:
     def fit(self, eye: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> None:
         away = eye - center
         distance = float(np.linalg.norm(away))
-        shown = bool(np.isfinite(distance)) and not distance <= radius
-        self.actor.SetVisibility(shown)
-        if not shown:
+        visible = bool(np.isfinite(distance)) and not distance <= radius
+        self.actor.SetVisibility(visible)
+        if not visible:
             return
         away /= distance
         side = np.cross(away, np.eye(3)[np.argmin(np.abs(away))])
@@ -433,21 +433,21 @@ class SceneChart:
     def replace(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
         """Shows the last ten seconds of these values; hides the charts where there are fewer than two."""
         t = np.asarray(time, float)
-        kept = t >= (t[-1] - _SPAN if len(t) else 0.0)
-        shown = int(np.count_nonzero(kept)) > 1
+        recent = t >= (t[-1] - _SPAN if len(t) else 0.0)
+        visible = int(np.count_nonzero(recent)) > 1
         for chart, line, values, least in zip(
             self.charts, self.lines, (force, depth), (0.5, 0.1), strict=True
         ):
-            chart.visible = shown
-            if not shown:
+            chart.visible = visible
+            if not visible:
                 continue
-            y = np.asarray(values, float)[kept]
+            y = np.asarray(values, float)[recent]
             if np.isnan(y).all():  # not recorded: the chart above takes its place
                 chart.visible = False
                 self.charts[0].loc, self.charts[0].x_label = chart.loc, "time [s]"
                 continue
-            line.update(t[kept], y)
-            chart.x_range = (float(t[kept][0]), float(max(t[-1], t[kept][0] + 1e-3)))
+            line.update(t[recent], y)
+            chart.x_range = (float(t[recent][0]), float(max(t[-1], t[recent][0] + 1e-3)))
             most = max(least, float(np.nanmax(y, initial=0.0)))
             chart.y_range = (0.0, 1.15 * most)
             mark = round_value(most)  # else VTK shows only the zero in a low chart

@@ -116,11 +116,11 @@ class TraceView:
             f"start and stop must lie from 0 to {self.player.duration:g}, got {start:g} and {end:g}",
         )
         count = int(np.floor((end - start) * fps / speed + 1e-9)) + 1
-        told = reporter(progress, "film")
+        report_progress = reporter(progress, "film")
         for k in range(count):
             self.go(min(start + k * speed / fps, self.player.duration))
             yield self.scene.stereo_picture() if stereo else self.scene.picture()
-            told((k + 1) / count)
+            report_progress((k + 1) / count)
 
     def close(self) -> None:
         """Frees window and memory."""
@@ -180,8 +180,8 @@ def ffmpeg() -> str:
     OSError
         If there is neither.
     """
-    if found := shutil.which("ffmpeg"):
-        return found
+    if program := shutil.which("ffmpeg"):
+        return program
     with contextlib.suppress(ImportError, RuntimeError):
         import imageio_ffmpeg
 
@@ -207,7 +207,7 @@ def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uin
 def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
     program, count = ffmpeg(), 0
     encoder: subprocess.Popen[bytes] | None = None
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as messages:
         try:
             for frame in frames:
                 # H.264 takes even sizes only
@@ -219,7 +219,7 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
                             "-s", f"{even.shape[1]}x{even.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an",
                             "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart", str(path),
                         ],
-                        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=messages,
                     )  # fmt: skip
                 assert encoder.stdin is not None
                 try:
@@ -236,8 +236,8 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
                 encoder.communicate()
             raise
         if encoder.returncode:
-            said.seek(0)
-            words = said.read().decode(errors="replace").strip().splitlines()
+            messages.seek(0)
+            words = messages.read().decode(errors="replace").strip().splitlines()
             raise OSError(f"ffmpeg failed: {words[-1] if words else encoder.returncode}")
     return count
 
@@ -251,7 +251,7 @@ def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
     if pictures:
         # whole hundredths of a second; some frames have one more, so that the film keeps its length
         ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
-        shown = np.diff(ends).tolist()  # [ms]
-        duration = shown if len(shown) > 1 else shown[0]
+        durations = np.diff(ends).tolist()  # [ms]
+        duration = durations if len(durations) > 1 else durations[0]
         pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=duration, loop=0)
     return len(pictures)

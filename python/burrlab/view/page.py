@@ -70,12 +70,12 @@ def numbers(source: PageSource) -> list[dict[str, str]]:
         which = f" {i + 1}" if len(burrs.radii) > 1 else ""
         known = bool(np.isfinite(burrs.centers[i]).all())
         place = ", ".join(f"{value:.2f}" for value in burrs.centers[i]) if known else "not known"
-        told = [] if np.isnan(radius) else [f"R = {radius:g} mm"]
-        told += [] if burrs.on is None else ["turns" if burrs.on[i] else "stands"]
+        state_texts = [] if np.isnan(radius) else [f"R = {radius:g} mm"]
+        state_texts += [] if burrs.on is None else ["turns" if burrs.on[i] else "stands"]
         rows += [
             ("force" + which, f"{np.linalg.norm(force[i]):.2f}", "N"),
             ("penetration" + which, f"{depth[i]:.3f}", "mm"),
-            ("burr" + which, ", ".join(told) or "nan", ""),
+            ("burr" + which, ", ".join(state_texts) or "nan", ""),
             ("centre" + which, place, "mm" if known else ""),
         ]
     rows = [row for row in rows if row[1] != "nan"]
@@ -205,11 +205,11 @@ class Page:
             "prepared": 0, "problem": "", "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [],
             "values": [], "picture": "", "picture_number": 0,
         })  # fmt: skip
-        for name, told in (
+        for name, handler in (
             ("wanted_s", self._wish), ("slices", self._switch), ("stereo", self._switch),
             ("effects", self._switch), ("playing", self._play), ("speed", self._play),
         ):  # fmt: skip
-            self.state.change(name)(told)
+            self.state.change(name)(handler)
         for call in (self.drag, self.wheel, self.shown, self.draw):
             server.trigger(call.__name__)(call)
         scene.draw_fast()

@@ -102,8 +102,8 @@ def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEven
     kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
     what, colour = _KINDS[kind]
     text = f"{what} {structures[int(row['structure'])]}"
-    told = kind in ("approach", "away") and np.isfinite(distance)
-    return PageEvent(time, f"{text}, {distance:.2f} mm" if told else text, colour)
+    with_distance = kind in ("approach", "away") and np.isfinite(distance)
+    return PageEvent(time, f"{text}, {distance:.2f} mm" if with_distance else text, colour)
 
 
 #: Drawn fields of a parcel, as precise as the eye can see: within 0.03 mm, and shares of 255.
@@ -146,14 +146,14 @@ class ParcelHistory:
     def make(self, cancel: threading.Event | None = None, *, progress: Progress | None = None) -> bool:
         """Makes all frames; may run in a thread. Returns whether it came to the end. `progress` is called
         with the fraction done, 0 to 1; True shows a bar."""
-        told = reporter(progress, "effects")
+        report_progress = reporter(progress, "effects")
         player = TracePlayer(self._trace, every=self._duration + 1.0)  # goes forward only
         size = 0
         for _ in effects_of(player, self._effects, rate=_RATE):
             if cancel is not None and cancel.is_set():
                 return False
             self._made += 1
-            told(self.made)
+            report_progress(self.made)
             if self._made % self._every:
                 continue
             frame = _drawn(self._effects.parcels)
@@ -453,8 +453,8 @@ class LiveSource(PageSource):
     def _hear(self, tick: int) -> None:
         """Takes over new events; their times follow from the newest tick's."""
         if self._structures:
-            asked = self._source.follower if isinstance(self._source, Session) else self._source
-            for row in Watched.of(asked.watched(len(self.events)), np.zeros(0, np.int64)).events:
+            follower = self._source.follower if isinstance(self._source, Session) else self._source
+            for row in Watched.of(follower.watched(len(self.events)), np.zeros(0, np.int64)).events:
                 at = max(self.time - (tick - int(row["tick"])) * self._period, 0.0)
                 self.events.append(page_event(at, row, self._structures))
 

@@ -165,14 +165,14 @@ def plot_slices(
     )
     images = [slice_image(bone, point, plane) for plane in PLANES]
     widths = [image.extent[1] - image.extent[0] for image in images]
-    made = panels(ax, (1, 3), (9.6, 3.9), width_ratios=widths)
-    figure, look = made[0].figure, styled(style, color=_BURR, label="burr", linewidth=1.4)
+    all_axes = panels(ax, (1, 3), (9.6, 3.9), width_ratios=widths)
+    figure, look = all_axes[0].figure, styled(style, color=_BURR, label="burr", linewidth=1.4)
     if note:
         figure.suptitle(note, fontsize=8)
-    for axes, image in zip(made, images, strict=True):
+    for axes, image in zip(all_axes, images, strict=True):
         _draw_slice(axes, image, np.asarray(point, float), radii, places, look)
     handles: list[Artist] = [*_tissue_handles(bone, images)]
-    if any(axes.patches for axes in made):
+    if any(axes.patches for axes in all_axes):
         handles.append(Line2D([], [], **look | {"marker": "o", "fillstyle": "none", "linestyle": ""}))
     for columns in range(min(len(handles), 7), 0, -1):  # as many as fit
         legend = figure.legend(
@@ -181,7 +181,7 @@ def plot_slices(
         if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
             break
         legend.remove()
-    return made
+    return all_axes
 
 
 def _draw_slice(
@@ -372,17 +372,17 @@ def plot_depth_map(
         lines = axes.contour(*places, depth, levels=levels, colors=color, linewidths=0.6)
     if crop and deepest > 0:
         for limits, along, step in ((axes.set_xlim, 0, half[0]), (axes.set_ylim, 1, half[1])):
-            kept = places[along][np.flatnonzero(depth.max(axis=along) > 0.01 * deepest)]
-            margin = 0.12 * (kept[-1] - kept[0]) + 2 * step
+            deep_places = places[along][np.flatnonzero(depth.max(axis=along) > 0.01 * deepest)]
+            margin = 0.12 * (deep_places[-1] - deep_places[0]) + 2 * step
             limits(
-                max(kept[0] - margin, places[along][0] - step),
-                min(kept[-1] + margin, places[along][-1] + step),
+                max(deep_places[0] - margin, places[along][0] - step),
+                min(deep_places[-1] + margin, places[along][-1] + step),
             )
     figure = axes.get_figure(root=True)
     assert figure is not None
-    said = label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
+    label_text = label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
     bar = figure.colorbar(
-        image, cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)), label=said
+        image, cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)), label=label_text
     )  # as tall as the map
     if lines is not None:
         bar.add_lines(lines)  # on the map their numbers would hide a small crater
@@ -390,6 +390,6 @@ def plot_depth_map(
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")
-    said = f"\n{note}" if note else ""
-    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most{said}")
+    subtitle = f"\n{note}" if note else ""
+    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most{subtitle}")
     return axes

@@ -116,12 +116,12 @@ def surface_blocks(
         wanted = list(itertools.product(range(nz), range(ny), range(nx)))
     else:
         wanted = [(int(z), int(y), int(x)) for z, y, x in blocks]
-    found = {}
+    by_block = {}
     for k in range(0, len(wanted), _AT_A_TIME):
         some = wanted[k : k + _AT_A_TIME]
-        made = _core.extract_surface(bone, np.array(some, np.int64).reshape(-1, 3), level)
-        found.update({block: SurfaceBlock(*arrays) for block, arrays in zip(some, made, strict=True)})
-    return {block: one for block, one in found.items() if len(one.points)}
+        extracted = _core.extract_surface(bone, np.array(some, np.int64).reshape(-1, 3), level)
+        by_block.update({block: SurfaceBlock(*arrays) for block, arrays in zip(some, extracted, strict=True)})
+    return {block: surface for block, surface in by_block.items() if len(surface.points)}
 
 
 def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
@@ -132,25 +132,25 @@ def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
     ValueError
         If bricks have another shape, or one is not in the bone.
     """
-    found = np.asarray(bricks, np.int64)
+    places = np.asarray(bricks, np.int64)
     counts = np.array([-(-n // _BRICK) for n in bone.shape])
-    if found.size == 0:
+    if places.size == 0:
         return np.zeros((0, 3), np.int64)
-    if found.ndim == 1:
+    if places.ndim == 1:
         refuse(
-            found.min() < 0 or found.max() >= counts.prod(),
-            f"bricks must be from 0 to below {counts.prod()}, got {found.min()} to {found.max()}",
+            places.min() < 0 or places.max() >= counts.prod(),
+            f"bricks must be from 0 to below {counts.prod()}, got {places.min()} to {places.max()}",
         )
-        return np.stack(np.unravel_index(found, tuple(counts)), axis=1)
+        return np.stack(np.unravel_index(places, tuple(counts)), axis=1)
     refuse(
-        found.ndim != 2 or found.shape[1] != 3,
-        f"bricks must have the shape (n,) or (n, 3), got {found.shape}",
+        places.ndim != 2 or places.shape[1] != 3,
+        f"bricks must have the shape (n,) or (n, 3), got {places.shape}",
     )
     refuse(
-        (found < 0).any() or (found >= counts).any(),
+        (places < 0).any() or (places >= counts).any(),
         f"bricks must lie within {tuple(counts.tolist())} (z, y, x)",
     )
-    return found
+    return places
 
 
 def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
@@ -178,10 +178,10 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
     places = brick_places(bricks, bone)
     low = np.maximum((places * _BRICK - _MARGIN) // BLOCK, 0)
     high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(block_counts(bone)) - 1)
-    found: set[Block] = set()
+    blocks: set[Block] = set()
     for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist():
-        found.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
-    return sorted(found)
+        blocks.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
+    return sorted(blocks)
 
 
 _FACING = 0.3  # cosine up to which a vertex faces the eye: its triangles turn less or more than itself
@@ -217,9 +217,9 @@ def blocks_in_sight(
     width, height = (int(n / pixel) + 1 for n in size)
     depths = np.full(width * height, np.inf, np.float32)
     seen, inside = set(), {}
-    for block, made in blocks.items():
-        away = made.points - eye.astype(np.float32)
-        facing = np.einsum("ij,ij->i", away, made.normals)
+    for block, block_surface in blocks.items():
+        away = block_surface.points - eye.astype(np.float32)
+        facing = np.einsum("ij,ij->i", away, block_surface.normals)
         x, y, depth = (away @ axes)[facing < _FACING * viewpoint.distance].T
         if not len(depth):
             continue
@@ -285,11 +285,11 @@ class Surface:
             self.blocks = surface_blocks(bone, level=self.level)
             return sorted(before | set(self.blocks))
         wanted = blocks_of_bricks(bricks, bone)
-        made = surface_blocks(bone, wanted, level=self.level)
+        extracted = surface_blocks(bone, wanted, level=self.level)
         changed = []
         for block in wanted:
-            if block in made:
-                self.blocks[block] = made[block]
+            if block in extracted:
+                self.blocks[block] = extracted[block]
             elif self.blocks.pop(block, None) is None:
                 continue
             changed.append(block)
@@ -302,7 +302,7 @@ class Surface:
             np.zeros(0, np.uint8), np.zeros(0, np.uint8),
         )  # fmt: skip
         blocks = [none, *self.blocks.values()]
-        first = np.cumsum([0, *(len(one.points) for one in blocks[:-1])], dtype=np.int32)
-        parts = {f.name: [getattr(one, f.name) for one in blocks] for f in fields(none)}
+        first = np.cumsum([0, *(len(block.points) for block in blocks[:-1])], dtype=np.int32)
+        parts = {f.name: [getattr(block, f.name) for block in blocks] for f in fields(none)}
         parts["triangles"] = [part + n for part, n in zip(parts["triangles"], first, strict=True)]
         return SurfaceBlock(**{name: np.concatenate(part) for name, part in parts.items()})

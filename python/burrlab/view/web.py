@@ -87,11 +87,11 @@ def serve(
     RuntimeError
         If an event loop runs already.
     """
-    shown = page_source(source, effects)
+    page = page_source(source, effects)
     refuse(not 0 <= port <= 65535, f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    settings = {"size": size, "level": level, "note": note or shown.note, "outline": shown.kind == "replay"}
-    asyncio.run(_serve(shown, host, port, open_browser, viewpoint, stereo, on_ready, settings))
+    settings = {"size": size, "level": level, "note": note or page.note, "outline": page.kind == "replay"}
+    asyncio.run(_serve(page, host, port, open_browser, viewpoint, stereo, on_ready, settings))
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:

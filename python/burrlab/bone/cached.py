@@ -1,7 +1,5 @@
 """Bones of large volumes are kept for the next start; docs/volumes.md says where."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import glob

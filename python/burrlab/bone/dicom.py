@@ -4,8 +4,6 @@ Slices are sorted by position. pydicom reads the headers, SimpleITK (GDCM) the p
 PS3.3; UIDs have the form 2.25.<UUID> of PS3.5, annex B.2.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import errno

@@ -1,7 +1,5 @@
 """Reads and writes volume files: the registry of formats, values, and segments of 3D Slicer."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import gzip

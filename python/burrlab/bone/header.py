@@ -4,8 +4,6 @@ NRRD follows teem.sourceforge.net/nrrd/format.html, MetaImage itk.org/Wiki/ITK/M
 nifti2.h.
 """
 
-from __future__ import annotations
-
 import gzip
 import importlib
 import json

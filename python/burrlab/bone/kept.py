@@ -1,7 +1,5 @@
 """Half-drilled volumes: files that other programs read, each beside a file with the bone's exact state."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

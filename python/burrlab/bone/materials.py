@@ -1,7 +1,5 @@
 """The materials of the paper."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import Any
 

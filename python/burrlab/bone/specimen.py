@@ -1,7 +1,5 @@
 """Specimens: a bone with a point on its surface and a direction."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Tissues: known structures, tables of tissues and their CSV files, and bone made from labels."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,7 +1,5 @@
 """Inhomogeneous bone: a random field of occupancy that depends on seed and position alone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

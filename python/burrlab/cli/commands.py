@@ -3,8 +3,6 @@
 No room is imported here: help and the name of a mistyped option come at once.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re

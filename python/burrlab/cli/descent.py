@@ -1,7 +1,5 @@
 """Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit | compare | design."""
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """The parser of `burrlab COMMAND` and its main function."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib

@@ -1,7 +1,5 @@
 """Live sessions and the use of their traces: session | devices | replica | replay | metrics | export."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

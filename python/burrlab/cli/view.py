@@ -1,7 +1,5 @@
 """Views of bones, volumes and traces on the command line: burrlab view."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Checks of arguments, and of the memory that a file or a bone needs."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import math

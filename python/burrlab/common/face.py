@@ -1,7 +1,5 @@
 """Faces of packages: public names from a stub, and modules, imported at first use."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import re

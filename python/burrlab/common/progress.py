@@ -1,7 +1,5 @@
 """Progress of long work: a function of the user, a bar on standard error, or a note in the log; and Ctrl-C."""
 
-from __future__ import annotations
-
 import contextlib
 import logging
 import threading

@@ -1,7 +1,5 @@
 """Provenance of results."""
 
-from __future__ import annotations
-
 import platform
 from typing import Any
 

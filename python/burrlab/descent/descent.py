@@ -1,7 +1,5 @@
 """The descent experiment: a burr sinks into bone at a force held exactly, or by a controller and a rig."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable

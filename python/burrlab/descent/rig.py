@@ -1,7 +1,5 @@
 """The rig of the descent experiment: it moves a burr along an axis and measures the force."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np

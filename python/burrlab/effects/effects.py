@@ -1,7 +1,5 @@
 """Dust, blood, water and a sucker, frame by frame, beside a bone or a recorded session."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Reports of secondary effects: accounts of substances, and what was given up for time."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Whether data sets are of one material: ratios of their constants, a joint test, equivalent velocities."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property

@@ -1,7 +1,5 @@
 """The fit of c_e and alpha to velocities, traces and indentations."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from typing import Literal, get_args

@@ -1,7 +1,5 @@
 """Tests of a fit's assumptions, and of given values."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import TypeAlias
 

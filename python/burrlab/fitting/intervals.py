@@ -1,7 +1,5 @@
 """Intervals, regions and profiles of a likelihood, as a fit keeps them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

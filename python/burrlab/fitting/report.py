@@ -1,7 +1,5 @@
 """A fit as text and HTML."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from html import escape
 

@@ -1,7 +1,5 @@
 """The result of a comparison of erosion shapes: its report, figures and JSON."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from html import escape

@@ -1,7 +1,5 @@
 """Model choice: fits under each erosion shape function, and in the family f = (1 - x^2)^k with k free."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

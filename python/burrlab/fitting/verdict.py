@@ -1,7 +1,5 @@
 """The status of a fit, and what the data determine in plain words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

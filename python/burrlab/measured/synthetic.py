@@ -1,7 +1,5 @@
 """Synthetic data sets; their sources say so."""
 
-from __future__ import annotations
-
 import warnings
 from typing import Any
 

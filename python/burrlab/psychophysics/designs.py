@@ -5,8 +5,6 @@ with the same trials. So the draws use NumPy's `SeedSequence` and `PCG64`, whose
 version of NumPy, and a shuffle of this module, because NumPy's may change.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

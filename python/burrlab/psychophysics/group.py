@@ -5,8 +5,6 @@ the bias, and the number of correct answers among the K shows d'. Given K, the h
 Fisher's noncentral hypergeometric distribution with the odds ratio H (1 - F) / (F (1 - H)).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Bone that appears around a burr pushes it out, so a live device's interval waits until the burr is lifted.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import os

@@ -3,8 +3,6 @@
 Observers are unbiased, with lapses.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

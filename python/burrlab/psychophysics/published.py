@@ -1,7 +1,5 @@
 """Re-analysis of published mean scores, the effect of selection, and two one-sided tests of signed values."""
 
-from __future__ import annotations
-
 import math
 import operator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Simulated subjects: rehearsals, predicted scores, the paper's Task 1, and a seat in a run."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence

@@ -5,8 +5,6 @@ of Macmillan and Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-d
 intervals).
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from abc import ABC, abstractmethod

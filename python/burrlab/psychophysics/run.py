@@ -1,7 +1,5 @@
 """The run of one subject through the tasks: intervals, question, answer on disk, next trial."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

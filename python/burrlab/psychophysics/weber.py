@@ -5,8 +5,6 @@ give just noticeable differences, each at its own criterion. No abstract states 
 could be half or twice the number.
 """
 
-from __future__ import annotations
-
 #: Force. Pang, Tan, Durlach, *Manual discrimination of force using active finger motion*, Perception &
 #: Psychophysics 49, 1991. Abstract read: roughly 7 % of the reference, 2.5 to 10 N, one-interval paradigm
 #: with feedback, 5 subjects. The forces here, 0.3 to 1.5 N, lie below that range.

@@ -1,7 +1,5 @@
 """Anatomy reports of a session, of a replica, and of a trace that is executed again."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

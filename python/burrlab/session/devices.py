@@ -1,7 +1,5 @@
 """Haptic devices: where they stand beside the bone, and what models give, with the source of each number."""
 
-from __future__ import annotations
-
 import math
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Devices from text and CSV files; logs of VRPN."""
 
-from __future__ import annotations
-
 import os
 import re
 import struct

@@ -1,7 +1,5 @@
 """Publishing a session, and following it with a replica on another machine (docs/network.md)."""
 
-from __future__ import annotations
-
 import json
 import os
 import time

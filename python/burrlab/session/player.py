@@ -1,7 +1,5 @@
 """A session at any moment: bone, burrs, force and depth; of a trace, or as another simulator recorded it."""
 
-from __future__ import annotations
-
 import bisect
 import operator
 import threading

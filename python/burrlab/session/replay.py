@@ -1,7 +1,5 @@
 """Replay of a recorded session, compared with its record."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Closed forms of the descent at constant force, and its penetration velocity (docs/descent.md)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Viewpoints, the two eyes of a stereo pair, and the approach of a trace to the bone."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

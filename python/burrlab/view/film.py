@@ -1,7 +1,5 @@
 """A recorded session as a scene at any moment, and films of it: MP4 by ffmpeg, GIF by Pillow."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

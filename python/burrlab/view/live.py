@@ -1,7 +1,5 @@
 """A scene that follows a running session or a replica, at no cost for the loop."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from typing import Any

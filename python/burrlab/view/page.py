@@ -1,7 +1,5 @@
 """The page of a scene: its texts, curves and cameras, a browser's wishes, and its Vuetify components."""
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import contextlib

@@ -1,7 +1,5 @@
 """Sources of scenes and pages: a trace, a running session or its replica, or a bone, each at one moment."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import threading

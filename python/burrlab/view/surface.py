@@ -1,7 +1,5 @@
 """The bone's surface in blocks of 32^3 voxels, replaced where its bricks changed."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields

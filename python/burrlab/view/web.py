@@ -1,7 +1,5 @@
 """A replay, a running session or a bone in a web page, drawn on the server: the browser needs no WebGL."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import ipaddress

@@ -1,7 +1,5 @@
 """Air cells: a honeycomb with cell sizes from a given distribution."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """A procedural temporal bone from a seed, at any resolution; it needs no patient's data."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -56,6 +56,11 @@ from burrlab.fitting.result import plot_curves as plot_curves
 from burrlab.fitting.shape_comparison import ShapeComparison as ShapeComparison
 from burrlab.fitting.shapes import compare_shapes as compare_shapes
 from burrlab.fitting.voxel import VoxelEngine as VoxelEngine
+from burrlab.foreign.volumetric_drilling import DrillingRecording as DrillingRecording
+from burrlab.foreign.volumetric_drilling import export_volumetric_drilling as export_volumetric_drilling
+from burrlab.foreign.volumetric_drilling import read_volumetric_drilling as read_volumetric_drilling
+from burrlab.foreign.vrpn_log import VrpnLog as VrpnLog
+from burrlab.foreign.vrpn_log import read_vrpn_log as read_vrpn_log
 from burrlab.measured.curve import VelocityCurve as VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace as DepthTrace
 from burrlab.measured.indentation import Indentation as Indentation
@@ -65,9 +70,7 @@ from burrlab.measured.synthetic import synthetic_trace as synthetic_trace
 from burrlab.session.devices import DeviceFrame as DeviceFrame
 from burrlab.session.devices import DeviceLimits as DeviceLimits
 from burrlab.session.devices import device_limits as device_limits
-from burrlab.session.exchange import VrpnLog as VrpnLog
 from burrlab.session.exchange import read_script as read_script
-from burrlab.session.exchange import read_vrpn_log as read_vrpn_log
 from burrlab.session.haply import HaplyDevice as HaplyDevice
 from burrlab.session.metrics import SessionMetrics as SessionMetrics
 from burrlab.session.metrics import session_metrics as session_metrics
@@ -78,9 +81,6 @@ from burrlab.session.report import SessionReport as SessionReport
 from burrlab.session.session import Session as Session
 from burrlab.session.trace import Trace as Trace
 from burrlab.session.trace import load_trace as load_trace
-from burrlab.session.volumetric_drilling import DrillingRecording as DrillingRecording
-from burrlab.session.volumetric_drilling import export_volumetric_drilling as export_volumetric_drilling
-from burrlab.session.volumetric_drilling import read_volumetric_drilling as read_volumetric_drilling
 from burrlab.theory.continuum import MasterCurve as MasterCurve
 from burrlab.theory.continuum import MeanFieldDescent as MeanFieldDescent
 from burrlab.theory.continuum import mean_field_descent as mean_field_descent

@@ -18,7 +18,7 @@ import burrlab
 from burrlab.bone.recipe import LabelledRecipe
 from burrlab.bone.tissues import default_tissues
 from burrlab.effects.effects import Effects
-from burrlab.session.volumetric_drilling import _NEW
+from burrlab.foreign.volumetric_drilling import _NEW
 from burrlab.view import RecordingPlayer, TracePlayer
 from burrlab.view.camera import trace_approach
 from burrlab.view.page_source import page_source

@@ -37,6 +37,11 @@ from burrlab.cli.options import (
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere
 from burrlab.effects.companion import Companion
+from burrlab.foreign.volumetric_drilling import (
+    export_volumetric_drilling,
+    is_recording,
+    read_volumetric_drilling,
+)
 from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
 from burrlab.session.devices import DeviceFrame
 from burrlab.session.exchange import (
@@ -50,11 +55,6 @@ from burrlab.session.network import follow
 from burrlab.session.replay import replay
 from burrlab.session.session import Session
 from burrlab.session.trace import load_trace
-from burrlab.session.volumetric_drilling import (
-    export_volumetric_drilling,
-    is_recording,
-    read_volumetric_drilling,
-)
 from burrlab.view.live import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
 from burrlab.view.web import check_page, serve, warning

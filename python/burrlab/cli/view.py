@@ -27,9 +27,9 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
 from burrlab.common.files import new_file
 from burrlab.effects.effects import Effects
+from burrlab.foreign.volumetric_drilling import is_recording, read_volumetric_drilling
 from burrlab.session.player import Player, RecordingPlayer, TracePlayer
 from burrlab.session.trace import load_trace
-from burrlab.session.volumetric_drilling import is_recording, read_volumetric_drilling
 from burrlab.view.camera import Viewpoint, approach_view, surgeon_view, trace_approach
 from burrlab.view.film import TraceView, check_film, write_video
 from burrlab.view.pictures import depth_map, plot_depth_map, plot_slices

@@ -16,8 +16,7 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 from burrlab.common.table import dataframe, html_table
-from burrlab.session.trace import Trace, check_trace
-from burrlab.session.volumetric_drilling import DrillingRecording
+from burrlab.session.trace import Recording, Trace, check_trace
 
 if TYPE_CHECKING:
     import pandas
@@ -172,7 +171,7 @@ _CODEC = Codec(keys={SessionMetrics: _KEYS})
 
 
 def session_metrics(
-    trace: Trace | DrillingRecording,
+    trace: Trace | Recording,
     *,
     burr: int = 0,
     threshold: float = THRESHOLD,
@@ -214,11 +213,11 @@ def session_metrics(
     A `DrillingRecording` counts whole voxels as removed. It does not say when the burr met bone: contact is
     where the force is not 0. What follows from nothing recorded is NaN, such as the time of cutting.
     """
-    if not isinstance(trace, DrillingRecording):
+    if not isinstance(trace, Recording):
         check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
         refuse(not (math.isfinite(value) and value > 0), f"{name} must be positive, got {value}")
-    time, step, period, duration, center, force, touching, cuts, volume, structures, absent = trace._handling(
+    time, step, period, duration, center, force, touching, cuts, volume, structures, absent = trace.handling(
         burr
     )
     contact, cutting = float(step[touching].sum()), float(step[cuts].sum())

@@ -14,8 +14,7 @@ from burrlab._core import VoxelBone, read_bricks, restore_bricks, take_changed_b
 from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.session.replay import executor_of, inputs
-from burrlab.session.trace import Trace, check_trace
-from burrlab.session.volumetric_drilling import DrillingRecording
+from burrlab.session.trace import Recording, Trace, check_trace
 
 _State = tuple[int, NDArray[np.uint32], NDArray[np.uint8]]  # tick, bricks that changed, their levels
 _tick = operator.itemgetter(0)
@@ -399,11 +398,6 @@ def _held(
     return lambda at: table[np.searchsorted(times, at, side="right")]
 
 
-_ABSENT = {
-    "removed": "removed voxels", "volume_pose": "the burr's place", "burr_radius": "its radius", "force": "force",
-}  # fmt: skip
-
-
 class RecordingPlayer:
     """Random access to a recording of volumetric_drilling, on the bone that was drilled there.
 
@@ -440,37 +434,31 @@ class RecordingPlayer:
 
     prepared = 1.0  # every seek is fast
 
-    def __init__(
-        self, recording: DrillingRecording, bone: VoxelBone, source: str | Mapping[str, Any] = ""
-    ) -> None:
-        if not isinstance(recording, DrillingRecording):
+    def __init__(self, recording: Recording, bone: VoxelBone, source: str | Mapping[str, Any] = "") -> None:
+        if not isinstance(recording, Recording):
             raise TypeError(f"recording must be a DrillingRecording, got {recording!r}")
         self.recording, self.bone, self.time, self._gone = recording, bone.copy(), 0.0, 0
-        time, when, force_time = recording.time, recording.removed_time, recording.force_time
-        voxels = np.zeros((0, 3), np.int64) if when is None else recording.removed_from(bone, source)
+        motion = recording.motion(bone, source)
+        time, voxels = motion.time, motion.removed
         _, rows, columns = (-(-n // 8) for n in bone.shape)
         flat = 512 * (voxels // 8 @ (rows * columns, columns, 1)) + voxels % 8 @ (64, 8, 1)  # brick by brick
         once = np.sort(np.unique(flat, return_index=True)[1])  # each voxel when it first went
-        self._voxels, self._when = voxels[once], np.zeros(0) if when is None else when[once]
+        self._voxels, self._when = voxels[once], motion.removed_time[once]
         self._brick, self._within = (flat[once] // 512).astype(np.uint32), flat[once] % 512
         bricks, row = np.unique(self._brick, return_inverse=True)
         self._level = read_bricks(bone, bricks)[row, self._within]
-        pose = recording.volume_pose
-        _, centers, division = (None, None, "") if pose is None else recording._in_frame_of(bone, source)
-        self._center = _held(np.where(np.arange(len(time)), time, -np.inf), centers, 3)
-        self._force = _held(force_time, recording.force, 3)
-        self._radius = _held(recording.burr_time, recording.burr_radius, 1)
-        ends = [times[-1:] for times in (time, self._when, force_time) if times is not None]
+        self._center = _held(np.where(np.arange(len(time)), time, -np.inf), motion.center, 3)
+        self._force = _held(motion.force_time, motion.force, 3)
+        self._radius = _held(motion.radius_time, motion.radius, 1)
+        ends = [times[-1:] for times in (time, self._when, motion.force_time) if times is not None]
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
         force = np.linalg.norm(self._force(time), axis=1)
         self.history = History(time, force[:, None], np.full((len(time), 1), np.nan))
-        absent = [absence for name, absence in _ABSENT.items() if name in recording.absent]
-        self.note = ", ".join(["not recorded: penetration", "whether the burr turned", *absent])
         empty = int(np.count_nonzero(self._level == 0))
+        notes = [motion.notes[0]]
         if 2 * empty > len(self._level):
-            self.note += f"; {empty} of {len(self._level)} removed voxels are empty in this bone"
-        if division:
-            self.note += f"; {division}"
+            notes.append(f"{empty} of {len(self._level)} removed voxels are empty in this bone")
+        self.note = "; ".join([*notes, *motion.notes[1:]])
         self.seek(0.0)
 
     @property

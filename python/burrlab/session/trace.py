@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,6 +215,32 @@ class Handling(NamedTuple):
     absent: tuple[str, ...] = ()  # metrics that follow from nothing recorded
 
 
+class Motion(NamedTuple):
+    """What a `RecordingPlayer` shows, in the frame of a bone. What was not recorded is None, or empty."""
+
+    time: NDArray[np.float64]  # of the poses [s]
+    center: NDArray[np.float64] | None  # [mm], a row a pose
+    force_time: NDArray[np.float64] | None  # [s]
+    force: NDArray[np.float64] | None  # valid until the next [N]
+    radius_time: NDArray[np.float64] | None  # [s]
+    radius: NDArray[np.float64] | None  # from then on [mm]
+    removed_time: NDArray[np.float64]  # [s]
+    removed: NDArray[np.int64]  # indices (z, y, x) of the voxels
+    notes: tuple[str, ...]  # what is not recorded, then by what lengths are divided
+
+
+@runtime_checkable
+class Recording(Protocol):
+    """A session that another simulator recorded."""
+
+    @property
+    def path(self) -> Path: ...
+
+    def handling(self, burr: int) -> Handling: ...
+
+    def motion(self, bone: VoxelBone, source: str | Mapping[str, Any] = "") -> Motion: ...
+
+
 _LONGEST = 1000  # characters of a name
 
 
@@ -350,7 +376,8 @@ class Trace:
         names = ", ".join(TICK_COLUMNS + BURR_COLUMNS)
         raise ValueError(f"name must be one of {names}, got '{name}'")
 
-    def _handling(self, burr: int) -> Handling:
+    def handling(self, burr: int) -> Handling:
+        """What `session_metrics` reads of a burr."""
         levels = self.array("removed_levels", burr)
         return Handling(
             self.time(), self.ticks["k"] * (self.period / 1000.0), self.period, self.duration,

@@ -24,7 +24,7 @@ from burrlab.common.check import check_positive, refuse
 from burrlab.common.files import attributes, new_file, new_hdf5
 from burrlab.common.progress import Progress, doing, reporter
 from burrlab.session.replay import executor_of, inputs
-from burrlab.session.trace import Handling, Trace, check_trace
+from burrlab.session.trace import Handling, Motion, Trace, check_trace
 
 if TYPE_CHECKING:
     import h5py
@@ -47,6 +47,10 @@ _NEW = {
     "burr_change": "physics_data/intermittent_data/burr_change",
     "drill_force_feedback": "physics_data/intermittent_data/drill_force_feedback",
     "high_frequency_poses/mastoidectomy_drill": "physics_data/continuous_data/high_frequency_poses/mastoidectomy_drill_pose",
+}  # fmt: skip
+
+_ABSENT = {
+    "removed": "removed voxels", "volume_pose": "the burr's place", "burr_radius": "its radius", "force": "force",
 }  # fmt: skip
 
 _README = """All positions are in metres unless specified otherwise.
@@ -431,7 +435,22 @@ class DrillingRecording:
         )
         return 1.0
 
-    def _handling(self, burr: int) -> Handling:
+    def motion(self, bone: VoxelBone, source: str | Mapping[str, Any] = "") -> Motion:
+        """What `RecordingPlayer` shows on the bone; errors and `source` are those of `removed_from`."""
+        centers, removed, divided = None, (np.zeros(0), np.zeros((0, 3), np.int64)), ""
+        if self.removed_time is not None:
+            removed = self.removed_time, self.removed_from(bone, source)
+        if self.volume_pose is not None:
+            _, centers, divided = self._in_frame_of(bone, source)
+        absent = [absence for name, absence in _ABSENT.items() if name in self.absent]
+        notes = ["not recorded: " + ", ".join(["penetration", "whether the burr turned", *absent]), divided]
+        return Motion(
+            self.time, centers, self.force_time, self.force, self.burr_time, self.burr_radius, *removed,
+            tuple(filter(None, notes)),
+        )  # fmt: skip
+
+    def handling(self, burr: int) -> Handling:
+        """What `session_metrics` reads; its only burr is 0."""
         refuse(burr != 0, f"burr must be an index below 1, got {burr}")
         if self.voxel_volume is not None and self.voxel_volume < _LEAST_VOXEL:
             warnings.warn(

@@ -1,0 +1,1 @@
+"""Recordings of other programs: volumetric_drilling, and logs of VRPN."""

@@ -41,7 +41,7 @@ def main(folder: Path, voxel: float) -> None:
     trace = folder / "ear.h5"
     trace.unlink(missing_ok=True)
     with burrlab.Session(
-        phantom.bone, tool, path.device(), seed=1, wall_clock=False, record=trace
+        phantom.bone, tool, path.device(), seed=1, clock=burrlab.Clock(wall_clock=False), record=trace
     ) as session:
         session.wait()
         bone, ticks = session.snapshot()

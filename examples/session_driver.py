@@ -41,7 +41,9 @@ def main() -> None:
     bone = burrlab.VoxelBone.block((16, 16, 6), 0.1, origin=(-7.95, -7.95, -5.95))
     tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     hardware, box = Hardware(), burrlab.MailboxDevice(name="circle")
-    with burrlab.Session(bone, tool, box, seed=1, coupling=2.0, on_message=print) as session:
+    with burrlab.Session(
+        bone, tool, box, seed=1, safety=burrlab.Safety(coupling=2.0), on_message=print
+    ) as session:
         while time.perf_counter() - hardware.begin < seconds and session.running:
             box.put(hardware.position(), on=True)
             hardware.force = box.force

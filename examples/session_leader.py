@@ -29,9 +29,15 @@ def main() -> None:
     recipe = block_recipe((30, 30, 10), 0.1, origin=(-14.95, -14.95, -9.95))  # top at z = 0
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
     session = burrlab.Session(
-        make_bone(recipe), tool, burrlab.HandDevice(push=1.0), seed=1, duration=options.seconds,
-        record=path, publish=options.port, source=recipe, on_message=print,
-    )  # fmt: skip
+        burrlab.StartingBone(make_bone(recipe), source=recipe),
+        tool,
+        burrlab.HandDevice(push=1.0),
+        seed=1,
+        duration=options.seconds,
+        record=path,
+        publish=options.port,
+        on_message=print,
+    )
     print(f"published on port {session.port}, recorded in {path}")
     with session:
         while not session.wait(1.0):

@@ -19,7 +19,12 @@ def leader() -> burrlab.Session:
     recipe = block_recipe((30, 16, 6), 0.1, origin=(-14.95, -7.95, -5.95))
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
     return burrlab.Session(
-        make_bone(recipe), tool, burrlab.HandDevice(), seed=1, duration=4.0, publish=0, source=recipe
+        burrlab.StartingBone(make_bone(recipe), source=recipe),
+        tool,
+        burrlab.HandDevice(),
+        seed=1,
+        duration=4.0,
+        publish=0,
     )
 
 

@@ -79,6 +79,10 @@ from burrlab.session.replay import Replay as Replay
 from burrlab.session.replay import replay as replay
 from burrlab.session.report import SessionReport as SessionReport
 from burrlab.session.session import Session as Session
+from burrlab.session.settings import Clock as Clock
+from burrlab.session.settings import Publish as Publish
+from burrlab.session.settings import Safety as Safety
+from burrlab.session.settings import StartingBone as StartingBone
 from burrlab.session.trace import Trace as Trace
 from burrlab.session.trace import load_trace as load_trace
 from burrlab.theory.continuum import MasterCurve as MasterCurve

@@ -75,9 +75,15 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
             devices.append(_over_stub(stub, Path(folder), rate))
         record = Path(folder) / "trace.h5"
         session = burrlab.Session(
-            bone, [tool] * len(devices), devices, seed=1, rate=rate, duration=seconds, record=record, publish=0,
-            realtime=realtime,
-        )  # fmt: skip
+            bone,
+            [tool] * len(devices),
+            devices,
+            seed=1,
+            clock=burrlab.Clock(rate=rate, realtime=realtime),
+            duration=seconds,
+            record=record,
+            publish=0,
+        )
         with session:
             session.wait()
         for burr, device in enumerate(devices):

@@ -166,7 +166,9 @@ def make(folder: Path) -> None:
     device = burrlab.ScriptedDevice(times, path)
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
     record = folder / "ear.h5"
-    with burrlab.Session(phantom.bone, tool, device, seed=1, wall_clock=False, record=record) as session:
+    with burrlab.Session(
+        phantom.bone, tool, device, seed=1, clock=burrlab.Clock(wall_clock=False), record=record
+    ) as session:
         session.wait()
 
 

@@ -131,7 +131,7 @@ def _drilled(ending: str) -> Seed:
 
 def _watched(at: Path) -> None:
     bone, path = nerve_bone(), straight([(0, 0, 0.9), (0, 0, -0.5)], [0.0, 0.1])
-    options = {"seed": 3, "duration": 0.1, "wall_clock": False, "watch": Watch(bone)}
+    options = {"seed": 3, "duration": 0.1, "clock": burrlab.Clock(wall_clock=False), "watch": Watch(bone)}
     with burrlab.Session(bone, tool(), path, record=at / "in.h5", **options) as session:
         session.wait()
 

@@ -63,7 +63,7 @@ def make_files(folder: Path) -> None:
         device,
         seed=7,
         duration=1.0,
-        wall_clock=False,
+        clock=burrlab.Clock(wall_clock=False),
         record=folder / "trace.h5",
         watch=Watch(bone),
     ) as session:

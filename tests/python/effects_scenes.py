@@ -1,6 +1,7 @@
 """Bones, tools and cuts for tests of the secondary effects."""
 
 import numpy as np
+from session_scenes import session_of
 
 import burrlab
 
@@ -30,7 +31,7 @@ def script(seconds: float) -> burrlab.ScriptedDevice:
 
 def session(seconds: float = 1.0, **options) -> burrlab.Session:
     settings = {"seed": 1, "duration": seconds, "wall_clock": False, **options}
-    return burrlab.Session(bone_with_tissues(), TOOL, script(seconds), **settings)
+    return session_of(bone_with_tissues(), TOOL, script(seconds), **settings)
 
 
 def levels_removed(bone: burrlab.VoxelBone) -> int:

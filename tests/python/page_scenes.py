@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from anatomy_scenes import nerve_bone, straight, tool
-from session_scenes import ended
+from session_scenes import ended, session_of
 
 import burrlab
 from burrlab.anatomy.watch import Watch
@@ -18,7 +18,7 @@ def nerve_session(path=PATH, **options) -> burrlab.Session:
     """A session with a watch, on the virtual clock, along a path."""
     bone = nerve_bone()
     settings = {"seed": 1, "duration": float(path[1][-1]), "wall_clock": False, **options}
-    return burrlab.Session(bone, tool(), straight(*path), watch=Watch(bone, approach=0.5), **settings)
+    return session_of(bone, tool(), straight(*path), watch=Watch(bone, approach=0.5), **settings)
 
 
 def nerve_trace(file: Path) -> Path:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import fields
 
 import burrlab
 import burrlab._core as _core
@@ -55,7 +56,9 @@ class Leader:
             self.executor, devices, wall_clock=wall_clock, ticks=ticks, stall_limit=5000.0
         )
         self.follower = _core.Follower(self.loop, digest_every=digest_every, rebuild_after=60.0)
-        self.publisher = open_publisher(self.follower, self.hello, **options)
+        names = {field.name for field in fields(burrlab.Publish)} & options.keys()
+        publish = burrlab.Publish(**{"port": 0} | {name: options.pop(name) for name in names})
+        self.publisher = open_publisher(self.follower, self.hello, publish, **options)
 
     @property
     def port(self):

@@ -27,7 +27,9 @@ def run(folder: Path, seconds: float) -> None:
     bone = burrlab.VoxelBone.block((20, 12, 4), 0.2, origin=(-9.9, -5.9, -3.9))
     tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     device = burrlab.MailboxDevice(name="test", lost_after=5000.0)  # however busy the machine is
-    session = burrlab.Session(bone, tool, device, seed=5, digest_every=0.1, record=folder / "session.h5")
+    session = burrlab.Session(
+        bone, tool, device, seed=5, clock=burrlab.Clock(digest_every=0.1), record=folder / "session.h5"
+    )
 
     def show() -> None:
         while True:

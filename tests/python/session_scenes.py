@@ -1,11 +1,31 @@
 """Records for tests of traces, made by contacts instead of the loop or the executor, and a reader of them."""
 
+from dataclasses import fields
+
 import numpy as np
 
 import burrlab
 import burrlab._core as _core
 
 SEED = 7
+
+
+def session_of(bone, tools, devices, *, frames=None, **options):
+    """A session whose settings stand in one row, and of whose devices each stands in the same frame."""
+
+    def settings(kind, *arguments):
+        names = {field.name for field in fields(kind)} & options.keys()
+        return kind(*arguments, **{name: options.pop(name) for name in names})
+
+    options["port"] = options.pop("publish", None)
+    if frames is not None:
+        devices = [(device, frames) for device in (devices if isinstance(devices, tuple) else [devices])]
+    begin = settings(burrlab.StartingBone, bone) if isinstance(bone, burrlab.VoxelBone) else bone
+    publish = settings(burrlab.Publish)
+    return burrlab.Session(
+        begin, tools, devices, clock=settings(burrlab.Clock), safety=settings(burrlab.Safety),
+        publish=None if publish.port is publish.vrpn is None else publish, **options,
+    )  # fmt: skip
 
 
 def small_bone():

@@ -14,7 +14,9 @@ def player(tmp_path, start, axis):
     bone = burrlab.VoxelBone.block((40, 40, 40), 0.2, origin=(-3.9, -3.9, -3.9))
     hand = burrlab.HandDevice(start, into=axis, along=np.roll(axis, 1), push=1.0)
     tool, record = (burrlab.Burr(1.5), burrlab.materials["bone"]), tmp_path / "trace.h5"
-    with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, wall_clock=False, record=record) as session:
+    with burrlab.Session(
+        bone, tool, hand, seed=1, duration=0.5, clock=burrlab.Clock(wall_clock=False), record=record
+    ) as session:
         session.wait()
     return TracePlayer(burrlab.load_trace(record))
 
@@ -57,7 +59,7 @@ def test_a_burr_larger_than_the_bone(tmp_path):
     device = burrlab.ScriptedDevice([0.0, 0.1], [(0.5, 0.5, 6.5), (0.5, 0.5, 6.4)])
     tool, record = (burrlab.Burr(6.0), burrlab.materials["bone"]), tmp_path / "trace.h5"
     with burrlab.Session(
-        bone, tool, device, seed=1, duration=0.1, wall_clock=False, record=record
+        bone, tool, device, seed=1, duration=0.1, clock=burrlab.Clock(wall_clock=False), record=record
     ) as session:
         session.wait()
     shown = TracePlayer(burrlab.load_trace(record))

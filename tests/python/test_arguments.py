@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from session_scenes import session_of
 
 import burrlab
 from burrlab._core import Burr, EffectParameters, Material, Tissue, VoxelBone
@@ -16,7 +17,7 @@ LEVELS = np.ones((2, 2, 2), np.uint8)
 
 
 def session(**options: object) -> burrlab.Session:
-    return burrlab.Session(
+    return session_of(
         VoxelBone.block((4, 4, 3), 0.2), (Burr(1.0), BONE), burrlab.HandDevice((2, 2, 3.5)), wall_clock=False, **options
     )  # fmt: skip
 

@@ -244,9 +244,15 @@ def test_a_published_session_on_a_kept_bone_is_followed(tmp_path: Path) -> None:
     kept = DrilledRecipe(str(tmp_path / "b.h5"))
     device = burrlab.HandDevice((4, 4, 6))
     session = burrlab.Session(
-        kept.bone(), (Burr(1.0), burrlab.materials["bone"]), device, seed=1, tick=kept.tick, duration=1.5,
-        publish=0, source=kept.plain() | {"notes": [f"read from {tmp_path / 'b.h5'}"]},
-    )  # fmt: skip
+        burrlab.StartingBone(
+            kept.bone(), tick=kept.tick, source=kept.plain() | {"notes": [f"read from {tmp_path / 'b.h5'}"]}
+        ),
+        (Burr(1.0), burrlab.materials["bone"]),
+        device,
+        seed=1,
+        duration=1.5,
+        publish=0,
+    )
     with session:
         hello = Replica("127.0.0.1", session.port)
         assert hello.fetch_hello()

@@ -37,7 +37,13 @@ def leader(seconds):
     tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     hand = burrlab.HandDevice((0.0, 0.0, 2.2), strokes_after=0.0)
     return burrlab.Session(
-        make_bone(BLOCK), tool, hand, seed=11, duration=seconds, publish=0, source=BLOCK, realtime=False
+        burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
+        tool,
+        hand,
+        seed=11,
+        duration=seconds,
+        publish=0,
+        clock=burrlab.Clock(realtime=False),
     )
 
 

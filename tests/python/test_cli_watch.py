@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, table, tool
 from command_line import said
+from session_scenes import session_of
 
 import burrlab
 from burrlab._core import Tissue, Tissues
@@ -114,9 +115,7 @@ def options(given):
 def followed(bone, depth, **options):
     """An ended session that went down to a depth, and its replica."""
     device = straight([(0, 0, 1.5), (0, 0, depth)], [0, 0.4])
-    session = burrlab.Session(
-        bone, tool(), device, seed=3, duration=0.4, wall_clock=False, publish=0, **options
-    )
+    session = session_of(bone, tool(), device, seed=3, duration=0.4, wall_clock=False, publish=0, **options)
     replica = follow("127.0.0.1", session.port, bone=bone)
     with session:
         session.wait()

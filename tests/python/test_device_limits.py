@@ -17,6 +17,7 @@ from anatomy_scenes import nerve_bone, straight, tool
 from command_line import refusal, result
 from conftest import ROOT
 from pseudo_terminal import PseudoTerminal
+from session_scenes import session_of
 
 import burrlab
 from burrlab import DeviceLimits, _core, device_limits
@@ -28,7 +29,7 @@ TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
 def session(device=None, **options):
     bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
     options = {"seed": 1, "wall_clock": False, **options}
-    return burrlab.Session(bone, TOOL, device or burrlab.HandDevice((0, 0, 3.1), push=4.0), **options)
+    return session_of(bone, TOOL, device or burrlab.HandDevice((0, 0, 3.1), push=4.0), **options)
 
 
 def recorded(path, **options):
@@ -118,9 +119,13 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
         frame = burrlab.DeviceFrame(random.uniform(0.5, 2), clutch=0 if number % 3 else None)
         tool = burrlab.Burr(2.0), burrlab.Material("random", c_e=random.uniform(0.2, 30), alpha=0.05)
         run = burrlab.Session(
-            bone, tool, device, seed=number, rate=rate, limits=model, ramp=ramp, slew_limit=slew, wall_clock=False,
-            frames=frame if number % 2 else None, force_limit=99,
-        )  # fmt: skip
+            bone,
+            tool,
+            (device, frame) if number % 2 else device,
+            seed=number,
+            clock=burrlab.Clock(rate=rate, wall_clock=False),
+            safety=burrlab.Safety(limits=model, ramp=ramp, slew_limit=slew, force_limit=99),
+        )
         reader = _core.RecordReader(run.loop)
         with run:
             assert run.wait(30)
@@ -162,7 +167,13 @@ def test_the_stability_report_knows_the_model():
 def test_two_burrs_have_their_own_limits():
     bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
     still = [burrlab.ScriptedDevice([0, 1.5], [[x, 0, 2.2]] * 2, on=[False] * 2) for x in (-5, 5)]
-    with burrlab.Session(bone, [TOOL] * 2, still, wall_clock=False, limits=["touch", None], ramp=0.2) as run:
+    with burrlab.Session(
+        bone,
+        [TOOL] * 2,
+        still,
+        clock=burrlab.Clock(wall_clock=False),
+        safety=burrlab.Safety(limits=["touch", None], ramp=0.2),
+    ) as run:
         run.wait()
     sent = np.linalg.norm(run.follower.take(run.follower.view())["newest"]["burr"]["sent"], axis=1)
     assert sent[0] < 1.2 < 1.5 < sent[1]
@@ -186,7 +197,13 @@ def test_nearness_stops_the_session(tmp_path):
     device = straight([(0, 0, 1.2), (0, 0, -0.8)], [0.0, 0.4], on=[True, True])
     path = tmp_path / "near.h5"
     with burrlab.Session(
-        bone, tool(), device, watch=watch, stop_within={"nerve": 0.5}, record=path, realtime=False
+        bone,
+        tool(),
+        device,
+        watch=watch,
+        safety=burrlab.Safety(stop_within={"nerve": 0.5}),
+        record=path,
+        clock=burrlab.Clock(realtime=False),
     ) as run:
         assert run.wait(20)
     assert re.fullmatch(r"burr 0 came within 0\.5 mm of nerve: 0\.\d\d mm", run.reason)
@@ -255,7 +272,9 @@ def test_options_of_the_command(capsys):
 def near(**distances):
     bone = nerve_bone()
     watch = Watch(bone, structures=["nerve"])
-    burrlab.Session(bone, tool(), burrlab.HandDevice(), watch=watch, stop_within=distances)
+    burrlab.Session(
+        bone, tool(), burrlab.HandDevice(), watch=watch, safety=burrlab.Safety(stop_within=distances)
+    )
 
 
 @pytest.mark.parametrize(

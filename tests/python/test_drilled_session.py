@@ -21,6 +21,7 @@ from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 from burrlab.session.network import make_bone
 from burrlab.session.session import Session
+from burrlab.session.settings import Clock, StartingBone
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -58,7 +59,12 @@ def device(bone: VoxelBone, since: int, ticks: int) -> ScriptedDevice:
 def drill(bone: VoxelBone, tick: int, ticks: int) -> tuple[VoxelBone, int]:
     tool = Burr(1.7), materials["bone"]
     session = Session(
-        bone, tool, device(bone, tick, ticks), seed=7, tick=tick, duration=ticks / 1e3, wall_clock=False
+        StartingBone(bone, tick=tick),
+        tool,
+        device(bone, tick, ticks),
+        seed=7,
+        duration=ticks / 1e3,
+        clock=Clock(wall_clock=False),
     )
     with session:
         assert session.wait(60)

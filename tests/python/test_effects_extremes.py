@@ -48,7 +48,7 @@ def test_a_session_whose_device_jumps_far_away() -> None:
     times = np.array([0.0, 0.1, 0.1001, 0.3, 0.3001, 0.4])
     x = np.array([0.0, 0.5, 1e200, -1e200, 0.5, 0.5])
     device = burrlab.ScriptedDevice(times, np.stack([x, 0 * x, 0 * x + 1.5], axis=1))
-    session = burrlab.Session(bone_with_tissues(), TOOL, device, seed=1, realtime=False)
+    session = burrlab.Session(bone_with_tissues(), TOOL, device, seed=1, clock=burrlab.Clock(realtime=False))
     with Companion(session, seed=1, rate=50) as companion, session:  # bone gone before makes no dust
         assert session.wait(60)
         assert companion.wait(60)

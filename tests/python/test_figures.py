@@ -55,7 +55,7 @@ def results():
         burrlab.Tissues(rows, BONE), np.arange(density.size, dtype=np.uint8).reshape(density.shape) % 15
     )
     with burrlab.Session(
-        block, (BURR, BONE), burrlab.HandDevice(), seed=1, duration=0.3, wall_clock=False
+        block, (BURR, BONE), burrlab.HandDevice(), seed=1, duration=0.3, clock=burrlab.Clock(wall_clock=False)
     ) as session:
         session.wait()
     drawn = {

@@ -99,7 +99,7 @@ _SCRIPT = """
 import ctypes, sys, burrlab
 device = burrlab.HaplyDevice("127.0.0.1", int(sys.argv[1]))
 bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
-with burrlab.Session(bone, (burrlab.Burr(3.0), burrlab.materials["bone"]), device, realtime=False) as run:
+with burrlab.Session(bone, (burrlab.Burr(3.0), burrlab.materials["bone"]), device, clock=burrlab.Clock(realtime=False)) as run:
     sys.stdin.readline()
     ctypes.PyDLL(None).usleep(5_000_000 if sys.argv[2] == "hold" else 0)
     print("Python goes on", flush=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from drilled_scenes import stack
 from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
+from session_scenes import session_of
 from test_stack import wrapped
 
 from burrlab import materials
@@ -20,7 +21,6 @@ from burrlab.bone.kept import save_drilled
 from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, grid_of
 from burrlab.bone.tissues import default_tissues
 from burrlab.session.network import make_bone
-from burrlab.session.session import Session
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -94,7 +94,7 @@ def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
         assert recipe.plain() == kept
         bone, device = recipe.bone(), ScriptedDevice([0, 0.5], [(2.5, 2.4, 6), (2.5, 2.4, 4.6)])
         options = {"seed": 1, "duration": 0.5, "wall_clock": False, "watch": Watch(bone)}
-        with Session(bone, (Burr(1.0), materials["bone"]), device, **options) as session:
+        with session_of(bone, (Burr(1.0), materials["bone"]), device, **options) as session:
             session.wait()
         assert {e.structure for e in session.anatomy().events if e.kind == "touch"} == touched
 

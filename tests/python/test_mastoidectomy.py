@@ -55,7 +55,12 @@ def test_a_session_takes_it(phantom):
     path = mastoidectomy_path(phantom, BURR, layer=1.5, step=2.0, speed=60, depth=4.0)
     tool = BURR, burrlab.materials["bone"]
     with burrlab.Session(
-        phantom.bone, tool, path.device(), seed=1, wall_clock=False, coupling=5.0
+        phantom.bone,
+        tool,
+        path.device(),
+        seed=1,
+        clock=burrlab.Clock(wall_clock=False),
+        safety=burrlab.Safety(coupling=5.0),
     ) as session:
         session.wait()
         bone, _ = session.snapshot()

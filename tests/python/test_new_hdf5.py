@@ -31,7 +31,7 @@ for size in sizes:
     try:
         burrlab.Session(
             bone, (burrlab.Burr(2.0), burrlab.materials["bone"]), burrlab.HandDevice((15, 15, 12)), seed=1,
-            duration=1.0, record=part.with_name("new.h5"), wall_clock=False,
+            duration=1.0, record=part.with_name("new.h5"), clock=burrlab.Clock(wall_clock=False),
         )
     except OSError as error:
         print("new", error.strerror, error.filename)
@@ -44,7 +44,9 @@ def test_a_full_disk_leaves_the_process_whole(tmp_path: Path) -> None:
     trace, part, bone = tmp_path / "trace.h5", tmp_path / "part", burrlab.VoxelBone.block((8, 8, 4), 0.2)
     hand = burrlab.HandDevice((4.0, 4.0, 6.0))
     tool = burrlab.Burr(2.0), burrlab.materials["bone"]
-    with burrlab.Session(bone, tool, hand, seed=1, duration=2.0, record=trace, wall_clock=False) as session:
+    with burrlab.Session(
+        bone, tool, hand, seed=1, duration=2.0, record=trace, clock=burrlab.Clock(wall_clock=False)
+    ) as session:
         session.wait()
     sizes = [str(size) for size in (0, 4096, 8192, 16384, 24576, 32768)]
     run = subprocess.run(

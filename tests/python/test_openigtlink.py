@@ -278,9 +278,14 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
     sent, answers = [], []
     try:
         with burrlab.Session(
-            bone, (burrlab.Burr(1.5), burrlab.materials["bone"]), device, seed=1, realtime=False,
-            slew_limit=0.1, stop_button=1, record=tmp_path / "t.h5",
-        ) as run:  # fmt: skip
+            bone,
+            (burrlab.Burr(1.5), burrlab.materials["bone"]),
+            device,
+            seed=1,
+            clock=burrlab.Clock(realtime=False),
+            safety=burrlab.Safety(slew_limit=0.1, stop_button=1),
+            record=tmp_path / "t.h5",
+        ) as run:
             assert soon(server.is_connected)
             for i in range(61):
                 pose, velocity, buttons = np.eye(4), np.eye(4), np.eye(4)

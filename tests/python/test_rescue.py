@@ -157,9 +157,14 @@ def test_a_replica_keeps_its_bone_too(
     block = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
     tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     session = burrlab.Session(
-        make_bone(block), tool, burrlab.HandDevice((0.0, 0.0, 2.2)), seed=1, duration=60.0, publish=0, source=block,
-        realtime=False,
-    )  # fmt: skip
+        burrlab.StartingBone(make_bone(block), source=block),
+        tool,
+        burrlab.HandDevice((0.0, 0.0, 2.2)),
+        seed=1,
+        duration=60.0,
+        publish=0,
+        clock=burrlab.Clock(realtime=False),
+    )
     kept = tmp_path / "bone.h5"
     with session:
         where = ["replica", f"127.0.0.1:{session.port}", "--duration", "0.5"]

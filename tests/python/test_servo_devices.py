@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from command_line import call, refusal, result
 from conftest import ROOT
+from session_scenes import session_of
 
 import burrlab
 from burrlab.session.devices import limits_of_hardware
@@ -51,7 +52,7 @@ def wait_for(what):
 def session(*devices, **options):
     bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
     tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * len(devices)
-    return burrlab.Session(bone, tools, devices, seed=1, realtime=False, **options)
+    return session_of(bone, tools, devices, seed=1, realtime=False, **options)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -143,7 +144,7 @@ module.end_exchanges = lambda: (
     print("handled", signal.getsignal(signal.SIGHUP) is not signal.SIG_DFL, flush=True), end_exchanges())
 bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
 tool, device = (burrlab.Burr(3.0), burrlab.materials["bone"]), burrlab.TouchDevice()
-with burrlab.Session(bone, tool, device, realtime=False, record=sys.argv[1]) as run:
+with burrlab.Session(bone, tool, device, clock=burrlab.Clock(realtime=False), record=sys.argv[1]) as run:
     while not stub.force().any():
         run.wait(0.01)
     print("pulls", flush=True)
@@ -181,7 +182,7 @@ def test_a_motor_gets_the_limits_of_its_model(stubs, tmp_path):
     assert run.messages[0].startswith(
         "burr 0: touch: force at most 3.3 N, its change 1 N/ms, RMS over 10 s 0.88 N"
     )
-    assert run.messages[0].endswith("; limits=None, or --model none, turns the model's limits off")
+    assert run.messages[0].endswith("; Safety(limits=None), or --model none, turns the model's limits off")
     with session(device, limits=None) as run:
         wait_for(lambda: stub.get("fz") > 7.0)
     assert not {"limits", "ramp_s"} & {*run.provenance}

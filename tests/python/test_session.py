@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from session_scenes import ended
+from session_scenes import ended, session_of
 
 import burrlab
 import burrlab._core as _core
@@ -21,7 +21,7 @@ def block(voxel=0.2):
 
 def session(device=None, **options):
     options = {"seed": 1, "wall_clock": False, **options}
-    return burrlab.Session(block(), TOOL, device or burrlab.HandDevice(), **options)
+    return session_of(block(), TOOL, device or burrlab.HandDevice(), **options)
 
 
 class TestVirtualClock:
@@ -39,7 +39,11 @@ class TestVirtualClock:
     def test_bone_given_is_not_changed(self):
         bone = block()
         before = bone.digest()
-        run = ended(burrlab.Session(bone, TOOL, burrlab.HandDevice(), seed=1, duration=2.0, wall_clock=False))
+        run = ended(
+            burrlab.Session(
+                bone, TOOL, burrlab.HandDevice(), seed=1, duration=2.0, clock=burrlab.Clock(wall_clock=False)
+            )
+        )
         assert bone.digest() == before
         cut, tick = run.snapshot()
         assert (cut.digest(), tick) == run.digests[-1][::-1]
@@ -50,7 +54,7 @@ class TestVirtualClock:
         for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
             bone = burrlab.VoxelBone.block((16, 16, 4), spacing)
             device = burrlab.ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
-            run = ended(burrlab.Session(bone, TOOL, device, seed=1, wall_clock=False))
+            run = ended(burrlab.Session(bone, TOOL, device, seed=1, clock=burrlab.Clock(wall_clock=False)))
             assert [text for text in run.report().messages if "coarse" in text] == told
 
     def test_goes_on_from_a_saved_bone(self, tmp_path):
@@ -61,7 +65,13 @@ class TestVirtualClock:
         bone, tick = block(), 0
         for part in np.array_split(positions, 2):
             half = ended(
-                burrlab.Session(bone, TOOL, burrlab.ReplayDevice(part), seed=1, tick=tick, wall_clock=False)
+                burrlab.Session(
+                    burrlab.StartingBone(bone, tick=tick),
+                    TOOL,
+                    burrlab.ReplayDevice(part),
+                    seed=1,
+                    clock=burrlab.Clock(wall_clock=False),
+                )
             )
             burrlab.save_bone(tmp_path / "bone.h5", *half.snapshot())
             bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
@@ -73,7 +83,13 @@ class TestVirtualClock:
         devices = [burrlab.HandDevice(), burrlab.HandDevice(start=(6, 0, 2.5), strokes=0)]
         path = tmp_path / "two.h5"
         run = burrlab.Session(
-            block(), [TOOL, sucker], devices, seed=3, wall_clock=False, duration=2.0, record=path
+            block(),
+            [TOOL, sucker],
+            devices,
+            seed=3,
+            clock=burrlab.Clock(wall_clock=False),
+            duration=2.0,
+            record=path,
         )
         with run:
             run.wait()
@@ -231,7 +247,7 @@ def executor(**options):
         *((lambda tools=tools: burrlab.Session(block(), tools, HANDS[0]), TypeError, NO_TOOLS)
           for tools in (BURR, [BURR, BONE], (BONE, BURR), [TOOL, None])),
         *((lambda devices=devices: burrlab.Session(block(), TOOL, devices), TypeError,
-            "devices must be a Device or a list of them, got")
+            "devices must be a Device or a list of them, .*got")
           for devices in (3, ["hand"], None)),
         (begun_twice, ValueError, "session must be started once: it has been started or stopped"),
         (stopped_first, ValueError, "session must be started once: it has been started or stopped"),

@@ -111,7 +111,7 @@ class TestEnds:
         """In a plate thinner than the burr, k = dF/dH is negative. No warning comes; housekeeping goes on."""
         plate = burrlab.VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
         script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
-        run = ended(burrlab.Session(plate, TOOL, script, seed=1, realtime=False))
+        run = ended(burrlab.Session(plate, TOOL, script, seed=1, clock=burrlab.Clock(realtime=False)))
         assert not [text for text in run.messages if "without warnings" in text]
         executor = _core.TickExecutor(plate, [TOOL], 1)
         still = burrlab.ScriptedDevice([0.0, 0.05], [[0, 0, 0.2]] * 2, [False] * 2)
@@ -207,7 +207,7 @@ class TestEnds:
 class TestDevices:
     def test_one_burr_of_one_session_at_a_time(self):
         hand = burrlab.HandDevice()
-        two = burrlab.Session(block(), [TOOL] * 2, [hand] * 2, seed=1, wall_clock=False)
+        two = burrlab.Session(block(), [TOOL] * 2, [hand] * 2, seed=1, clock=burrlab.Clock(wall_clock=False))
         with pytest.raises(ValueError, match="device 1 must serve one burr of one session at a time"):
             two.start()
         with (

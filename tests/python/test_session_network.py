@@ -120,9 +120,9 @@ ALONE = _core.Replica("127.0.0.1", 1)
         ]),
         (lambda leader: _core.Publisher(leader.follower, port=leader.port),
          "free to listen on, got 127.0.0.1:"),
-        *((lambda leader, name=name: open_publisher(leader.follower, {key: leader.hello[key] for key in leader.hello if key != name}),
+        *((lambda leader, name=name: open_publisher(leader.follower, {key: leader.hello[key] for key in leader.hello if key != name}, burrlab.Publish()),
            f"hello must hold .*, got none of {name}") for name in ("seed", "rate_Hz", "scheme", "tools")),
-        (lambda leader: open_publisher(leader.follower, {**leader.hello, "force": float("nan")}), "hello must be what JSON holds"),
+        (lambda leader: open_publisher(leader.follower, {**leader.hello, "force": float("nan")}, burrlab.Publish()), "hello must be what JSON holds"),
         (lambda leader: leader.publisher.finish("done", linger=-1.0),
          "linger must be zero or positive and finite, got -1"),
         (lambda leader: follow("127.0.0.1", leader.port, bone=make_bone({**BLOCK, "level": 254})),
@@ -175,7 +175,13 @@ def test_orientation_and_buttons_survive_the_way(tmp_path):
     tool = burrlab.Burr(3.0), burrlab.materials["bone"]
     path = tmp_path / "turned.h5"
     with burrlab.Session(
-        make_bone(BLOCK), tool, device, seed=1, source=BLOCK, publish=0, record=path, realtime=False
+        burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
+        tool,
+        device,
+        seed=1,
+        publish=0,
+        record=path,
+        clock=burrlab.Clock(realtime=False),
     ) as session:
         replica = follow("127.0.0.1", session.port)
         seen = {}
@@ -183,7 +189,12 @@ def test_orientation_and_buttons_survive_the_way(tmp_path):
             "127.0.0.1", session.port, device_name="burrlab_burr_0", lost_after=1000.0
         )
         with burrlab.Session(
-            make_bone(BLOCK), tool, onward, seed=1, record=tmp_path / "onward.h5", realtime=False
+            make_bone(BLOCK),
+            tool,
+            onward,
+            seed=1,
+            record=tmp_path / "onward.h5",
+            clock=burrlab.Clock(realtime=False),
         ):
             while not session.wait(0.01):
                 if (newest := replica.take()["newest"]) is not None:

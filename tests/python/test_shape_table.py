@@ -122,7 +122,9 @@ def test_trace_and_tissues_keep_it(tmp_path, cpu_path):
     bone = burrlab.VoxelBone.block((10, 8, 4), 0.2, origin=(-5, -4, -4))
     device = burrlab.ScriptedDevice([0.0, 0.5], [(-1, 0, 2.8), (1, 0, 2.7)])
     file = tmp_path / "own.h5"
-    session = burrlab.Session(bone, (BURR, own), device, seed=1, wall_clock=False, record=file)
+    session = burrlab.Session(
+        bone, (BURR, own), device, seed=1, clock=burrlab.Clock(wall_clock=False), record=file
+    )
     cut = ended(session).snapshot()[0]
     trace = burrlab.load_trace(file)
     assert session.provenance["tools"][0]["shape"] == COSINE.name

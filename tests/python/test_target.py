@@ -130,7 +130,14 @@ def test_a_target_on_other_voxels_is_brought_onto_the_bone():
 def drilled_session(bone, record, tick=0):
     """(bone after a session, its last tick)"""
     device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
-    with burrlab.Session(bone, tool(), device, seed=1, tick=tick, wall_clock=False, record=record) as session:
+    with burrlab.Session(
+        burrlab.StartingBone(bone, tick=tick),
+        tool(),
+        device,
+        seed=1,
+        clock=burrlab.Clock(wall_clock=False),
+        record=record,
+    ) as session:
         session.wait()
     return session.snapshot()
 

@@ -170,7 +170,13 @@ def test_a_session_in_tissues_replays_on_every_path(tmp_path: Path) -> None:
     bone, tissues = mixed_bone((12, 12, 4))
     tool, file = (burrlab.Burr(2.0), BONE), tmp_path / "session.h5"
     with burrlab.Session(
-        bone, tool, burrlab.HandDevice(), seed=1, duration=2.0, wall_clock=False, record=file
+        bone,
+        tool,
+        burrlab.HandDevice(),
+        seed=1,
+        duration=2.0,
+        clock=burrlab.Clock(wall_clock=False),
+        record=file,
     ) as session:
         session.wait()
         carved, tick = session.snapshot()

@@ -25,7 +25,13 @@ def two_hands(folder, seconds, voxel):
     ]
     run = ended(
         burrlab.Session(
-            bone, tools, devices, seed=3, wall_clock=False, duration=seconds, record=folder / "session.h5"
+            bone,
+            tools,
+            devices,
+            seed=3,
+            clock=burrlab.Clock(wall_clock=False),
+            duration=seconds,
+            record=folder / "session.h5",
         )
     )
     trace = burrlab.load_trace(folder / "session.h5")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from session_scenes import session_of
 
 import burrlab
 from burrlab.bone.image import OccupancyMap, Volume
@@ -91,7 +92,7 @@ def test_bone_that_is_cut_open_at_the_border_gets_a_note(tmp_path):
         run = burrlab.descend(burr, BONE, 0.5, specimen=specimen, ideal=True, seed=1)
         path, device = tmp_path / f"{x}.h5", burrlab.ScriptedDevice([0, 0.2], [(x, 4.5, 6.6), (x, 4.5, 5.6)])
         options = {"seed": 1, "duration": 0.2, "wall_clock": False, "record": path}
-        with burrlab.Session(slab.to_bone(0, 1000), (burr, BONE), device, **options) as session:
+        with session_of(slab.to_bone(0, 1000), (burr, BONE), device, **options) as session:
             session.wait()
         metrics = burrlab.session_metrics(burrlab.load_trace(path))
         assert (run.status, session.messages) == ("ok", list(session.report().messages))

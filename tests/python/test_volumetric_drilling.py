@@ -183,9 +183,14 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     path = np.array([2.7, 2.6, 6.2]) + np.outer(at, (4.0, 8.0, -4.0))
     burr, device = burrlab.Burr(1.7), burrlab.ScriptedDevice(at, path)
     with burrlab.Session(
-        bone, (burr, burrlab.materials["bone"]), device, seed=1, duration=0.5, wall_clock=False,
-        record=tmp_path / "s.h5", source=source,
-    ) as session:  # fmt: skip
+        burrlab.StartingBone(bone, source=source),
+        (burr, burrlab.materials["bone"]),
+        device,
+        seed=1,
+        duration=0.5,
+        clock=burrlab.Clock(wall_clock=False),
+        record=tmp_path / "s.h5",
+    ) as session:
         session.wait()
     trace = burrlab.load_trace(tmp_path / "s.h5")
     assert json.loads(trace.source) == source
@@ -234,9 +239,13 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     pose[:, 3:] = np.roll((turn * Rotation.from_quat(np.roll(pose[:, 3:], -1, axis=1))).as_quat(), 1, axis=1)
     moved = replace(back, position=pose[1:, :3], orientation=pose[1:, 3:], volume_pose=pose[0])
     with burrlab.Session(
-        bone, (burr, burrlab.materials["bone"]), moved.device(bone, trace.source), seed=1, wall_clock=False,
+        bone,
+        (burr, burrlab.materials["bone"]),
+        moved.device(bone, trace.source),
+        seed=1,
+        clock=burrlab.Clock(wall_clock=False),
         record=tmp_path / "again.h5",
-    ) as again:  # fmt: skip
+    ) as again:
         again.wait()
     redone = burrlab.load_trace(tmp_path / "again.h5")
     for name in ("center_mm", "orientation"):

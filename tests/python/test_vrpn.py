@@ -189,9 +189,12 @@ def test_a_session_follows_a_tracker():
         server = one.name.removeprefix("vrpn:Tracker0@tcp://")
         note = f"{server} says 'vrpn: ver. 07.35  0', its minor version is not 38"
         with burrlab.Session(
-            make_bone(BLOCK), TOOL, one, seed=1, realtime=False,
-            frames=burrlab.DeviceFrame(rotation=(math.sqrt(0.5), 0, 0, math.sqrt(0.5))),
-        ) as session:  # fmt: skip
+            make_bone(BLOCK),
+            TOOL,
+            (one, burrlab.DeviceFrame(rotation=(math.sqrt(0.5), 0, 0, math.sqrt(0.5)))),
+            seed=1,
+            clock=burrlab.Clock(realtime=False),
+        ) as session:
             assert soon(lambda: session.ticks > 20)
             newest = session.follower.take(session.follower.view())["newest"]["burr"][0]
             np.testing.assert_allclose(newest["center"], (2.0, 1.0, 2.9), atol=1e-12)
@@ -278,7 +281,7 @@ def test_refusals():
     one = burrlab.VrpnDevice("T", "127.0.0.1", 9, tcp=True)
     assert soon(lambda: one.fault == "no server answers at 127.0.0.1:9")
     one.stop()
-    session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, realtime=False)
+    session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, clock=burrlab.Clock(realtime=False))
     with pytest.raises(ValueError, match=r"vrpn:.* must be new: its connection was closed"):
         session.start()
 
@@ -430,19 +433,33 @@ def test_session_over_vrpn():
     """A session's Tracker drives another session."""
     place = np.tile([0.001, 0.002, 2.9], (4000, 1))
     with burrlab.Session(
-        make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), seed=1, vrpn=0, realtime=False
+        make_bone(BLOCK),
+        TOOL,
+        burrlab.ReplayDevice(place),
+        seed=1,
+        publish=burrlab.Publish(vrpn=0),
+        clock=burrlab.Clock(realtime=False),
     ) as session:
         assert session.port is None
         onward = burrlab.VrpnDevice("burrlab_burr_0", "127.0.0.1", session.vrpn_port, lost_after=1e4)
-        with burrlab.Session(make_bone(BLOCK), TOOL, onward, seed=1, realtime=False) as second:
+        with burrlab.Session(
+            make_bone(BLOCK), TOOL, onward, seed=1, clock=burrlab.Clock(realtime=False)
+        ) as second:
             assert soon(lambda: second.ticks > 100)
             newest = second.follower.take(second.follower.view())["newest"]["burr"][0]
         np.testing.assert_allclose(newest["center"], place[0], rtol=1e-15)
         assert (onward.counters["lost"], onward.note) == (0, "")
     with pytest.raises(ValueError, match=r"vrpn must be a whole number from 0 and below 2\^16"):
-        burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=70000)
+        burrlab.Session(
+            make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), publish=burrlab.Publish(vrpn=70000)
+        )
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
         pytest.raises(ValueError, match="host and port must be free to listen on"),
     ):
-        burrlab.Session(make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), vrpn=taken.getsockname()[1])
+        burrlab.Session(
+            make_bone(BLOCK),
+            TOOL,
+            burrlab.ReplayDevice(place),
+            publish=burrlab.Publish(vrpn=taken.getsockname()[1]),
+        )

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from anatomy_scenes import NAMES, nerve_bone, straight, tool
+from session_scenes import session_of
 
 import burrlab
 import burrlab._core as _core
@@ -27,7 +28,7 @@ TIMES = [0.0, 0.6, 1.0, 1.3, 1.6]
 def run(path=None, *, bone=None, watch=LIMITS, devices=None, tools=None, **options):
     """A session that has not begun; a watch given as limits is made here."""
     bone = nerve_bone() if bone is None else bone
-    return burrlab.Session(
+    return session_of(
         bone, tool() if tools is None else tools, straight(DOWN, TIMES) if devices is None else devices, seed=3,
         record=path, watch=Watch(bone, **watch) if isinstance(watch, dict) else watch,
         **{"duration": 1.6, "wall_clock": False, **options},

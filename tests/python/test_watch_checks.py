@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone, straight, tool
+from session_scenes import session_of
 
 import burrlab
 from burrlab.anatomy.watch import Watch
@@ -36,7 +37,7 @@ def plain_bone():
     return bone
 
 
-def session_of(watch):
+def watched(watch):
     return burrlab.Session(nerve_bone(), tool(), straight([(0, 0, 3), (0, 0, 2)], [0, 1]), watch=watch)
 
 
@@ -46,7 +47,7 @@ def session_of(watch):
         (lambda: Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2)),
          "bone must have tissues, got one of a single material"),
         (lambda: Watch(plain_bone()), "structures must be named: no tissue of the bone is critical"),
-        (lambda: session_of(Watch(nerve_bone())),
+        (lambda: watched(Watch(nerve_bone())),
          "bone must be the one that the watch was made of, or a copy of it"),
         (lambda: Watch(nerve_bone(), structures="nerve").distance((0, 0, 0), "sinus"),
          "structure must be one of nerve, got 'sinus'"),
@@ -80,7 +81,7 @@ def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:
 
     def session(bone, first, last, **options):
         device = straight([(0, 0, first), (0, 0, last)], [0, 0.3])
-        return burrlab.Session(bone, tool(), device, seed=3, duration=0.3, wall_clock=False, **options)
+        return session_of(bone, tool(), device, seed=3, duration=0.3, wall_clock=False, **options)
 
     with session(nerve_bone(), 1.5, -0.3) as first:
         first.wait()

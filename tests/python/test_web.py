@@ -63,7 +63,12 @@ def test_beside_a_session_to_its_end():
 
 def test_beside_a_replica():
     with burrlab.Session(
-        make_bone(BLOCK), tool(), straight(*PATH), seed=1, duration=1.5, publish=0, source=BLOCK
+        burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
+        tool(),
+        straight(*PATH),
+        seed=1,
+        duration=1.5,
+        publish=0,
     ) as session:
         replica = follow("127.0.0.1", session.port)
         try:

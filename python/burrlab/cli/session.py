@@ -117,22 +117,22 @@ def show_live(options: Options, source: Session | Replica, effects: Companion | 
             raise KeyboardInterrupt
 
 
-def _frames(
+def _placed(
     devices: Sequence[Device], options: Options, place: Mapping[str, Any]
-) -> list[DeviceFrame] | None:
-    """Of each device; None where the options say nothing and no device has axes of its own."""
+) -> list[Device | tuple[Device, DeviceFrame]]:
+    """The devices, each with its frame if the options say one or a device has axes of its own."""
     frame_options = (options.scale, options.rotation, options.offset, options.clutch)
-    if not any(isinstance(one, HeldDevice) for one in devices) and frame_options == (None,) * 4:
-        return None
+    if not any(isinstance(device, HeldDevice) for device in devices) and frame_options == (None,) * 4:
+        return list(devices)
 
-    def of(device: Device) -> DeviceFrame:
+    def frame_of(device: Device) -> DeviceFrame:
         start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, HeldDevice) else (0.0, 0.0, 0.0)
         offset = tuple(start if options.offset is None else options.offset)
         return DeviceFrame(
             options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0), offset, options.clutch
         )
 
-    return [of(device) for device in devices]
+    return [(device, frame_of(device)) for device in devices]
 
 
 def watch_asked_for(options: argparse.Namespace) -> bool:
@@ -168,14 +168,21 @@ def do_session(options: Options) -> int:
         "--volume-frame goes with --volume, --labels or a volume's --bone",
     )
     devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
+    publish = None
+    if options.publish is not None or options.vrpn is not None:
+        publish = burrlab.Publish(
+            port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
+        )  # fmt: skip
     session = burrlab.Session(
-        start.bone, [(burr, start.material)] * len(devices), devices, frames=_frames(devices, options, start.place), seed=options.seed, rate=options.rate, tick=start.tick,
-        duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
-        limits=_limits(options.model), ramp=options.ramp, stop_at_force=options.stop_at_force,
-        stop_within=dict(options.stop_within) if options.stop_within else None, stop_button=options.stop_button,
-        coupling=options.coupling, record=options.record, publish=options.publish, vrpn=options.vrpn, host=host,
-        header_version=options.header_version, sensor=not options.no_sensor, source=start.source, realtime=not options.no_realtime,
-        watch=watch, on_message=say, wall_clock=not options.virtual_clock,
+        burrlab.StartingBone(start.bone, start.tick, start.source), [(burr, start.material)] * len(devices),
+        _placed(devices, options, start.place), seed=options.seed, duration=options.duration, record=options.record,
+        watch=watch, on_message=say, publish=publish,
+        clock=burrlab.Clock(rate=options.rate, wall_clock=not options.virtual_clock, realtime=not options.no_realtime),
+        safety=burrlab.Safety(
+            force_limit=options.force_limit, slew_limit=options.slew_limit, limits=_limits(options.model), ramp=options.ramp,
+            coupling=options.coupling, stop_at_force=options.stop_at_force, stop_within=dict(options.stop_within or ()),
+            stop_button=options.stop_button,
+        ),
     )  # fmt: skip
     interrupted = False
     effects = start_effects(options, session)

@@ -65,7 +65,7 @@ class Companion:
     >>> bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
     >>> tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     >>> hand = burrlab.HandDevice((0, 0, 2.1))
-    >>> session = burrlab.Session(bone, tool, hand, seed=1, duration=0.3, wall_clock=False)
+    >>> session = burrlab.Session(bone, tool, hand, seed=1, duration=0.3, clock=burrlab.Clock(wall_clock=False))
     >>> with Companion(session, seed=1) as companion, session:
     ...     ended = session.wait() and companion.wait(5)
     >>> dust = companion.balance()["dust"]

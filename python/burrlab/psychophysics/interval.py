@@ -18,6 +18,7 @@ from burrlab.bone.recipe import VolumeBlockRecipe, VolumeRecipe, block_recipe
 from burrlab.common.check import check_positive, refuse
 from burrlab.psychophysics.trial import MODES, Interval, Mode
 from burrlab.session.session import Session
+from burrlab.session.settings import Clock, Safety, StartingBone
 
 _LEAST_VOXELS = 4.0  # least radius of a burr, as in the tick
 
@@ -186,7 +187,13 @@ def wait_until_lifted(
     nothing = VoxelBone.block((voxel, voxel, voxel), voxel, origin=(0.0, 0.0, -_AWAY))
     still = Material("nothing", c_e=1.0, alpha=0.0)
     session = Session(
-        nothing, (burr, still), device, seed=0, realtime=False, limits=None, on_message=on_message
+        nothing,
+        (burr, still),
+        device,
+        seed=0,
+        on_message=on_message,
+        clock=Clock(realtime=False),
+        safety=Safety(limits=None),
     )
     reader = RecordReader(session.loop)
     begun = high_since = None
@@ -337,9 +344,9 @@ def render(
     )
     bone.check_burr(burr)
     session = Session(
-        bone.fresh(), (burr, material), device, seed=interval.seed, duration=interval.duration, record=record,
-        source=bone.recipe(), wall_clock=wall_clock, realtime=wall_clock, publish=publish, on_message=on_message,
-        limits=limits, ramp=0.0,
+        StartingBone(bone.fresh(), source=bone.recipe()), (burr, material), device, seed=interval.seed,
+        duration=interval.duration, record=record, on_message=on_message, publish=publish,
+        clock=Clock(wall_clock=wall_clock, realtime=wall_clock), safety=Safety(limits=limits, ramp=0.0),
     )  # fmt: skip
     watch = _Watch(RecordReader(session.loop), burr, bone, interval.duration)
     stopped = False

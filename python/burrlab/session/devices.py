@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,11 +10,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from burrlab._core import Device, VoxelBone
-from burrlab.common.check import check_positive, nearest, refuse, require_type, scalar, whole
-from burrlab.session.haply import HeldDevice
+from burrlab._core import VoxelBone
+from burrlab.common.check import check_positive, nearest, refuse, scalar, whole
 
-_RAMP = 1.0  # [s], ours
 _UNITS = {
     "peak_force": "N", "continuous_force": "N", "stiffness": "N_per_mm", "damping": "N_s_per_m", "friction": "N",
     "encoder_step": "mm", "rate": "Hz", "workspace": "mm", "window": "s",
@@ -98,7 +96,7 @@ def describe_miss(bone: VoxelBone, path: NDArray[np.float64], frame: DeviceFrame
 
 @dataclass(frozen=True)
 class DeviceLimits:
-    """What a model of a haptic device gives, for `Session(..., limits=...)`. None: no public source gives it.
+    """What a model of a haptic device gives, for `Safety(limits=...)`. None: no public source gives it.
 
     Parameters
     ----------
@@ -256,71 +254,3 @@ def limits_of_hardware(hardware: str) -> DeviceLimits:
         for name in ("peak_force", "continuous_force")
     )
     return DeviceLimits(f"unknown model {hardware!r}", min(peaks), min(lasting))
-
-
-class ForceLimits:
-    """How a session limits the force of its burrs; its arguments are as for `Session`.
-
-    Attributes
-    ----------
-    models : list of DeviceLimits
-        One a burr, empty of numbers for one without a model.
-    guards : list of tuple
-        One a burr: force [N], slew [N/ms], continuous force [N], its window [s], ramp [s]. Empty if nothing but
-        `force_limit` and `slew_limit` holds.
-    provenance : dict
-        None for what does not hold.
-    sentences : list of str
-        What holds, one a burr that has a model or a ramp.
-    """
-
-    def __init__(
-        self, limits: Any, devices: Sequence[Device], burrs: int, *, force_limit: float, slew_limit: float,
-        ramp: float | None, rate: float,
-    ) -> None:  # fmt: skip
-        by_driver = limits in (None, "device")  # not by the caller
-        models = _models(limits, devices, burrs)
-        self.models = [model or DeviceLimits("no model") for model in models]
-        ramps = [0.0 if by_driver and model is None else _RAMP for model in models]
-        if ramp is not None:
-            ramps = [scalar(ramp, "ramp")] * burrs
-        self.guards: list[tuple[float, float, float, float, float]] = []
-        self.sentences: list[str] = []
-        named = [{"model": model.model, **model.numbers()} for model in self.models]
-        self.provenance = {
-            "limits": named if any(models) or not by_driver else None,
-            "ramp_s": (ramps if len({*ramps}) > 1 else ramps[0]) or None,
-        }
-        if not any(self.provenance.values()):
-            return
-        for burr, (model, growth) in enumerate(zip(self.models, ramps, strict=True)):
-            force, lasting = (x or math.inf for x in (model.peak_force, model.continuous_force))
-            self.guards.append((min(force_limit, force), slew_limit, lasting, model.window, growth))
-            if not by_driver or models[burr] is not None or growth:
-                text = _describe_guard(model, self.guards[burr], rate)
-                off = "; limits=None, or --model none, turns the model's limits off"
-                self.sentences.append(f"burr {burr}: {text}{off * (by_driver and models[burr] is not None)}")
-
-
-def _describe_guard(model: DeviceLimits, guard: Sequence[float], rate: float) -> str:
-    force, slew, lasting, window, ramp = guard
-    rms = f"RMS over {window:g} s {lasting:g} N" if lasting < math.inf else "no continuous limit is known"
-    text = f"{model.model}: force at most {force:g} N, its change {slew:g} N/ms, {rms}, ramp {ramp:g} s"
-    if model.rate is not None and rate > model.rate:
-        text += f"; the loop's {rate:g} Hz are more than its {model.rate:g}"
-    return text
-
-
-def _models(limits: Any, devices: Sequence[Device], burrs: int) -> list[DeviceLimits | None]:
-    """One a burr; ValueError for an unknown model or another number of them."""
-    several = isinstance(limits, Sequence) and not isinstance(limits, str)
-    models = list(limits) if several else [limits] * burrs
-    refuse(len(models) != burrs, f"limits must be one a burr, {burrs}, got {len(models)}")
-    for burr, (model, device) in enumerate(zip(models, devices, strict=False)):
-        if model == "device":
-            models[burr] = limits_of_hardware(device.hardware) if isinstance(device, HeldDevice) else None
-        elif isinstance(model, str):
-            models[burr] = device_limits[model]
-        elif model is not None:
-            require_type("limits", model, DeviceLimits, "device_limits['touch']")
-    return models

@@ -4,6 +4,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
@@ -12,6 +13,7 @@ from burrlab.bone.recipe import block_recipe, make_bone, volume_recipe, whole_nu
 from burrlab.common.check import refuse, scalar, whole
 from burrlab.common.records import UNREADABLE as _UNREADABLE
 from burrlab.common.records import check_texts, in_one_line
+from burrlab.session.settings import Publish
 from burrlab.session.trace import json_text
 
 __all__ = ["block_recipe", "follow", "make_bone", "open_publisher", "volume_recipe"]
@@ -19,16 +21,7 @@ __all__ = ["block_recipe", "follow", "make_bone", "open_publisher", "volume_reci
 _NEEDED = ("seed", "rate_Hz", "scheme", "tools")  # of a hello
 
 
-def open_publisher(
-    follower: Follower,
-    hello: Mapping[str, Any],
-    *,
-    host: str = "127.0.0.1",
-    port: int | None = 0,
-    vrpn: int | None = None,
-    header_version: int = 1,
-    **options: Any,
-) -> Publisher:
+def open_publisher(follower: Follower, hello: Mapping[str, Any], publish: Publish, **options: Any) -> Publisher:
     """A publisher for a follower that has not started.
 
     Parameters
@@ -38,25 +31,20 @@ def open_publisher(
         Data for replicas: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
         shape), and source, the bone's recipe. The provenance of a session holds them. Of a file in the recipe
         only its name is sent.
-    host, port, vrpn, header_version, options
-        As for `Publisher`.
+    publish : Publish
+    options
+        Of `Publisher`: its log, and when it drops a peer.
 
     Raises
     ------
     ValueError
-        If the hello is incomplete or not JSON, the address cannot be listened on, or an option is out of
+        If the hello is incomplete or not JSON, the address cannot be listened on, or a setting is out of
         range.
     """
-    port, vrpn = (
-        number if number is None else whole(name, number, 2**16, "2^16")
-        for name, number in (("port", port), ("vrpn", vrpn))
-    )
     for name in _NEEDED:
         refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
     text = _without_folders(json_text("hello", hello, default=str))
-    return Publisher(
-        follower, host=host, port=port, vrpn=vrpn, hello=text, header_version=header_version, **options
-    )
+    return Publisher(follower, hello=text, **asdict(publish), **options)
 
 
 def _without_folders(hello: str) -> str:

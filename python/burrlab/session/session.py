@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,35 +22,27 @@ from burrlab._core import (
     Follower,
     HapticLoop,
     Material,
-    Publisher,
     RecordReader,
     ScriptedDevice,
     TickExecutor,
     VoxelBone,
 )
 from burrlab.anatomy.report import AnatomyReport
-from burrlab.anatomy.watch import MARGIN, Watch, check_structure
+from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import told_notes
 from burrlab.bone.specimen import CUT, Border
-from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new, whole
+from burrlab.common.check import refuse, scalar, seed_or_new
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
-from burrlab.session.devices import (
-    DeviceFrame,
-    DeviceLimits,
-    ForceLimits,
-    describe_miss,
-)
+from burrlab.session.devices import DeviceFrame, describe_miss
 from burrlab.session.haply import HaplyDevice, HeldDevice, end_exchanges
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
-from burrlab.session.trace import json_text
+from burrlab.session.settings import Clock, ForceLimits, Publish, Safety, StartingBone
 
 Tool = tuple[Burr, Material]
-
-_EXACT = 2**53  # ticks are told to replicas as float64
-_LEAST_RATE = 20.0  # [Hz], so that a stall differs from a period
+Standing = Device | tuple[Device, DeviceFrame]
 _COARSE = 7.5  # voxels a radius; with fewer a message says so
 _LOOK = 0.05  # [s] between two rounds of the housekeeping thread
 _PATIENCE = 2.0  # [s], before devices without a position are reported
@@ -61,82 +53,39 @@ class Session:
 
     Parameters
     ----------
-    bone : VoxelBone
-        It is copied; `snapshot` returns its present state.
+    bone : VoxelBone or StartingBone
+        It is copied; `snapshot` returns its present state. A StartingBone has ticks behind it, or a recipe.
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
-    devices : Device or list of them
+    devices : Device or (Device, DeviceFrame), or a list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
         `VrpnDevice`, `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
+        Without a frame, its positions are the bone's.
     seed : int, optional
         Default: a random one; the attribute `seed` holds it.
-    rate : float
-        Rate of the loop [Hz], up to 10 000; on the wall clock at least 20.
-    scheme : {"layer", "cell"}
-        See `BurrContact`.
-    tick : int
-        Ticks executed earlier on this bone, as `load_bone` returns them.
     duration : float, optional
         The session ends after duration times rate ticks [s]. Without a duration it ends when it is stopped or
         a device ends.
-    force_limit, slew_limit : float
-        Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
-    frames : DeviceFrame or list of them, optional
-        Where the devices stand, one or one a burr. Default: their positions are the bone's.
-    limits : str or DeviceLimits, or a list of them, optional
-        Model of the devices (`device_limits`), one or one a burr, None for one without: its peak force and
-        continuous force limit the force sent too, and reports compare the contact's stiffness with its. Default,
-        "device": the model that the driver of a `TouchDevice`, `OmegaDevice` or `HaplyDevice` names, the least
-        forces of the table if it has no such model; none for other devices.
-    ramp : float, optional
-        Time over which the allowed force grows from zero at the first contact, and again after a device was
-        gone [s]. Default: 1 with the limits of a model, ours; otherwise none.
-    stop_at_force : float, optional
-        The session ends in the tick in which a burr's force, before its limits, reaches this [N].
-    stop_within : {name: float}, optional
-        The session ends when a burr's surface comes so near to a watched structure [mm]. It is seen by a
-        second thread, some milliseconds later; on the wall clock only.
-    stop_button : int, optional
-        Number of a device's button that ends the session, before the tick in which it is pressed.
-    coupling : float, optional
-        Stiffness of a spring between device and burr [N/mm]. Default: the burr is where the device is.
     record : path, optional
         A new file for the complete trace (docs/trace.md).
-    publish : int, optional
-        Port on which poses, forces and ticks are published over OpenIGTLink (docs/network.md); 0 for any free
-        one.
-    vrpn : int, optional
-        Port, TCP and UDP, at which VRPN's clients get each burr as the Tracker and ForceDevice
-        `burrlab_burr_n`; 0 for any free one.
-    host : str
-        Address to listen on; there is no authentication.
-    header_version : {1, 2}
-        Version of the OpenIGTLink messages sent.
-    sensor : bool
-        Publish the force as SENSOR messages too; 3D Slicer has none (docs/network.md).
-    source : mapping, optional
-        Recipe of the bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
-    wall_clock : bool
-        Keep absolute deadlines. Otherwise periods follow one another as fast as possible, with the same
-        result on every machine.
-    realtime : bool
-        Ask for real-time priority and locked memory.
-    cpu : int, optional
-        Number of the processor that the loop is kept on.
-    digest_every : float
-        Time between digests [s].
     watch : Watch, optional
         Watch of critical structures of this bone. Its events are told, and kept in the trace
         (docs/anatomy.md).
     on_message : callable, optional
         Called from another thread with each message, which someone should read at once; `messages` holds all.
         It may stop the session, but not wait for its end.
+    clock : Clock
+        Rate, wall clock, real-time priority.
+    safety : Safety
+        Limits of the force, the spring between device and burr, and what stops the session.
+    publish : int or Publish, optional
+        A port on this machine, or all of where and how the session is published.
 
     Raises
     ------
     ValueError
-        If there is not one device a burr, a number is out of range, the source is not JSON, or the watch is
-        of another bone, a model is unknown, or a rule to stop is not of a watched structure.
+        If there is not one device a burr, the duration is not positive, or the watch is of another bone, a
+        model is unknown, or a rule to stop is not of a watched structure.
     TypeError
         If a tool is not (Burr, Material), or a device is no Device.
     FileExistsError
@@ -150,7 +99,8 @@ class Session:
     >>> bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
     >>> hand = burrlab.HandDevice((0, 0, 3.5))
     >>> tool = burrlab.Burr(3.0), burrlab.materials["bone"]
-    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, wall_clock=False) as session:
+    >>> clock = burrlab.Clock(wall_clock=False)
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, clock=clock) as session:
     ...     ended = session.wait()
     >>> ended, session.ticks, session.reason
     (True, 500, 'all ticks were executed')
@@ -158,164 +108,134 @@ class Session:
 
     def __init__(
         self,
-        bone: VoxelBone,
+        bone: VoxelBone | StartingBone,
         tools: Tool | Sequence[Tool],
-        devices: Device | Sequence[Device],
+        devices: Standing | Sequence[Standing],
         *,
         seed: int | None = None,
-        rate: float = 1000.0,
-        scheme: str = "layer",
-        tick: int = 0,
         duration: float | None = None,
-        force_limit: float = 8.0,
-        slew_limit: float = 1.0,
-        frames: DeviceFrame | Sequence[DeviceFrame] | None = None,
-        limits: str | DeviceLimits | Sequence[str | DeviceLimits | None] | None = "device",
-        ramp: float | None = None,
-        stop_at_force: float | None = None,
-        stop_within: Mapping[str, float] | None = None,
-        stop_button: int | None = None,
-        coupling: float | None = None,
         record: str | os.PathLike[str] | None = None,
-        publish: int | None = None,
-        vrpn: int | None = None,
-        host: str = "127.0.0.1",
-        header_version: int = 1,
-        sensor: bool = True,
-        source: Mapping[str, Any] | None = None,
-        wall_clock: bool = True,
-        realtime: bool = True,
-        cpu: int | None = None,
-        digest_every: float = 1.0,
         watch: Watch | None = None,
         on_message: Callable[[str], object] | None = None,
+        clock: Clock = Clock(),
+        safety: Safety = Safety(),
+        publish: int | Publish | None = None,
     ) -> None:
         self.tools: list[Tool] = _listed(
             tools, _is_tool, "tools must be (Burr, Material) or a list of such pairs"
         )
-        self.devices: list[Device] = _listed(
-            devices,
-            lambda candidate: isinstance(candidate, Device),
-            "devices must be a Device or a list of them",
-        )
+        self.devices, self._stands, stands = _placed(devices)
         self.seed = seed_or_new(seed)
-        tick = whole("tick", tick, _EXACT, "2^53")
-        # The numbers may be NumPy's; JSON knows only Python's.
-        rate, force_limit = scalar(rate, "rate"), scalar(force_limit, "force_limit")
-        slew_limit = scalar(slew_limit, "slew_limit")
-        coupling = None if coupling is None else scalar(coupling, "coupling")
+        begin = bone if isinstance(bone, StartingBone) else StartingBone(bone)
+        start, period = begin.bone.copy(), 1e3 / clock.rate
         duration = None if duration is None else scalar(duration, "duration")
-        self._limits = ForceLimits(
-            limits, self.devices, len(self.tools), force_limit=force_limit, slew_limit=slew_limit, ramp=ramp, rate=rate
-        )  # fmt: skip
-        if isinstance(frames, DeviceFrame):
-            frames = [frames] * len(self.tools)
-        stands = _listed(
-            frames or [], lambda candidate: isinstance(candidate, DeviceFrame), "frames must be DeviceFrames"
-        )
-        self._stands = stands or [DeviceFrame()] * len(self.tools)
-        if stop_at_force is not None:
-            check_positive("stop_at_force", stop_at_force := scalar(stop_at_force, "stop_at_force"))
-        if stop_button is not None:
-            stop_button = whole("stop_button", stop_button, 8, "8")
-            clutched = any(candidate.clutch == stop_button for candidate in stands)
-            refuse(clutched, f"stop_button must be another button than the clutch, got {stop_button}")
-        self._stop_within = _nearness(stop_within, watch, wall_clock)
-        refuse(not rate > 0, f"rate must be positive, got {rate!r}")
-        refuse(
-            wall_clock and rate < _LEAST_RATE,
-            f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}",
-        )
         refuse(
             duration is not None and not 0 < duration < 1e9,
             f"duration must be positive and below 1e9 s, got {duration!r}",
         )
-        refuse(
-            not wall_clock and any(isinstance(device, HeldDevice) for device in self.devices),
-            f"wall_clock must be True for a device that a hand holds, got {wall_clock!r}",
-        )
-        refuse(not 0 < digest_every < 1e9, f"digest_every must be positive, got {digest_every!r}")
-        recipe = json.loads(json_text("source", source))
-        period = 1e3 / rate
-        require_type("bone", bone, VoxelBone, "VoxelBone.block((10, 10, 5), 0.1)")
-        start = bone.copy()
+        self._limits = ForceLimits(safety, self.devices, len(self.tools), clock.rate)
+        self._check_settings(clock, safety, watch)
+        self._stop_within = safety.stop_within
         voxels = [burr.radius / max(start.spacing) for burr, _ in self.tools]
         self._coarse = [
             f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE
         ]  # fmt: skip
-        self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
-        ticks = 0 if duration is None else max(1, round(duration * rate))
-        self._loop = HapticLoop(
-            self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
-            cpu=-1 if cpu is None else whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
-            force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
-            guards=self._limits.guards,
-            models=[(x.damping or math.nan, x.encoder_step or math.nan, x.friction or math.nan) for x in self._limits.models],
-            stop_force=stop_at_force or math.inf, stop_buttons=0 if stop_button is None else 1 << stop_button,
-            frames=[(x.scale, x.rotation, x.offset, -1 if x.clutch is None else x.clutch) for x in stands],
-        )  # fmt: skip
-        ticks_a_digest = max(1, round(digest_every * rate))
+        self._executor = TickExecutor(
+            start, self.tools, self.seed, period=period, scheme=begin.scheme, tick=begin.tick
+        )
+        self._loop = self._make_loop(clock, safety, duration, stands)
+        ticks_a_digest = max(1, round(clock.digest_every * clock.rate))
         self._follower = Follower(self._loop, digest_every=ticks_a_digest)
-        if watch is not None and not hasattr(watch, "settings"):
-            raise TypeError(f"watch must be a Watch, got {type(watch).__name__}")
-        watching = {} if watch is None else {"watch": watch.settings}
-        names = [device.name for device in self.devices]
         self._anatomy = SessionAnatomy(start, self._follower, self.tools, watch, period)
-        self.provenance = provenance(
-            seed=self.seed, rate_Hz=rate, scheme=scheme, first_tick=tick, digest=start.digest(), source=recipe,
-            tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
-                    "material": m.name} for b, m in self.tools],
-            devices=names,
-            force_limit_N=force_limit, slew_limit_N_per_ms=slew_limit, coupling_N_per_mm=coupling, wall_clock=wall_clock,
-            **watching,
-        )  # fmt: skip
-        rules = {
-            **self._limits.provenance, "stop_at_force_N": stop_at_force, "stop_within_mm": self._stop_within or None,
-            "stop_button": stop_button, "frames": [asdict(candidate) for candidate in stands] or None,
-        }  # fmt: skip
-        self.provenance |= {name: rule for name, rule in rules.items() if rule is not None}
-        self._rules = [*self._limits.sentences] + [
-            f"the session stops {text}" for text in (
-                *([] if stop_at_force is None else [f"at a force of {stop_at_force:g} N"]),
-                *(f"within {nearest:g} mm of {name}" for name, nearest in self._stop_within.items()),
-                *([] if stop_button is None else [f"at button {stop_button}"]),
-            )
-        ]  # fmt: skip
+        self._rules = [*self._limits.sentences, *safety.rules()]
+        self.provenance = self._describe(begin, clock, safety, watch, stands)
         self.messages: list[str] = []
         self._on_message = on_message
-        self._publisher: Publisher | None = None
-        self._writer: TraceWriter | None = None
-        if publish is not None or vrpn is not None:
-            self._publisher = open_publisher(
-                self._follower,
-                self.provenance,
-                host=host,
-                port=publish,
-                vrpn=vrpn,
-                header_version=header_version,
-                sensor=sensor,
-            )
+        if publish is not None and not isinstance(publish, Publish):
+            publish = Publish(port=publish)
+        self._publisher = (
+            None if publish is None else open_publisher(self._follower, self.provenance, publish)
+        )
+        self._writer = None
         if record is not None:
             room = DEFAULT_DURATION if duration is None else duration + 1.0
             try:
-                self._writer = TraceWriter(
-                    record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
-                    scheme=scheme, first_tick=tick, devices=names,
-                    source=json.dumps(recipe), note=self.provenance, watch=watching.get("watch"), duration=room, digest_every=ticks_a_digest * period / 1e3,
-                    on_end=_weakly(self._say),
-                )  # fmt: skip
+                self._writer = self._open_trace(record, room, ticks_a_digest * period / 1e3)
             except BaseException:
                 if self._publisher is not None:
                     self._publisher.stop()  # an exception that is kept would hold the port
                 raise
         self._digests = 0
         self._warned: set[int] = set()
-        self._borders = {burr: Border(bone) for burr in range(len(self.tools))}
+        self._borders = {burr: Border(begin.bone) for burr in range(len(self.tools))}
         self._finishing = threading.Lock()
         self._saying = threading.local()
         self._process = os.getpid()
         self._done = threading.Event()
         self._housekeeper: threading.Thread | None = None  # made at the start, as it keeps the session alive
+
+    def _check_settings(self, clock: Clock, safety: Safety, watch: Watch | None) -> None:
+        """ValueError or TypeError for settings that do not go together."""
+        if watch is not None and not hasattr(watch, "settings"):
+            raise TypeError(f"watch must be a Watch, got {type(watch).__name__}")
+        safety.check_structures(watch, clock.wall_clock)
+        clutches = [frame.clutch for frame in self._stands if frame.clutch is not None]
+        refuse(
+            safety.stop_button in clutches,
+            f"stop_button must be another button than the clutch, got {safety.stop_button}",
+        )
+        refuse(
+            not clock.wall_clock and any(isinstance(device, HeldDevice) for device in self.devices),
+            f"wall_clock must be True for a device that a hand holds, got {clock.wall_clock!r}",
+        )
+
+    def _make_loop(
+        self, clock: Clock, safety: Safety, duration: float | None, frames: Sequence[DeviceFrame]
+    ) -> HapticLoop:
+        unknown = math.nan
+        return HapticLoop(
+            self._executor, self.devices, wall_clock=clock.wall_clock, realtime=clock.realtime,
+            cpu=-1 if clock.cpu is None else clock.cpu, ticks=0 if duration is None else max(1, round(duration * clock.rate)),
+            force_limit=safety.force_limit, slew_limit=safety.slew_limit, coupling=safety.coupling,
+            guards=self._limits.guards,
+            models=[(x.damping or unknown, x.encoder_step or unknown, x.friction or unknown) for x in self._limits.models],
+            stop_force=safety.stop_at_force or math.inf, stop_buttons=0 if safety.stop_button is None else 1 << safety.stop_button,
+            frames=[(x.scale, x.rotation, x.offset, -1 if x.clutch is None else x.clutch) for x in frames],
+        )  # fmt: skip
+
+    def _describe(
+        self,
+        begin: StartingBone,
+        clock: Clock,
+        safety: Safety,
+        watch: Watch | None,
+        frames: Sequence[DeviceFrame],
+    ) -> dict[str, Any]:
+        """The provenance; rules that do not hold are left out."""
+        rules = {
+            "watch": None if watch is None else watch.settings, **self._limits.provenance, "stop_at_force_N": safety.stop_at_force,
+            "stop_within_mm": safety.stop_within or None, "stop_button": safety.stop_button,
+            "frames": [asdict(frame) for frame in frames] or None,
+        }  # fmt: skip
+        return provenance(
+            seed=self.seed, rate_Hz=clock.rate, scheme=begin.scheme, first_tick=begin.tick, digest=self._executor.bone.digest(), source=begin.source,
+            tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
+                    "material": m.name} for b, m in self.tools],
+            devices=[device.name for device in self.devices],
+            force_limit_N=safety.force_limit, slew_limit_N_per_ms=safety.slew_limit, coupling_N_per_mm=safety.coupling,
+            wall_clock=clock.wall_clock, **{name: rule for name, rule in rules.items() if rule is not None},
+        )  # fmt: skip
+
+    def _open_trace(
+        self, record: str | os.PathLike[str], duration: float, digest_every: float
+    ) -> TraceWriter:
+        about = self.provenance
+        return TraceWriter(
+            record, RecordReader(self._loop), self._executor.bone, self.tools, seed=self.seed, period=1e3 / about["rate_Hz"],
+            scheme=about["scheme"], first_tick=about["first_tick"], devices=about["devices"],
+            source=json.dumps(about["source"]), note=about, watch=about.get("watch"), duration=duration,
+            digest_every=digest_every, on_end=_weakly(self._say),
+        )  # fmt: skip
 
     def start(self) -> Session:
         """Starts all threads. ValueError the second time, or if a device serves another session."""
@@ -589,25 +509,6 @@ class Session:
                     self._say(f"burr {burr} never met the bone: {miss}")
 
 
-def _nearness(
-    stop_within: Mapping[str, float] | None, watch: Watch | None, wall_clock: bool
-) -> dict[str, float]:
-    if stop_within is None:
-        return {}
-    require_type("stop_within", stop_within, Mapping, "{'facial nerve': 1.0}")
-    if watch is None or not wall_clock:
-        raise ValueError(
-            "stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock"
-        )
-    limits = {name: scalar(limit, f"stop_within of {name}") for name, limit in stop_within.items()}
-    for name, limit in limits.items():
-        check_structure(name, watch.structures)
-        refuse(
-            not 0 <= limit <= MARGIN, f"stop_within of {name} must be from 0 to {MARGIN:g} mm, got {limit!r}"
-        )
-    return limits
-
-
 _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()
 
 
@@ -665,3 +566,17 @@ def _listed(objects: Any, is_one: Callable[[object], bool], rule: str) -> list[A
 
 def _is_tool(tool: object) -> bool:
     return isinstance(tool, tuple) and [type(part) for part in tool] == [Burr, Material]
+
+
+def _placed(devices: Any) -> tuple[list[Device], list[DeviceFrame], list[DeviceFrame]]:
+    """The devices, where each stands, and the same list for the loop, which is empty if no frame was given."""
+
+    def is_one(device: object) -> bool:
+        if isinstance(device, tuple) and len(device) == 2:
+            return isinstance(device[0], Device) and isinstance(device[1], DeviceFrame)
+        return isinstance(device, Device)
+
+    pairs = _listed(devices, is_one, "devices must be a Device or a list of them, each alone or with its DeviceFrame")
+    alone = [pair[0] if isinstance(pair, tuple) else pair for pair in pairs]
+    frames = [pair[1] if isinstance(pair, tuple) else DeviceFrame() for pair in pairs]
+    return alone, frames, frames if any(isinstance(pair, tuple) for pair in pairs) else []

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Callable
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 import pytest
@@ -24,17 +24,14 @@ from scipy.stats import binom, fisher_exact
 from burrlab.psychophysics.group import (
     Group,
     compare_conditions,
-    compare_groups,
     conditional_hits,
     excess_hits,
     group_d_prime,
     group_score,
     group_tails,
-    label_test,
     rejected_as_few,
     sign_flip_test,
     t_test,
-    welch_test,
 )
 from burrlab.psychophysics.published import SelectionEffect, group_score_from
 from burrlab.psychophysics.rules import RULES, Counts, rule_of
@@ -259,29 +256,16 @@ class TestSubjectTests:
         share = np.mean(sums >= seen - 1e-9) if side == "greater" else np.mean(abs(sums) >= abs(seen) - 1e-9)
         assert sign_flip_test(values, side=side).p_value == pytest.approx(share)
 
-    @settings(max_examples=25, deadline=None)
-    @given(*[st.lists(st.integers(0, 12), min_size=1, max_size=5)] * 2)
-    def test_divisions_by_listing_all(self, first, second):
-        everyone = np.array(first + second, dtype=float)
-        sums = np.array([sum(some) for some in combinations(everyone, len(first))])
-        gaps = abs(sums - len(first) * np.mean(everyone))
-        share = np.mean(gaps >= abs(sum(first) - len(first) * np.mean(everyone)) - 1e-9)
-        assert label_test(first, second).p_value == pytest.approx(share)
-
     def test_t_is_scipys(self):
-        x, y = [1.0, 2.5, -0.5, 3.0], [0.0, 0.5, 1.0]
+        x = [1.0, 2.5, -0.5, 3.0]
         assert t_test(x).p_value == pytest.approx(stats.ttest_1samp(x, 0, alternative="greater").pvalue)
         assert t_test(x, side="two-sided").p_value == pytest.approx(stats.ttest_1samp(x, 0).pvalue)
-        ours, welch = welch_test(x, y), stats.ttest_ind(x, y, equal_var=False)
-        assert (ours.statistic, ours.p_value) == pytest.approx((welch.statistic, welch.pvalue))
 
     @pytest.mark.parametrize(
         "test",
         [
             t_test([1.0]),
             t_test([2.0, 2.0]),
-            welch_test([1.0, 1.0], [2.0, 2.0]),
-            welch_test([1.0], [2.0, 3.0]),
         ],
     )
     def test_no_scatter_is_no_t(self, test):
@@ -323,19 +307,15 @@ class TestGroupScore:
         assert (result.sem, result.interval) == (None, None)
         assert str(result).startswith("10.0 of 12, 1 subject; t test: not possible")
 
-    @pytest.mark.parametrize(
-        ("compare", "second", "expected", "exact", "said"),
-        [
-            (compare_conditions, [(4, 2), (4, 2), (5, 2)], stats.ttest_1samp(np.array([2, 2, 3]) / 12, 0), 0.25, "3 subjects in both"),
-            (compare_groups, [(4, 2), (4, 3)], stats.ttest_ind([10 / 12, 10 / 12, 1.0], [8 / 12, 7 / 12], equal_var=False), 0.1, "3 and 2 subjects"),
-        ],
-    )  # fmt: skip
-    def test_comparisons(self, compare, second, expected, exact, said):
-        result = compare([same(5, 1), same(6, 2), same(6, 0)], [same(*cell) for cell in second])
+    def test_two_conditions(self):
+        expected = stats.ttest_1samp(np.array([2, 2, 3]) / 12, 0)
+        result = compare_conditions(
+            [same(5, 1), same(6, 2), same(6, 0)], [same(4, 2), same(4, 2), same(5, 2)]
+        )
         ends = tuple(expected.confidence_interval(0.95))
-        assert [test.p_value for test in result.tests] == pytest.approx([expected.pvalue, exact])
+        assert [test.p_value for test in result.tests] == pytest.approx([expected.pvalue, 0.25])
         assert (*result.interval, result.difference) == pytest.approx((*ends, sum(ends) / 2))
-        assert said in str(result)
+        assert "3 subjects in both" in str(result)
         assert json.dumps(result.to_dict())
 
     @pytest.mark.slow
@@ -526,14 +506,12 @@ def test_best_twelve_of_twenty_by_simulation() -> None:
         (ValueError, lambda: sign_flip_test([1.0, math.nan]), "values must be finite, got nan or infinity"),
         (ValueError, lambda: sign_flip_test(np.sqrt(np.arange(2.0, 26.0))),
          "values must have at most 262144 different sums, got more"),
-        (ValueError, lambda: label_test(np.sqrt(np.arange(2.0, 14.0)), np.sqrt(np.arange(14.0, 27.0))), "groups must have at most 262144 different sums, got more"),
         (ValueError, lambda: group_score([]), "counts must hold a subject, got none"),
         (ValueError, lambda: group_score([same(1, 1), Counts("abx", 1, 2, 1, 2)]),
          "counts must be of one task, got abx and same-different"),
         (ValueError, lambda: group_score([same(1, 1)], level=0.2), r"level must be in \[0.5, 1\), got 0.2"),
         (ValueError, lambda: compare_conditions([same(1, 1)], [same(1, 1)] * 2),
          "both conditions must have the same subjects, got 1 and 2"),
-        (ValueError, lambda: compare_groups([same(1, 1)], []), "counts must hold a subject, got none"),
         (ValueError, lambda: group_score_from(**GOOD | {"n": 1}),
          "n and trials must be at least 2, got 1 and 12"),
         (ValueError, lambda: group_score_from(**GOOD | {"mean": 13.0}),

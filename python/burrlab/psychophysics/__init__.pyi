@@ -13,7 +13,6 @@ from burrlab.psychophysics.group import GroupScore as GroupScore
 from burrlab.psychophysics.group import ScoreDifference as ScoreDifference
 from burrlab.psychophysics.group import SubjectTest as SubjectTest
 from burrlab.psychophysics.group import compare_conditions as compare_conditions
-from burrlab.psychophysics.group import compare_groups as compare_groups
 from burrlab.psychophysics.group import group_d_prime as group_d_prime
 from burrlab.psychophysics.group import group_score as group_score
 from burrlab.psychophysics.interval import Block as Block
@@ -39,9 +38,7 @@ from burrlab.psychophysics.psychometric import PsychometricFit as PsychometricFi
 from burrlab.psychophysics.psychometric import psychometric_function as psychometric_function
 from burrlab.psychophysics.published import PublishedScore as PublishedScore
 from burrlab.psychophysics.published import SelectionEffect as SelectionEffect
-from burrlab.psychophysics.published import SignedEquivalence as SignedEquivalence
 from burrlab.psychophysics.published import group_score_from as group_score_from
-from burrlab.psychophysics.published import tost as tost
 from burrlab.psychophysics.rehearsal import Prediction as Prediction
 from burrlab.psychophysics.rehearsal import TaskOneTable as TaskOneTable
 from burrlab.psychophysics.rehearsal import predicted_d_prime as predicted_d_prime

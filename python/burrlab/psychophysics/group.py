@@ -344,21 +344,9 @@ def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -
     """The t test of a mean of 0."""
     x = finite_values(values)
     error = float(np.std(x, ddof=1)) / math.sqrt(len(x)) if len(x) > 1 else 0.0
-    return _of_t(name, float(np.mean(x)), error, len(x) - 1.0, side)
-
-
-def welch_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
-    """Two-sided test of equal means; variances may differ (Welch, Biometrika 34, 28, 1947)."""
-    x, y = finite_values(first), finite_values(second)
-    a, b = (float(np.var(z, ddof=1)) / len(z) if len(z) > 1 else math.nan for z in (x, y))
-    freedom = (a + b) ** 2 / (a**2 / (len(x) - 1) + b**2 / (len(y) - 1)) if a + b > 0.0 else 0.0
-    return _of_t("Welch's t test", float(np.mean(x) - np.mean(y)), math.sqrt(a + b), freedom, "two-sided")
-
-
-def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> SubjectTest:
     if not error > 0.0:  # one value, or no scatter
         return SubjectTest(name, None, None, None, side)
-    t = mean / error
+    t, freedom = float(np.mean(x)) / error, len(x) - 1.0
     p = 2.0 * scipy.stats.t.sf(abs(t), freedom) if side == "two-sided" else scipy.stats.t.sf(t, freedom)
     return SubjectTest(name, t, freedom, float(p), side)
 
@@ -378,40 +366,16 @@ def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
     sums, chances = np.zeros(1), np.ones(1)
     for value in np.abs(x):
         ends = np.concatenate([sums - value, sums + value])
-        sums, chances = _gathered(ends, np.tile(0.5 * chances, 2), "values")
+        sums, chances = _gathered(ends, np.tile(0.5 * chances, 2))
     seen, slack = float(np.sum(x)), 1e-7 * max(1.0, float(np.sum(np.abs(x))))
     as_far = np.abs(sums) >= abs(seen) - slack if side == "two-sided" else sums >= seen - slack
     return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[as_far]))), side)
 
 
-def label_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
-    """Exact two-sided permutation test: the share of divisions into two groups whose means differ as much.
-
-    Raises
-    ------
-    ValueError
-        If a group is empty, a value is not finite, or there are too many different sums.
-    """
-    x, y = finite_values(first), finite_values(second)
-    everyone, size = np.concatenate([x, y]), len(x)
-    mean = float(np.mean(everyone))
-    # For each k: sums of the deviations of k subjects among those so far, and the number of choices of each.
-    ways = [(np.zeros(1), np.ones(1)), *[(np.zeros(0), np.zeros(0))] * size]
-    for value in everyone - mean:
-        for k in range(size, 0, -1):
-            sums = np.concatenate([ways[k][0], ways[k - 1][0] + value])
-            ways[k] = _gathered(sums, np.concatenate([ways[k][1], ways[k - 1][1]]), "groups")
-    seen = abs(float(np.sum(x - mean)))
-    slack = 1e-7 * max(1.0, float(np.sum(np.abs(everyone - mean))))
-    sums, choices = ways[size]
-    share = float(np.sum(choices[np.abs(sums) >= seen - slack])) / math.comb(len(everyone), size)
-    return SubjectTest("permutation test", None, None, min(1.0, share), "two-sided")
-
-
-def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
+def _gathered(sums: Floats, weights: Floats) -> tuple[Floats, Floats]:
     """The distinct sums with their total weights."""
     distinct, place = np.unique(np.round(sums, 9), return_inverse=True)
-    refuse(len(distinct) > _MOST_SUMS, f"{name} must have at most {_MOST_SUMS} different sums, got more")
+    refuse(len(distinct) > _MOST_SUMS, f"values must have at most {_MOST_SUMS} different sums, got more")
     return distinct, np.asarray(
         np.bincount(place.ravel(), weights, minlength=len(distinct)), dtype=np.float64
     )
@@ -626,7 +590,7 @@ class GroupScore(Result):
 
 @dataclass(frozen=True)
 class ScoreDifference(Result):
-    """Difference in score of two conditions or two groups.
+    """Difference in score of the same subjects in two conditions.
 
     Attributes
     ----------
@@ -635,9 +599,8 @@ class ScoreDifference(Result):
     interval : tuple of float, or None
         By t; None without scatter.
     level : float
-    paired : bool
-    n : tuple of int
-        Subjects of each.
+    n : int
+        Number of subjects.
     tests : tuple of SubjectTest
         Two-sided.
     """
@@ -645,14 +608,14 @@ class ScoreDifference(Result):
     difference: float
     interval: tuple[float, float] | None
     level: float
-    paired: bool
-    n: tuple[int, int]
+    n: int
     tests: tuple[SubjectTest, ...]
 
     def __str__(self) -> str:
-        kind = f"{self.n[0]} subjects in both" if self.paired else f"{self.n[0]} and {self.n[1]} subjects"
         ends = "" if self.interval is None else f" ({self.interval[0]:+.3f} to {self.interval[1]:+.3f})"
-        return f"difference {self.difference:+.3f}{ends}, {kind}; " + "; ".join(map(str, self.tests))
+        return f"difference {self.difference:+.3f}{ends}, {self.n} subjects in both; " + "; ".join(
+            map(str, self.tests)
+        )
 
 
 def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
@@ -721,25 +684,13 @@ def compare_conditions(
         f"both conditions must have the same subjects, got {len(first)} and {len(second)}",
     )
     values = proportions(first) - proportions(second)
-    paired = t_test(values, side="two-sided", name="paired t test")
-    tests = (paired, sign_flip_test(values, side="two-sided"))
-    return _difference(float(np.mean(values)), tests, level, True, (len(first), len(second)))
-
-
-def compare_groups(
-    first: Sequence[Counts], second: Sequence[Counts], *, level: float = 0.95
-) -> ScoreDifference:
-    """Welch's t test and the exact permutation test of two groups of different subjects.
-
-    Raises
-    ------
-    ValueError
-        If a group is empty, or the level is not in [0.5, 1).
-    """
-    check_level(level)
-    x, y = proportions(first), proportions(second)
-    tests = (welch_test(x, y), label_test(x, y))
-    return _difference(float(np.mean(x) - np.mean(y)), tests, level, False, (len(x), len(y)))
+    mean, test = float(np.mean(values)), t_test(values, side="two-sided", name="paired t test")
+    interval = None
+    if test.statistic and test.freedom:
+        wide = abs(mean / test.statistic) * float(scipy.stats.t.ppf(0.5 + 0.5 * level, test.freedom))
+        interval = (mean - wide, mean + wide)
+    tests = (test, sign_flip_test(values, side="two-sided"))
+    return ScoreDifference(mean, interval, level, len(values), tests)
 
 
 def proportions(counts: Sequence[Counts]) -> Floats:
@@ -754,14 +705,3 @@ def task_of_all(counts: Sequence[Counts]) -> TaskName:
     tasks = sorted({c.task for c in counts})
     refuse(len(tasks) > 1, f"counts must be of one task, got {' and '.join(tasks)}")
     return tasks[0]
-
-
-def _difference(
-    mean: float, tests: tuple[SubjectTest, ...], level: float, paired: bool, n: tuple[int, int]
-) -> ScoreDifference:
-    """The difference with its interval by the first test, which is a t test."""
-    interval, test = None, tests[0]
-    if test.statistic and test.freedom:
-        wide = abs(mean / test.statistic) * float(scipy.stats.t.ppf(0.5 + 0.5 * level, test.freedom))
-        interval = (mean - wide, mean + wide)
-    return ScoreDifference(mean, interval, level, paired, n, tests)

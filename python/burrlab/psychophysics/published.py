@@ -3,18 +3,16 @@
 import math
 import operator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TypeAlias, cast
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
+from numpy.typing import NDArray
 
 from burrlab.common.check import refuse
-from burrlab.psychophysics.group import check_level, finite_values, probability_text
-from burrlab.psychophysics.power import WANTED_POWER, decision_text
-from burrlab.psychophysics.rules import RULES, Floats, Result, TaskName, halving, rule_of
+from burrlab.psychophysics.group import check_level, probability_text
+from burrlab.psychophysics.rules import RULES, Result, TaskName, halving, rule_of
 
 Three: TypeAlias = tuple[float, float, float]
 
@@ -200,135 +198,7 @@ def _spread_p(spread: float, noise: float, n: int) -> float:
     return float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
 
 
-_QUANTILES = 2000
 _LEAST = 1e-300  # least probability, in place of 0
-
-
-@dataclass(frozen=True)
-class SignedEquivalence(Result):
-    """The outcome of two one-sided t tests.
-
-    Attributes
-    ----------
-    delta, level : float
-    n : int
-        Subjects.
-    mean, sem : float
-    interval : tuple of float
-        Of level 1 - 2 (1 - level); within +-delta exactly if both tests reject.
-    p_value : float
-        The larger of the two.
-    equivalent : bool
-        Whether both tests reject.
-    power : float
-        Probability of equivalence at a mean of 0, with the observed scatter.
-    decidable_delta : float
-        The smallest delta with a power of 80 %.
-    """
-
-    _derived = ("sentence", "design_sentence")
-
-    delta: float
-    level: float
-    n: int
-    mean: float
-    sem: float
-    interval: tuple[float, float]
-    p_value: float
-    equivalent: bool
-    power: float
-    decidable_delta: float
-
-    @property
-    def sentence(self) -> str:
-        """The outcome in words."""
-        level = f"{100 * (2 * self.level - 1):.4g} %, {probability_text(self.p_value)}"
-        ends = "{:.3g} to {:.3g} at ".format(*self.interval) + level
-        if self.equivalent:
-            return f"Equivalent: within +-{self.delta:g} ({ends})."
-        return f"Not shown to be equivalent: beyond +-{self.delta:g} is possible ({ends}). That does not show a difference."
-
-    @property
-    def design_sentence(self) -> str:
-        """What these subjects could decide."""
-        return decision_text(
-            f"{self.n} subjects", self.delta, self.power, self.decidable_delta, quantity="the mean"
-        )
-
-    def __str__(self) -> str:
-        return f"{self.sentence}\n{self.design_sentence}"
-
-
-def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquivalence:
-    """Two one-sided t tests of whether the mean of signed values is within +-delta.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        One per subject, at least two, such as biases or log ratios of thresholds.
-    delta : float
-        > 0, in the values' unit; must be set before the first answer.
-    level : float, optional
-        1 - error rate.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than two values, one is not finite, all are equal, delta is not above 0, or the
-        level is not in [0.5, 1).
-
-    References
-    ----------
-    Schuirmann, J. Pharmacokinet. Biopharm. 15, 657 (1987).
-
-    Examples
-    --------
-    >>> print(tost([0.1, -0.2, 0.05, 0.0, 0.15, -0.1], delta=0.2).sentence)
-    Equivalent: within +-0.2 (-0.107 to 0.107 at 90 %, p = 0.0066).
-    """
-    check_level(level)
-    x = finite_values(values)
-    refuse(len(x) < 2, f"values must hold at least 2, got {len(x)}")
-    refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
-    n, mean, sem = len(x), float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
-    refuse(sem == 0.0, "values must differ, got the same one for all")
-    p_value = float(
-        max(scipy.stats.t.sf((mean + delta) / sem, n - 1), scipy.stats.t.cdf((mean - delta) / sem, n - 1))
-    )
-    wide = float(scipy.stats.t.ppf(level, n - 1)) * sem
-    low, high = 0.0, 1.0
-    while _power(high, n, level) < WANTED_POWER:
-        high *= 2.0
-    while high - low > 1e-6 * high:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if _power(middle, n, level) >= WANTED_POWER else (middle, high)
-    return SignedEquivalence(
-        delta=float(delta),
-        level=level,
-        n=n,
-        mean=mean,
-        sem=sem,
-        interval=(mean - wide, mean + wide),
-        p_value=p_value,
-        equivalent=p_value <= 1.0 - level,
-        power=_power(delta / sem, n, level),
-        decidable_delta=high * sem,
-    )
-
-
-def _power(delta: float, n: int, level: float) -> float:
-    """Mean over a sample's standard error s of P(|mean| < delta - t s) at mean 0, in true standard errors."""
-    room = delta - float(scipy.stats.t.ppf(level, n - 1)) * _errors(n)
-    return float(np.mean(np.where(room > 0.0, 2.0 * ndtr(room) - 1.0, 0.0)))
-
-
-@lru_cache
-def _errors(n: int) -> Floats:
-    """Quantiles of the ratio of a sample's standard error to the true one."""
-    steps = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-    errors = np.sqrt(scipy.stats.chi2.ppf(steps, n - 1) / (n - 1))
-    errors.flags.writeable = False
-    return np.asarray(errors)
 
 
 @dataclass(frozen=True)

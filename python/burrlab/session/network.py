@@ -21,7 +21,9 @@ __all__ = ["block_recipe", "follow", "make_bone", "open_publisher", "volume_reci
 _NEEDED = ("seed", "rate_Hz", "scheme", "tools")  # of a hello
 
 
-def open_publisher(follower: Follower, hello: Mapping[str, Any], publish: Publish, **options: Any) -> Publisher:
+def open_publisher(
+    follower: Follower, hello: Mapping[str, Any], publish: Publish, **options: Any
+) -> Publisher:
     """A publisher for a follower that has not started.
 
     Parameters

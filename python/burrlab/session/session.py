@@ -576,7 +576,9 @@ def _placed(devices: Any) -> tuple[list[Device], list[DeviceFrame], list[DeviceF
             return isinstance(device[0], Device) and isinstance(device[1], DeviceFrame)
         return isinstance(device, Device)
 
-    pairs = _listed(devices, is_one, "devices must be a Device or a list of them, each alone or with its DeviceFrame")
+    pairs = _listed(
+        devices, is_one, "devices must be a Device or a list of them, each alone or with its DeviceFrame"
+    )
     alone = [pair[0] if isinstance(pair, tuple) else pair for pair in pairs]
     frames = [pair[1] if isinstance(pair, tuple) else DeviceFrame() for pair in pairs]
     return alone, frames, frames if any(isinstance(pair, tuple) for pair in pairs) else []

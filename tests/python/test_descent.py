@@ -22,7 +22,7 @@ from burrlab.theory.closed_forms import (
 )
 
 BURR, BONE, PVC = burrlab.Burr(3.0), burrlab.materials["bone"], burrlab.materials["pvc"]
-ARRAYS = re.compile(r"NDArray|Array\b|Floats|^Any$")
+ARRAYS = re.compile(r"ndarray|NDArray|Array\b|Floats|^Any$")
 
 
 def virtual(material=BONE, voxel=0.4, *, seed=5, **options):

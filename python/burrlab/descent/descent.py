@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -104,25 +104,10 @@ def descend(
     ('ok', True)
     """
     require_tool(burr, *([] if material is None else [material]))
-    if specimen is not None:
-        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
-    if rig is not None:
-        require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
     stop = burr.radius / 3 if stop is None else scalar(stop, "stop")
-    for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
-        check_positive(name, value)
-    period = dt if rig is None or ideal else rig.period
-    refuse(
-        not max_duration * 1e3 / period < 2**63,
-        f"max_duration must be below 2^63 ticks of {period:g} ms, got {max_duration:g} s",
-    )
+    numbers = {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}
+    _check_arguments(material, numbers, specimen, rig, controller, ideal)
     seed = seed_or_new(seed)
-    refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
-    if controller is not None:
-        require_type("controller", controller, ForceController, "ForceController(2.0)")
-    if not isinstance(ideal, bool):
-        raise TypeError(f"ideal must be True or False, got {ideal!r}")
-    refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
 
     about = f"descent at dt = {dt:g} ms, voxel = {voxel} mm"
     report = reporter(progress, about if progress is None else "descent")
@@ -134,12 +119,7 @@ def descend(
     contact: BurrContact | None = None
     if rig is None:
         assert material is not None
-        if specimen is None:
-            spacing = checked_spacing(voxel, "voxel")
-            place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
-            _foretell_block(burr, spacing, stop)
-            specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
-        specimen = replace(specimen, bone=specimen.bone.copy())
+        specimen = _own_bone(specimen, burr, voxel, stop, seed)
         contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
         if ideal:
             if min(specimen.bone.spacing) < burr.radius / _FINE:
@@ -164,6 +144,7 @@ def descend(
         "mode": "exact" if ideal else "rig",
         "stop_mm": stop,
     }
+    cut = 0
     if contact is not None:
         parameters |= {
             "scheme": contact.scheme,
@@ -178,11 +159,46 @@ def descend(
         }
         if specimen.made:
             parameters["volume"] = dict(specimen.made)
-    cut = 0
     if contact is not None and specimen is not None and len(series.immersion):
         way = np.append(0.0, series.immersion)[:, None] * specimen.axis + specimen.center(0.0, burr)
         cut = Border(contact.bone).count_cut(way, burr.radius)
     return evaluate(burr, material, force, stop, series, ending, provenance(**parameters), cut=cut)
+
+
+def _check_arguments(
+    material: Material | None, numbers: Mapping[str, float], specimen: Specimen | None,
+    rig: Rig | None, controller: ForceController | None, ideal: bool,
+) -> None:  # fmt: skip
+    """Errors of `descend`."""
+    if specimen is not None:
+        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
+    if rig is not None:
+        require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
+    for name, number in numbers.items():
+        check_positive(name, number)
+    period = numbers["dt"] if rig is None or ideal else rig.period
+    refuse(
+        not numbers["max_duration"] * 1e3 / period < 2**63,
+        f"max_duration must be below 2^63 ticks of {period:g} ms, got {numbers['max_duration']:g} s",
+    )
+    refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
+    if controller is not None:
+        require_type("controller", controller, ForceController, "ForceController(2.0)")
+    if not isinstance(ideal, bool):
+        raise TypeError(f"ideal must be True or False, got {ideal!r}")
+    refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
+
+
+def _own_bone(
+    specimen: Specimen | None, burr: Burr, voxel: float | Vector, stop: float, seed: int
+) -> Specimen:
+    """A copy of the specimen; without one a half-space, at a place within a voxel that the seed draws."""
+    if specimen is None:
+        spacing = checked_spacing(voxel, "voxel")
+        place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
+        _foretell_block(burr, spacing, stop)
+        specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
+    return replace(specimen, bone=specimen.bone.copy())
 
 
 #: Speed of the approach [mm/s] (ours).
@@ -305,61 +321,24 @@ def control(
     interrupted: Callable[[float], bool],
 ) -> tuple[Series, str]:
     """Series and ending of a run: approach, then force control until the stop."""
-    scheduled = controller is None
-    pid = controller if controller is not None else ForceController(0.0)
-    c_e = None if material is None else material.c_e
-    surface = rig.surface
-    rows: list[tuple[float, float, float]] = []
-    command, engaged, arrived, ending = APPROACH_SPEED, False, False, "stalled"
-    limit = int(np.ceil(max_duration * 1e3 / rig.period))
-    first: float | None = None
+    loop, ending = _ForceLoop(rig, burr, material, force, controller, stop), "stalled"
     try:
-        rig.command(command)
-        for tick in range(limit):
+        rig.command(loop.command)
+        for tick in range(int(np.ceil(max_duration * 1e3 / rig.period))):
             reading = rig.read()
             _check_reading(reading, tick, force)
-            rows.append((reading.position, reading.force, command))
-            first = reading.position if first is None else first
-            if reading.force >= rig.force_limit:
-                ending = "overloaded"
-                break
-            travelled = reading.position - first
-            if travelled < -RETREAT or (surface is None and travelled > LONGEST_APPROACH):
-                ending = "stalled" if engaged else "never-touched"
-                break
-            if not engaged:
-                threshold = _contact_threshold(force, rows)
-                if c_e is not None and surface is not None:
-                    engaged = reading.force >= threshold
-                elif reading.force >= max(0.3 * force, threshold):
-                    found_c_e, found_surface = _first_contact(rows, 0.1 * force, burr.radius)
-                    c_e = found_c_e if c_e is None else c_e
-                    surface = found_surface if surface is None else surface
-                    engaged = True
-                if engaged:
-                    pid.reset(integral=APPROACH_SPEED)
-            immersion = reading.position - (surface if surface is not None else np.inf)
-            if engaged:
-                assert c_e is not None
-                if scheduled:
-                    kp = LOOP_BANDWIDTH / contact_stiffness(c_e, burr.radius, force, immersion)
-                    # The integral keeps its preset until the force arrives: no wind-up in the impact.
-                    arrived = arrived or reading.force >= ARRIVED * force
-                    pid.set_gains(kp, kp / INTEGRAL_TIME if arrived else 0.0)
-                command = pid.update(force, reading.force, rig.period)
-                rig.command(command)
-            if immersion >= stop:
-                ending = "stop" if engaged or getattr(rig, "touched", False) else "never-touched"
-                break
-            if tick % 64 == 0 and interrupted(max(immersion, 0.0)):
-                ending = "interrupted"
+            reason = loop.answer(reading)
+            if reason is None and tick % 64 == 0 and interrupted(max(loop.immersion, 0.0)):
+                reason = "interrupted"
+            if reason is not None:
+                ending = reason
                 break
     except KeyboardInterrupt:
         ending = "interrupted"
     finally:
         rig.command(0.0)
-    table = np.array(rows, dtype=float).reshape(-1, 3)
-    zero = surface if surface is not None else (first or 0.0)
+    table = np.array(loop.rows, dtype=float).reshape(-1, 3)
+    zero = loop.surface if loop.surface is not None else (table[0, 0] if len(table) else 0.0)
     return Series(
         time=np.arange(len(table), dtype=np.float64) * (1e-3 * rig.period),
         immersion=table[:, 0] - zero,
@@ -370,6 +349,62 @@ def control(
         ambiguous=int(getattr(rig, "ambiguous", 0)),
         faint=int(getattr(rig, "faint", 0)),
     ), ending
+
+
+class _ForceLoop:
+    """Answers each reading of a rig with a speed: that of the approach, from the contact on by force control.
+
+    Gains are the controller's, or without one follow the stiffness of the contact.
+    """
+
+    def __init__(
+        self, rig: Rig, burr: Burr, material: Material | None, force: float, controller: ForceController | None, stop: float
+    ) -> None:  # fmt: skip
+        self.rig, self.burr, self.force, self.stop = rig, burr, force, stop
+        self.scheduled = controller is None
+        self.pid = ForceController(0.0) if controller is None else controller
+        self.c_e, self.surface = None if material is None else material.c_e, rig.surface
+        self.rows: list[tuple[float, float, float]] = []
+        self.command, self.immersion, self.engaged, self.arrived = APPROACH_SPEED, -np.inf, False, False
+
+    def answer(self, reading: RigReading) -> str | None:
+        """Commands the rig; returns why the run ends, None while it goes on."""
+        self.rows.append((reading.position, reading.force, self.command))
+        if reading.force >= self.rig.force_limit:
+            return "overloaded"
+        travelled = reading.position - self.rows[0][0]
+        if travelled < -RETREAT or (self.surface is None and travelled > LONGEST_APPROACH):
+            return "stalled" if self.engaged else "never-touched"
+        if not self.engaged:
+            self._look_for_contact(reading.force)
+        self.immersion = reading.position - (self.surface if self.surface is not None else np.inf)
+        if self.engaged:
+            self._control(reading.force)
+        if self.immersion >= self.stop:
+            return "stop" if self.engaged or getattr(self.rig, "touched", False) else "never-touched"
+        return None
+
+    def _look_for_contact(self, measured: float) -> None:
+        threshold = _contact_threshold(self.force, self.rows)
+        if self.c_e is not None and self.surface is not None:
+            self.engaged = measured >= threshold
+        elif measured >= max(0.3 * self.force, threshold):
+            c_e, surface = _first_contact(self.rows, 0.1 * self.force, self.burr.radius)
+            self.c_e = c_e if self.c_e is None else self.c_e
+            self.surface = surface if self.surface is None else self.surface
+            self.engaged = True
+        if self.engaged:
+            self.pid.reset(integral=APPROACH_SPEED)
+
+    def _control(self, measured: float) -> None:
+        assert self.c_e is not None
+        if self.scheduled:
+            kp = LOOP_BANDWIDTH / contact_stiffness(self.c_e, self.burr.radius, self.force, self.immersion)
+            # The integral keeps its preset until the force arrives: no wind-up in the impact.
+            self.arrived = self.arrived or measured >= ARRIVED * self.force
+            self.pid.set_gains(kp, kp / INTEGRAL_TIME if self.arrived else 0.0)
+        self.command = self.pid.update(self.force, measured, self.rig.period)
+        self.rig.command(self.command)
 
 
 def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:

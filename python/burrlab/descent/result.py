@@ -271,63 +271,79 @@ def evaluate(
 ) -> Descent:
     """Window, velocity and status of a recorded descent; `cut` by `Border.count_cut`."""
     h, force = series.immersion, series.force
-    static = None if material is None else static_immersion(burr, material, setpoint)
-    span = 101 if series.noise > 0.1 * setpoint else 51
     settled: float | None
     if series.exact:
         settled = float(h[0]) if len(h) else None
     else:
-        begun = int(np.argmax(force >= 0.1 * setpoint)) if np.any(force >= 0.1 * setpoint) else len(h)
-        settled = settled_immersion(h[begun:], force[begun:], setpoint, span=span)
-
-    status, reason, window, velocity = ending, "", None, None
-    if ending == "interrupted":
-        reason = f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
-    elif ending == "overloaded" or (static is not None and static >= stop and ending != "never-touched"):
-        status = "overloaded"
-        bound = (
-            ""
-            if material is None
-            else "; static contact carries at most "
-            f"{material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5:.4g} N there"
+        pressed = force >= 0.1 * setpoint
+        begun = int(np.argmax(pressed)) if np.any(pressed) else len(h)
+        settled = settled_immersion(
+            h[begun:], force[begun:], setpoint, span=_samples_of_settling(series, setpoint)
         )
-        if static is None or static < stop:
-            bound = f"; the force reached {float(force.max(initial=0.0)):.4g} N"
-        reason = f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm{bound}"
-    elif ending == "stalled":
-        deepest = f"{h[-1]:.3f}" if len(h) else "no"
-        reason = f"at {deepest} mm of {stop:.3f} mm after {series.time[-1] if len(h) else 0.0:.4g} s, when the run was given up"
-    elif ending == "never-touched":
-        reason = "the burr met no bone on its way"
-    elif settled is None:
-        status = "never-settled"
-        reason = f"up to the stop the mean of {span} samples of the force was off {setpoint:g} N by over 5 %"
-    else:
-        start = max(burr.radius / 6, settled)
-        rows = samples_between(h, start, stop)
-        ticks = len(h[rows])
-        if start >= stop or (series.exact and ticks < FEWEST_TICKS):
-            status = "window-too-short"
-            reason = f"{max(ticks, 0)} ticks between {start:.3f} mm and the stop; {FEWEST_TICKS} are needed"
-        elif not series.exact and stop - start < burr.radius / 15:
-            status = "window-too-short"
-            reason = f"settled at {start:.3f} mm, less than R/15 = {burr.radius / 15:.3f} mm before the stop"
-        else:
-            status, window = "ok", (float(start), float(stop))
-            velocity = penetration_velocity_between(series.time, h, start, stop)
-    fall, resolution = None, None
-    if window is not None and velocity is not None:
-        third = (window[1] - window[0]) / 3
-        early = penetration_velocity_between(series.time, h, window[0], window[0] + third)
-        late = penetration_velocity_between(series.time, h, window[1] - third, window[1])
+    status, reason = _status(burr, material, setpoint, stop, series, ending, settled)
+    window, velocity, fall, resolution = None, None, None, None
+    if status == "ok":
+        assert settled is not None
+        start, third = float(max(burr.radius / 6, settled)), (stop - max(burr.radius / 6, settled)) / 3
+        window = (start, float(stop))
+        velocity, early, late = (
+            penetration_velocity_between(series.time, h, *between)
+            for between in (window, (start, start + third), (stop - third, stop))
+        )
         fall = early / late if early and late else None
-        if material is not None and velocity > 0 and "spacing_mm" in provenance:
+        if velocity and material is not None and velocity > 0 and "spacing_mm" in provenance:
             thickness = layer_thickness(burr, material, velocity)
             resolution = None if thickness is None else thickness / max(provenance["spacing_mm"])
     return Descent(
         burr, material, float(setpoint), float(stop), status, reason, velocity, window, fall, resolution,
         _phases(series, setpoint, settled), _warnings(burr, series, provenance, cut), series, provenance,
     )  # fmt: skip
+
+
+def _samples_of_settling(series: Series, setpoint: float) -> int:
+    """Samples over which the mean of the force must lie at the set-point; more where the cell is noisy."""
+    return 101 if series.noise > 0.1 * setpoint else 51
+
+
+def _status(
+    burr: Burr, material: Material | None, setpoint: float, stop: float, series: Series, ending: str, settled: float | None
+) -> tuple[str, str]:  # fmt: skip
+    """The status of a run that ended so, and its reason, which is empty for "ok"."""
+    h = series.immersion
+    static = None if material is None else static_immersion(burr, material, setpoint)
+    if ending == "interrupted":
+        return ending, f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
+    if ending == "overloaded" or (static is not None and static >= stop and ending != "never-touched"):
+        if material is None or static is None or static < stop:
+            bound = f"; the force reached {float(series.force.max(initial=0.0)):.4g} N"
+        else:
+            most = material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5
+            bound = f"; static contact carries at most {most:.4g} N there"
+        return "overloaded", (
+            f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm{bound}"
+        )
+    if ending == "stalled":
+        deepest = f"{h[-1]:.3f}" if len(h) else "no"
+        time = series.time[-1] if len(h) else 0.0
+        return ending, f"at {deepest} mm of {stop:.3f} mm after {time:.4g} s, when the run was given up"
+    if ending == "never-touched":
+        return ending, "the burr met no bone on its way"
+    if settled is None:
+        span = _samples_of_settling(series, setpoint)
+        return "never-settled", (
+            f"up to the stop the mean of {span} samples of the force was off {setpoint:g} N by over 5 %"
+        )
+    start = max(burr.radius / 6, settled)
+    ticks = len(h[samples_between(h, start, stop)])
+    if start >= stop or (series.exact and ticks < FEWEST_TICKS):
+        return "window-too-short", (
+            f"{max(ticks, 0)} ticks between {start:.3f} mm and the stop; {FEWEST_TICKS} are needed"
+        )
+    if not series.exact and stop - start < burr.radius / 15:
+        return "window-too-short", (
+            f"settled at {start:.3f} mm, less than R/15 = {burr.radius / 15:.3f} mm before the stop"
+        )
+    return "ok", ""
 
 
 def _warnings(burr: Burr, series: Series, provenance: dict[str, Any], cut: int) -> tuple[str, ...]:

@@ -237,9 +237,7 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
         or dimension > 16,  # the format's limit
         f"{name}: cannot be read as a volume: the NRRD header contradicts its dimension {shown(dimension)}",
     )
-    spatial = [i for i in range(dimension) if (vectors[i] if vectors else not _VALUES.search(kinds[i]))]
-    while len(spatial) > 3 and 1 in (rest := [sizes[i] for i in spatial]):
-        del spatial[len(rest) - 1 - rest[::-1].index(1)]
+    spatial = _spatial_axes(sizes, kinds, vectors)
     layers = sizes[0] if dimension == 4 and kinds[0] == "list" and 0 not in spatial else 1
     others = [n for i, n in enumerate(sizes) if i not in spatial]
     refuse(
@@ -247,7 +245,28 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
         f"{name}: a volume needs three dimensions and one value a voxel, got sizes "
         f"{' x '.join(map(shown, sizes))}",
     )
-    shape, notes, turn = three_sizes([sizes[i] for i in spatial], name), [], np.ones(3)
+    shape, notes = three_sizes([sizes[i] for i in spatial], name), list[str]()
+    spacing, direction, origin = _nrrd_place(
+        fields, [vectors[i] for i in spatial] if vectors else [], spatial, name, notes
+    )
+    custom_keys = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
+    header = Header(shape, spacing, origin, direction, tuple(notes), custom_keys, layers)
+    return header, _nrrd_layout(fields, end, name)
+
+
+def _spatial_axes(sizes: list[int], kinds: list[str], vectors: list[Any]) -> list[int]:
+    """Axes that have a direction, or are not of values; of more than three the last ones of one sample go."""
+    spatial = [i for i, kind in enumerate(kinds) if (vectors[i] if vectors else not _VALUES.search(kind))]
+    while len(spatial) > 3 and 1 in (rest := [sizes[i] for i in spatial]):
+        del spatial[len(rest) - 1 - rest[::-1].index(1)]
+    return spatial
+
+
+def _nrrd_place(
+    fields: dict[str, str], vectors: list[Any], spatial: list[int], name: str, notes: list[str]
+) -> tuple[Array, Array, Array]:
+    """Spacing, direction and origin; what is assumed is added to the notes."""
+    turn = np.ones(3)
     if vectors or "space origin" in fields:
         space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
         if vectors and space not in _TO_LPS:
@@ -255,27 +274,22 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
         turn = np.array([*_TO_LPS.get(space, (1.0, 1.0)), 1.0]) * _unit(fields.get("space units"), name)
     if vectors:
         refuse(
-            any(len(vectors[i]) != 3 for i in spatial),
+            any(len(vector) != 3 for vector in vectors),
             f"{name}: space directions of the NRRD header must be three vectors of three",
         )
-        table = np.array([vectors[i] for i in spatial], dtype=float).T
-        spacing, direction = _unit_columns(turn[:, None] * table)
+        spacing, direction = _unit_columns(turn[:, None] * np.array(vectors, dtype=float).T)
     else:
         spacing, direction = _nrrd_spacings(fields, spatial, name), np.eye(3)
         notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
     if (origin_text := fields.get("space origin")) is None:
         notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
-        origin = np.zeros(3)
-    else:
-        origin = np.array(_vector(origin_text, name))
-        refuse(
-            origin.shape != (3,) or not np.all(np.isfinite(origin)),
-            f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(origin_text)}",
-        )
-        origin = turn * origin
-    custom_keys = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
-    header = Header(shape, spacing, origin, direction, tuple(notes), custom_keys, layers)
-    return header, _nrrd_layout(fields, end, name)
+        return spacing, direction, np.zeros(3)
+    origin = np.array(_vector(origin_text, name))
+    refuse(
+        origin.shape != (3,) or not np.all(np.isfinite(origin)),
+        f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(origin_text)}",
+    )
+    return spacing, direction, turn * origin
 
 
 def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:

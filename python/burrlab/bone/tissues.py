@@ -620,17 +620,14 @@ def labelled_bone(
     else:
         bone = empty_bone(labels.shape, labels.spacing, labels.bone_point(labels.origin))
     if source is None:
-        known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
-        hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
-        full_levels = np.where(hollow, 0, 255).astype(np.uint8)
-        where = ", ".join(empty)
+        full_levels = _full_levels(tissues, empty)
         smoothing_note = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
         if smooth is not None:
             levels, numbers, smoothing_note = _smoothed(
                 full_levels, numbers, tissues, labels.spacing[::-1], smooth
             )
         notes.append(
-            f"occupancy from labels alone: empty where there is {where} or label 0, else solid{smoothing_note}"
+            f"occupancy from labels alone: empty where there is {', '.join(empty)} or label 0, else solid{smoothing_note}"
         )
     least, filled = _filled(tissues, fill or {})
     both = np.zeros(2 * len(tissues), np.int64)  # voxels of each tissue, those below `_HALF` apart
@@ -653,6 +650,13 @@ def labelled_bone(
     said_of_tissues = _said_of_tissues(both, tissues, math.prod(labels.spacing))
     notes += filled + said_of_tissues + _said_of_pieces(numbers, tissues, labels.spacing[::-1])
     return LabelledBone(bone, tuple(notes))
+
+
+def _full_levels(tissues: Tissues, empty: Collection[str]) -> NDArray[np.uint8]:
+    """Level of each tissue's voxels: 0 without a label or of what is empty, else 255."""
+    known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
+    hollow = [label == 0 or (tissue is not None and tissue.name in empty) for label, tissue in known]
+    return np.where(hollow, 0, 255).astype(np.uint8)
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:

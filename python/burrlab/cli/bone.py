@@ -363,21 +363,21 @@ def do_tissues(options: Options) -> int:
     if listed and labels.unknown_colours:
         lines.append("colours in no table are refused where a bone is made: --unknown says what they are")
     if options.template is not None:
-        if os.path.exists(options.template):
-            raise FileExistsError(f"--template: {options.template} is there already")
-        rows = template(labels)
-        unnamed = [
-            t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None
-        ]
-        write_text(options.template, tissues_text(rows, unnamed))
-        lines.append(
-            f"written {options.template}"
-            + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
-        )
+        lines.append(_write_template(options.template, labels))
     result = {"file": options.file, "labels": label_rows, "ear": ear or None, "notes": list(labels.notes)}
     result["unknown_colours"] = [dict(colour) for colour in labels.unknown_colours]
     deliver(options, result, "\n".join(lines))
     return 0
+
+
+def _write_template(file: str, labels: LabelVolume) -> str:
+    """Writes a table to fill in for the labels; returns what to do with it."""
+    if os.path.exists(file):
+        raise FileExistsError(f"--template: {file} is there already")
+    rows = template(labels)
+    unnamed = [t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None]
+    write_text(file, tissues_text(rows, unnamed))
+    return f"written {file}" + (f": name what its labels are, then --tissues {file}" if unnamed else "")
 
 
 def _plain(tissue: Tissue) -> dict[str, Any]:

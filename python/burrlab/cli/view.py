@@ -1,6 +1,7 @@
 """Views of bones, volumes and traces on the command line: burrlab view."""
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,7 @@ def do_view(options: Options) -> int:
     player: Player | None = None
     if options.file is None:
         bone, notes, _ = _chosen_bone(options)
+        at = 0.0
         result: dict[str, Any] = {"file": str(options.bone or options.volume or options.labels)}
     else:
         player, notes = _player(options)
@@ -64,48 +66,64 @@ def do_view(options: Options) -> int:
         o + s * (n - 1) / 2 for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
     ]
     if _needs_scene(options):
-        window = options.png is None and options.video is None
-        both = window and bool(options.stereo)  # files have two whole pictures
-        size = options.size or (SIZE if both else (1024, 768))
-        settings: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
-        if player is None:
-            scene = Scene(bone, [], **settings)
-            if options.slices:
-                scene.set_slices(options.entry or middle)
-        else:
-            view = TraceView(
-                player, effects=effects, slices=bool(options.slices), progress=on_terminal(), **settings
-            )
-            scene = view.scene
-        if (viewpoint := _viewpoint(options, bone, player)) is not None:
-            scene.look(viewpoint)
-        if options.video is not None:
-            fps = options.fps or FPS
-            frames = view.frames(
-                fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
-            )
-            with ended_by_signals():
-                result["frames"] = write_video(options.video, frames, fps=fps)
-            result["written"].append(str(options.video))
-        if player is not None and (options.video is None or options.png or options.pictures):
-            view.go(at, progress=on_terminal())
-        if options.png is not None:
-            (scene.stereo_pair if options.stereo else scene.screenshot)(options.png)
-            result["written"].append(str(options.png))
-        elif window:
+        scene = _draw(options, bone, player, at, effects, note, middle, result)
+        if options.png is None and options.video is None:
             scene.show()
         scene.close()
     elif player is not None:
         player.seek(at, progress=on_terminal())
     if options.pictures is not None:
-        centers = np.zeros((0, 3)) if player is None else player.burrs.centers
-        known = player is not None and len(centers) > 0 and bool(np.isfinite(centers).all())
-        burrs = {"radii": player.burrs.radii.tolist(), "centers": centers} if player and known else {}
-        point = options.entry or (centers[0] if known else middle)
-        note = note if player is None else f"{note}, at {at:.2f} s" if note else f"at {at:.2f} s"
-        result["written"] += _write_pictures(options.pictures, bone, point, note, **burrs)
+        result["written"] += _draw_pictures(options, bone, player, at, note, middle)
     deliver(options, result, "".join(f"written {path}\n" for path in result["written"]).rstrip() or "closed")
     return 0
+
+
+def _draw(
+    options: Options, bone: VoxelBone, player: Player | None, at: float, effects: Effects | None, note: str,
+    middle: Sequence[float], result: dict[str, Any],
+) -> Scene:  # fmt: skip
+    """The scene of the bone, at last as it was at a moment; the film and the picture that are asked for."""
+    window = options.png is None and options.video is None
+    both = window and bool(options.stereo)  # files have two whole pictures
+    size = options.size or (SIZE if both else (1024, 768))
+    settings: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
+    if player is None:
+        scene = Scene(bone, [], **settings)
+        if options.slices:
+            scene.set_slices(options.entry or middle)
+    else:
+        view = TraceView(
+            player, effects=effects, slices=bool(options.slices), progress=on_terminal(), **settings
+        )
+        scene = view.scene
+    if (viewpoint := _viewpoint(options, bone, player)) is not None:
+        scene.look(viewpoint)
+    if options.video is not None:
+        fps = options.fps or FPS
+        frames = view.frames(
+            fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo), progress=on_terminal()
+        )
+        with ended_by_signals():
+            result["frames"] = write_video(options.video, frames, fps=fps)
+        result["written"].append(str(options.video))
+    if player is not None and (options.video is None or options.png or options.pictures):
+        view.go(at, progress=on_terminal())
+    if options.png is not None:
+        (scene.stereo_pair if options.stereo else scene.screenshot)(options.png)
+        result["written"].append(str(options.png))
+    return scene
+
+
+def _draw_pictures(
+    options: Options, bone: VoxelBone, player: Player | None, at: float, note: str, middle: Sequence[float]
+) -> list[str]:
+    """Slices through the burr, once it is known, and depth maps; returns the files."""
+    centers = np.zeros((0, 3)) if player is None else player.burrs.centers
+    known = player is not None and len(centers) > 0 and bool(np.isfinite(centers).all())
+    burrs = {"radii": player.burrs.radii.tolist(), "centers": centers} if player and known else {}
+    point = options.entry or (centers[0] if known else middle)
+    note = note if player is None else f"{note}, at {at:.2f} s" if note else f"at {at:.2f} s"
+    return _write_pictures(options.pictures, bone, point, note, **burrs)
 
 
 def _check(options: Options) -> None:

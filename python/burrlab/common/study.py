@@ -68,9 +68,9 @@ def _name(thing: Any) -> str:
 
 def _identity(value: Any) -> Any:
     """Identity of `value` as JSON values: floats to the bit, types by name."""
-    if value is None or type(value) in (bool, int, str):
+    if type(value) in (type(None), bool, int, str):
         return value
-    if isinstance(value, np.float64) or type(value) is float:
+    if type(value) in (float, np.float64):
         return ["float", float(value).hex()]
     if (type(value) is np.ndarray or isinstance(value, np.generic)) and value.dtype.kind in _NUMBERS:
         array = np.asarray(value)
@@ -81,9 +81,8 @@ def _identity(value: Any) -> Any:
         return ["dict", [[key, _identity(value[key])] for key in sorted(value)]]
     if isinstance(value, VoxelBone):
         return ["bone", value.digest()]
-    for kind, parts in _PARTS.items():
-        if isinstance(value, kind):
-            return [kind.__name__, [_identity(getattr(value, part)) for part in parts]]
+    if (kind := next((kind for kind in _PARTS if isinstance(value, kind)), None)) is not None:
+        return [kind.__name__, [_identity(getattr(value, part)) for part in _PARTS[kind]]]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [field.name for field in dataclasses.fields(value) if field.compare]
         return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]

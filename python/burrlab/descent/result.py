@@ -310,11 +310,11 @@ def _status(
 ) -> tuple[str, str]:  # fmt: skip
     """The status of a run that ended so, and its reason, which is empty for "ok"."""
     h = series.immersion
-    static = None if material is None else static_immersion(burr, material, setpoint)
+    static = 0.0 if material is None else static_immersion(burr, material, setpoint)
     if ending == "interrupted":
         return ending, f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
-    if ending == "overloaded" or (static is not None and static >= stop and ending != "never-touched"):
-        if material is None or static is None or static < stop:
+    if ending == "overloaded" or (static >= stop and ending != "never-touched"):
+        if material is None or static < stop:
             bound = f"; the force reached {float(series.force.max(initial=0.0)):.4g} N"
         else:
             most = material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5

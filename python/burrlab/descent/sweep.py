@@ -171,19 +171,7 @@ def force_sweep(
     >>> curve.status
     ('ok', 'ok')
     """
-    require_tool(burr, material)
-    values = real(forces, "forces")
-    refuse(values.ndim != 1 or values.size == 0, "forces must be a list of at least one force")
-    finite = np.isfinite(values) & (values > 0)
-    refuse(not finite.all(), f"every force must be positive and finite, got {forces!r}")
-    refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1, got {repeats}")
-    if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
-        raise TypeError(
-            "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
-            f"{specimen!r}"
-        )
-    if not isinstance(ideal, bool):
-        raise TypeError(f"ideal must be True or False, got {ideal!r}")
+    values = _checked_forces(burr, material, forces, repeats, specimen, ideal)
     if seed is None:
         refuse(store is not None, "seed must be given with a store, which finds results by it, got None")
     seed = seed_or_new(seed)
@@ -194,17 +182,7 @@ def force_sweep(
         for f in values
         for k in range(repeats)
     ]  # fmt: skip
-    # Slow descents first: low forces take longest.
-    order = sorted(range(len(items)), key=lambda i: items[i].force)
-    study = Study(run_item, [items[i] for i in order], executor=executor, store=store)
-    with suppress(KeyboardInterrupt):
-        told = reporter(progress, "sweep" if progress is None else "descents")
-        for done in enumerate(study, start=1):
-            if progress is not None or done[0] >= (os.cpu_count() or 1):  # the first ones ran side by side
-                told(done[0] / len(items))
-    rows = [_INTERRUPTED] * len(items)
-    for place, row in study.results.items():
-        rows[order[place]] = row
+    rows = _descend_all(items, executor, store, progress)
     table = np.array([row[:3] for row in rows])
     # With the force held exactly to R/3 the window is the default one, which a fit predicts from c_e. If it
     # were written out, a fit would take its start as given and lose its information on c_e.
@@ -230,3 +208,41 @@ def force_sweep(
             c_e=material.c_e, alpha=material.alpha, shape=material.shape.name, **volume,
         ),
     )  # fmt: skip
+
+
+def _checked_forces(
+    burr: Burr, material: Material, forces: Any, repeats: int, specimen: object, ideal: object
+) -> np.ndarray:
+    """The forces; errors of `force_sweep`."""
+    require_tool(burr, material)
+    values = real(forces, "forces")
+    refuse(values.ndim != 1 or values.size == 0, "forces must be a list of at least one force")
+    finite = np.isfinite(values) & (values > 0)
+    refuse(not finite.all(), f"every force must be positive and finite, got {forces!r}")
+    refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1, got {repeats}")
+    if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
+        raise TypeError(
+            "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
+            f"{specimen!r}"
+        )
+    if not isinstance(ideal, bool):
+        raise TypeError(f"ideal must be True or False, got {ideal!r}")
+    return values
+
+
+def _descend_all(
+    items: list[SweepItem], executor: Executor | None, store: StorePath | None, progress: Progress | None
+) -> list[Row]:
+    """A row an item; of those that did not run after Ctrl-C, as of an interrupted descent."""
+    # Slow descents first: low forces take longest.
+    order = sorted(range(len(items)), key=lambda i: items[i].force)
+    study = Study(run_item, [items[i] for i in order], executor=executor, store=store)
+    with suppress(KeyboardInterrupt):
+        report = reporter(progress, "sweep" if progress is None else "descents")
+        for done, _ in enumerate(study, start=1):
+            if progress is not None or done >= (os.cpu_count() or 1):  # the first ones ran side by side
+                report(done / len(items))
+    rows = [_INTERRUPTED] * len(items)
+    for place, row in study.results.items():
+        rows[order[place]] = row
+    return rows

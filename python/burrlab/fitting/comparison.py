@@ -251,14 +251,50 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     Welch, Biometrika 34 (1947). Berger and Hsu, Bioequivalence trials, intersection-union tests ...,
     Statistical Science 11 (1996). Holm, Scand. J. Statistics 6 (1979).
     """
-    for one in fits:
-        if not isinstance(one, FitRecord):
-            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {shown(one)}")
-    alike = len({one.shape for one in fits}) == 1 and {one.engine for one in fits} == {"mean-field"}
+    named = _checked_names(fits, margin, names)
+    sides = [_Side(fit) for fit in fits]
+    places = list(combinations(range(len(fits)), 2))
+    level = 1 - (1 - LEVEL) / len(places)
+    of_c_e = [_Difference(sides[i].ends_of_c_e, sides[k].ends_of_c_e).ratio(level) for i, k in places]
+    on_ridge = not all(ratio.interval.closed for ratio in of_c_e)
+    on_ridge |= any(fit.intervals["c_e"]["95"].upper is None for fit in fits)
+    exponent = 4 * (fits[0].shape.order + 1) / 3
+    if not on_ridge:  # the p of the smallest summed variance of log alpha - p log c_e
+        variance = np.sum([side.variance for side in sides], axis=0)
+        exponent = float(np.clip(variance[0, 1] / variance[0, 0], 0.0, 3 * exponent))
+    joint = [_joint(sides[i], sides[k]) for i, k in places]
+    velocities = [_velocities(sides[i], sides[k], margin, level) for i, k in places]
+    p_differ = _holm([test.p_value for test in joint])
+    # a pair without shared forces or margin counts as not equivalent
+    p_equivalent = _holm(
+        [1.0 if test is None or test.p_value is None else test.p_value for test in velocities]
+    )
+    pairs = []
+    for n, (i, k) in enumerate(places):
+        ratios = {"c_e": of_c_e[n]}
+        for name, p in (("alpha", 0.0), ("combination", exponent)):
+            ends = (sides[j].ends(-p * sides[j].x, np.array([-p, 1.0])) for j in (i, k))
+            ratios[name] = _Difference(*ends).ratio(level)
+        judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
+        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so))
+    sets = [
+        ComparedSet(name, fit.n_points, fit.c_e, fit.alpha, fit.residual_kind, fit.status)
+        for name, fit in zip(named, fits, strict=True)
+    ]
+    origin = provenance(shape=fits[0].shape.name, margin=margin)
+    return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), origin)
+
+
+def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Sequence[str] | None) -> list[str]:
+    """A name for each fit; errors of `compare`."""
+    for fit in fits:
+        if not isinstance(fit, FitRecord):
+            raise TypeError(f"compare takes fits, such as fit(curve, burr): got {shown(fit)}")
+    alike = len({fit.shape for fit in fits}) == 1 and {fit.engine for fit in fits} == {"mean-field"}
     refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
     refuse(not alike, "all fits must be mean-field ones with the same shape")
     refuse(
-        any(one.given_bounds for one in fits), "compare needs fits without bounds, for these cut intervals"
+        any(fit.given_bounds for fit in fits), "compare needs fits without bounds, for these cut intervals"
     )
     refuse(
         margin is not None and not 0 < scalar(margin, "margin") <= 1,
@@ -269,35 +305,7 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         isinstance(names, str) or not len(set(named)) == len(named) == len(fits),
         f"names must be {len(fits)} different texts: got {names!r}",
     )
-    sides = [_Side(one) for one in fits]
-    places = list(combinations(range(len(fits)), 2))
-    level = 1 - (1 - LEVEL) / len(places)
-    of_c_e = [_Difference(sides[i].ends_of_c_e, sides[k].ends_of_c_e).ratio(level) for i, k in places]
-    on_ridge = not all(ratio.interval.closed for ratio in of_c_e)
-    on_ridge |= any(one.intervals["c_e"]["95"].upper is None for one in fits)
-    exponent = 4 * (fits[0].shape.order + 1) / 3
-    if not on_ridge:  # the p of the smallest summed variance of log alpha - p log c_e
-        variance = np.sum([side.variance for side in sides], axis=0)
-        exponent = float(np.clip(variance[0, 1] / variance[0, 0], 0.0, 3 * exponent))
-    joint = [_joint(sides[i], sides[k]) for i, k in places]
-    velocities = [_velocities(sides[i], sides[k], margin, level) for i, k in places]
-    p_differ = _holm([one.p_value for one in joint])
-    # a pair without shared forces or margin counts as not equivalent
-    p_equivalent = _holm([1.0 if one is None or one.p_value is None else one.p_value for one in velocities])
-    pairs = []
-    for n, (i, k) in enumerate(places):
-        ratios = {"c_e": of_c_e[n]}
-        for name, p in (("alpha", 0.0), ("combination", exponent)):
-            ends = (sides[one].ends(-p * sides[one].x, np.array([-p, 1.0])) for one in (i, k))
-            ratios[name] = _Difference(*ends).ratio(level)
-        judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
-        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so))
-    sets = [
-        ComparedSet(name, one.n_points, one.c_e, one.alpha, one.residual_kind, one.status)
-        for name, one in zip(named, fits, strict=True)
-    ]
-    origin = provenance(shape=fits[0].shape.name, margin=margin)
-    return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), origin)
+    return named
 
 
 @dataclass(frozen=True, eq=False)

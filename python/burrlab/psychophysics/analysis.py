@@ -448,39 +448,13 @@ def analyse(
     """
     if isinstance(data, (str, os.PathLike)) and (Path(data).suffix == ".toml" or Path(data).is_file()):
         data = Protocol.read(data)
-    settings, notes = AnalysisSettings(), []
-    if isinstance(data, Protocol):
-        settings = data.analysis
-        name, tasks = data.name, _of_folder(data.folder)
-        tasks.sort(key=lambda task: (*data.tasks, task.name).index(task.name))
-        notes += _missing(data, tasks)
-    elif isinstance(data, (str, os.PathLike)):
-        name, tasks = Path(data).resolve().name, _of_folder(data)
-    elif isinstance(data, Mapping):
-        name, tasks = "", of_counts(data, simulated=simulated)
-    elif isinstance(data, Counts) or not isinstance(data, Iterable):
-        raise TypeError(
-            f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}"
-        )
-    else:
-        name, tasks = "", of_answers(data)
+    name, tasks = _tasks_of(data, simulated)
     refuse(not tasks, "data must hold answers, got none")
+    settings, notes = AnalysisSettings(), list[str]()
+    if isinstance(data, Protocol):
+        settings, notes = data.analysis, list(_missing(data, tasks))
     settings = _settled(settings, rules, delta, level)
-    if any(subject.answers for task in tasks for subject in task.subjects):
-        notes.append("Practice trials are left out.")
-    runs = [
-        (f"{subject.subject} of {task.name}", subject.answers) for task in tasks for subject in task.subjects
-    ]
-    repeats = [(sum(row.repeats or 0 for row in answers.rows), run) for run, answers in runs if answers]
-    if runs_told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
-        notes.append(f"Trials that were repeated, as the loop had stalled: {runs_told}.")
-    times = [
-        (sum(row.response_time is not None and row.response_time < TOO_FAST for row in answers.rows), run)
-        for run, answers in runs
-        if answers
-    ]
-    if runs_told := ", ".join(f"{count} of {run}" for count, run in times if count):
-        notes.append(f"Answers within {TOO_FAST:g} s of the question, too fast to have judged: {runs_told}.")
+    notes += _notes_on_trials(tasks)
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
     chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
@@ -573,3 +547,42 @@ def _selected(
         f"{selected_from}",
     )
     return chosen
+
+
+def _tasks_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
+    """The experiment's name, empty for answers or counts, and its tasks."""
+    if isinstance(data, Protocol):
+        order = data.tasks
+        return data.name, sorted(
+            _of_folder(data.folder), key=lambda task: (*order, task.name).index(task.name)
+        )
+    if isinstance(data, (str, os.PathLike)):
+        return Path(data).resolve().name, _of_folder(data)
+    if isinstance(data, Mapping):
+        return "", of_counts(data, simulated=simulated)
+    if isinstance(data, Counts) or not isinstance(data, Iterable):
+        raise TypeError(
+            f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}"
+        )
+    return "", of_answers(data)
+
+
+def _notes_on_trials(tasks: Iterable[TaskData]) -> list[str]:
+    """Sentences on practice, on repeated trials and on answers that came too fast."""
+    runs = [
+        (f"{subject.subject} of {task.name}", subject.answers.rows)
+        for task in tasks for subject in task.subjects if subject.answers
+    ]  # fmt: skip
+    notes = ["Practice trials are left out."] if runs else []
+    repeats = [(sum(row.repeats or 0 for row in rows), run) for run, rows in runs]
+    fast = [
+        (sum(row.response_time is not None and row.response_time < TOO_FAST for row in rows), run)
+        for run, rows in runs
+    ]
+    for heading, counts in (
+        ("Trials that were repeated, as the loop had stalled", repeats),
+        (f"Answers within {TOO_FAST:g} s of the question, too fast to have judged", fast),
+    ):
+        if concerned := ", ".join(f"{count} of {run}" for count, run in counts if count):
+            notes.append(f"{heading}: {concerned}.")
+    return notes

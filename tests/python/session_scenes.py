@@ -100,7 +100,12 @@ def writer(file, *batches, burrs=1, reader=None, **options):
     """A recorder of batches of records, or of a reader, not started."""
     first = int(batches[0]["index"][0]) if batches and len(batches[0]) else 40
     settings = {"seed": SEED, "first_tick": first, **options}
-    return burrlab.TraceWriter(file, reader or FakeReader(*batches), small_bone(), tools(burrs), **settings)
+    return new_writer(file, reader or FakeReader(*batches), small_bone(), tools(burrs), **settings)
+
+
+def new_writer(file, reader, bone, tools, **settings):
+    room = {name: settings.pop(name) for name in ("duration", "digest_every", "on_end") if name in settings}
+    return burrlab.TraceWriter(file, reader, bone, burrlab.TraceHeader(tools, **settings), **room)
 
 
 def record(file, *batches, **options):

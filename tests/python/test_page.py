@@ -178,7 +178,7 @@ def test_a_burr_far_away_is_looked_at(tmp_path):
 
 def test_a_trace_without_a_tick_has_all_its_parcels(tmp_path):
     record = tmp_path / "trace.h5"
-    burrlab.TraceWriter(record, FakeReader(), nerve_bone(), [tool()], seed=1).stop()
+    burrlab.TraceWriter(record, FakeReader(), nerve_bone(), burrlab.TraceHeader([tool()], seed=1)).stop()
     trace = burrlab.load_trace(record)
     page = make_page(page_source(trace, Effects(trace.bone(), seed=1)))
     turn(page, 1.0)

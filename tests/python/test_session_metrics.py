@@ -19,7 +19,9 @@ def trace_of(tmp_path, center, *, period=1.0, **columns):
         (records if name in ("k",) else burr)[name] = values
     file = tmp_path / "session.h5"
     bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
-    burrlab.TraceWriter(file, FakeReader(records), bone, tools(), seed=1, period=period, duration=600).stop()
+    burrlab.TraceWriter(
+        file, FakeReader(records), bone, burrlab.TraceHeader(tools(), seed=1, period=period), duration=600
+    ).stop()
     return burrlab.load_trace(file)
 
 

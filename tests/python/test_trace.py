@@ -10,7 +10,7 @@ import time
 import h5py
 import numpy as np
 import pytest
-from session_scenes import FakeReader, make_records, record, recorded, small_bone, tools, writer
+from session_scenes import FakeReader, make_records, new_writer, record, recorded, small_bone, tools, writer
 
 import burrlab
 import burrlab.session.recorder as trace_writer
@@ -67,7 +67,7 @@ def test_nan_payloads_and_extremes_survive(file, burrs):
 def test_the_header_comes_back(file):
     start = small_bone()
     before = time.time()
-    made = burrlab.TraceWriter(
+    made = new_writer(
         file, FakeReader(), start, [(burrlab.Burr(2.0), burrlab.Material("wax", c_e=0.1, alpha=0.2, shape="power(1.5)", source="me"))],
         seed=11, period=0.25, scheme="cell", first_tick=99, devices=["hand"], source="ct.nrrd",
         note={"force_limit_N": 5.0, "coupling": None},
@@ -209,7 +209,7 @@ def test_a_limit_of_the_system_ends_recording(file):
         from session_scenes import *
         start = small_bone()
         records = make_records(small_bone(), 1500)
-        writer = burrlab.TraceWriter(sys.argv[1], FakeReader(records), start, tools(), seed=SEED, duration=5)
+        writer = new_writer(sys.argv[1], FakeReader(records), start, tools(), seed=SEED, duration=5)
         limit = writer._places["ticks"] + 1000 * writer._row_bytes + 17
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
         writer.start()
@@ -314,7 +314,7 @@ def test_frames_and_columns(file, monkeypatch):
 def test_wrong_parameters(file, change, said):
     given = {"tools": tools(), "seed": 1, **change}
     with pytest.raises(ValueError, match=said):
-        burrlab.TraceWriter(file, FakeReader(), small_bone(), **given)
+        new_writer(file, FakeReader(), small_bone(), **given)
     assert list(file.parent.iterdir()) == []
 
 

@@ -86,7 +86,11 @@ def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypa
 
     monkeypatch.setattr(trace_writer, "_write", write)
     writer = burrlab.TraceWriter(
-        tmp_path / "session.h5", _core.RecordReader(loop), bone, tools, seed=1, on_end=lambda _: told.set()
+        tmp_path / "session.h5",
+        _core.RecordReader(loop),
+        bone,
+        burrlab.TraceHeader(tools, seed=1),
+        on_end=lambda _: told.set(),
     )
     device.put((3.0, 3.0, 6.0))
     with writer:

@@ -44,7 +44,10 @@ def made(tmp_path_factory):
     folder, bone = tmp_path_factory.mktemp("export"), small_bone()
     records, done = make_records(bone, TICKS, burrs=2, first=10), []
     burrlab.TraceWriter(
-        folder / "session.h5", FakeReader(records), small_bone(), tools(2), seed=SEED, first_tick=10
+        folder / "session.h5",
+        FakeReader(records),
+        small_bone(),
+        burrlab.TraceHeader(tools(2), seed=SEED, first_tick=10),
     ).stop()
     trace = burrlab.load_trace(folder / "session.h5")
     burrlab.export_volumetric_drilling(trace, folder / "export.hdf5", layout="old", progress=done.append)
@@ -119,7 +122,7 @@ def test_an_interrupted_export_leaves_no_file(made, tmp_path):
 
 def test_a_session_that_removed_nothing(tmp_path):
     file = tmp_path / "session.h5"
-    burrlab.TraceWriter(file, FakeReader(), small_bone(), tools(), seed=1).stop()
+    burrlab.TraceWriter(file, FakeReader(), small_bone(), burrlab.TraceHeader(tools(), seed=1)).stop()
     burrlab.export_volumetric_drilling(burrlab.load_trace(file), tmp_path / "export.hdf5", layout="old")
     with h5py.File(tmp_path / "export.hdf5") as made:
         assert made["voxels_removed/voxel_removed"].shape == (0, 4)

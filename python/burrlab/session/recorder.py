@@ -7,23 +7,22 @@ import math
 import os
 import re
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material, VoxelBone
+from burrlab._core import VoxelBone
 from burrlab.anatomy.events import Watched, WatchWriter
-from burrlab.bone.snapshot import check_tick
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_part
 from burrlab.session.trace import (
     DIGEST_DTYPE,
     ENDED_LENGTH,
+    TraceHeader,
     create,
-    json_text,
     make_compact,
     row_dtype,
     to_rows,
@@ -53,23 +52,7 @@ class TraceWriter:
         Made before the loop was started.
     bone : VoxelBone
         The bone before the first tick; it is written at once and not used later.
-    tools : list of (Burr, Material)
-        One a burr, in index order.
-    seed : int
-        Seed of the session.
-    period : float
-        Loop period [ms].
-    scheme : {"layer", "cell"}
-    first_tick : int
-        Ticks executed earlier on this bone.
-    devices : sequence of str
-        Device names, one a burr.
-    source : str
-        Where the volume comes from.
-    note : mapping, optional
-        Further JSON data to keep, such as safety parameters.
-    watch : mapping, optional
-        Settings of a watch, as JSON data; its bone has tissues.
+    header : TraceHeader
     duration : float
         Room for ticks, at one tick a period [s]. Recording stops when it is used up.
     digest_every : float
@@ -81,8 +64,7 @@ class TraceWriter:
     Raises
     ------
     ValueError
-        If there are not one or two tools, a seed, tick, period, duration or digest_every is out of range, or
-        the note is not JSON.
+        If the duration or digest_every is out of range.
     FileExistsError
         If the file exists.
     OSError
@@ -100,38 +82,22 @@ class TraceWriter:
         path: str | os.PathLike[str],
         reader: Reader,
         bone: VoxelBone,
-        tools: Sequence[tuple[Burr, Material]],
+        header: TraceHeader,
         *,
-        seed: int,
-        period: float = 1.0,
-        scheme: str = "layer",
-        first_tick: int = 0,
-        devices: Sequence[str] = (),
-        source: str = "",
-        note: Mapping[str, Any] | None = None,
-        watch: Mapping[str, Any] | None = None,
         duration: float = DEFAULT_DURATION,
         digest_every: float = 1.0,
         on_end: Callable[[str], object] | None = None,
     ) -> None:
         self.path = Path(path)
-        refuse(not 1 <= len(tools) <= 2, f"number of tools must be 1 or 2, got {len(tools)}")
-        refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
-        check_tick(first_tick)
-        for name, value in (("period", period), ("duration", duration), ("digest_every", digest_every)):
+        for name, value in (("duration", duration), ("digest_every", digest_every)):
             refuse(not 0 < value < math.inf, f"{name} must be positive, got {value}")
-        rows = max(1, math.ceil(duration * 1000.0 / period))
+        rows = max(1, math.ceil(duration * 1000.0 / header.period))
         digests = math.ceil(duration / min(digest_every, 1.0)) + 16
-        note_text, watch_text = json_text("note", note), json_text("watch", watch) if watch else ""
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")
         with new_part(self.path) as part:  # a kill meanwhile leaves no file of this name
             try:
-                self._places, places = create(
-                    part, bone, tools, seed=seed, period=period, scheme=scheme, first_tick=first_tick,
-                    devices=devices, source=source, note=note_text, watch=watch_text, capacity=rows,
-                    digest_capacity=digests,
-                )  # fmt: skip
+                self._places, places = create(part, bone, header, capacity=rows, digest_capacity=digests)
             except (RuntimeError, ValueError) as error:  # raised by HDF5 if a limit is too small
                 raise OSError(f"{self.path} could not be made: {error}") from None
             except OSError as error:
@@ -140,7 +106,7 @@ class TraceWriter:
                 raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
             _name(part, self.path)
         self._reader: Reader | None = reader
-        self._burrs, self._first, self._on_end = len(tools), first_tick, on_end
+        self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
         self._row_bytes, self._room, self._digest_room = row_dtype(self._burrs).itemsize, rows, digests
         self._recorded = self._digests_recorded = 0
         self._ended, self._warning = "", ""

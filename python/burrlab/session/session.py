@@ -40,6 +40,7 @@ from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
 from burrlab.session.settings import Clock, ForceLimits, Publish, Safety, StartingBone
+from burrlab.session.trace import TraceHeader
 
 Tool = tuple[Burr, Material]
 Standing = Device | tuple[Device, DeviceFrame]
@@ -230,10 +231,12 @@ class Session:
         self, record: str | os.PathLike[str], duration: float, digest_every: float
     ) -> TraceWriter:
         about = self.provenance
+        header = TraceHeader(
+            self.tools, self.seed, 1e3 / about["rate_Hz"], about["scheme"], about["first_tick"], about["devices"],
+            json.dumps(about["source"]), about, about.get("watch"),
+        )  # fmt: skip
         return TraceWriter(
-            record, RecordReader(self._loop), self._executor.bone, self.tools, seed=self.seed, period=1e3 / about["rate_Hz"],
-            scheme=about["scheme"], first_tick=about["first_tick"], devices=about["devices"],
-            source=json.dumps(about["source"]), note=about, watch=about.get("watch"), duration=duration,
+            record, RecordReader(self._loop), self._executor.bone, header, duration=duration,
             digest_every=digest_every, on_end=_weakly(self._say),
         )  # fmt: skip
 

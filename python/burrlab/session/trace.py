@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import os
 import re
 import time
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, Tissues, VoxelBone, most_watch_events
 from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, read_watch
 from burrlab.bone.header import told_notes
-from burrlab.bone.snapshot import open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
+from burrlab.bone.snapshot import check_tick, open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
 from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
 from burrlab.common.progress import doing
@@ -89,28 +90,67 @@ def json_text(name: str, value: Mapping[str, Any] | None, **options: Any) -> str
         raise ValueError(f"{name} must be what JSON holds: {error}") from None
 
 
+@dataclass(frozen=True, eq=False)
+class TraceHeader:
+    """What a trace says of its session before the first tick, besides the bone.
+
+    Parameters
+    ----------
+    tools : list of (Burr, Material)
+        One a burr, in index order.
+    seed : int
+        Seed of the session.
+    period : float
+        Loop period [ms].
+    scheme : {"layer", "cell"}
+    first_tick : int
+        Ticks executed earlier on this bone.
+    devices : sequence of str
+        Device names, one a burr.
+    source : str
+        Where the volume comes from.
+    note : mapping, optional
+        Further JSON data to keep, such as safety parameters.
+    watch : mapping, optional
+        Settings of a watch, as JSON data; its bone has tissues.
+
+    Raises
+    ------
+    ValueError
+        If there are not one or two tools, a seed, tick or period is out of range, or the note is not JSON.
+    """
+
+    tools: Sequence[tuple[Burr, Material]]
+    seed: int
+    period: float = 1.0
+    scheme: str = "layer"
+    first_tick: int = 0
+    devices: Sequence[str] = ()
+    source: str = ""
+    note: Mapping[str, Any] | None = None
+    watch: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        refuse(not 1 <= len(self.tools) <= 2, f"number of tools must be 1 or 2, got {len(self.tools)}")
+        refuse(
+            not 0 <= self.seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {self.seed}"
+        )
+        check_tick(self.first_tick)
+        refuse(not 0 < self.period < math.inf, f"period must be positive, got {self.period}")
+        json_text("note", self.note)
+        json_text("watch", self.watch)
+
+
 def create(
-    path: Path,
-    bone: VoxelBone,
-    tools: Sequence[tuple[Burr, Material]],
-    *,
-    seed: int,
-    period: float,
-    scheme: str,
-    first_tick: int,
-    devices: Sequence[str],
-    source: str,
-    note: str,
-    watch: str,
-    capacity: int,
-    digest_capacity: int,
+    path: Path, bone: VoxelBone, header: TraceHeader, *, capacity: int, digest_capacity: int
 ) -> tuple[dict[str, int], dict[str, int]]:
     """Makes the file without ticks; returns byte offsets of its datasets and of those of the watch.
 
     The tables are allocated at once and never filled. On file systems with sparse files they take room only
     as they are written. Each dataset begins at a multiple of 64 bytes, so that no count crosses a memory
-    page. `note` and `watch` are JSON; "" means no watch.
+    page.
     """
+    tools, period = header.tools, header.period
     row = row_dtype(len(tools))
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     check_folder(path)
@@ -121,17 +161,17 @@ def create(
         put_attributes(file, {
             "format": FORMAT, "format_version": FORMAT_VERSION, **provenance(),
             "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
-            "seed": np.uint64(seed), "scheme": scheme, "period_ms": period, "loop_rate_Hz": 1000.0 / period,
-            "first_tick": np.uint64(first_tick), "burrs": len(tools), "initial_digest": bone.digest(),
+            "seed": np.uint64(header.seed), "scheme": header.scheme, "period_ms": period, "loop_rate_Hz": 1000.0 / period,
+            "first_tick": np.uint64(header.first_tick), "burrs": len(tools), "initial_digest": bone.digest(),
         })  # fmt: skip
-        write_bone(file.create_group("volume"), bone, first_tick, source=source)
+        write_bone(file.create_group("volume"), bone, header.first_tick, source=header.source)
         for i, (burr, material) in enumerate(tools):
             put_attributes(file.create_group(f"tools/{i}"), {
                 "radius_mm": burr.radius, "material": material.name, "c_e_N_per_mm2": material.c_e,
                 "alpha_per_ms": material.alpha, "shape": material.shape.name, "source": material.source,
-                "device": devices[i] if i < len(devices) else "",
+                "device": header.devices[i] if i < len(header.devices) else "",
             })  # fmt: skip
-        file.create_dataset("note", data=np.bytes_(note.encode()))
+        file.create_dataset("note", data=np.bytes_(json_text("note", header.note).encode()))
         names = {  # before the tables, so that a limit of the file's length cannot stop `ended`
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
@@ -139,8 +179,10 @@ def create(
             "complete": file.create_dataset("complete", data=np.uint8(0)),
         }
         watched = {}
-        if watch:
-            watched = create_watch(file, watch, len(tools), len(bone.tissues or ()))
+        if header.watch:
+            watched = create_watch(
+                file, json_text("watch", header.watch), len(tools), len(bone.tissues or ())
+            )
             watched["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
         names |= {
             "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),

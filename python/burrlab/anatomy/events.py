@@ -1,7 +1,5 @@
 """Results of a watch: tables at known places in a trace, and events that print as a sentence."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading
@@ -58,7 +56,7 @@ class Watched:
     events_lost: int = 0
 
     @classmethod
-    def of(cls, seen: Mapping[str, Any], removed: NDArray[np.int64]) -> Watched:
+    def of(cls, seen: Mapping[str, Any], removed: NDArray[np.int64]) -> "Watched":
         """The results of `AnatomyWatch.seen`, bit for bit."""
         return cls(
             _read_only(seen["events"].view(EVENT_DTYPE)), _read_only(seen["doses"].view(DOSE_DTYPE)), removed,
@@ -71,7 +69,7 @@ class Watched:
         return np.array([self.gaps, self.ticks_passed_over, self.events_lost], np.uint64)
 
 
-def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> dict[str, h5py.Dataset]:
+def create_watch(file: "h5py.File", settings: str, burrs: int, tissues: int) -> "dict[str, h5py.Dataset]":
     """Makes the group of a watch and its datasets except `events`."""
     group = file.create_group(GROUP)
     group.create_dataset("settings", data=np.bytes_(settings.encode()))
@@ -127,7 +125,7 @@ class WatchWriter:
                 _write(file, values, self._places[name])
 
 
-def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | None, NDArray[np.void]]:
+def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched | None, NDArray[np.void]]:
     """(settings, results if the session came to its end, events); empty without a watch."""
     if GROUP not in file:
         return {}, None, np.zeros(0, EVENT_DTYPE)
@@ -201,7 +199,7 @@ class AnatomyEvent:
     center: tuple[float, float, float]
 
     @classmethod
-    def of(cls, row: np.void, structures: Sequence[str], voxel_volume: float) -> AnatomyEvent:
+    def of(cls, row: np.void, structures: Sequence[str], voxel_volume: float) -> "AnatomyEvent":
         """The event in a row of a trace's events."""
         burr = int(row["burr"])
         return cls(

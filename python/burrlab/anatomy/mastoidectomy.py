@@ -1,7 +1,5 @@
 """A scripted mastoidectomy: the burr's path through a planned cavity, layer by layer."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
@@ -145,7 +143,7 @@ class _Plan:
     radius: float
 
     @classmethod
-    def of(cls, phantom: Phantom, radius: float) -> _Plan:
+    def of(cls, phantom: Phantom, radius: float) -> "_Plan":
         sign = 1.0 if phantom.side == "right" else -1.0
         order = slice(None, None, int(sign))
         spacing = np.array(phantom.bone.spacing)

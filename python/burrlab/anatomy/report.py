@@ -1,7 +1,5 @@
 """Reports on burrs near critical structures: distance, time and force, and the tissues removed."""
 
-from __future__ import annotations
-
 import html
 import itertools
 import math
@@ -68,7 +66,7 @@ class Dose:
     peak_force: dict[float, float]
 
     @classmethod
-    def of(cls, row: np.void, structure: str, burr: int, period: float, voxel_volume: float) -> Dose:
+    def of(cls, row: np.void, structure: str, burr: int, period: float, voxel_volume: float) -> "Dose":
         """The dose in a row of a trace's doses; period [ms], volume [mm^3]."""
         seconds, near = period / 1000.0, row["near_periods"].tolist()
         came = math.isfinite(row["closest_mm"])
@@ -157,7 +155,7 @@ class AnatomyReport:
         settings: Mapping[str, Any],
         period: float,
         voxel_volume: float,
-    ) -> AnatomyReport:
+    ) -> "AnatomyReport":
         """The report of a watch with these settings in a bone of these tissues. Empty settings: no watch."""
         return cls(
             tuple(row["name"] for row in settings.get("structures", ())), dict(settings), tuple(t.name for t in tissues),
@@ -165,7 +163,7 @@ class AnatomyReport:
         )  # fmt: skip
 
     @classmethod
-    def recorded(cls, trace: Any) -> AnatomyReport | None:
+    def recorded(cls, trace: Any) -> "AnatomyReport | None":
         """The report of the session itself; None if it had no watch or did not come to its end."""
         if not hasattr(trace, "watched"):
             raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
@@ -260,7 +258,7 @@ class AnatomyReport:
             SHOWN:
         ] else ""
 
-    def equals(self, other: AnatomyReport) -> bool:
+    def equals(self, other: "AnatomyReport") -> bool:
         """Whether settings, events, doses and removed levels are the same to the bit."""
         mine, theirs = self.watched, other.watched
         pairs = [(mine.events, theirs.events), (mine.doses, theirs.doses), (mine.removed, theirs.removed),
@@ -306,7 +304,7 @@ class AnatomyReport:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     @drawing
-    def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> list[Axes]:
+    def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> "list[Axes]":
         """Charts of the time within a distance of structures, and of the force there.
 
         Drawn are the five structures that burrs came nearest to; the title says how many are left out. A second

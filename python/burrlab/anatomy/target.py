@@ -1,7 +1,5 @@
 """Comparison of the removed bone with a target, by tissue."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -105,8 +103,8 @@ class TargetComparison:
 
     @drawing
     def plot(
-        self, ax: Axes | None = None, *, label: str | None = None, color: Any = None, **style: Any
-    ) -> Axes:
+        self, ax: "Axes | None" = None, *, label: str | None = None, color: Any = None, **style: Any
+    ) -> "Axes":
         """Bars of the three volumes, a row a tissue.
 
         `label` is said before each part, `color` fades from part to part, `style` is that of the bars.

@@ -1,7 +1,5 @@
 """The watch of a session: critical structures, distance fields, and the limits for events."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -204,7 +202,7 @@ class Watch:
         self.core([1.0])  # the limits are checked there
 
     @classmethod
-    def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> Watch:
+    def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> "Watch":
         """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
         return cls(bone, **options_of(settings))
 

@@ -1,7 +1,5 @@
 """Grey values and labels on a grid of voxels, and the bone that an occupancy map makes of grey values."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -436,7 +434,7 @@ class OccupancyMap:
         object.__setattr__(self, "occupancies", occupancies)
 
     @classmethod
-    def two_point(cls, empty: float, solid: float) -> OccupancyMap:
+    def two_point(cls, empty: float, solid: float) -> "OccupancyMap":
         """Map from 0 at grey value `empty` to 1 at `solid`; ValueError unless `empty` is below `solid`."""
         empty, solid = scalar(empty, "map"), scalar(solid, "map")
         refuse(
@@ -446,12 +444,12 @@ class OccupancyMap:
         return cls((empty, solid), (0.0, 1.0))
 
     @classmethod
-    def table(cls, greys: Sequence[float], occupancies: Sequence[float]) -> OccupancyMap:
+    def table(cls, greys: Sequence[float], occupancies: Sequence[float]) -> "OccupancyMap":
         """Map from a table of grey values and their occupancies; errors as of the class."""
         return cls(tuple(greys), tuple(occupancies))
 
     @classmethod
-    def parse(cls, text: str) -> OccupancyMap:
+    def parse(cls, text: str) -> "OccupancyMap":
         """Map from the text ``LO:HI`` or ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError for other texts.
 
         Examples
@@ -817,7 +815,7 @@ class LabelVolume(OnGrid):
         object.__setattr__(self, "colours", colours)
 
     @doing("bringing labels on the voxels of a volume")
-    def on(self, volume: OnGrid) -> LabelVolume:
+    def on(self, volume: OnGrid) -> "LabelVolume":
         """The labels on the voxels of a volume: each voxel gets the label at its centre, 0 if there is none.
 
         The labels may be finer than the volume, or rotated. Structures thinner than a voxel of the volume can

@@ -1,7 +1,5 @@
 """Recipes of a bone from a block, a volume, labels or a half-drilled file, in memory and as JSON."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import math
@@ -658,7 +656,7 @@ class DrilledRecipe(_FileRecipe):
         object.__setattr__(self, "path", absolute(self.path))
 
     @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> DrilledRecipe:
+    def of(cls, plain: Mapping[str, Any]) -> "DrilledRecipe":
         """Recipe from the result of `plain`, also through JSON; KeyError or TypeError otherwise."""
         return cls(os.fspath(plain["path"]), str(plain["digest"]))
 

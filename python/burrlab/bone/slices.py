@@ -1,7 +1,5 @@
 """Stacks of PNG slices: files and their order, colours as labels, and the YAML file of a stack."""
 
-from __future__ import annotations
-
 import glob
 import itertools
 import math
@@ -285,7 +283,7 @@ class Palette:
         palette: Tissues | Mapping[str, Colour] | None,
         unknown: str | int,
         ranking: Sequence[str] | None,
-    ) -> Palette:
+    ) -> "Palette":
         """Palette of a table of tissues, of names and colours, or (None) of volumetric_drilling."""
         if isinstance(palette, Tissues):
             critical = [t.label for t in palette if t.critical]

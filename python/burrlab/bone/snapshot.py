@@ -3,8 +3,6 @@
 Damaged files are read safely.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -146,7 +144,7 @@ def check_bone_file(path: str | os.PathLike[str]) -> None:
         raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
 
 
-def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> h5py.File:
+def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> "h5py.File":
     """The open file; ValueError, which says that it is not of this kind or damaged, unless it is HDF5."""
     import h5py
 
@@ -171,7 +169,7 @@ def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> h5py.File:
     return file
 
 
-def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
+def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> "h5py.File":
     """The open file; ValueError unless it is of this kind and of a known version."""
     file = open_any_hdf5(path, f"a {kind}")
     try:
@@ -188,7 +186,7 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
 
 
-def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
+def read_dataset(group: "h5py.Group", name: str, rows: int | None = None) -> Any:
     """A dataset, or its first rows, unpacked within the limits of its shape, the file and the memory.
 
     libhdf5 fills in missing chunks, and unpacks a chunk whatever its stream holds: both are errors here.
@@ -234,7 +232,7 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
     return values
 
 
-def _unfiltered(content: bytes, filters: list[int], dataset: h5py.Dataset, where: str) -> NDArray[Any]:
+def _unfiltered(content: bytes, filters: list[int], dataset: "h5py.Dataset", where: str) -> NDArray[Any]:
     """Content of a chunk after its filters, gzip and shuffle, are undone."""
     import h5py
 
@@ -254,7 +252,7 @@ def _unfiltered(content: bytes, filters: list[int], dataset: h5py.Dataset, where
     return np.asarray(chunk.view(dataset.dtype).reshape(dataset.chunks))
 
 
-def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
+def write_bone(group: "h5py.Group", bone: VoxelBone, tick: int, *, source: str = "") -> None:
     """Writes a bone into a group: `density`, and `pristine` and `tissue` if needed, (z, y, x) uint8."""
     levels = {"density": False} | ({"pristine": True} if bone.removed > 0 else {})
     chunks = tuple(min(64, side) for side in bone.shape)
@@ -288,7 +286,7 @@ def _runs(content: bytes) -> bytes:
     return packer.compress(content) + packer.flush()
 
 
-def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
+def read_bone(group: "h5py.Group") -> tuple[VoxelBone, int]:
     """The bone of a group and its tick; ValueError if its digest differs from the saved one."""
     header = attributes(group)
     density = read_dataset(group, "density")

@@ -1,7 +1,5 @@
 """Psychophysical experiments on the command line: burrlab experiment new | power | run | resume | analyse."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import logging
@@ -130,7 +128,7 @@ def _draw(analysis: Analysis, folder: Path) -> int:
     return drawn
 
 
-def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
+def _figures(task: ScoredTask | ThresholdTask) -> "dict[str, Callable[[], Axes]]":
     """The figures that a task's data allow."""
     if isinstance(task, ThresholdTask):
         fitted = [one.subject for one in task.subjects if isinstance(one.estimate, PsychometricFit)]

@@ -1,7 +1,5 @@
 """Keeps what takes long to make of files, in a folder that may be emptied at any time."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib
@@ -51,7 +49,7 @@ class Entry:
         folder = _folder() if self._names else None
         return None if folder is None or not _is_private(folder) else folder / self._name
 
-    def look(self, before: Entry | None = None) -> Self:
+    def look(self, before: "Entry | None" = None) -> Self:
         """Looks at the files, once, to be called before they are read; or as another entry found them before."""
         known = {} if before is None else before.look()._files
         self._files = {name: known.get(name) or self._files.get(name) or _state(name) for name in self._names}

@@ -3,8 +3,6 @@
 As a script, this module makes libhdf5 read a file: a damaged file hangs or crashes that process alone.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import io
@@ -167,7 +165,7 @@ _PATIENCE = 30.0  # longest wait for libhdf5 in a file without checksums, on a b
 
 
 @contextlib.contextmanager
-def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File]:
+def new_hdf5(path: str | os.PathLike[str], **options: Any) -> "Iterator[h5py.File]":
     """A new file, or an older one emptied; on disk at the end. OSError if it cannot be written.
 
     Notes
@@ -194,7 +192,7 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
         os.fsync(disk.fileno())
 
 
-def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -> None:
+def put_attributes(item: "h5py.Group | h5py.Dataset", values: Mapping[str, Any]) -> None:
     """Writes attributes, with texts of fixed length.
 
     The heap of texts of variable length has no checksum, and zeros in it hang libhdf5.
@@ -209,7 +207,7 @@ def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -
             item.attrs[name] = value
 
 
-def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+def attributes(item: "h5py.Group | h5py.Dataset") -> dict[str, Any]:
     """All attributes, with texts as str."""
     for name in item.attrs:
         check_heap(item, item.attrs.get_id(name).dtype)
@@ -219,7 +217,7 @@ def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
     }
 
 
-def check_heap(item: h5py.Group | h5py.Dataset, dtype: Any) -> None:
+def check_heap(item: "h5py.Group | h5py.Dataset", dtype: Any) -> None:
     """ValueError if a value of variable length, which has no checksum, hangs or crashes libhdf5."""
     if dtype.hasobject and item.file.id.get_create_plist().get_version()[0] > 2:
         check_walk(item.file.filename)
@@ -238,7 +236,7 @@ def check_walk(path: str | os.PathLike[str]) -> None:
     raise ValueError(f"{path} is damaged: the HDF5 library hangs or crashes reading it")
 
 
-def link_elsewhere(file: h5py.File) -> str | None:
+def link_elsewhere(file: "h5py.File") -> str | None:
     """Name of a link that is not hard: it could lead to another file, and a pipe hangs beyond Ctrl-C. None if all are."""
     import h5py
 

@@ -1,7 +1,5 @@
 """Reads JSON text with one-sentence errors; converts results to plain objects for JSON, and back."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import json
@@ -136,7 +134,7 @@ class Codec:
             raise ValueError(_sentence(error)) from None
 
     @functools.cached_property
-    def _converter(self) -> Converter:
+    def _converter(self) -> "Converter":
         import cattrs
 
         hooks = cattrs.Converter()
@@ -211,7 +209,7 @@ class Codec:
             },
         }
 
-    def _put_together(self, kind: type, converter: Converter) -> Callable[[Any, Any], Any]:
+    def _put_together(self, kind: type, converter: "Converter") -> Callable[[Any, Any], Any]:
         """Function that reads a dataclass."""
         from cattrs.gen import make_dict_structure_fn, override
 
@@ -323,7 +321,7 @@ def _one_of(value: Any, declared: Any) -> Any:
     return value
 
 
-def _mapping(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
+def _mapping(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]:
     from cattrs.gen import mapping_structure_factory
 
     key, part = typing.get_args(declared) or (Any, Any)
@@ -331,7 +329,7 @@ def _mapping(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
     return lambda value, _: structure(_of_type((dict,), value, dict), dict)
 
 
-def _sequence(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
+def _sequence(declared: Any, converter: "Converter") -> Callable[[Any, Any], Any]:
     from cattrs.cols import list_structure_factory
 
     kinds = typing.get_args(declared) or (Any, ...)

@@ -1,7 +1,5 @@
 """Tables: CSV files with units in the column names, TSV files, data sets, text and HTML of reports."""
 
-from __future__ import annotations
-
 import csv
 import html
 import io
@@ -459,7 +457,7 @@ class Tabular(ABC):
     def _table(self) -> Mapping[str, Any]:
         """Columns by their names, with units."""
 
-    def to_dataframe(self) -> pandas.DataFrame:
+    def to_dataframe(self) -> "pandas.DataFrame":
         """The data as a pandas DataFrame, units in the names of the columns.
 
         Raises
@@ -571,7 +569,7 @@ class TableData(Tabular):
         return html_table(repr(self), self._table())
 
 
-def dataframe(columns: Mapping[str, Any]) -> pandas.DataFrame:
+def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":
     """The columns as a pandas DataFrame; ImportError without pandas."""
     try:
         import pandas

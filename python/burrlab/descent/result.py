@@ -1,7 +1,5 @@
 """The result of a descent: series, window, velocity and status, its JSON and its figure."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -138,12 +136,12 @@ class Descent(Tabular):
         write_text(path, json.dumps({**self.to_dict(), "series": columns, "record": record}))
 
     @staticmethod
-    def load(path: str | Path) -> Descent:
+    def load(path: str | Path) -> "Descent":
         """The result in a file of `save`; ValueError for another file."""
         return parsed(str(path), Path(path).read_bytes(), "the JSON of a descent", Descent._of, finite=False)
 
     @staticmethod
-    def _of(data: dict[str, Any]) -> Descent:
+    def _of(data: dict[str, Any]) -> "Descent":
         data["series"] |= data.pop("record")
         made = _CODEC.made(Descent, data)
         series = made.series
@@ -156,7 +154,7 @@ class Descent(Tabular):
         return {f"{name}_{unit}": getattr(self, name) for name, unit in units.items()}
 
     @drawing
-    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
+    def plot(self, ax: Panels = None, **style: Any) -> "list[Axes]":
         """The three Axes of force, position and velocity over time, as in the paper's Fig. 4.
 
         `style`: `label`, `color` and other properties of the three lines.

@@ -1,7 +1,5 @@
 """Secondary effects beside a running session, or on a replica of one."""
 
-from __future__ import annotations
-
 import os
 import weakref
 from typing import Any
@@ -106,7 +104,7 @@ class Companion:
         self.set_nozzle(nozzle)
         self.set_sucker(sucker)
 
-    def start(self) -> Companion:
+    def start(self) -> "Companion":
         """Starts the thread. ValueError the second time."""
         self._core.start()
         return self
@@ -123,7 +121,7 @@ class Companion:
             left -= 0.1
         return not self._core.running
 
-    def __enter__(self) -> Companion:
+    def __enter__(self) -> "Companion":
         return self.start()
 
     def __exit__(self, *_: object) -> None:

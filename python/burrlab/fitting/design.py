@@ -1,7 +1,5 @@
 """The next measurement: which candidate is expected to shrink the joint region of c_e and alpha most."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -120,7 +118,7 @@ class Design(dataset.Tabular):
         return {_COLUMNS.get(name, name): [row[name] for row in rows] for name in rows[0]}
 
     @drawing
-    def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
+    def plot(self, ax: "Axes | None" = None, *, label: str | None = None, **style: Any) -> "Axes":
         """Area ratio over force, one line per radius; static candidates as one dashed line.
 
         Static candidates share a line because their depth does not matter. A hollow mark is a run that is

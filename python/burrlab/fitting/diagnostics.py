@@ -1,7 +1,5 @@
 """Diagnostics of a fit: whether the data contradict the model, which rows stand out, what units they suggest."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -246,7 +244,7 @@ def influence(
     )  # fmt: skip
 
 
-def doubts(likely: Plausibility | None, o: Observations, rows: Sequence[Row]) -> list[str]:
+def doubts(likely: "Plausibility | None", o: Observations, rows: Sequence[Row]) -> list[str]:
     """Sentences on doubtful data for the verdict; `rows` stand out, and the two farthest are named.
 
     Copies are blocks of 8 rows or more, over three forces or more, that come again right behind themselves, all

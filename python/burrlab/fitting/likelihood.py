@@ -4,8 +4,6 @@ Velocities of curves, and of the runs of traces, share one scatter. The segments
 the rows of indentations a third. A scatter is estimated unless sigma is given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
@@ -200,7 +198,7 @@ class Likelihood:
         ]
         return [table for table in tables if table[3]]
 
-    def at(self, c_e: ArrayLike) -> Slices:
+    def at(self, c_e: ArrayLike) -> "Slices":
         """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
         width = len(self._shared[1]) if self._shared else self.n
@@ -210,7 +208,7 @@ class Likelihood:
         first, *others = (self._at(part) for part in np.array_split(stiffness, n_parts))
         return first.joined(others, np.arange(len(stiffness)))
 
-    def _at(self, stiffness: Floats) -> Slices:
+    def _at(self, stiffness: Floats) -> "Slices":
         with np.errstate(invalid="ignore"):
             if self._shared is not None:
                 A, B, m = self._of_shared(stiffness, *self._shared)
@@ -383,7 +381,7 @@ class Slices:
     floor: float
     log: bool
 
-    def joined(self, others: list[Slices], places: Rows) -> Slices:
+    def joined(self, others: "list[Slices]", places: Rows) -> "Slices":
         """The slices at some places of these and then of others."""
         columns: dict[str, Any] = {
             name: np.concatenate([column.T, *(getattr(other, name).T for other in others)], axis=-1)[
@@ -479,7 +477,7 @@ class StudentSlices(Slices):
     height: Floats  # -2 log L at m
 
     @classmethod
-    def of(cls, c_e: Floats, r: Floats, floor: float) -> StudentSlices:
+    def of(cls, c_e: Floats, r: Floats, floor: float) -> "StudentSlices":
         """By Newton's method in m and log scale, begun at the median; by reweighting where a step is long."""
         m, n = np.median(r, axis=-1), r.shape[-1]
         d = r - m[:, None]

@@ -1,7 +1,5 @@
 """The rows that a fit compares, from all data sets, and how far -2 log L may rise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
@@ -57,7 +55,7 @@ class Observations:
     n_censored: int
 
     @classmethod
-    def of(cls, data: Sequence[Data], burr: Burr | None) -> Observations:
+    def of(cls, data: Sequence[Data], burr: Burr | None) -> "Observations":
         """The usable rows of data sets.
 
         Raises
@@ -140,11 +138,11 @@ class Observations:
     def has_sigma(self) -> bool:
         return bool(np.isfinite(self.sigma).all())
 
-    def with_outcomes(self, velocity: Floats, pressed: Floats) -> Observations:
+    def with_outcomes(self, velocity: Floats, pressed: Floats) -> "Observations":
         """The same experiment with other outcomes."""
         return replace(self, velocity=velocity, pressed=pressed)
 
-    def kept(self, keep: NDArray[np.bool_]) -> Observations:
+    def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
         remaining = replace(self, **{name: getattr(self, name)[keep] for name in _VELOCITY})
         remaining._check()

@@ -5,8 +5,6 @@ lowest of the walk. The interval of a quantity at a level is its range over the 
 risen by less than the level's limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,7 +51,7 @@ class Domain:
     points: int = _POINTS  # of the first walk, without the far ones
 
     @classmethod
-    def of(cls, likelihood: Likelihood, box: Box, bounds: Mapping[str, object]) -> Domain:
+    def of(cls, likelihood: Likelihood, box: Box, bounds: Mapping[str, object]) -> "Domain":
         """The whole range of c_e, or the bounds given by the user."""
         o = likelihood.observations
         kinks = tuple(np.unique(o.ridge_entries()).tolist())
@@ -76,7 +74,7 @@ class Domain:
         """c_e at which the ridge begins; infinite where there is none."""
         return self.kinks[-1]
 
-    def within(self, box: Box) -> Domain:
+    def within(self, box: Box) -> "Domain":
         """The part inside a box, with closer points, for the search of the optimum."""
         return replace(
             self,
@@ -99,7 +97,7 @@ class Walk:
     """Points along c_e, with alpha kept inside the domain; `known` is a walk that has some of them."""
 
     def __init__(
-        self, likelihood: Likelihood, domain: Domain, c_e: Floats, known: Walk | None = None
+        self, likelihood: Likelihood, domain: Domain, c_e: Floats, known: "Walk | None" = None
     ) -> None:
         self.slices: Slices = likelihood.at(c_e) if known is None else known._with(likelihood, c_e)
         self.c_e = c_e

@@ -1,7 +1,5 @@
 """The record of a fit: parameters, evidence, residuals, data and provenance; and its JSON."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -116,7 +114,7 @@ class FitRecord(InJson):
     starts: tuple[Start, ...]
     bounds: Bounds
     given_bounds: tuple[str, ...]
-    evidence: Evidence | None
+    evidence: "Evidence | None"
     lack_of_fit: HypothesisTest | None
     fall: HypothesisTest | None
     engine: str
@@ -135,7 +133,7 @@ class FitRecord(InJson):
         refuse(not curves, "the data of this fit hold no velocity curve")
         return curves[0]
 
-    def _evidence(self) -> Evidence:
+    def _evidence(self) -> "Evidence":
         """The evidence; ValueError if the fit gave nothing."""
         if self.evidence is None:
             raise ValueError(f"this fit gave nothing to judge by: {self.reason}")

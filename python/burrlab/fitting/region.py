@@ -1,7 +1,5 @@
 """The likelihood of a fit on a grid over its joint region, and the region that new data would leave."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +25,7 @@ class Limits:
     c_e: float  #: bounds c_e's interval
 
     @classmethod
-    def of(cls, calibration: Calibration) -> Limits:
+    def of(cls, calibration: Calibration) -> "Limits":
         return cls(calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E))
 
 
@@ -97,7 +95,7 @@ class RegionGrid:
     high_hard: bool
 
     @classmethod
-    def of(cls, fit: FitRecord) -> RegionGrid:
+    def of(cls, fit: FitRecord) -> "RegionGrid":
         """The grid of a fit, up to the upper bound of its search where the region is open."""
         calibration = fit._evidence().calibration
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]

@@ -1,7 +1,5 @@
 """Sessions in the layouts of the simulator volumetric_drilling: the export of a trace, and its recordings read."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -124,7 +122,7 @@ def export_volumetric_drilling(
         grid = _Grid.of(trace._bone, trace.source)
         with new_hdf5(part) as file:
 
-            def group(name: str) -> h5py.Group:
+            def group(name: str) -> "h5py.Group":
                 return file.create_group(_NEW[name] if layout == "new" else name)
 
             if layout == "new":
@@ -159,7 +157,7 @@ class _Grid:
     first: NDArray[np.int64]  # index of the bone's first voxel in the stack
 
     @classmethod
-    def of(cls, bone: VoxelBone, source: str | Mapping[str, Any]) -> _Grid:
+    def of(cls, bone: VoxelBone, source: str | Mapping[str, Any]) -> "_Grid":
         sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
         try:
             described = json.loads(source) if isinstance(source, str) else source
@@ -202,13 +200,13 @@ class _Grid:
         return np.array([*middle, *(_QUARTER if self.turned else _NO_TURN)])
 
 
-def _put(group: h5py.Group, **columns: NDArray[np.generic]) -> None:
+def _put(group: "h5py.Group", **columns: NDArray[np.generic]) -> None:
     for name, values in columns.items():
         group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
 
 
 def _write_voxels(
-    out: h5py.Group, trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
+    out: "h5py.Group", trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
     report: Callable[[float], object],
 ) -> None:  # fmt: skip
     start, bone = trace.bone(), trace.bone()
@@ -588,7 +586,7 @@ def is_recording(path: str | os.PathLike[str]) -> bool:
         return any(Path(path).glob("*.hdf5"))
 
 
-def _has_groups(file: h5py.File) -> bool:
+def _has_groups(file: "h5py.File") -> bool:
     return any(name.split("/")[0] in file for names in _NEW.items() for name in names)
 
 
@@ -600,7 +598,7 @@ def _split(pose: Array, scale: float) -> list[Array]:
 class _Part:
     """One file. Its tables are lists of columns, the times first; None where it has none."""
 
-    def __init__(self, file: h5py.File, path: Path, scale: float) -> None:
+    def __init__(self, file: "h5py.File", path: Path, scale: float) -> None:
         self._file, self._path = file, path
         refuse(not _has_groups(file), f"{path} is not {_KIND}: it has no group of its layouts")
         new = any(name.split("/")[0] in file for name in _NEW.values())

@@ -1,7 +1,5 @@
 """Velocity-force curves: penetration velocities of a burr at constant forces."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -135,7 +133,7 @@ class VelocityCurve(TableData):
         cls, file: Path | IO[str] | IO[bytes], *, columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
-    ) -> VelocityCurve:  # fmt: skip
+    ) -> "VelocityCurve":  # fmt: skip
         """Read a curve from a CSV file.
 
         Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]
@@ -200,7 +198,7 @@ class VelocityCurve(TableData):
         unit: str | Mapping[str, str] | None = None,
         radius: float | None = None,
         source: str = "",
-    ) -> VelocityCurve:
+    ) -> "VelocityCurve":
         """Take a curve from a pandas DataFrame.
 
         Parameters
@@ -242,7 +240,7 @@ class VelocityCurve(TableData):
         return np.isfinite(self.velocity) & np.array(fine, dtype=np.bool_)
 
     @drawing
-    def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
+    def plot(self, ax: "Axes | None" = None, *, log: bool = False, **style: Any) -> "Axes":
         """Draw the velocities as squares over the force, with error bars if sigma is known.
 
         `style`: `label`, `color` and other properties of the points.

@@ -1,7 +1,5 @@
 """Depth-time records of descents at constant force, and the penetration velocities of their segments."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping
@@ -148,7 +146,7 @@ class DepthTrace(TableData):
         )
 
     @classmethod
-    def from_descent(cls, run: Any) -> DepthTrace:
+    def from_descent(cls, run: Any) -> "DepthTrace":
         """The record of a descent, with its set-point, radius and (if it has one) window.
 
         Parameters
@@ -186,7 +184,7 @@ class DepthTrace(TableData):
         columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
-    ) -> DepthTrace:  # fmt: skip
+    ) -> "DepthTrace":  # fmt: skip
         """Read a record from a CSV file.
 
         Columns, in any order: ``time_s, immersion_mm``. Lines that begin with ``#`` are comments;
@@ -235,7 +233,7 @@ class DepthTrace(TableData):
     def _comments(self) -> dict[str, Any]:
         return super()._comments() | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}
 
-    def segments(self, n: int = 5) -> TraceSegments:
+    def segments(self, n: int = 5) -> "TraceSegments":
         """Penetration velocities in n segments of equal depth between start_mm and end_mm.
 
         The model's value for a segment is `penetration_velocity(burr, material, force, start_mm, end_mm)`.
@@ -285,7 +283,7 @@ class DepthTrace(TableData):
         return TraceSegments(edges[:-1].copy(), edges[1:].copy(), velocities, errors, counts)
 
     @drawing
-    def plot(self, ax: Axes | None = None, *, n: int = 5, **style: Any) -> Axes:
+    def plot(self, ax: "Axes | None" = None, *, n: int = 5, **style: Any) -> "Axes":
         """Draw immersion, downwards, over time, with the slopes of n segments; every second one is shaded.
 
         `style`: `label`, `color` and other properties of the line.

@@ -1,7 +1,5 @@
 """Static indentation: force against depth of a stopped burr in intact bone."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
@@ -97,7 +95,7 @@ class Indentation(TableData):
         columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
         encoding: str | None = None,
-    ) -> Indentation:  # fmt: skip
+    ) -> "Indentation":  # fmt: skip
         """Read an indentation from a CSV file.
 
         Columns, in any order: ``force_N, depth_mm[, sigma_N]``. Lines that begin with ``#`` are comments;
@@ -133,7 +131,7 @@ class Indentation(TableData):
         return found.data(cls, cls._NUMBERS, radius=radius)
 
     @drawing
-    def plot(self, ax: Axes | None = None, *, log: bool = False, **style: Any) -> Axes:
+    def plot(self, ax: "Axes | None" = None, *, log: bool = False, **style: Any) -> "Axes":
         """Draw the forces as squares over the depth, with error bars if sigma is known.
 
         `style`: `label`, `color` and other properties of the points.

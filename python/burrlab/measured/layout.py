@@ -1,7 +1,5 @@
 """Tables of other programs: spreadsheets and loggers, with their own headings, units, separators and decimals."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
@@ -106,7 +104,7 @@ class Layout:
         refuse(not takers, f"unit must be one of {', '.join(units)}: got {shown(unit)}")
         return takers
 
-    def file(self, file: Path | IO[str] | IO[bytes]) -> Layout:
+    def file(self, file: Path | IO[str] | IO[bytes]) -> "Layout":
         """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""
         if self.is_native:
             try:
@@ -131,7 +129,7 @@ class Layout:
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
         return self.noted(f"; separated by {_SEPARATORS[sep]}" if not self.sep else "")
 
-    def frame(self, frame: Any) -> Layout:
+    def frame(self, frame: Any) -> "Layout":
         """Takes a DataFrame, or a mapping of columns; ValueError with all its faults."""
         kind = type(frame).__name__
         if not isinstance(frame, Mapping) and not hasattr(frame, "itertuples"):
@@ -309,7 +307,7 @@ class Layout:
                     self.others[label].append(fields[i] if i < len(fields) else "")
                 yield where, texts
 
-    def noted(self, ending: str) -> Layout:
+    def noted(self, ending: str) -> "Layout":
         """With the note of what was read, `ending`, and what was passed over and kept apart."""
         parts = []
         for column in self.columns:

@@ -1,7 +1,5 @@
 """Analysis of an experiment's answers, with reports, JSON and tables for other programs."""
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -56,7 +54,7 @@ _COUNTED = {"same-different": '"different"', "abx": '"first"', "2ifc": '"first"'
 _CORRECTIONS = {"log-linear": "half an answer more in each cell (log-linear)"}
 
 
-def head(analysis: Analysis) -> str:
+def head(analysis: "Analysis") -> str:
     name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
     return f"{name}, SIMULATED SUBJECTS" if analysis.simulated else name
 

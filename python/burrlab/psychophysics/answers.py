@@ -1,7 +1,5 @@
 """Files of answers, written so that each answer is on disk before the next trial, in a BIDS 1.10.0 folder."""
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import json
@@ -102,7 +100,7 @@ class Answers(Tabular):
         columns = [column for column in columns_of(self.task, limited=True) if not rows or column in rows[0]]
         return {column: [row[column] for row in rows] for column in columns}
 
-    def to_dataframe(self) -> pandas.DataFrame:
+    def to_dataframe(self) -> "pandas.DataFrame":
         """The rows as a pandas DataFrame; as in the file, but `onset`, `duration` and `response_time` end in _s.
 
         Raises

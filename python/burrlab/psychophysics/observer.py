@@ -3,8 +3,6 @@
 They serve to rehearse an experiment, not to explain people.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -354,7 +352,7 @@ class SimulatedSubject:
         """The rule that fits this subject in an analysis."""
         return "differencing" if self.decision == "differencing" else "independent-observations"
 
-    def taught(self, a: Cues, b: Cues) -> SimulatedSubject:
+    def taught(self, a: Cues, b: Cues) -> "SimulatedSubject":
         """The same subject with knowledge of these two materials.
 
         Raises

@@ -1,7 +1,5 @@
 """Figures of an analysis: scores, intervals, d' by rule."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -24,7 +22,7 @@ STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "
 _LOWEST = 4.0  # the least end of a d' axis
 
 
-def room_for(ax: Axes | None, rows: float) -> Axes:
+def room_for(ax: "Axes | None", rows: float) -> "Axes":
     """The given axes, or axes of a new figure that is tall enough for the rows."""
     ax, new = axes_or_new(ax), ax is None
     if new and rows > 13 and isinstance(ax.figure, Figure):
@@ -33,7 +31,7 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
 
 
 def draw(
-    ax: Axes, spans: Sequence[Span], rows: Rows, end: float, style: dict[str, Any], colour: str, marker: str
+    ax: "Axes", spans: Sequence[Span], rows: Rows, end: float, style: dict[str, Any], colour: str, marker: str
 ) -> None:  # fmt: skip
     """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark."""
     look = styled(style, color=colour, marker=marker, markersize=4.5, zorder=4)
@@ -54,7 +52,7 @@ def draw(
 
 
 def draw_d_prime(
-    ax: Axes, by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, style: dict[str, Any], *,
+    ax: "Axes", by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, style: dict[str, Any], *,
     named: bool = True, delta: float | None = None,
 ) -> None:  # fmt: skip
     """Draws d' by each rule side by side, with chance and any Delta."""
@@ -77,7 +75,7 @@ def draw_d_prime(
     ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd]{rule}, {100 * level:g} % interval")
 
 
-def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
+def of_subjects(ax: "Axes", names: Sequence[str], rows: Rows, title: str) -> "Axes":
     """The axes with one name per row."""
     ax.set_yticks(rows, names, fontsize=8)
     ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")

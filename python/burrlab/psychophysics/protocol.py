@@ -1,7 +1,5 @@
 """An experiment's protocol, read from TOML. Every error names file, table and key in one sentence."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import os
@@ -107,7 +105,7 @@ class Table:
             return [Table(self.file, self.name, {key: part}).get(key, _NUMBER) for part in value]
         return value
 
-    def table(self, key: str, *, needed: bool = True) -> Table:
+    def table(self, key: str, *, needed: bool = True) -> "Table":
         """A table inside this one."""
         name = f"{self.name}.{key}" if self.name else key
         value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
@@ -115,7 +113,7 @@ class Table:
             raise self.error(f"{key} must be a table, [{name}], got {shown(value)}")
         return Table(self.file, name, value)
 
-    def tables(self) -> Mapping[str, Table]:
+    def tables(self) -> "Mapping[str, Table]":
         """All tables inside this one, by key."""
         return {key: self.table(key) for key in self._values}
 
@@ -440,7 +438,7 @@ class Protocol:
     limits: str = "device"
 
     @classmethod
-    def read(cls, path: str | os.PathLike[str]) -> Protocol:
+    def read(cls, path: str | os.PathLike[str]) -> "Protocol":
         """A protocol from TOML; docs/experiment_files.md explains the keys.
 
         Parameters

@@ -1,7 +1,5 @@
 """Threshold, slope and lapse rate of a two-interval task, by a posterior on a grid or by psignifit."""
 
-from __future__ import annotations
-
 import math
 import operator
 import re
@@ -279,7 +277,7 @@ class PsychometricFit(Result):
         return "\n".join(lines)
 
     @drawing
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+    def plot(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
         """Proportion correct over the ratio with exact binomial intervals, the curve, and the threshold.
 
         `style`: label, color and other properties of the curve.

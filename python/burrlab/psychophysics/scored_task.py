@@ -1,7 +1,5 @@
 """The input of an analysis, and the results of a task with a score: its subjects and the group."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -107,7 +105,7 @@ class TaskData:
     selected_by: str = ""
     chosen: int = 0
 
-    def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> TaskData:
+    def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> "TaskData":
         """The task with these subjects only, by default all; `pool` becomes `of`, if known."""
         selected = tuple(
             subject for subject in self.subjects if subjects is None or subject.subject in subjects
@@ -468,7 +466,7 @@ class ScoredTask(TaskResult[SubjectResult]):
     def of_data(
         cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
         progress: Progress | None = None,
-    ) -> ScoredTask:  # fmt: skip
+    ) -> "ScoredTask":  # fmt: skip
         """The result of the task; incomplete runs are left out unless `incomplete`."""
         used = [subject for subject in data.subjects if subject.counts and (incomplete or subject.complete)]
         # Both rules are the same with two intervals.
@@ -504,8 +502,8 @@ class ScoredTask(TaskResult[SubjectResult]):
 
     @drawing
     def plot_scores(
-        self, ax: Axes | None = None, *, published: PublishedScore | None = None, **style: Any
-    ) -> Axes:
+        self, ax: "Axes | None" = None, *, published: PublishedScore | None = None, **style: Any
+    ) -> "Axes":
         """Histogram of scores with the one expected at chance, and mean ± s.e.m. (the paper's Figs. 7 and 8).
 
         `style`: `label`, `color` and other properties of the bars.
@@ -557,7 +555,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         return ax
 
     @drawing
-    def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None, **style: Any) -> Axes:
+    def plot_intervals(self, ax: "Axes | None" = None, *, rule: str | None = None, **style: Any) -> "Axes":
         """Each subject's proportion correct with its interval, and the chance line.
 
         `style`: `label`, `color` and other properties of the subjects' marks.
@@ -589,7 +587,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         return of_subjects(ax, names, rows, self.title)
 
     @drawing
-    def plot_d_prime(self, ax: Axes | None = None, **style: Any) -> Axes:
+    def plot_d_prime(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
         """Each subject's d' under all rules, side by side, and the group's.
 
         `style`: `label`, `color` and other properties of the marks.

@@ -1,7 +1,5 @@
 """The subject's seat, which shows texts and asks questions; its terminal; and the experimenter's view."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re
@@ -120,7 +118,7 @@ class Keyboard:
             raise ValueError("answers are read from a terminal: standard input is a pipe or a file") from None
         self._termios = termios
 
-    def __enter__(self) -> Keyboard:
+    def __enter__(self) -> "Keyboard":
         keys = self._termios
         mode = keys.tcgetattr(self._file)
         mode[3] &= ~(keys.ICANON | keys.ECHO)
@@ -209,7 +207,7 @@ class TerminalSeat(Seat):
         self._plain = os.environ.get("TERM", "") in ("", "dumb")
         self._progress = ""
 
-    def __enter__(self) -> TerminalSeat:
+    def __enter__(self) -> "TerminalSeat":
         self._keyboard.__enter__()
         return self
 
@@ -323,7 +321,7 @@ class Experimenter:
             with contextlib.suppress(OSError):
                 os.write(self._view, line.encode())
 
-    def __enter__(self) -> Experimenter:
+    def __enter__(self) -> "Experimenter":
         return self
 
     def __exit__(self, *error: object) -> None:

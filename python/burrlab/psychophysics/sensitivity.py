@@ -1,7 +1,5 @@
 """d' of one subject with exact and likelihood intervals, and tests of the score and of types of trials."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -50,13 +48,13 @@ class Outcomes:
     noises: Floats
 
     @classmethod
-    def of(cls, counts: Counts) -> Outcomes:
+    def of(cls, counts: Counts) -> "Outcomes":
         """The observed outcome, as arrays without dimension."""
         values = (counts.hits, counts.signals, counts.false_alarms, counts.noises)
         return cls(*(np.asarray(value, dtype=np.float64) for value in values))
 
     @classmethod
-    def all(cls, signals: int, noises: int) -> Outcomes:
+    def all(cls, signals: int, noises: int) -> "Outcomes":
         """All (signals + 1)(noises + 1) possible outcomes; false alarms vary fastest."""
         hits, alarms = np.meshgrid(np.arange(signals + 1.0), np.arange(noises + 1.0), indexing="ij")
         full = np.ones(hits.size)

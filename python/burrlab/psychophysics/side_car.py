@@ -1,7 +1,5 @@
 """Rows of answers and their rules, and the side-car: JSON beside the file that describes the run."""
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import hashlib
@@ -136,7 +134,7 @@ class Row:
     clipped: tuple[float | None, ...] = ()
 
     @classmethod
-    def of(cls, answer: Answer) -> Row:
+    def of(cls, answer: Answer) -> "Row":
         """The row of an answer."""
         trial = answer.trial
         return cls(
@@ -429,7 +427,7 @@ class SideCar:
         kind = self.device.partition(":")[0]
         return columns_of(self.task, limited=limited or kind in ("touch", "omega", "haply", "driver"))
 
-    def differences(self, other: SideCar) -> tuple[str, ...]:
+    def differences(self, other: "SideCar") -> tuple[str, ...]:
         """Relevant changes in another run of this subject and task, in sentences; empty if none.
 
         The list of subjects, folder, traces, analysis settings, other tasks and a device's address do not
@@ -441,7 +439,7 @@ class SideCar:
         )
         return _changes("", self_fields, others)
 
-    def differences_across_subjects(self, other: SideCar) -> tuple[str, ...]:
+    def differences_across_subjects(self, other: "SideCar") -> tuple[str, ...]:
         """As `differences`, for another subject's run of this task."""
         return _changes("", self._shared(), other._shared())
 
@@ -477,7 +475,7 @@ class SideCar:
         }
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> SideCar:
+    def from_dict(cls, values: Mapping[str, Any]) -> "SideCar":
         """The side-car that `to_dict` described.
 
         Raises

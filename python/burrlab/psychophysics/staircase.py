@@ -3,8 +3,6 @@
 Each simulates how well it finds the threshold of a given observer. `design_of_dict` reads any design.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 from abc import abstractmethod
@@ -45,17 +43,17 @@ class Staircased(Comparison):
     trials: int
 
     @abstractmethod
-    def track(self) -> StaircaseTrack | AdaptiveTrack:
+    def track(self) -> "StaircaseTrack | AdaptiveTrack":
         """A new track, at its start."""
 
     @abstractmethod
     def easy_level(self) -> float:
         """The level of practice trials."""
 
-    def order(self, *, seed: int, subject: str) -> StaircaseOrder:
+    def order(self, *, seed: int, subject: str) -> "StaircaseOrder":
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
 
-    def _measure(self, answers: Answers) -> tuple[float | None, int]:
+    def _measure(self, answers: "Answers") -> tuple[float | None, int]:
         """The difference that a run with an observer finds, and the number of trials."""
         track = self.track()
         while (level := track.level()) is not None:
@@ -239,10 +237,10 @@ class Staircase(Staircased):
     def easy_level(self) -> float:
         return self.start
 
-    def track(self) -> StaircaseTrack:
+    def track(self) -> "StaircaseTrack":
         return StaircaseTrack(self)
 
-    def threshold(self, levels: Sequence[float], correct: Sequence[bool]) -> StaircaseThreshold:
+    def threshold(self, levels: Sequence[float], correct: Sequence[bool]) -> "StaircaseThreshold":
         """The threshold from the answers of the main phase, in order.
 
         Raises
@@ -306,7 +304,7 @@ class StaircaseTrack:
             grown = math.inf
         self._difference = max(_SMALLEST, min(grown, self._limit))
 
-    def threshold(self) -> StaircaseThreshold:
+    def threshold(self) -> "StaircaseThreshold":
         counted = self._reversals[self._design.discard :]
         pairs = len(counted) // 2
         # Means of a peak and a valley, which are unbiased together
@@ -437,7 +435,7 @@ class ConstantStimuli(Comparison):
         differences = [abs(math.log(level)) for level in self.levels]
         threshold = math.sqrt(min(differences) * max(differences))
 
-        def estimate(answers: Answers) -> tuple[float | None, int]:
+        def estimate(answers: "Answers") -> tuple[float | None, int]:
             posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
             for difference in differences:
                 right = sum(answers(difference) for _ in range(self.repeats))
@@ -520,7 +518,7 @@ class AdaptiveStaircase(Staircased):
     def easy_level(self) -> float:
         return self.levels[1]
 
-    def track(self) -> AdaptiveTrack:
+    def track(self) -> "AdaptiveTrack":
         return AdaptiveTrack(self)
 
     def threshold(

@@ -1,7 +1,5 @@
 """Thresholds of each subject and of the group, in a task that varies a parameter around a reference."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
@@ -81,7 +79,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     @classmethod
     def of_data(
         cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
-    ) -> ThresholdTask:
+    ) -> "ThresholdTask":
         """The result of the task; incomplete runs are left out unless `incomplete`."""
         design = design_of_dict(data.design) if data.design else None
         results = []
@@ -111,7 +109,9 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return ratios[0], ratios[1], ratios[2]
 
     @drawing
-    def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
+    def plot_psychometric(
+        self, ax: "Axes | None" = None, *, subject: str | None = None, **style: Any
+    ) -> "Axes":
         """A subject's proportion correct over the ratio, with the fitted psychometric function.
 
         `style`: `label`, `color` and other properties of the curve.
@@ -138,7 +138,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return axes
 
     @drawing
-    def plot_thresholds(self, ax: Axes | None = None, **style: Any) -> Axes:
+    def plot_thresholds(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
         """Each subject's threshold with any interval, and the group's.
 
         `style`: `label`, `color` and other properties of the subjects' marks.

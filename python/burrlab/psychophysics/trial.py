@@ -1,7 +1,5 @@
 """The parts of trials and designs: stimuli, intervals, orders, answers and questions."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, TypeAlias
@@ -121,7 +119,7 @@ class Design(ABC):
     _derived: ClassVar[tuple[str, ...]] = ()  # properties that files hold besides the fields
 
     @abstractmethod
-    def order(self, *, seed: int, subject: str) -> Order:
+    def order(self, *, seed: int, subject: str) -> "Order":
         """The trials of one subject, which depend only on the design, the seed and the subject's name."""
 
     @abstractmethod

@@ -11,8 +11,6 @@
 # * tutorials/05-position-control: status.calibrated.
 # No source was found for the unit of cursor_velocity: the velocity here is the difference of two positions.
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import json
@@ -147,7 +145,7 @@ class HaplyDevice(MailboxDevice):
         on = self._on_button is None or bool(buttons >> self._on_button & 1)
         self.put(position, velocity, on, orientation, buttons)
 
-    def _turn(self, connection: ClientConnection, watchdog: ForceWatchdog) -> None:
+    def _turn(self, connection: "ClientConnection", watchdog: ForceWatchdog) -> None:
         """One message and its answer, or what the service sent since. If late, force zero: the loop finds the
         position too old."""
         if self._live(watchdog):
@@ -165,7 +163,7 @@ class HaplyDevice(MailboxDevice):
         text = _newest(connection, 0) or text  # a message more would make all later positions old
         self._read(_parsed(text))
 
-    def _answer(self, connection: ClientConnection, watchdog: ForceWatchdog, limit: float) -> str | bytes:
+    def _answer(self, connection: "ClientConnection", watchdog: ForceWatchdog, limit: float) -> str | bytes:
         """The next message; TimeoutError if none comes within the limit [s]."""
         end = time.monotonic() + limit
         while (left := end - time.monotonic()) > 0:
@@ -183,7 +181,7 @@ class HaplyDevice(MailboxDevice):
         return rested
 
 
-def _newest(connection: ClientConnection, timeout: float) -> str | bytes | None:
+def _newest(connection: "ClientConnection", timeout: float) -> str | bytes | None:
     """The first message within the time [s] and those that are there already: the last of them."""
     text = None
     with contextlib.suppress(TimeoutError):

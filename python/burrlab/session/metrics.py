@@ -1,7 +1,5 @@
 """How a burr was handled in a session: time, motion, force, bone removed."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -119,7 +117,7 @@ class SessionMetrics:
         notes = {"notes": list(self.notes)} if self.notes else {}
         return {**_CODEC.plain(self), **anatomy, **structures, **notes}
 
-    def to_dataframe(self) -> pandas.DataFrame:
+    def to_dataframe(self) -> "pandas.DataFrame":
         """One row as a pandas DataFrame, units in the names of the columns; ImportError without pandas."""
         return dataframe({key: [getattr(self, name)] for key, name in _KEYS.items()})
 
@@ -143,7 +141,7 @@ class SessionMetrics:
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     @drawing
-    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
+    def plot(self, ax: Panels = None, **style: Any) -> "list[Axes]":
         """Charts of force, speed and removed volume over time, and below them the anatomy report's plot.
 
         `ax` is a figure, or an array of the Axes: three, with watched structures five. `style`: label, color

@@ -1,7 +1,5 @@
 """Recording: a thread writes the loop's records into a trace, as bytes at known places."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os
@@ -189,7 +187,7 @@ class TraceWriter:
             self._finish_file()
             self._on_end = None  # a session's method: this cycle would keep two bones alive
 
-    def __enter__(self) -> TraceWriter:
+    def __enter__(self) -> "TraceWriter":
         self.start()
         return self
 

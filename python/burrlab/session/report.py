@@ -1,7 +1,5 @@
 """The report of a session: its counts and times, during and after it."""
 
-from __future__ import annotations
-
 import html
 import math
 from collections.abc import Sequence
@@ -89,7 +87,7 @@ class SessionReport:
         anatomy: AnatomyReport | None = None,
         notes: Sequence[str] = (),
         limits: Sequence[DeviceLimits] = (),
-    ) -> SessionReport:
+    ) -> "SessionReport":
         """The present report of these parts."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
         histograms: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
@@ -186,7 +184,7 @@ class SessionReport:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     @drawing
-    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
+    def plot(self, ax: Panels = None, **style: Any) -> "list[Axes]":
         """Histograms of tick time and period jitter, logarithmic: two Axes, or a figure.
 
         `style`: label, color and other properties of the histograms.

@@ -1,7 +1,5 @@
 """A haptic session: devices, loop, follower, trace and publisher start and end together."""
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import json
@@ -240,7 +238,7 @@ class Session:
             digest_every=digest_every, on_end=_weakly(self._say),
         )  # fmt: skip
 
-    def start(self) -> Session:
+    def start(self) -> "Session":
         """Starts all threads. ValueError the second time, or if a device serves another session."""
         refuse(
             self._loop.started or self._done.is_set(),
@@ -303,7 +301,7 @@ class Session:
             self._finish(reason)
         _guard_signals()
 
-    def __enter__(self) -> Session:
+    def __enter__(self) -> "Session":
         return self.start()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:

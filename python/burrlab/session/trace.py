@@ -1,7 +1,5 @@
 """The trace of a session, made and read: an HDF5 file whose structure is complete before the first tick."""
 
-from __future__ import annotations
-
 import html
 import json
 import math
@@ -195,7 +193,7 @@ def create(
     return places, watch_places
 
 
-def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5py.Dataset:
+def _table(file: "h5py.File", name: str, dtype: np.dtype[Any], length: int) -> "h5py.Dataset":
     import h5py
 
     properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -226,7 +224,7 @@ def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
 
 
 def _copy_table(
-    source: h5py.Dataset, file: h5py.Group, rows: int, first: int = 0, chunk: int = 4096
+    source: "h5py.Dataset", file: "h5py.Group", rows: int, first: int = 0, chunk: int = 4096
 ) -> None:  # fmt: skip
     name = source.name.rsplit("/")[-1]
     table = file.create_dataset(
@@ -427,7 +425,7 @@ class Trace:
             self.array("touching", burr) == 1, levels > 0, np.cumsum(levels) * (self.voxel_volume / 255.0),
         )  # fmt: skip
 
-    def to_dataframe(self, burr: int = 0) -> pandas.DataFrame:
+    def to_dataframe(self, burr: int = 0) -> "pandas.DataFrame":
         """One burr's ticks as a pandas DataFrame, indexed by tick. Vectors have _x, _y, _z before the unit, the
         orientation has _w, _x, _y, _z.
 
@@ -492,7 +490,7 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
         return _read(file, Path(path))
 
 
-def _read(file: h5py.File, path: Path) -> Trace:
+def _read(file: "h5py.File", path: Path) -> Trace:
     about, volume = attributes(file), attributes(file["volume"])
     tools, devices = [], []
     for i in range(int(about["burrs"])):
@@ -534,7 +532,7 @@ def _read(file: h5py.File, path: Path) -> Trace:
     )  # fmt: skip
 
 
-def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.void]:
+def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.void]:
     table, recorded = file["ticks"], int(read_dataset(file, "recorded"))
     refuse(
         recorded > len(table),

@@ -7,8 +7,6 @@ References
 Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -92,7 +90,7 @@ class MeanFieldDescent:
         return _core.window_velocity(self.time, self.immersion, start, min(stop, end))
 
     @drawing
-    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+    def plot(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
         """Draws immersion over time; returns the Axes. `style`: label, color and so on of the line."""
         ax = axes_or_new(ax)
         label = f"{self.material.name}, {self.force:g} N, mean-field"

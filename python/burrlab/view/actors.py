@@ -1,7 +1,5 @@
 """VTK actors of a scene: surface, burrs, parcels, legend, scale bar, curves, slices."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 from collections.abc import Iterable, Sequence, Set
@@ -71,7 +69,7 @@ class Lines:
             made.InsertNextCell(len(cell), cell)
         self.mesh = new("vtkPolyData", Points=self._points, **{"Polys" if filled else "Lines": made})
 
-    def place(self, points: ArrayLike) -> Lines:
+    def place(self, points: ArrayLike) -> "Lines":
         """Places all points, (n, 2) or (n, 3)."""
         at = np.asarray(points, np.float32)
         self._points.SetData(vtk_array(np.pad(at, ((0, 0), (0, 3 - at.shape[1])))))

@@ -1,7 +1,5 @@
 """Pictures of a bone by matplotlib alone: slices through three planes, the depth map of a crater."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -129,7 +127,7 @@ def plot_slices(
     note: str = "",
     ax: Panels = None,
     **style: Any,
-) -> list[Axes]:
+) -> "list[Axes]":
     """Slices through a point along the three planes of the voxels, with the tissues' colours.
 
     Parameters
@@ -185,7 +183,7 @@ def plot_slices(
 
 
 def _draw_slice(
-    axes: Axes,
+    axes: "Axes",
     image: SliceImage,
     point: NDArray[np.float64],
     radii: Sequence[float],
@@ -318,14 +316,14 @@ def plot_depth_map(
     *,
     axis: str = "-z",
     thickness: bool = False,
-    ax: Axes | None = None,
+    ax: "Axes | None" = None,
     contours: int = 6,
     crop: bool = True,
     note: str = "",
     label: str | None = None,
     color: Any = "white",
     **style: Any,
-) -> Axes:
+) -> "Axes":
     """A map of the crater with contours: `depth_map`, or `removed_thickness`.
 
     Parameters

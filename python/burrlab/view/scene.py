@@ -1,7 +1,5 @@
 """The scene of a bone in a pyvista plotter: off screen or in a window that Ctrl-C ends, in mono or stereo."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes.util
 import os
@@ -233,7 +231,7 @@ class SceneWindow:
         Not off screen.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: "Scene") -> None:
         self.scene = scene
         self._seen: tuple[Any, ...] = ()
         self._drawn, self._fast = 0.0, False
@@ -243,7 +241,7 @@ class SceneWindow:
         self._events = scene.plotter.iren
         self._events.interactor.EnableRenderOff()  # else each waiting move of the mouse is drawn by itself
 
-    def __enter__(self) -> SceneWindow:
+    def __enter__(self) -> "SceneWindow":
         self._came = self._held.__enter__()
         return self
 

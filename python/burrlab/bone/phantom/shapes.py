@@ -1,7 +1,5 @@
 """Shapes as signed distances: tubes along curves, ellipsoids, and fields on a fixed lattice."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -71,7 +69,7 @@ class Tube:
     radius: Floats
 
     @classmethod
-    def along(cls, points: ArrayLike, radius: ArrayLike, *, step: float = 1.0) -> Tube:
+    def along(cls, points: ArrayLike, radius: ArrayLike, *, step: float = 1.0) -> "Tube":
         """Tube along a smooth curve through the points, in pieces of about `step` [mm]."""
         corners = np.asarray(points, dtype=float)
         at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
@@ -83,7 +81,7 @@ class Tube:
         return cls(curve, np.interp(fine, at, radii))
 
     @classmethod
-    def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> Tube:
+    def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> "Tube":
         """Torus: `radius` is that of its circle, `thickness` that of the tube [mm]."""
         n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
         one = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])

@@ -4,8 +4,6 @@ The origin is the spine of Henle, on the bone's surface. x is depth (towards the
 back, z up [mm].
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,7 +62,7 @@ class Structures:
     fossa: float  # x + 0.8 y on the plane where the posterior fossa begins
 
     @classmethod
-    def of(cls, seed: int) -> Structures:
+    def of(cls, seed: int) -> "Structures":
         """Anatomy with places and sizes varied by the seed."""
         draw = iter((2.0 * uniform(seed, 2, 64) - 1.0).tolist())
 
@@ -220,7 +218,7 @@ class Fields:
     plan: Singles
 
     @classmethod
-    def of(cls, at: Structures, lattice: Grid) -> Fields:
+    def of(cls, at: Structures, lattice: Grid) -> "Fields":
         outside, cranium = _outside(at, lattice), _cranium(at, lattice)
         canal = distance_to([at.ear_canal], lattice, 4.0)
         near = {

@@ -33,7 +33,13 @@ Key = tuple[str, float, float]
 def velocity(scheme: str, force: float, voxel: float, seed: int, longest: float) -> float:
     """Penetration velocity [mm/s]; NaN if the run does not reach its stop within `longest` [s]."""
     run = burrlab.descend(
-        BURR, BONE, force, voxel=voxel, seed=seed, scheme=scheme, ideal=True, max_duration=longest
+        BURR,
+        BONE,
+        force,
+        voxel=voxel,
+        seed=seed,
+        settings=burrlab.DescentSettings(scheme=scheme, max_duration=longest),
+        ideal=True,
     )
     return np.nan if run.penetration_velocity is None else run.penetration_velocity
 

@@ -37,6 +37,7 @@ from burrlab.bone.specimen import surface_along as surface_along
 from burrlab.bone.uneven import BoneField as BoneField
 from burrlab.common.study import Store as Store
 from burrlab.common.study import StudyInterrupted as StudyInterrupted
+from burrlab.descent.descent import DescentSettings as DescentSettings
 from burrlab.descent.descent import descend as descend
 from burrlab.descent.result import Descent as Descent
 from burrlab.descent.rig import Rig as Rig

@@ -195,8 +195,8 @@ def descents(_: Path) -> Any:
     found = {}
     for place, (material, force, radius, voxel, options) in enumerate([
         ("bone", 1.0, 3.0, 0.3, {}), ("bone", 2.0, 3.0, 0.2, {}), ("pvc", 1.5, 2.0, 0.2, {}), ("pettigrew", 0.6, 1.5, 0.15, {}),
-        ("bone", 1.0, 3.0, 0.3, {"scheme": "cell"}), ("bone", 1.0, 3.0, 0.3, {"ideal": True}), ("bone", 1.0, 2.0, (0.2, 0.3, 0.2), {}),
-        ("bone", 1.0, 3.0, 0.3, {"dt": 0.5}), ("bone", 9.0, 3.0, 0.3, {}), ("bone", 0.02, 3.0, 0.3, {"max_duration": 2.0}),
+        ("bone", 1.0, 3.0, 0.3, {"settings": burrlab.DescentSettings(scheme="cell")}), ("bone", 1.0, 3.0, 0.3, {"ideal": True}), ("bone", 1.0, 2.0, (0.2, 0.3, 0.2), {}),
+        ("bone", 1.0, 3.0, 0.3, {"settings": burrlab.DescentSettings(dt=0.5)}), ("bone", 9.0, 3.0, 0.3, {}), ("bone", 0.02, 3.0, 0.3, {"settings": burrlab.DescentSettings(max_duration=2.0)}),
     ]):  # fmt: skip
         made = burrlab.descend(
             burrlab.Burr(radius), burrlab.materials[material], force, voxel=voxel, seed=place, **options

@@ -29,7 +29,7 @@ NUMBERS = {
     "port": lambda v: follow("127.0.0.1", v, timeout=0.1), "timeout": lambda v: follow("127.0.0.1", 1, timeout=v),
     "block_recipe": lambda v: block_recipe((1, 1, 1), v), "map": lambda v: OccupancyMap.two_point(0, v),
     "spacing": lambda v: VOLUME.resample(v), "force": lambda v: burrlab.descend(BURR, BONE, v, ideal=True),
-    "stop": lambda v: burrlab.descend(BURR, BONE, 1.0, stop=v), "forces": lambda v: burrlab.synthetic_curve(BURR, BONE, [v]),
+    "stop": lambda v: burrlab.descend(BURR, BONE, 1.0, settings=burrlab.DescentSettings(stop=v)), "forces": lambda v: burrlab.synthetic_curve(BURR, BONE, [v]),
     "repeats": lambda v: burrlab.synthetic_curve(BURR, BONE, [1, 2], repeats=v), "effects": lambda v: Effects(VOLUME, seed=v),
     "gravity": lambda v: EffectParameters(gravity=v), "phantom": lambda v: temporal_bone(v, seed=1),
     "curve": lambda v: burrlab.VelocityCurve(force=[1, 2], velocity=[1, 2], radius=v),

@@ -95,10 +95,28 @@ def press(_):
         (PVC, 1.0, {"ideal": False}, "overloaded", "not reached by static contact"),
         (PVC, 0.6, {"voxel": 0.2}, "never-settled", "over 5 %"),
         (SOFT, 0.8, {"voxel": 0.2, "ideal": True}, "window-too-short", "10 are needed"),
-        (BONE, 0.5, {"voxel": 0.2, "stop": 0.6}, "window-too-short", "R/15"),
-        (HARD, 1.0, {"ideal": True, "max_duration": 0.2}, "stalled", "when the run was given up"),
+        (
+            BONE,
+            0.5,
+            {"voxel": 0.2, "settings": burrlab.DescentSettings(stop=0.6)},
+            "window-too-short",
+            "R/15",
+        ),
+        (
+            HARD,
+            1.0,
+            {"ideal": True, "settings": burrlab.DescentSettings(max_duration=0.2)},
+            "stalled",
+            "when the run was given up",
+        ),
         # A run without time for contact is not overloaded; a run that cut bone has touched it.
-        (BONE, 1.0, {"max_duration": 0.1}, "stalled", "when the run was given up"),
+        (
+            BONE,
+            1.0,
+            {"settings": burrlab.DescentSettings(max_duration=0.1)},
+            "stalled",
+            "when the run was given up",
+        ),
         (BUTTER, 1.0, {}, "never-settled", "over 5 %"),
         (BONE, 1.0, {"specimen": EMPTY, "ideal": True}, "never-touched", "no bone"),
         (BONE, 1.0, {"specimen": EMPTY}, "never-touched", "no bone"),
@@ -167,7 +185,9 @@ def test_unknown_rig_finds_surface_and_stiffness_from_first_contact(known):
     assert run.penetration_velocity == pytest.approx(known.penetration_velocity, rel=0.1)
     # In a very stiff material the force rises within one step of 50 um: the surface is right to a step.
     rig = virtual(burrlab.Material("stiff", c_e=400.0, alpha=0.5), 0.1, encoder_step=0.05)
-    run = burrlab.descend(BURR, None, 1.0, rig=Laboratory(rig), max_duration=1.0)
+    run = burrlab.descend(
+        BURR, None, 1.0, rig=Laboratory(rig), settings=burrlab.DescentSettings(max_duration=1.0)
+    )
     assert run.immersion[0] == pytest.approx(-0.2, abs=0.06)
 
 
@@ -235,8 +255,11 @@ def test_coarse_and_faint_are_said():
 def test_bad_input(change, message):
     arguments = {"material": BONE, "force": 1.0, "voxel": 0.4, "seed": 1} | change
     material, force = arguments.pop("material"), arguments.pop("force")
+    settings = {
+        name: arguments.pop(name) for name in ("dt", "stop", "max_duration", "scheme") if name in arguments
+    }
     with pytest.raises(ValueError, match=message):
-        burrlab.descend(BURR, material, force, **arguments)
+        burrlab.descend(BURR, material, force, settings=burrlab.DescentSettings(**settings), **arguments)
 
 
 @pytest.mark.parametrize(

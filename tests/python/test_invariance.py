@@ -44,7 +44,8 @@ def material_of(case: Case) -> burrlab.Material:
 @cache
 def velocities(case: Case) -> tuple[float, ...]:
     """Penetration velocities of all seeds [mm/s]."""
-    options = {"voxel": case.voxel, "dt": case.dt, "scheme": case.scheme, "ideal": True}
+    settings = burrlab.DescentSettings(dt=case.dt, scheme=case.scheme)
+    options = {"voxel": case.voxel, "settings": settings, "ideal": True}
 
     def velocity(seed: int) -> float:
         run = burrlab.descend(BURR, material_of(case), case.force, seed=seed, **options)

@@ -63,7 +63,7 @@ descend(burr, bone, 2, voxel="0.1")
     ValueError: voxel must be of real numbers that a float holds, got '0.1'
 descend(burr, bone, 2, rig=True)
     TypeError: rig must be a Rig, such as VirtualRig(contact, specimen); without a rig, ideal=False makes it, got True
-descend(burr, bone, 2, voxel=0.2, dt=1000)
+descend(burr, bone, 2, voxel=0.2, settings=burrlab.DescentSettings(dt=1000))
     ValueError: dt must be at most 33.3 ms, or the force swings: got 1000 ms
 descend(burr, bone, 2, ideal="yes")
     TypeError: ideal must be True or False, got 'yes'
@@ -133,7 +133,7 @@ descend(burr, bone, np.array([2.0]))
     TypeError: force must be a number, got array([2.])
 descend(burr, bone, 2, voxel=[0.1, 0.1])
     ValueError: voxel must be a positive number or three [mm], got [0.1, 0.1]
-descend(burr, bone, 2, stop=[1, 2])
+descend(burr, bone, 2, settings=burrlab.DescentSettings(stop=[1, 2]))
     ValueError: stop must be a single number, got [1, 2]
 burrlab.mean_field_descent(burr, bone, [1, 2])
     ValueError: force must be a single number, got array([1., 2.])

@@ -178,7 +178,12 @@ def test_a_replica_keeps_its_bone_too(
 WRITERS: dict[str, Callable[[Path], object]] = {
     "table.csv": lambda path: burrlab.VelocityCurve([0.5, 4], [0.1, 0.2], source="two runs").to_csv(path),
     "run.json": lambda path: burrlab.descend(
-        burrlab.Burr(2.0), burrlab.materials["bone"], 2.0, voxel=0.5, seed=1, max_duration=0.01
+        burrlab.Burr(2.0),
+        burrlab.materials["bone"],
+        2.0,
+        voxel=0.5,
+        seed=1,
+        settings=burrlab.DescentSettings(max_duration=0.01),
     ).save(path),
     "tissues.csv": lambda path: write_tissues(path, default_tissues({1: "bone"})),
     "bone.h5": lambda path: burrlab.save_bone(path, burrlab.VoxelBone.block((1, 1, 1), 0.5)),

@@ -83,7 +83,7 @@ def test_descent_with_a_table_is_that_with_its_shape(name, scheme):
     made = [
         burrlab.descend(
             BURR, burrlab.Material("m", c_e=2.145, alpha=0.087, shape=f), 2.0, voxel=0.3, seed=1, ideal=True,
-            scheme=scheme,
+            settings=burrlab.DescentSettings(scheme=scheme),
         ).penetration_velocity
         for f in (name, table_of(name))
     ]  # fmt: skip

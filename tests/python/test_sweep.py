@@ -75,7 +75,7 @@ specimen = burrlab.Specimen(bone, np.zeros(3), np.array([0.0, 0.0, -1.0]), "a bl
 def sweep(descents, workers):
     with ThreadPoolExecutor(workers) as pool:
         curve = burrlab.force_sweep(burrlab.Burr(3.0), burrlab.materials["bone"], [1.0], repeats=descents, seed=1,
-                                    specimen=specimen, max_duration=0.02, executor=pool)
+                                    specimen=specimen, settings=burrlab.DescentSettings(max_duration=0.02), executor=pool)
     assert len(curve.status) == descents
     return peak()
 

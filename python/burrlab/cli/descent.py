@@ -31,13 +31,18 @@ def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
     return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)
 
 
+def _settings(options: Options) -> burrlab.DescentSettings:
+    return burrlab.DescentSettings(
+        dt=options.dt, scheme=options.scheme, stop=options.stop, max_duration=options.max_duration
+    )
+
+
 def do_descend(options: Options) -> int:
     burr, material = Burr(options.radius), chosen_material(options)
     specimen = _specimen(options, burr)
     run = burrlab.descend(
-        burr, material, options.force, voxel=options.voxel or 0.1, dt=options.dt, seed=options.seed,
-        scheme=options.scheme, ideal=options.ideal, specimen=specimen, stop=options.stop,
-        max_duration=options.max_duration, progress=on_terminal(),
+        burr, material, options.force, voxel=options.voxel or 0.1, seed=options.seed, ideal=options.ideal,
+        specimen=specimen, settings=_settings(options), progress=on_terminal(),
     )  # fmt: skip
     plot(options.plot, lambda: run.plot()[0])
     deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}")
@@ -47,9 +52,9 @@ def do_descend(options: Options) -> int:
 def do_sweep(options: Options) -> int:
     burr, material = Burr(options.radius), chosen_material(options)
     curve = burrlab.force_sweep(
-        burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, dt=options.dt,
-        seed=options.seed, scheme=options.scheme, ideal=not options.rig, specimen=_specimen(options, burr),
-        stop=options.stop, max_duration=options.max_duration, store=options.store, progress=on_terminal(),
+        burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, seed=options.seed,
+        ideal=not options.rig, specimen=_specimen(options, burr), settings=_settings(options), store=options.store,
+        progress=on_terminal(),
     )  # fmt: skip
     curve.to_csv(options.out)
     notes = told_notes(curve.provenance.get("volume"))

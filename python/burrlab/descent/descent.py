@@ -2,9 +2,9 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,21 +21,51 @@ from burrlab.theory.closed_forms import contact_stiffness
 from burrlab.theory.continuum import mean_field_descent
 
 
+@dataclass(frozen=True, kw_only=True)
+class DescentSettings:
+    """How the ticks of a descent run, and when it ends.
+
+    Parameters
+    ----------
+    dt : float
+        Tick [ms]; a rig has its own period.
+    scheme : {"layer", "cell"}
+        See `BurrContact`.
+    stop : float, optional
+        Immersion at which the run ends [mm]; default R/3.
+    max_duration : float
+        Time after which a run that has not reached the stop is stalled [s].
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive.
+    """
+
+    dt: float = 1.0
+    scheme: str = "layer"
+    stop: float | None = None
+    max_duration: float = 120.0
+
+    def __post_init__(self) -> None:
+        check_positive("dt", self.dt)
+        if self.stop is not None:
+            check_positive("stop", scalar(self.stop, "stop"))
+        check_positive("max_duration", self.max_duration)
+
+
 def descend(
     burr: Burr,
     material: Material | None,
     force: float,
     *,
     voxel: float | Vector = 0.1,
-    dt: float = 1.0,
     seed: int | None = None,
-    scheme: str = "layer",
     ideal: bool = False,
     specimen: Specimen | None = None,
     rig: Rig | None = None,
     controller: ForceController | None = None,
-    stop: float | None = None,
-    max_duration: float = 120.0,
+    settings: DescentSettings = DescentSettings(),
     progress: Progress | None = None,
     cancel: threading.Event | None = None,
 ) -> Descent:
@@ -50,13 +80,9 @@ def descend(
         Set-point of the axial force [N].
     voxel : float or (x, y, z)
         Voxel spacing of the block [mm]; not used with a specimen or rig.
-    dt : float
-        Tick [ms]; a rig has its own period.
     seed : int, optional
         Seed of erosion, load cell noise and the burr's place within a voxel of the block; not used with a rig
         of your own. None draws one and records it.
-    scheme : {"layer", "cell"}
-        See `BurrContact`.
     ideal : bool
         Hold the force exactly: every tick solves the position, without rig and controller.
     specimen : Specimen, optional
@@ -65,10 +91,8 @@ def descend(
         Default: a `VirtualRig` with its default imperfections.
     controller : ForceController, optional
         With fixed gains. Default: gains that follow the stiffness of the contact.
-    stop : float, optional
-        Immersion at which the run ends [mm]; default R/3.
-    max_duration : float
-        Time after which a run that has not reached the stop is stalled [s].
+    settings : DescentSettings
+        Tick, scheme and end of the run.
     progress : callable or True, optional
         Called from time to time with the fraction of the way to the stop; True shows a bar. None writes a
         note to the logger ``burrlab`` where the run has more than 10 s to go.
@@ -85,9 +109,8 @@ def descend(
     TypeError
         If burr or material has another type.
     ValueError
-        If the force is not positive or above the rig's range; dt, stop or max_duration is not positive;
-        max_duration has too many ticks; the seed is out of range; the burr is below 4 voxels; or `material`
-        is missing.
+        If the force is not positive or above the rig's range; the longest duration has too many ticks; the
+        seed is out of range; the burr is below 4 voxels; or `material` is missing.
 
     Notes
     -----
@@ -104,10 +127,10 @@ def descend(
     ('ok', True)
     """
     require_tool(burr, *([] if material is None else [material]))
-    stop = burr.radius / 3 if stop is None else scalar(stop, "stop")
-    numbers = {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}
-    _check_arguments(material, numbers, specimen, rig, controller, ideal)
-    seed = seed_or_new(seed)
+    check_positive("force", force)
+    _check_arguments(material, settings, specimen, rig, controller, ideal)
+    seed, dt, scheme, max_duration = seed_or_new(seed), settings.dt, settings.scheme, settings.max_duration
+    stop = burr.radius / 3 if settings.stop is None else float(settings.stop)
 
     about = f"descent at dt = {dt:g} ms, voxel = {voxel} mm"
     report = reporter(progress, about if progress is None else "descent")
@@ -166,7 +189,7 @@ def descend(
 
 
 def _check_arguments(
-    material: Material | None, numbers: Mapping[str, float], specimen: Specimen | None,
+    material: Material | None, settings: DescentSettings, specimen: Specimen | None,
     rig: Rig | None, controller: ForceController | None, ideal: bool,
 ) -> None:  # fmt: skip
     """Errors of `descend`."""
@@ -174,12 +197,10 @@ def _check_arguments(
         require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
     if rig is not None:
         require_type("rig", rig, Rig, "VirtualRig(contact, specimen); without a rig, ideal=False makes it")
-    for name, number in numbers.items():
-        check_positive(name, number)
-    period = numbers["dt"] if rig is None or ideal else rig.period
+    period = settings.dt if rig is None or ideal else rig.period
     refuse(
-        not numbers["max_duration"] * 1e3 / period < 2**63,
-        f"max_duration must be below 2^63 ticks of {period:g} ms, got {numbers['max_duration']:g} s",
+        not settings.max_duration * 1e3 / period < 2**63,
+        f"max_duration must be below 2^63 ticks of {period:g} ms, got {settings.max_duration:g} s",
     )
     refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
     if controller is not None:

@@ -18,7 +18,7 @@ from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
 from burrlab.common.study import StorePath, run_items, stored_as
-from burrlab.descent.descent import descend
+from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.sweep import item_seed
 
 if TYPE_CHECKING:
@@ -58,7 +58,13 @@ def run_item(item: ScatterItem) -> tuple[float, str]:
     place = np.random.default_rng([item.seed & 0xFFFFFFFF, item.seed >> 32, 1]).uniform(-0.5, 0.5, 3)
     specimen = item.bone.specimen(item.burr, item.voxel, seed=item.seed, offset=place * item.voxel)
     run = descend(
-        item.burr, item.material, item.force, dt=item.dt, seed=item.seed, specimen=specimen, ideal=True
+        item.burr,
+        item.material,
+        item.force,
+        settings=DescentSettings(dt=item.dt),
+        seed=item.seed,
+        specimen=specimen,
+        ideal=True,
     )
     return float(np.log(run.penetration_velocity or np.nan)), run.status
 

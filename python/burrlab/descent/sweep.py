@@ -17,7 +17,7 @@ from burrlab.common.check import real, refuse, require_tool, seed_or_new, whole
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, Study, cancel_event, stored_as
-from burrlab.descent.descent import descend
+from burrlab.descent.descent import DescentSettings, descend
 from burrlab.measured.curve import VelocityCurve
 
 
@@ -91,8 +91,9 @@ def run_item(item: SweepItem) -> Row:
         depth = item.burr.radius / 3 if item.stop is None else item.stop
         specimen = item.specimen.specimen(item.burr, item.voxel, depth=depth, seed=specimen_seed(item.seed))
     run = descend(
-        item.burr, item.material, item.force, voxel=item.voxel, dt=item.dt, seed=item.seed, scheme=item.scheme,
-        ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, progress=False, cancel=cancel_event(),
+        item.burr, item.material, item.force, voxel=item.voxel, seed=item.seed, ideal=item.ideal, specimen=specimen,
+        settings=DescentSettings(dt=item.dt, scheme=item.scheme, stop=item.stop, max_duration=item.max_duration),
+        progress=False, cancel=cancel_event(),
     )  # fmt: skip
     if run.status == "interrupted":
         raise KeyboardInterrupt  # no result: a store must not keep it
@@ -108,13 +109,10 @@ def force_sweep(
     *,
     repeats: int = 1,
     voxel: float | Vector = 0.1,
-    dt: float = 1.0,
     seed: int | None = None,
-    scheme: str = "layer",
     ideal: bool = True,
     specimen: Specimen | SpecimenSource | None = None,
-    stop: float | None = None,
-    max_duration: float = 120.0,
+    settings: DescentSettings = DescentSettings(),
     executor: Executor | None = None,
     store: StorePath | None = None,
     progress: Progress | None = None,
@@ -129,7 +127,7 @@ def force_sweep(
         Set-points [N].
     repeats : int
         Descents at each force; each has its own seed and place within the voxel grid.
-    voxel, dt, scheme, stop, max_duration
+    voxel, settings
         As for `descend`.
     specimen : Specimen or SpecimenSource, optional
         One specimen, of which every descent burrs a copy; or an object with a method
@@ -178,7 +176,8 @@ def force_sweep(
     spacing = voxel if isinstance(voxel, int | float) else tuple(real(voxel, "voxel").tolist())
     drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
     items = [
-        SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, dt, scheme, ideal, drawn, stop, max_duration)
+        SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, settings.dt, settings.scheme,
+                  ideal, drawn, settings.stop, settings.max_duration)
         for f in values
         for k in range(repeats)
     ]  # fmt: skip
@@ -192,7 +191,7 @@ def force_sweep(
         about = specimen.source
         if specimen.made:
             volume = {"volume": dict(specimen.made), "digest": specimen.bone.digest()}
-    own_window = not ideal or stop is not None or specimen is not None
+    own_window = not ideal or settings.stop is not None or specimen is not None
     return VelocityCurve(
         force=np.array([item.force for item in items]),
         velocity=table[:, 0],
@@ -204,7 +203,7 @@ def force_sweep(
         provenance=provenance(
             seed=seed, voxel_mm=list(specimen.bone.spacing) if isinstance(specimen, Specimen) else spacing,
             specimen=about,
-            warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=dt, scheme=scheme, rig=not ideal, radius_mm=burr.radius, repeats=repeats,
+            warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=settings.dt, scheme=settings.scheme, rig=not ideal, radius_mm=burr.radius, repeats=repeats,
             c_e=material.c_e, alpha=material.alpha, shape=material.shape.name, **volume,
         ),
     )  # fmt: skip

@@ -15,7 +15,7 @@ from burrlab.bone.uneven import BoneField
 from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items, stored_as
-from burrlab.descent.descent import descend
+from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.result import Descent
 from burrlab.descent.sweep import item_seed
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -139,12 +139,10 @@ def sink(descent: VoxelDescent) -> list[float]:
         descent.material,
         descent.force,
         voxel=settings.voxel,
-        dt=settings.dt,
+        settings=DescentSettings(dt=settings.dt, stop=stop, max_duration=_LONGEST),
         seed=descent.seed,
         ideal=not settings.rig,
         specimen=specimen,
-        stop=stop,
-        max_duration=_LONGEST,
     )
     if run.status == "overloaded":
         return [np.inf] * len(windows)

@@ -189,7 +189,7 @@ OPENING, BOTTOM = 15.0, 7.5
 CELLS_BOX = ((-1.0, -9.0, -29.0), (19.0, 28.0, 13.0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fields:
     """Signed distances on the lattice, negative inside [mm].
 

@@ -96,7 +96,6 @@ def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
 
 
 COMMANDS = """
-materials
 version --json version.json
 descend --material bone --force 1 --radius 3 --voxel 0.3 --seed 1
 descend --material pvc --force 1.5 --radius 2 --voxel 0.2 --seed 2 --json descent.json --plot descent.png
@@ -168,7 +167,7 @@ def commands(folder: Path) -> Any:
     (folder / "text.txt").write_text("no table\n")
     found = {}
     with contextlib.chdir(folder):
-        for place, line in enumerate(COMMANDS):
+        for place, line in enumerate(COMMANDS, 1):
             before = {p.name: p.stat().st_mtime_ns for p in folder.iterdir()}
             status, out, _ = run(*line.split())
             written = sorted(p.name for p in folder.iterdir() if before.get(p.name) != p.stat().st_mtime_ns)

@@ -94,7 +94,7 @@ fit(curve)
 fit(curve, burr).region(90)
     ValueError: level must be one of 68, 95, 99.7: got 90
 materials["Bone"]
-    KeyError: "material must be one of bone, pettigrew, pvc, expert, got 'Bone'; did you mean 'bone'?"
+    KeyError: "material must be one of bone, ..., got 'Bone'; did you mean 'bone'?"
 burrlab.Brur
     AttributeError: module 'burrlab' has no attribute 'Brur'
 burrlab.read_volume(3)
@@ -174,7 +174,7 @@ command("descend --forec 2")
 command("sweep --forces 1,2 --ou x.csv")
     SystemExit: burrlab sweep: unknown option --ou; did you mean '--out'?
 command("descend --force 2 --material Bone")
-    SystemExit: burrlab descend: argument --material: invalid choice: 'Bone' (choose from 'bone', 'expert', 'pettigrew', 'pvc'); did you mean 'bone'?
+    SystemExit: burrlab descend: argument --material: invalid choice: 'Bone' (choose from 'bone', ...); did you mean 'bone'?
 command("decsend --force 2")
     SystemExit: burrlab: argument COMMAND: invalid choice: 'decsend' (choose from 'descend', ...
 command("")
@@ -208,7 +208,7 @@ def test_a_mistake_is_answered_by_one_sentence(call: str, answer: str) -> None:
             eval(call)
         error = raised.value
     said = f"{type(error).__name__}: {error}"
-    assert said.startswith(answer[:-3]) if answer.endswith("...") else said == answer
+    assert re.fullmatch(".*".join(map(re.escape, answer.split("..."))), said, re.DOTALL)
     for dump in ("incompatible", "supported:", "std::", "Annotated", "Supports", "\n"):
         assert dump not in said
 

@@ -160,7 +160,8 @@ BOMBS = [
     ("a.yaml", laughs("[x,x,x,x,x,x,x,x,x]", "[{}]"), STACK.replace(", spacing=1", ""),
      "VOLUME v must have dimensions and images, got "),
     ("a.yaml", laughs("{x: 1}", "{{<<: [{}]}}"), STACK.replace(", spacing=1", ""),
-     "a mapping must have at most 300000 keys"),
+     # PyYAML 6.0.4 merges each pair once, so the mapping stays small.
+     "a mapping must have at most 300000 keys|images must be there"),
     ("a.h5", lambda path: bone(path, 2000), BONE, "cannot hold 8000000000"),
     ("a.h5", lambda path: bone(path, 64), BONE, "must have chunks of 262144 bytes, got 262145 or more"),
     ("a.h5", trace, "burrlab.load_trace({!r})", "cannot hold 4400000000"),

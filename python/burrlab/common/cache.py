@@ -84,7 +84,10 @@ class Entry:
             if (path := self._path) is None:
                 return
             files = {name: [*state, _digest(name)] for name, state in self._files.items()}
-            if any(state != _state(name) or not _settled(state) for name, state in self._files.items()):
+            latest = time.time_ns() - 1e9 * _SETTLED
+            if not all(
+                state and state == _state(name) and state[-1] < latest for name, state in self._files.items()
+            ):
                 return
             head = json.dumps([header, files, [len(part) for part in parts]]).encode() + b"\n"
             check = 0
@@ -140,10 +143,6 @@ def _state(name: str) -> tuple[int, ...]:
         status = os.stat(name)
         return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
     return ()
-
-
-def _settled(state: tuple[int, ...]) -> bool:
-    return bool(state) and state[-1] < time.time_ns() - 1e9 * _SETTLED
 
 
 def _digest(name: str) -> str:

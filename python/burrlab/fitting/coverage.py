@@ -18,7 +18,7 @@ from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
-from burrlab.fitting.intervals import LEVELS, Interval
+from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest, ranges
@@ -345,18 +345,19 @@ def replicate(item: CoverageItem) -> Floats:
     calibration = Calibration(scatters, total, shares)
     evidence = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
     tables = (evidence.intervals["c_e"], evidence.intervals["alpha"], evidence.identified.intervals)
-    ends = [_ends(table[level]) for table in tables for level in LEVELS]
+    ends = [
+        (
+            0.0 if interval.lower is None else interval.lower,
+            np.inf if interval.upper is None else interval.upper,
+        )
+        for interval in (table[level] for table in tables for level in LEVELS)
+    ]
     at = likelihood.at(item.c_e)
     rises = [float(at.profile[0]) - evidence.base, float(at.minus2(item.alpha)[0]) - evidence.base]
     apart = not obstacle(evidence.intervals["c_e"]["95"], float(o.c_e_bounds().max()))
     return np.concatenate(
         [np.ravel(ends), [evidence.identified.exponent], rises, [*evidence.joint.values()], [apart]]
     )
-
-
-def _ends(interval: Interval) -> tuple[float, float]:
-    lower, upper = interval.lower, interval.upper
-    return 0.0 if lower is None else lower, np.inf if upper is None else upper
 
 
 def coverage_study(

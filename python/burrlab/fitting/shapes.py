@@ -379,7 +379,8 @@ def compare_shapes(
         power = family.profile(weighed.k, weighed.free, weighed.threshold)
     lowest_aic = min(fitted.aic for fitted in fits.values())
     best = min(names, key=lambda name: weighed.minima[name].minus2)
-    scatter = _scatter(fits[best])
+    evidence = fits[best].evidence  # its scatter is 1 where sigma is known
+    scatter = np.nan if evidence is None else evidence.scatters[0].value
     reference = fits.get(REFERENCE)
     rows = []
     for name, fitted in fits.items():
@@ -419,12 +420,6 @@ def _residuals(fit: Fit) -> tuple[Floats, Floats, Floats]:
     runs = [int(np.flatnonzero(o.run == i)[0]) for i in range(int(o.run.max(initial=-1)) + 1)]
     rows = np.concatenate([np.flatnonzero(o.run < 0), np.array(runs, dtype=np.intp)])
     return o.force[rows] / o.radius[rows] ** 2, o.force[rows], residuals
-
-
-def _scatter(fit: Fit) -> float:
-    """Standard deviation of one residual about a fit; 1 where sigma is known."""
-    evidence = fit.evidence
-    return np.nan if evidence is None else evidence.scatters[0].value
 
 
 def _pattern(fit: Fit, scatter: float) -> tuple[Part, ...]:

@@ -203,10 +203,6 @@ def _of_row(row: str) -> DeviceLimits:
     return DeviceLimits(model, **values, sources={name: _SOURCES[cell[-1]] for name, cell in known.items()})
 
 
-def _wrapped(letter: str, text: str) -> str:
-    return textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
-
-
 class KnownLimits(Mapping[str, DeviceLimits]):
     """Limits by model, read-only; printed as the table of docs/stability.md."""
 
@@ -236,7 +232,11 @@ class KnownLimits(Mapping[str, DeviceLimits]):
             model, *cells = row.split()
             cells = [cell if cell == "-" else f"{cell[:-1]} ({cell[-1]})" for cell in cells]
             lines.append(f"| {model} | {' | '.join(cells)} |")
-        return "\n".join([*lines, "", *map(_wrapped, _SOURCES, _SOURCES.values())])
+        sources = [
+            textwrap.fill(f"* ({letter}) {text}.", 110, subsequent_indent="  ", break_on_hyphens=False)
+            for letter, text in _SOURCES.items()
+        ]
+        return "\n".join([*lines, "", *sources])
 
 
 #: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.

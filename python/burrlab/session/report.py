@@ -98,7 +98,13 @@ class SessionReport:
         return cls(
             state="running" if loop.running else loop.reason or "not started",
             **{name: getattr(counts, name) for name in ("ticks", "late", "missed", "dropped")},
-            times={name: _times(h) for name, h in histograms.items()},
+            times={
+                name: {
+                    **{_key(q): h.quantile(q) for q in _QUANTILES},
+                    "max": h.largest if h.count else math.nan,
+                }
+                for name, h in histograms.items()
+            },
             histograms={name: h.counts for name, h in histograms.items()},
             edges=histograms["jitter"].edges,
             follower=follower.status,
@@ -225,8 +231,3 @@ def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:
 
 def _key(q: float) -> str:
     return f"p{100 * q:g}"
-
-
-def _times(histogram: Histogram) -> dict[str, float]:
-    times = {_key(q): histogram.quantile(q) for q in _QUANTILES}
-    return {**times, "max": histogram.largest if histogram.count else math.nan}

@@ -88,7 +88,8 @@ class Everything:
 
 CODEC = Codec(
     keys={Everything: {name: name for name in Everything.__annotations__ if name != "number"}
-          | {"number_mm": "number", "twice": lambda thing: 2 * thing.number}},
+          | {"number_mm": "number", "twice": lambda thing: 2 * thing.number},
+          Material: {name: name for name in ("name", "c_e", "alpha", "shape", "source")}},
     null={(Everything, "farthest"): math.inf}, kinds={"inner": Inner, "other": Other},
 )  # fmt: skip
 WHOLE = Everything(
@@ -125,8 +126,8 @@ def test_all_kinds_return() -> None:
         ("folder", None, "folder must be str, got None"),
         ("kind", "c", "kind must be one of a, b, got 'c'"),
         ("burr", -1, "burr: "),
-        ("material", {"name": "x"}, "material: "),
-        ("shape", 3, "shape must be str, got 3"),
+        ("material", {"name": "x"}, "material must be what makes a Material"),
+        ("shape", 3, "shape must be what makes a Shape, got 3"),
         ("pairs", [[1, 2], [1, "a"]], "pairs[1][1] must be float, got 'a'"),
         ("pairs", [[1, 2, 3]], "pairs[0] must have 2 values, got 3"),
         ("pairs", "ab", "pairs must be list, got 'ab'"),

@@ -1,4 +1,4 @@
-"""Checks of arguments, and of the memory that a file or a bone needs."""
+"""Checks of arguments, and of the memory that a file or an object needs."""
 
 import contextlib
 import difflib
@@ -15,8 +15,6 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material
-
 
 def require_type(name: str, value: object, kind: type, example: str) -> None:
     """TypeError unless `value` is a `kind`."""
@@ -24,13 +22,6 @@ def require_type(name: str, value: object, kind: type, example: str) -> None:
         raise TypeError(
             f"{name} must be a{'n' * (kind.__name__[0] in 'AEIOU')} {kind.__name__}, such as {example}, got {shown(value)}"
         )
-
-
-def require_tool(burr: object, *material: object) -> None:
-    """TypeError unless these are a Burr and, if given, a Material."""
-    require_type("burr", burr, Burr, "Burr(3.0)")
-    for part in material:
-        require_type("material", part, Material, "materials['bone']")
 
 
 def real(value: object, name: str) -> NDArray[np.float64]:
@@ -122,11 +113,6 @@ def check_memory(size: float, what: str) -> None:
         size > (available := available_memory()),
         f"{what} needs {size / 1e9:.3g} GB of memory, and {available / 1e9:.3g} GB are there",
     )
-
-
-def check_bone(voxels: float, each: float) -> None:
-    """ValueError if memory is too small for a bone of `voxels` voxels of `each` bytes. C++ checks it too."""
-    check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
 
 
 def check_packed(size: float, packed: float, name: str) -> None:

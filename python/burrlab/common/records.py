@@ -18,7 +18,6 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, T
 
 import numpy as np
 
-from burrlab._core import Burr, Material, Shape
 from burrlab.common.check import refuse, shown
 from burrlab.common.files import write_text
 
@@ -86,9 +85,9 @@ _SPELT = ("inf", "-inf", "nan")
 class Codec:
     """Converts dataclasses to plain objects for JSON, and back, by the types of their fields.
 
-    Arrays, tuples and NamedTuples become lists, mappings dicts, paths and shapes texts, a burr its radius
-    [mm] and a material a dict. Reading is strict: a text is no number, 2.9 is not read as 2, unknown keys are
-    errors.
+    Arrays, tuples and NamedTuples become lists, mappings dicts, paths texts, and an object of the core what
+    the core makes it of again: its state, or its parts by name. Reading is strict: a text is no number, 2.9 is not read as 2,
+    unknown keys are errors.
 
     Parameters
     ----------
@@ -98,7 +97,7 @@ class Codec:
         `json.dumps` and reads them in arrays only.
     keys : mapping
         Class -> key in JSON -> name of its field, or a function of the object for a derived value, which is
-        written and ignored in reading. Other classes are written with their fields.
+        written and ignored in reading. Other classes are written with their fields, or by their state.
     null : mapping
         (class, field) -> number that null stands for, if not NaN.
     kinds : mapping
@@ -140,12 +139,7 @@ class Codec:
         hooks = cattrs.Converter()
         hooks.register_unstructure_hook(float, self._written)
         hooks.register_unstructure_hook(Path, str)
-        hooks.register_unstructure_hook(Shape, lambda shape: shape.name)
-        hooks.register_unstructure_hook(Burr, lambda burr: burr.radius)
-        names = ("name", "c_e", "alpha", "shape", "source")
-        hooks.register_unstructure_hook(
-            Material, lambda material: {name: self.plain(getattr(material, name)) for name in names}
-        )
+        hooks.register_unstructure_hook_func(is_of_core, self._state)
         hooks.register_unstructure_hook_func(
             _is(np.ndarray, np.generic), lambda value: self.plain(value.tolist())
         )
@@ -159,9 +153,7 @@ class Codec:
         for kind in (int, str, bool):
             hooks.register_structure_hook(kind, functools.partial(_of_type, (kind,)))
         hooks.register_structure_hook(float, self._number)
-        hooks.register_structure_hook(Burr, lambda value, _: Burr(self._number(value)))
-        hooks.register_structure_hook(Shape, lambda value, _: Shape(_of_type((str,), value, str)))
-        hooks.register_structure_hook(Material, lambda value, _: Material(**_of_type((dict,), value, dict)))
+        hooks.register_structure_hook_func(is_of_core, _of_state)
         hooks.register_structure_hook_func(_is(np.ndarray), self._array)
         hooks.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
         hooks.register_structure_hook_factory(_is(Mapping), _mapping)
@@ -178,6 +170,13 @@ class Codec:
         if math.isfinite(value) or self._not_finite == "kept":
             return value
         return None if self._not_finite == "null" else str(float(value))
+
+    def _state(self, value: Any) -> Any:
+        """What the core makes the object of again."""
+        keys = self._known(type(value))
+        return self.plain(
+            {key: getattr(value, str(name)) for key, name in keys.items()} or value.__getstate__()
+        )
 
     def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:
         if value is None and self._not_finite == "null":
@@ -288,6 +287,18 @@ class InJson:
         with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:
             name = getattr(stream, "name", "JSON text")
             return parsed(name, stream.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)
+
+
+def is_of_core(kind: Any) -> bool:
+    """Whether a class is the C++ core's. Its objects are told apart by the state that `pickle` keeps."""
+    return getattr(kind, "__module__", "") == "burrlab._core"
+
+
+def _of_state(state: Any, kind: Any) -> Any:
+    try:
+        return kind(**state) if isinstance(state, dict) else kind(state)
+    except TypeError:
+        raise TypeError(f"must be what makes a {kind.__name__}, got {reprlib.repr(state)}") from None
 
 
 def _is(*kinds: type) -> Callable[[Any], bool]:

@@ -24,9 +24,8 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from burrlab._core import Burr, Material, Shape, VoxelBone
 from burrlab.common.check import refuse
-from burrlab.common.records import UNREADABLE, parsed
+from burrlab.common.records import UNREADABLE, is_of_core, parsed
 
 #: A store, or the path of its file.
 StorePath: TypeAlias = "Store | str | os.PathLike[str]"
@@ -44,12 +43,6 @@ _STORED_AS = "_stored_as"
 _HEADER = json.dumps({_NAME: FORMAT}).encode()
 _SYNC = 1.0  # shortest time between two syncs to disk [s] (ours)
 _NUMBERS = "biufc"  # kinds of NumPy numbers that their bytes determine
-
-_PARTS: dict[type, tuple[str, ...]] = {
-    Burr: ("radius",),
-    Material: ("name", "c_e", "alpha", "shape", "source"),
-    Shape: ("name",),
-}
 
 
 def stored_as(name: str) -> Callable[[Thing], Thing]:
@@ -79,10 +72,14 @@ def _identity(value: Any) -> Any:
         return ["sequence", [_identity(part) for part in value]]
     if type(value) is dict and all(type(key) is str for key in value):
         return ["dict", [[key, _identity(value[key])] for key in sorted(value)]]
-    if isinstance(value, VoxelBone):
+    if is_of_core(type(value)) and hasattr(value, "digest"):
         return ["bone", value.digest()]
-    if (kind := next((kind for kind in _PARTS if isinstance(value, kind)), None)) is not None:
-        return [kind.__name__, [_identity(getattr(value, part)) for part in _PARTS[kind]]]
+    if is_of_core(type(value)) and hasattr(value, "__setstate__"):
+        state = value.__getstate__()
+        return [
+            type(value).__name__,
+            [_identity(part) for part in (state if type(state) is tuple else (state,))],
+        ]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [field.name for field in dataclasses.fields(value) if field.compare]
         return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]

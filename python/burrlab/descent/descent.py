@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
 from burrlab.bone.specimen import MOST_VOXELS, Border, Specimen, Vector, checked_spacing, half_space
-from burrlab.common.check import check_positive, refuse, require_tool, require_type, scalar, seed_or_new
+from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import LOG, LONG, Progress, duration, reporter
 from burrlab.common.provenance import provenance
 from burrlab.descent.result import Descent, Series, evaluate
 from burrlab.descent.rig import Rig, RigReading, VirtualRig
 from burrlab.theory.closed_forms import contact_stiffness
 from burrlab.theory.continuum import mean_field_descent
+from burrlab.theory.tool import require_tool
 
 
 @dataclass(frozen=True, kw_only=True)

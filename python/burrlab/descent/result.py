@@ -234,6 +234,7 @@ class Descent(Tabular):
 _CODEC = Codec(
     "kept",
     keys={
+        Material: {name: name for name in ("name", "c_e", "alpha", "shape", "source")},
         Descent: {
             "status": "status",
             "reason": "reason",
@@ -251,7 +252,7 @@ _CODEC = Codec(
             "seed": lambda run: run.provenance.get("seed"),
             "version": lambda run: run.provenance["burrlab"],
             "provenance": "provenance",
-        }
+        },
     },
 )
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
-from burrlab.common.check import check_positive, refuse, require_tool, require_type, seed_or_new
+from burrlab.common.check import check_positive, refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, VELOCITY, drawing, new_figure, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
@@ -20,6 +20,7 @@ from burrlab.common.records import Codec
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.sweep import item_seed
+from burrlab.theory.tool import require_tool
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material
-from burrlab.common.check import real, refuse, require_tool, scalar, seed_or_new, whole
+from burrlab.common.check import real, refuse, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.common.table import Floats
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
 from burrlab.theory.continuum import mean_field_descent, penetration_velocity
+from burrlab.theory.tool import require_tool
 
 
 def synthetic_curve(

@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
-from burrlab.common.check import real, refuse, require_tool, scalar
+from burrlab.common.check import real, refuse, scalar
 from burrlab.common.figures import POSITION, axes_or_new, drawing, styled
+from burrlab.theory.tool import require_tool
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

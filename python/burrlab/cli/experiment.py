@@ -9,7 +9,9 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
 
 from burrlab.cli.options import (
     Options,
@@ -34,9 +36,6 @@ from burrlab.psychophysics.scored_task import ScoredTask
 from burrlab.psychophysics.seat import Seat, TerminalSeat
 from burrlab.psychophysics.threshold_task import ThresholdTask
 from burrlab.psychophysics.trial import MODES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 def do_new(options: Options) -> int:
@@ -128,7 +127,7 @@ def _draw(analysis: Analysis, folder: Path) -> int:
     return drawn
 
 
-def _figures(task: ScoredTask | ThresholdTask) -> "dict[str, Callable[[], Axes]]":
+def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
     """The figures that a task's data allow."""
     if isinstance(task, ThresholdTask):
         fitted = [one.subject for one in task.subjects if isinstance(one.estimate, PsychometricFit)]

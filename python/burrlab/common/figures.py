@@ -7,11 +7,12 @@ import textwrap
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeAlias, TypeVar, cast
+from typing import Any, ParamSpec, TypeAlias, TypeVar, cast
 
 import numpy as np
 from matplotlib import rc_context, rcParams, rcParamsDefault
 from matplotlib.artist import ArtistInspector
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cbook import normalize_kwargs
@@ -25,14 +26,11 @@ from matplotlib.transforms import Bbox, ScaledTranslation
 
 from burrlab.common.check import nearest, refuse
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 #: Where a picture of several panels goes: a figure, or as many Axes.
-Panels: TypeAlias = "Figure | SubFigure | Iterable[Axes] | None"
+Panels: TypeAlias = Figure | SubFigure | Iterable[Axes] | None
 
 P = ParamSpec("P")
-Drawn = TypeVar("Drawn", bound="Axes | list[Axes]")
+Drawn = TypeVar("Drawn", bound=Axes | list[Axes])
 
 #: Colour of each quantity throughout the package (Okabe and Ito's palette, for colour-blind readers too).
 FORCE, POSITION, VELOCITY, REFERENCE = "#0072B2", "#009E73", "#D55E00", "#555555"
@@ -91,7 +89,7 @@ def _size(width: float, height: float) -> tuple[float, float]:
     return chosen[0], height * min(max(chosen[0] / width, 0.7), 1.0)
 
 
-def axes_or_new(axes: "Axes | None") -> "Axes":
+def axes_or_new(axes: Axes | None) -> Axes:
     """The given axes, or axes of a new pyplot figure of the usual size."""
     if axes is not None:
         return axes
@@ -101,7 +99,7 @@ def axes_or_new(axes: "Axes | None") -> "Axes":
     return ax
 
 
-def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how: Any) -> "list[Axes]":
+def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how: Any) -> list[Axes]:
     """The given Axes, or rows x columns of a figure: a new one of a size [inch] by default.
 
     A figure that holds as many Axes already is drawn on again.
@@ -122,7 +120,7 @@ def styled(style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     return normalize_kwargs(usual, Line2D) | chosen
 
 
-def next_look(ax: "Axes", style: dict[str, Any], **usual: Any) -> dict[str, Any]:
+def next_look(ax: Axes, style: dict[str, Any], **usual: Any) -> dict[str, Any]:
     """`styled`; with a label, or on Axes that hold lines, it starts from the look of SERIES least used there."""
     if style.get("label") or ax.lines:
         used = [to_hex(line.get_color()) for line in ax.lines]
@@ -131,7 +129,7 @@ def next_look(ax: "Axes", style: dict[str, Any], **usual: Any) -> dict[str, Any]
     return styled(style, **usual)
 
 
-def plot_points(ax: "Axes", x: Any, y: Any, sigma: Any, style: dict[str, Any], label: str | None) -> None:
+def plot_points(ax: Axes, x: Any, y: Any, sigma: Any, style: dict[str, Any], label: str | None) -> None:
     """Draws measured points as squares, with error bars of y if sigma is known."""
     look = styled(
         style, color="black", marker="s", linestyle="", markerfacecolor="white", markersize=0.75 * rcParams["lines.markersize"],
@@ -142,7 +140,7 @@ def plot_points(ax: "Axes", x: Any, y: Any, sigma: Any, style: dict[str, Any], l
     ax.plot(x, y, **look)
 
 
-def tidy(axes: "Axes") -> "Axes":
+def tidy(axes: Axes) -> Axes:
     """Gives axes a light grid, without upper and right frame."""
     axes.grid(True, color="0.9", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -202,7 +200,7 @@ def drawing(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
     return draw_and_finish
 
 
-def _axes_of(ax: Any) -> "list[Axes]":
+def _axes_of(ax: Any) -> list[Axes]:
     """The Axes in the argument `ax` of a plot: of a figure, one, several or none."""
     listed = getattr(ax, "axes", ax)
     all_axes = [] if listed is None else list(np.ravel(np.asarray(listed, dtype=object)))
@@ -213,7 +211,7 @@ def _axes_of(ax: Any) -> "list[Axes]":
     return all_axes
 
 
-def _freed_limits(all_axes: "list[Axes]") -> "dict[Axes, tuple[tuple[float, float], tuple[float, float]]]":
+def _freed_limits(all_axes: list[Axes]) -> dict[Axes, tuple[tuple[float, float], tuple[float, float]]]:
     """Limits in x and y of the Axes that were drawn on or set; a new plot may now move them."""
     limits = {
         axes: (axes.get_xlim(), axes.get_ylim())
@@ -225,7 +223,7 @@ def _freed_limits(all_axes: "list[Axes]") -> "dict[Axes, tuple[tuple[float, floa
     return limits
 
 
-def _widen(axes: "Axes", name: str, limits: tuple[float, float]) -> None:
+def _widen(axes: Axes, name: str, limits: tuple[float, float]) -> None:
     axis: Axis = getattr(axes, f"{name}axis")
     if axis.get_scale() == "log" and min(limits) <= 0:
         axes.autoscale(axis=name)  # type: ignore[arg-type]  # linear before: zero has no place any more
@@ -236,7 +234,7 @@ def _widen(axes: "Axes", name: str, limits: tuple[float, float]) -> None:
         axes.set(**{f"{name}lim": wide[::-1] if axis.get_inverted() else wide})
 
 
-def _fit_title(axes: "Axes") -> None:
+def _fit_title(axes: Axes) -> None:
     """The title in the style's size, in lines no wider than the axes."""
     size = rcParams["font.size"]
     title = re.sub(r"(?<=\d) (?=\S)", "\u00a0", axes.get_title())  # a number stays with its unit
@@ -245,7 +243,7 @@ def _fit_title(axes: "Axes") -> None:
     axes.title.set(text=lines.replace("\u00a0", " "), fontsize=size)
 
 
-def _legend(axes: "Axes", may_grow: bool) -> None:
+def _legend(axes: Axes, may_grow: bool) -> None:
     """One legend of all that has a label: inside the axes where it covers nothing, else below them.
 
     More than four labels always stand below. They are read row by row, shadings last. Labels wider than the axes
@@ -263,7 +261,7 @@ def _legend(axes: "Axes", may_grow: bool) -> None:
             if " ".join(text.get_text().split()) not in labels:  # it may be broken into lines
                 handles[text.get_text()] = handle
         before.remove()
-    figure = cast("Figure", axes.get_figure(root=True))
+    figure = cast(Figure, axes.get_figure(root=True))
     figure.draw_without_rendering()  # the layout settles at the second drawing
     if len(handles) < 5 and _legend_inside(figure, axes, handles, look):
         return
@@ -275,13 +273,13 @@ def _legend(axes: "Axes", may_grow: bool) -> None:
         figure.set_size_inches(across, high + max(least - left, 0.0) / figure.dpi)
 
 
-def _put_legend(axes: "Axes", handles: dict[str, Any], columns: int, **look: Any) -> Legend:
+def _put_legend(axes: Axes, handles: dict[str, Any], columns: int, **look: Any) -> Legend:
     """A legend in columns that is read row by row."""
     order = [label for k in range(columns) for label in list(handles)[k::columns]]
     return axes.legend([handles[label] for label in order], order, ncols=columns, **look)
 
 
-def _legend_inside(figure: Figure, axes: "Axes", handles: dict[str, Any], look: dict[str, Any]) -> bool:
+def _legend_inside(figure: Figure, axes: Axes, handles: dict[str, Any], look: dict[str, Any]) -> bool:
     """Puts a legend inside the axes where it covers nothing but grid and shading; False if there is no place."""
     canvas = figure.canvas
     agg: Any = FigureCanvasAgg(figure)
@@ -299,12 +297,12 @@ def _legend_inside(figure: Figure, axes: "Axes", handles: dict[str, Any], look: 
     return False
 
 
-def _legend_below(figure: Figure, axes: "Axes", handles: dict[str, Any], look: dict[str, Any]) -> Legend:
+def _legend_below(figure: Figure, axes: Axes, handles: dict[str, Any], look: dict[str, Any]) -> Legend:
     """Puts a legend below the axes, in as many columns as have room; labels wider than the axes are broken."""
     figure.draw_without_rendering()
     if figure.get_layout_engine() is None:
         figure.set_layout_engine("constrained")  # else the legend would lie beyond the edge
-    room, below = (cast("Bbox", part.get_tightbbox()) for part in (axes, axes.xaxis))
+    room, below = (cast(Bbox, part.get_tightbbox()) for part in (axes, axes.xaxis))
     aside = 0.5 * (room.x0 + room.x1 - axes.bbox.x0 - axes.bbox.x1) / figure.dpi
     shift = ScaledTranslation(aside, (below.y0 - axes.bbox.y0 - 4) / figure.dpi, figure.dpi_scale_trans)
     look = look | {

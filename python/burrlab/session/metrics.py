@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from burrlab.anatomy.report import AnatomyReport
@@ -18,7 +19,6 @@ from burrlab.session.trace import Recording, Trace, check_trace
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
 
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ class SessionMetrics:
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     @drawing
-    def plot(self, ax: Panels = None, **style: Any) -> "list[Axes]":
+    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
         """Charts of force, speed and removed volume over time, and below them the anatomy report's plot.
 
         `ax` is a figure, or an array of the Axes: three, with watched structures five. `style`: label, color

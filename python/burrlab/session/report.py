@@ -4,9 +4,10 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
@@ -14,10 +15,6 @@ from burrlab.common.figures import FORCE, REFERENCE, Panels, drawing, panels
 from burrlab.common.records import Codec
 from burrlab.session.devices import DeviceLimits
 from burrlab.session.recorder import TraceWriter
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -190,7 +187,7 @@ class SessionReport:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     @drawing
-    def plot(self, ax: Panels = None, **style: Any) -> "list[Axes]":
+    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
         """Histograms of tick time and period jitter, logarithmic: two Axes, or a figure.
 
         `style`: label, color and other properties of the histograms.

@@ -14,7 +14,7 @@ from burrlab._core import Burr, Material, Shape
 from burrlab.fitting import likelihood
 from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Calibration, Observations, Scatter, bounds_of
+from burrlab.fitting.observations import Calibration, Observations, RowScatter, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, Domain
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
@@ -145,11 +145,11 @@ class TestAgainstTheOracle:
 
 
 def one(n: int, known: bool = False) -> Calibration:
-    return Calibration((Scatter("velocity", n, known, 2.0, 1.0),), np.eye(2), np.eye(2)[None])
+    return Calibration((RowScatter("velocity", n, known, 2.0, 1.0),), np.eye(2), np.eye(2)[None])
 
 
 def two(*scatters: tuple[str, int, bool, float], shares: list[np.ndarray]) -> Calibration:
-    made = tuple(Scatter(*scatter, 1.0) for scatter in scatters)
+    made = tuple(RowScatter(*scatter, 1.0) for scatter in scatters)
     return Calibration(made, np.sum(shares, axis=0), np.array(shares))
 
 

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-import burrlab.common.table as csv_text
+import burrlab.common.table as table
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
 from burrlab.bone.image import (
     SAME,
@@ -317,7 +317,7 @@ def _colour(text: str) -> Colour | None:
 
 def _number(text: str, rule: str, least: float, most: float) -> float | None:
     # NaN counts as a number beyond the limits here, not as an empty field.
-    value = csv_text.number("" if text.lower().strip("+-") == "nan" else text)
+    value = table.number("" if text.lower().strip("+-") == "nan" else text)
     refuse(
         text and not (math.isfinite(value) and least <= value <= most), f"must be {rule}, got {shown(text)}"
     )
@@ -376,7 +376,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     OSError
         If the file cannot be read.
     """
-    name, text = csv_text.text_of(path)
+    name, text = table.text_of(path)
     if material is None:
         material = _material(name, text)
     waiting: list[str] = []
@@ -401,7 +401,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
         row = TABLE.values(where, texts, faults)
         if not faults:
             rows.append(_tissue(where, row, material))
-    csv_text.refuse_all(name, faults)
+    table.refuse_all(name, faults)
     if waiting:
         lines_text = ", ".join(waiting)
         raise ValueError(f"{name}, {lines_text}, column name: every row needs a name, that of its structure")
@@ -467,7 +467,7 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     stream = io.StringIO()
     material = json.dumps(json.loads(tissues_to_json(tissues))["material"])
     columns = {column.heading: [row[i] for row in rows] for i, column in enumerate(TABLE.columns)}
-    csv_text.write(stream, {"material": material}, columns)
+    table.write(stream, {"material": material}, columns)
     return stream.getvalue()
 
 

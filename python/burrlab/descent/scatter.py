@@ -46,7 +46,7 @@ class ScatterItem:
     seed: int
 
 
-class Comparison(NamedTuple):
+class ScatterTest(NamedTuple):
     """The outcome of an F test of a measured scatter against a predicted one."""
 
     p_value: float  #: two-sided
@@ -149,7 +149,7 @@ class Scatter:
     def _differences(self) -> list[Floats]:
         return [row[np.isfinite(row)] for row in self.log_velocity - self.homogeneous]
 
-    def compare(self, sd: float, n_dof: int) -> Comparison:
+    def compare(self, sd: float, n_dof: int) -> ScatterTest:
         """Test whether a measured scatter is that of this bone.
 
         Parameters
@@ -161,7 +161,7 @@ class Scatter:
 
         Returns
         -------
-        Comparison
+        ScatterTest
             Two-sided p-value of the F test of both variances, and a sentence with the verdict at 5 %.
 
         Raises
@@ -186,7 +186,7 @@ class Scatter:
         else:
             verdict = "more than the field explains" if sd > self.pooled else "less than the field predicts"
         text = f"the field predicts {self._pooled_text()}, measured {100 * sd:.1f} %: {verdict} (p = {p:.2g})"
-        return Comparison(p, text)
+        return ScatterTest(p, text)
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:

@@ -255,7 +255,7 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     sides = [_Side(fit) for fit in fits]
     places = list(combinations(range(len(fits)), 2))
     level = 1 - (1 - LEVEL) / len(places)
-    of_c_e = [_Difference(sides[i].ends_of_c_e, sides[k].ends_of_c_e).ratio(level) for i, k in places]
+    of_c_e = [_LogRatio(sides[i].ends_of_c_e, sides[k].ends_of_c_e).ratio(level) for i, k in places]
     on_ridge = not all(ratio.interval.closed for ratio in of_c_e)
     on_ridge |= any(fit.intervals["c_e"]["95"].upper is None for fit in fits)
     exponent = 4 * (fits[0].shape.order + 1) / 3
@@ -274,7 +274,7 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         ratios = {"c_e": of_c_e[n]}
         for name, p in (("alpha", 0.0), ("combination", exponent)):
             ends = (sides[j].ends(-p * sides[j].x, np.array([-p, 1.0])) for j in (i, k))
-            ratios[name] = _Difference(*ends).ratio(level)
+            ratios[name] = _LogRatio(*ends).ratio(level)
         judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
         pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so))
     sets = [
@@ -396,7 +396,7 @@ class _Side:
         return at, np.log(slices.best_alpha)
 
 
-class _Difference:
+class _LogRatio:
     """The difference of a quantity between two independent sets, second less first."""
 
     def __init__(self, a: _Ends, b: _Ends) -> None:
@@ -486,7 +486,7 @@ def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> Veloc
             for side, h in zip((a, b), unit, strict=True):
                 slope = float(np.gradient(h[:, k], side.x)[side.best])
                 ends.append(side.ends(h[:, k], np.array([slope, 1.0])))
-            difference = _Difference(*ends)
+            difference = _LogRatio(*ends)
             p = 1.0 if margin is None else difference.outside(float(np.log1p(margin)))
             if k == len(force) // 2:
                 middles.append(((R, F), difference.ratio(level)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-import burrlab.common.table as dataset
+import burrlab.common.table as table
 from burrlab.common.check import refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
@@ -44,7 +44,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, repr=False)
-class Design(dataset.Tabular):
+class Design(table.Tabular):
     """Candidates for the next measurement, the one that shrinks the joint region most first.
 
     Made by `burrlab.design`.
@@ -85,16 +85,14 @@ class Design(dataset.Tabular):
 
     def __repr__(self) -> str:
         cells = zip(*(_cells(candidate) for candidate in self.rows[:_SHOWN]), strict=True)
-        lines = dataset.table_lines(
-            [("", head, list(part)) for head, part in zip(_HEADS, cells, strict=True)]
-        )
+        lines = table.table_lines([("", head, list(part)) for head, part in zip(_HEADS, cells, strict=True)])
         if len(self.rows) > _SHOWN:
             lines.append(f"and {len(self.rows) - _SHOWN} more")
         return "\n".join([self._title(), *lines])
 
     def _repr_html_(self) -> str:
         cells = zip(*(_cells(candidate) for candidate in self.rows), strict=True)
-        return dataset.html_table(self._title(), dict(zip(_HEADS, cells, strict=True)))
+        return table.html_table(self._title(), dict(zip(_HEADS, cells, strict=True)))
 
     def _title(self) -> str:
         many = len(self.rows)

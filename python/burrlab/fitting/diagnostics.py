@@ -303,7 +303,11 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
     try:
         o = likelihood.observations.kept(keep)
         model = likelihood.model
-        few = MeanFieldModel(o, model.shape) if isinstance(model, MeanFieldModel) else _Kept(model, keep)
+        few = (
+            MeanFieldModel(o, model.shape)
+            if isinstance(model, MeanFieldModel)
+            else _RemainingRows(model, keep)
+        )
         rest = Likelihood(o, likelihood.kind, few)
         domain = Domain.of(rest, bounds_of(o, bounds), bounds)
     except ValueError:  # too few forces are left
@@ -315,7 +319,7 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
 
 
 @dataclass(frozen=True)
-class _Kept:
+class _RemainingRows:
     """A model of some of its rows."""
 
     model: Model

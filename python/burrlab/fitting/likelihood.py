@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
-from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows, Scatter
+from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows, RowScatter
 from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
@@ -198,7 +198,7 @@ class Likelihood:
         ]
         return [table for table in tables if table[3]]
 
-    def at(self, c_e: ArrayLike) -> "Slices":
+    def at(self, c_e: ArrayLike) -> "AlphaSlices":
         """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
         width = len(self._shared[1]) if self._shared else self.n
@@ -208,7 +208,7 @@ class Likelihood:
         first, *others = (self._at(part) for part in np.array_split(stiffness, n_parts))
         return first.joined(others, np.arange(len(stiffness)))
 
-    def _at(self, stiffness: Floats) -> "Slices":
+    def _at(self, stiffness: Floats) -> "AlphaSlices":
         with np.errstate(invalid="ignore"):
             if self._shared is not None:
                 A, B, m = self._of_shared(stiffness, *self._shared)
@@ -233,7 +233,7 @@ class Likelihood:
         if len(self.observations.pressed):
             S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
             other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
-        return Slices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.log)
+        return AlphaSlices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.log)
 
     def _of_shared(
         self, stiffness: Floats, model: MeanFieldModel, weight: Floats, mean: Floats, squares: float
@@ -277,7 +277,7 @@ class Likelihood:
             return S
         return float(n * np.exp((self.n * np.log(S / self.n + self.floor) + other) / n))
 
-    def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[Scatter, ...], Floats]:
+    def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[RowScatter, ...], Floats]:
         """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters and their shares.
 
         The shares, shape (number of scatters, 2, 2), are the information from each scatter.
@@ -294,7 +294,7 @@ class Likelihood:
             value = 1.0 if known else float(np.sqrt(np.sum(r**2) / max(n - p, 0.5)))
             if self.kind == "student":
                 value = float(np.sqrt(self._variance(name, r, n, known) * n / (n - p)))
-            scatters.append(Scatter(name, n, known, p, value))
+            scatters.append(RowScatter(name, n, known, p, value))
         return total, tuple(scatters), shares
 
     def variances(self, c_e: float, alpha: float) -> dict[str, float]:
@@ -368,7 +368,7 @@ class Likelihood:
 
 
 @dataclass(frozen=True, eq=False)
-class Slices:
+class AlphaSlices:
     """-2 log L over alpha at each of several c_e; arrays of shape (m,)."""
 
     c_e: Floats
@@ -381,7 +381,7 @@ class Slices:
     floor: float
     log: bool
 
-    def joined(self, others: "list[Slices]", places: Rows) -> "Slices":
+    def joined(self, others: "list[AlphaSlices]", places: Rows) -> "AlphaSlices":
         """The slices at some places of these and then of others."""
         columns: dict[str, Any] = {
             name: np.concatenate([column.T, *(getattr(other, name).T for other in others)], axis=-1)[
@@ -462,7 +462,7 @@ def _best_scale(r: Floats, floor: float, begin: Floats | None = None) -> tuple[F
 
 
 @dataclass(frozen=True, eq=False)
-class StudentSlices(Slices):
+class StudentSlices(AlphaSlices):
     """-2 log L of Student's t over alpha at each of several c_e, with the best scale at each alpha.
 
     References
@@ -509,15 +509,15 @@ class StudentSlices(Slices):
 
     @property
     def profile(self) -> Floats:
-        """See `Slices`."""
+        """See `AlphaSlices`."""
         return self.height
 
     def minus2(self, alpha: ArrayLike) -> Floats:
-        """See `Slices`."""
+        """See `AlphaSlices`."""
         return self._over(np.arange(len(self.m)), np.broadcast_to(np.log(alpha), self.m.shape))
 
     def minus2_table(self, alpha: Floats) -> Floats:
-        """See `Slices`; each row is followed downhill from the lowest of an approximation."""
+        """See `AlphaSlices`; each row is followed downhill from the lowest of an approximation."""
         off = np.log(alpha)[:, None] - self.m
         near = (self.height + self.n * np.log1p(_FLATTER * off**2 * self.B / self.A)).argmin(axis=1)
         table, moved = np.full(off.shape, np.inf), np.arange(len(alpha))
@@ -530,7 +530,7 @@ class StudentSlices(Slices):
         return table
 
     def alpha_below(self, target: float) -> tuple[Floats, Floats]:
-        """See `Slices`; by Newton's method for the end and its scale, halving where it leaves the bracket."""
+        """See `AlphaSlices`; by Newton's method for the end and its scale, halving where it leaves the bracket."""
         ends, inside = np.full((2, len(self.m)), np.nan), np.flatnonzero(self.height <= target)
         r, m, spread = self.r.T[:, inside].T, self.m[inside], self.A[inside] / self.B[inside]
         begin = np.sqrt(spread * np.expm1((target - self.height[inside]) / self.n) / _FLATTER)

@@ -241,7 +241,7 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
 
 
 @dataclass(frozen=True)
-class Scatter:
+class RowScatter:
     """Rows that share one scatter."""
 
     name: str  #: "velocity", "segments" or "force"
@@ -297,7 +297,7 @@ class Calibration:
     Satterthwaite, An approximate distribution of estimates of variance components, Biometrics 2 (1946).
     """
 
-    scatters: tuple[Scatter, ...]
+    scatters: tuple[RowScatter, ...]
     total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
     shares: Floats  # by scatter
     monte_carlo: float = 0.0  # variance of the fit by the stochastic engine, over that by the data

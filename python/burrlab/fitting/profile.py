@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
-from burrlab.fitting.likelihood import Likelihood, Slices
+from burrlab.fitting.likelihood import AlphaSlices, Likelihood
 from burrlab.fitting.observations import Box, Calibration, Floats
 
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
@@ -99,7 +99,7 @@ class Walk:
     def __init__(
         self, likelihood: Likelihood, domain: Domain, c_e: Floats, known: "Walk | None" = None
     ) -> None:
-        self.slices: Slices = likelihood.at(c_e) if known is None else known._with(likelihood, c_e)
+        self.slices: AlphaSlices = likelihood.at(c_e) if known is None else known._with(likelihood, c_e)
         self.c_e = c_e
         self.low, self.high = domain.alpha
         self.alpha = np.clip(self.slices.best_alpha, max(self.low, 1e-300), self.high)
@@ -108,7 +108,7 @@ class Walk:
         self.minus2 = np.where(np.isfinite(self.minus2), self.minus2, np.inf)
         self._bands: dict[float, tuple[Floats, Floats]] = {}
 
-    def _with(self, likelihood: Likelihood, c_e: Floats) -> Slices:
+    def _with(self, likelihood: Likelihood, c_e: Floats) -> AlphaSlices:
         """The slices at each c_e, which rises; the likelihood is asked for those that the walk lacks."""
         place = np.searchsorted(self.c_e, c_e)
         new = self.c_e[np.minimum(place, len(self.c_e) - 1)] != c_e

@@ -23,7 +23,7 @@ from burrlab.fitting.observations import (
     Floats,
     Observations,
     ResidualKind,
-    Scatter,
+    RowScatter,
 )
 from burrlab.fitting.profile import FLAT, Domain, profile
 from burrlab.fitting.verdict import Ridge, Start, at_windows, obstacle, ridge_of, sentence
@@ -258,7 +258,7 @@ class Evidence:
         log L at the fit, with all constants, for velocities in mm/s and forces in N.
     information : ndarray, shape (2, 2)
         Fisher information in (log c_e, log alpha).
-    scatters : tuple of Scatter
+    scatters : tuple of RowScatter
         Estimated or given.
     shares : ndarray, shape (len(scatters), 2, 2)
         What each scatter adds to the information.
@@ -282,7 +282,7 @@ class Evidence:
 
     log_likelihood: float
     information: Floats
-    scatters: tuple[Scatter, ...]
+    scatters: tuple[RowScatter, ...]
     shares: Floats
     monte_carlo: float
     profile: Profile

@@ -6,7 +6,7 @@ import numpy as np
 
 from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.observations import Box, Calibration, Floats, Rows, Scatter
+from burrlab.fitting.observations import Box, Calibration, Floats, Rows, RowScatter
 from burrlab.fitting.profile import C_E, Domain, Walk
 from burrlab.fitting.record import FitRecord
 
@@ -18,14 +18,14 @@ _EXCLUDED = 1e9  # rise of -2 log L at impossible points; finite, so that it can
 
 
 @dataclass(frozen=True)
-class Limits:
+class RiseLimits:
     """Rises of -2 log L at 95 %."""
 
     joint: float  #: bounds the joint region
     c_e: float  #: bounds c_e's interval
 
     @classmethod
-    def of(cls, calibration: Calibration) -> "Limits":
+    def of(cls, calibration: Calibration) -> "RiseLimits":
         return cls(calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E))
 
 
@@ -50,19 +50,19 @@ class NewData:
         d /= (self.n - 1) / self.n * self.scatter**2 + MODEL_ERROR**2
         return self.n * np.log1p(d, out=d)
 
-    def limits(self, old: Calibration) -> Limits:
+    def limits(self, old: Calibration) -> RiseLimits:
         """Limits of the fit with these data, which are of c_e alone; a scatter of their own changes them."""
         if not self.own:
-            return Limits.of(old)
+            return RiseLimits.of(old)
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
         total = old.total + share
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
-        new = Scatter("force", self.n, False, float(np.trace(inverse @ share)), self.scatter)
+        new = RowScatter("force", self.n, False, float(np.trace(inverse @ share)), self.scatter)
         scatters = tuple(
             replace(s, parameters=float(np.trace(inverse @ part)))
             for s, part in zip(old.scatters, old.shares, strict=True)
         )
-        return Limits.of(
+        return RiseLimits.of(
             replace(
                 old, scatters=(*scatters, new), total=total, shares=np.concatenate([old.shares, share[None]])
             )
@@ -89,7 +89,7 @@ class RegionGrid:
     minus2: Floats  # shape (m, a), above its minimum
     width: Floats  # of each row in log c_e, shape (m,); 0 for the far ones
     calibration: Calibration
-    limits: Limits
+    limits: RiseLimits
     farthest: float  # rise up to which truths are drawn
     low_hard: bool
     high_hard: bool
@@ -128,7 +128,7 @@ class RegionGrid:
             minus2,
             width,
             calibration,
-            Limits.of(calibration),
+            RiseLimits.of(calibration),
             farthest,
             domain.low_hard,
             domain.high_hard,
@@ -183,7 +183,7 @@ class RegionGrid:
         excluded = self.log_c_e[:, None] >= np.log(ceiling)
         return NewRegion(*self._region(np.where(excluded, _EXCLUDED, self.minus2)[None], self.limits, True))
 
-    def _region(self, table: Floats, limits: Limits, high_hard: bool) -> tuple[Floats, Floats]:
+    def _region(self, table: Floats, limits: RiseLimits, high_hard: bool) -> tuple[Floats, Floats]:
         """Log area, and ratio of c_e's interval, of tables of -2 log L, shape (t, m, a)."""
         profile = table.min(axis=2)
         base = profile.min(axis=1)

@@ -8,7 +8,7 @@ import numpy as np
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.diagnostics import FEWEST
 from burrlab.fitting.hypotheses import indentation_tests
-from burrlab.fitting.observations import Scatter
+from burrlab.fitting.observations import RowScatter
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import Ridge
 from burrlab.measured.curve import VelocityCurve
@@ -95,7 +95,7 @@ def statistics(fit: FitRecord) -> dict[str, str]:
     }
 
 
-def scatter(fit: FitRecord, part: Scatter) -> str:
+def scatter(fit: FitRecord, part: RowScatter) -> str:
     """A scatter in words."""
     if part.known:
         return f"{part.name} as given"

@@ -31,7 +31,7 @@ NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves tha
 
 
 @dataclass(frozen=True)
-class Part:
+class ForceThird:
     """Residuals of a third of the forces."""
 
     name: str  #: "low", "middle" or "high"
@@ -107,7 +107,7 @@ class ShapeRow:
         p-value of the shape against the family.
     rejected : bool or None
         Whether the shape is rejected at the comparison's level.
-    pattern : tuple of Part
+    pattern : tuple of ForceThird
         Mean residuals of the low, middle and high third of the forces.
     alpha_ratio : float or None
         alpha over that of parabolic; None where c_e is open above.
@@ -121,7 +121,7 @@ class ShapeRow:
     rise: float | None
     p_value: float | None
     rejected: bool | None
-    pattern: tuple[Part, ...]
+    pattern: tuple[ForceThird, ...]
     alpha_ratio: float | None
     combination_ratio: float | None
 
@@ -480,7 +480,7 @@ def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
     )
 
 
-def _words(comparison: ShapeComparison, part: Part) -> str:
+def _words(comparison: ShapeComparison, part: ForceThird) -> str:
     low, high = part.forces
     where = f"at {low:.3g} N" if low == high else f"at {low:.3g}..{high:.3g} N"
     if not part.clear:
@@ -495,7 +495,7 @@ def _words(comparison: ShapeComparison, part: Part) -> str:
     return f"{amount} {'above' if part.mean > 0 else 'below'} the prediction {where}"
 
 
-def _pattern(comparison: ShapeComparison, parts: Sequence[Part]) -> str:
+def _pattern(comparison: ShapeComparison, parts: Sequence[ForceThird]) -> str:
     means = " / ".join(_amount(comparison, part.mean, unit=False) for part in parts)
     error = _amount(comparison, max((part.error for part in parts), default=0.0), sign=False)
     return f"{means} (± {error})"

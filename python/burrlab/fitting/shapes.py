@@ -23,13 +23,13 @@ from burrlab.fitting.observations import (
     Floats,
     Observations,
     ResidualKind,
-    Scatter,
+    RowScatter,
     Threshold,
     bounds_of,
 )
 from burrlab.fitting.profile import Domain, Minimum, lowest
 from burrlab.fitting.result import Fit
-from burrlab.fitting.shape_comparison import NODES, Pair, Part, PowerProfile, ShapeComparison, ShapeRow
+from burrlab.fitting.shape_comparison import NODES, ForceThird, Pair, PowerProfile, ShapeComparison, ShapeRow
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
 SHAPES = shape_names
@@ -145,7 +145,7 @@ class PowerFamily:
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(3))
         used = [3.0] if len(shares) == 1 else [float(np.trace(inverse @ share)) for share in shares]
         scatters = tuple(
-            Scatter(name, len(r), known, p, 1.0) for (name, known, r, _), p in zip(here, used, strict=True)
+            RowScatter(name, len(r), known, p, 1.0) for (name, known, r, _), p in zip(here, used, strict=True)
         )
         return Calibration(scatters, total, np.array(shares)).threshold(np.array([0.0, 0.0, 1.0]))
 
@@ -422,7 +422,7 @@ def _residuals(fit: Fit) -> tuple[Floats, Floats, Floats]:
     return o.force[rows] / o.radius[rows] ** 2, o.force[rows], residuals
 
 
-def _pattern(fit: Fit, scatter: float) -> tuple[Part, ...]:
+def _pattern(fit: Fit, scatter: float) -> tuple[ForceThird, ...]:
     """Mean residual in the low, middle and high third of the forces."""
     pressure, force, r = _residuals(fit)
     thirds = np.array_split(np.unique(pressure), 3)
@@ -433,7 +433,7 @@ def _pattern(fit: Fit, scatter: float) -> tuple[Part, ...]:
         )
         if rows.any():
             ends = float(force[rows].min()), float(force[rows].max())
-            parts.append(Part(name, ends, float(r[rows].mean()), scatter / float(np.sqrt(rows.sum()))))
+            parts.append(ForceThird(name, ends, float(r[rows].mean()), scatter / float(np.sqrt(rows.sum()))))
     return tuple(parts)
 
 

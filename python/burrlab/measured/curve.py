@@ -12,7 +12,7 @@ import burrlab.common.table as table
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, drawing, next_look, plot_points
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
-from burrlab.measured.layout import Layout
+from burrlab.measured.layout import TableLayout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,7 +185,7 @@ class VelocityCurve(TableData):
         >>> curve.velocity, curve.others
         (array([0.0785, 0.498 ]), {'Datum': ('3. Mai', '3. Mai')})
         """
-        return Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file).data(cls)
+        return TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file).data(cls)
 
     @classmethod
     def from_dataframe(
@@ -231,7 +231,7 @@ class VelocityCurve(TableData):
         """
         named = {"force": force, "velocity": velocity} | ({} if sigma is None else {"sigma": sigma})
         columns = {ours: told if isinstance(told, list) else str(told) for ours, told in named.items()}
-        return Layout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
+        return TableLayout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
 
     @property
     def ok(self) -> NDArray[np.bool_]:

@@ -14,7 +14,7 @@ import burrlab.common.table as table
 from burrlab.common.check import refuse, shown
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.table import Column, Floats, Path, Table, TableData
-from burrlab.measured.layout import Layout
+from burrlab.measured.layout import TableLayout
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
@@ -219,7 +219,7 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
-        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
+        found = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
         start, end = None, None
         if (window := found.comments.get("window_mm")) is not None:
             try:

@@ -10,7 +10,7 @@ import burrlab.common.table as table
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, drawing, next_look, plot_points
 from burrlab.common.table import Column, Floats, Path, Table, TableData
-from burrlab.measured.layout import Layout
+from burrlab.measured.layout import TableLayout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -127,7 +127,7 @@ class Indentation(TableData):
         >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
         array([0.36])
         """
-        found = Layout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
+        found = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
         return found.data(cls, cls._NUMBERS, radius=radius)
 
     @drawing

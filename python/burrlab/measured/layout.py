@@ -50,7 +50,7 @@ _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 DataSet = TypeVar("DataSet", bound=TableData)
 
 
-class Layout:
+class TableLayout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
     def __init__(
@@ -104,7 +104,7 @@ class Layout:
         refuse(not takers, f"unit must be one of {', '.join(units)}: got {shown(unit)}")
         return takers
 
-    def file(self, file: Path | IO[str] | IO[bytes]) -> "Layout":
+    def file(self, file: Path | IO[str] | IO[bytes]) -> "TableLayout":
         """Reads a file, one of our own if nothing is said of a layout; ValueError with all its faults."""
         if self.is_native:
             try:
@@ -129,7 +129,7 @@ class Layout:
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
         return self.noted(f"; separated by {_SEPARATORS[sep]}" if not self.sep else "")
 
-    def frame(self, frame: Any) -> "Layout":
+    def frame(self, frame: Any) -> "TableLayout":
         """Takes a DataFrame, or a mapping of columns; ValueError with all its faults."""
         kind = type(frame).__name__
         if not isinstance(frame, Mapping) and not hasattr(frame, "itertuples"):
@@ -307,7 +307,7 @@ class Layout:
                     self.others[label].append(fields[i] if i < len(fields) else "")
                 yield where, texts
 
-    def noted(self, ending: str) -> "Layout":
+    def noted(self, ending: str) -> "TableLayout":
         """With the note of what was read, `ending`, and what was passed over and kept apart."""
         parts = []
         for column in self.columns:

@@ -15,6 +15,7 @@ from burrlab.common.provenance import provenance
 from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
 from burrlab.common.table import (
     NOTHING,
+    ReportColumn,
     interval_text,
     json_mapping,
     p_text,
@@ -23,9 +24,6 @@ from burrlab.common.table import (
     tsv_text,
     two_decimals,
     wrapped_lines,
-)
-from burrlab.common.table import (
-    ReportColumn as Column,
 )
 from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
 from burrlab.psychophysics.group import probability_text
@@ -109,9 +107,9 @@ def _selection(task: Task) -> list[str]:
     return lines
 
 
-def columns(task: Task) -> list[Column]:
+def columns(task: Task) -> list[ReportColumn]:
     """Columns of the table of subjects."""
-    listing: list[Column] = [("", "subject", [subject.subject for subject in task.subjects])]
+    listing: list[ReportColumn] = [("", "subject", [subject.subject for subject in task.subjects])]
     if isinstance(task, ThresholdTask):
         ones = task.subjects
         intervals = [

@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import burrlab.common.table as tsv_text
+import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse
 from burrlab.common.files import lock_run, locked, new_part, sync_folder, synced_write, write_synced
@@ -109,7 +109,7 @@ class Answers(Tabular):
             If pandas is not installed.
         """
         units = {column: f"{column}_s" for column in ("onset", "duration", "response_time")}
-        return tsv_text.dataframe({units.get(name, name): values for name, values in self._table().items()})
+        return table.dataframe({units.get(name, name): values for name, values in self._table().items()})
 
     def __repr__(self) -> str:
         kind = "a simulated subject" if self.simulated else "subject"
@@ -194,17 +194,17 @@ def read_answers(
 
 def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
     """A reader that holds all rows of a file, checked. Errors are those of `read_answers`."""
-    table = tsv_text.parse(file, content)
+    text_table = table.parse(file, content)
     known = (*columns_of(task, limited=True), _PARTICIPANT)
-    for column in table.columns:
+    for column in text_table.columns:
         refuse(
             column not in known,
             f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}",
         )
     for column in REQUIRED:
-        refuse(column not in table.columns, f"{file}, line 1: column {column} is missing")
+        refuse(column not in text_table.columns, f"{file}, line 1: column {column} is missing")
     reader = RowReader(task, answers)
-    for number, fields in table.rows:
+    for number, fields in text_table.rows:
         try:
             reader.add(number, reader.parse(fields))
         except ValueError as error:
@@ -218,7 +218,7 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader,
     A last line that lacks only its line end is complete: no value of `ended` is the beginning of another, and
     `repeats`, the last column, has one digit.
     """
-    lines, torn = tsv_text.split_torn(content)
+    lines, torn = table.split_torn(content)
     reader = read_rows(file, lines, task)
     if torn:
         with contextlib.suppress(ValueError):
@@ -357,7 +357,7 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
 
 def _one_subject(file: str, content: bytes, subject: str | None) -> str:
     """The known subject, or the one in a column; ValueError if they differ or both are missing."""
-    for line, fields in tsv_text.parse(file, content).rows:
+    for line, fields in table.parse(file, content).rows:
         participant = fields.get(_PARTICIPANT, "").removeprefix("sub-")
         refuse(
             participant and subject is not None and participant != subject,
@@ -461,7 +461,7 @@ class AnswerFile:
         with _opened(path, 0, FileNotFoundError(f"{path}: there is no such run to resume")) as file:
             first = read_side_car(path)
             if first is None:  # killed while the files were made, or not a run of this program
-                head, car = tsv_text.line(side_car.columns), side_car_path(path)
+                head, car = table.line(side_car.columns), side_car_path(path)
                 refuse(
                     not head.startswith(path.read_bytes()) or car.exists(),
                     f"{path}: this is no run of this program, its side-car {car.name} is missing",
@@ -496,7 +496,7 @@ class AnswerFile:
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """Writes the column names, then the side-car: without a side-car, no trial was asked."""
-        synced_write(file, path, tsv_text.line(side_car.columns))
+        synced_write(file, path, table.line(side_car.columns))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         with new_part(side_car_path(path)) as part:
             write_synced(part, text.encode())
@@ -562,7 +562,7 @@ def _end(row: Row) -> float:
 
 def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """The file's columns; ValueError unless they are those that `append` writes, in the same order."""
-    expected, columns = side_car.columns, tsv_text.parse(os.fspath(path), content).columns
+    expected, columns = side_car.columns, table.parse(os.fspath(path), content).columns
     earlier = columns_of(side_car.task)
     if columns in (earlier, earlier[:-1]):  # earlier versions had no columns of clipping, or of repeats
         return columns
@@ -676,7 +676,7 @@ class ExperimentFolder:
         """
         self.prepare()
         path, kind = self.path / "participants.tsv", "yes" if simulated else "no"
-        row = dict(zip(_COLUMNS, (f"sub-{subject}", kind, selected_by or tsv_text.NOTHING), strict=True))
+        row = dict(zip(_COLUMNS, (f"sub-{subject}", kind, selected_by or table.NOTHING), strict=True))
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         with locked(file, path, wait=True):
             columns = _mend(file, path, row)
@@ -688,8 +688,8 @@ class ExperimentFolder:
                     f"simulated {entry['simulated']}, sub-{subject} {kind}",
                 )
             if subject not in entered:  # laboratories may add columns, such as age, or move ours
-                fields = [row.get(column, tsv_text.NOTHING) for column in columns]
-                synced_write(file, path, tsv_text.line(fields))
+                fields = [row.get(column, table.NOTHING) for column in columns]
+                synced_write(file, path, table.line(fields))
 
     def participants(self) -> dict[str, dict[str, str]]:
         """The fields of participants.tsv by subject's label; empty without the file.
@@ -702,10 +702,10 @@ class ExperimentFolder:
         path, participants = self.path / "participants.tsv", dict[str, dict[str, str]]()
         if not path.exists():
             return participants
-        table = tsv_text.parse(os.fspath(path), path.read_bytes())
+        text_table = table.parse(os.fspath(path), path.read_bytes())
         for column in _COLUMNS[:2]:
-            refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
-        for line, fields in table.rows:
+            refuse(column not in text_table.columns, f"{path}, line 1: column {column} is missing")
+        for line, fields in text_table.rows:
             subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
             refuse(subject in participants, f"{path}, line {line}: subject {subject} is there twice")
             where = f"{path}, line {line}, column simulated"
@@ -720,14 +720,14 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
     A last line that lacks only its line end, as an editor may leave it, gets one.
     """
     file_bytes = path.read_bytes()
-    content, torn = tsv_text.split_torn(file_bytes)
-    heading = tsv_text.line(_COLUMNS)
+    content, torn = table.split_torn(file_bytes)
+    heading = table.line(_COLUMNS)
     if torn and not content and heading.startswith(torn):
         os.ftruncate(file, 0)
     elif torn:
-        columns = tsv_text.parse(os.fspath(path), content or torn).columns
+        columns = table.parse(os.fspath(path), content or torn).columns
         *before, last = torn.decode(errors="replace").split("\t")
-        whole = row.get(columns[-1], tsv_text.NOTHING)
+        whole = row.get(columns[-1], table.NOTHING)
         if not content or (
             len(before) == len(columns) - 1 and not (last != whole and whole.startswith(last))
         ):
@@ -735,7 +735,7 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
             return columns
         os.ftruncate(file, len(content))
     if content:
-        return tsv_text.parse(os.fspath(path), content).columns
+        return table.parse(os.fspath(path), content).columns
     synced_write(file, path, heading)
     return _COLUMNS
 

@@ -13,14 +13,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
-import burrlab.common.table as csv_text
 from burrlab._core import Burr, Material
 from burrlab.bone.image import OccupancyMap, checked_point
 from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
 from burrlab.common.check import refuse, shown
-from burrlab.common.table import json_mapping
+from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import counterbalanced
 from burrlab.psychophysics.interval import Block, VolumeBlock
@@ -460,7 +459,7 @@ class Protocol:
         """
         path = Path(path)
         file_name = os.fspath(path)
-        text = csv_text.decoded(file_name, path.read_bytes())
+        text = decoded(file_name, path.read_bytes())
         try:
             file = Table(file_name, "", tomllib.loads(text))
         except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits

@@ -9,7 +9,7 @@ from typing import IO
 import numpy as np
 import scipy
 
-import burrlab.common.table as csv_text
+import burrlab.common.table as table
 from burrlab._core import (
     IgtlDevice,
     OmegaDevice,
@@ -23,25 +23,25 @@ from burrlab.session.haply import PORT, HaplyDevice, HeldDevice
 
 
 def _finite(value: float, unit: str) -> str | None:
-    return csv_text.finite(value, "")
+    return table.finite(value, "")
 
 
-SCRIPT = csv_text.Table(
+SCRIPT = table.Table(
     (
-        csv_text.Column("time", "s", check=_finite, due="a time"),
-        *(csv_text.Column(axis, "mm", check=_finite, due="a position") for axis in "xyz"),
-        csv_text.Column(
+        table.Column("time", "s", check=_finite, due="a time"),
+        *(table.Column(axis, "mm", check=_finite, due="a position") for axis in "xyz"),
+        table.Column(
             "on",
             check=lambda value, unit: None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}",
             optional=True,
             due="0 or 1",
         ),
-        *(csv_text.Column(f"q{axis}", check=_finite, optional=True, due="an orientation") for axis in "wxyz"),
+        *(table.Column(f"q{axis}", check=_finite, optional=True, due="an orientation") for axis in "wxyz"),
     )
 )
 
 
-def read_script(file: csv_text.Path | IO[str] | IO[bytes], *, volume: OnGrid | None = None) -> ScriptedDevice:
+def read_script(file: table.Path | IO[str] | IO[bytes], *, volume: OnGrid | None = None) -> ScriptedDevice:
     """A device that follows the path in a CSV file.
 
     Parameters

@@ -7,6 +7,7 @@
 #include <random>
 
 #include "burrlab/network/publisher.hpp"
+#include "burrlab/network/tick_log.hpp"
 #include "burrlab/session/hand_device.hpp"
 #include "check.hpp"
 #include "session_scenes.hpp"

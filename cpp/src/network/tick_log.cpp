@@ -1,4 +1,4 @@
-#include "burrlab/network/publisher.hpp"
+#include "burrlab/network/tick_log.hpp"
 
 #include <algorithm>
 #include <cstring>

@@ -10,40 +10,11 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
-#include "burrlab/network/openigtlink.hpp"
-#include "burrlab/network/replica_protocol.hpp"
 #include "burrlab/network/tcp_server.hpp"
-#include "burrlab/network/vrpn.hpp"
 #include "burrlab/session/follower.hpp"
 
 namespace burrlab {
-
-/// The newest messages of a stream in memory of fixed size: one per tick, and others between ticks. A place
-/// in the stream is the number of bytes before it, from the first byte ever appended.
-class TickLog {
- public:
-  /// Holds the last `ticks` ticks, if they fit into `bytes`.
-  TickLog(std::size_t bytes, std::size_t ticks, std::uint64_t first_tick);
-
-  void append_tick(openigtlink::ByteView message);  ///< of tick `next()`
-  void append(openigtlink::ByteView message);       ///< between two ticks
-  void restart(std::uint64_t tick);                 ///< drops all; the next tick is `tick`
-
-  std::uint64_t next() const { return next_; }  ///< index of the next tick
-  std::uint64_t begin() const;                  ///< of the first byte held
-  std::uint64_t end() const { return end_; }    ///< after the last byte
-  /// The place after the message of tick `tick` - 1; false if it is no longer held, or not yet there.
-  bool place_of(std::uint64_t tick, std::uint64_t& place) const;
-  /// Appends at most `most` of the bytes held from `place` on.
-  std::size_t copy(std::uint64_t place, std::size_t most, openigtlink::Bytes& out) const;
-
- private:
-  openigtlink::Bytes ring_;
-  std::vector<std::uint64_t> places_;  // of the last ticks, by index
-  std::uint64_t first_, next_, begin_ = 0, end_ = 0;
-};
 
 struct PublisherSettings {
   std::string host = "127.0.0.1";                  ///< address to listen on, without authentication
@@ -84,19 +55,25 @@ struct PublisherStatus {
   openigtlink::Counters received;  ///< messages of all peers, and drops by reason
 };
 
-/// A listener for `Follower::add`. The follower's thread only appends to two logs of fixed size; the
-/// publisher's own thread sends from them.
+struct PublishedSession;
+class IgtlService;
+class ReplicaService;
+class VrpnService;
+class Peer;
+
+/// A listener for `Follower::add`. The follower's thread makes the bytes of each tick once, for all peers,
+/// and appends them to logs of fixed size; the publisher's own thread sends from them to all peers.
 class Publisher : public TickListener {
  public:
   /// Listens at once. Throws std::invalid_argument if the address or a setting cannot be used.
   Publisher(Follower& follower, const PublisherSettings& settings);
-  ~Publisher() override { stop(); }
+  ~Publisher() override;
 
   int port() const { return server_.port(); }  ///< 0: none
-  int vrpn_port() const { return vrpn_ ? vrpn_->server.port() : 0; }
-  const PublisherSettings& settings() const { return settings_; }
-  std::uint64_t session() const { return session_; }  ///< random number that names the session
-  PublisherStatus status() const { return copy_under(mutex_, status_); }
+  int vrpn_port() const;                       ///< 0: none
+  const PublisherSettings& settings() const;
+  std::uint64_t session() const;  ///< random number that names the session
+  PublisherStatus status() const;
 
   /// To be called after the follower was stopped. Tells the replicas the reason, the last tick and its
   /// digest, waits at most `linger` [s] until they have it, and stops.
@@ -110,65 +87,23 @@ class Publisher : public TickListener {
   void on_end() override;
 
  private:
-  struct Peer;
-  struct State;
-  struct VrpnPort {
-    TcpServer server;
-    UdpSocket datagrams{server};
-    void close() noexcept { server.stop_listening(), datagrams.close(); }
-  };
   using Peers = std::vector<std::unique_ptr<Peer>>;
 
-  static std::shared_ptr<const State> take_state(FollowedBone& bone);
-  bool may_take_state();
+  void log_newest();
   void run();
   bool accept_all(Peers& peers, TcpServer& server);  // false: the system has no room
   bool admit(Peers& peers, std::unique_ptr<Peer> peer);
-  void call_back(Peers& peers);  // VRPN's clients that ask for it
-  bool read(Peer& peer);         // false: the connection must be closed; also the next two
+  bool read(Peer& peer);  // false: the connection must be closed
   bool write(Peer& peer);
-  bool refill(Peer& peer);
-  bool refill_standard(Peer& peer);
-  bool refill_vrpn(Peer& peer);
-  std::uint64_t next_ticks(Peer& peer, const TickLog& log);
-  void tell_standard();
-  void encode_vrpn(const TickRecord& record, std::uint64_t timestamp);
-  bool refill_replica(Peer& peer);
-  void hear(Peer& peer, const openigtlink::Message& message);
-  void hear(Peer& peer, const vrpn::Message& message);
-  void say_force(Peer& peer, std::string_view name);
-  void serve(Peer& peer, const replica_protocol::Word& word);
-  bool give_state(Peer& peer);
-  void say_idle(Peer& peer);
-  void leave(std::unique_ptr<Peer>& peer, std::int64_t now);
   void count_peers(const Peers& peers);
 
-  PublisherSettings settings_;
-  std::uint64_t session_;
-  std::uint32_t burrs_ = 1;
-  double period_ = 1.0;  // [ms]
   TcpServer server_;
-  std::unique_ptr<VrpnPort> vrpn_;
-  std::int64_t last_calls_ = 0;  // the second in which `calls_` requests were read [ns]
-  std::size_t calls_ = 0;
+  std::unique_ptr<PublishedSession> session_;
+  std::unique_ptr<ReplicaService> replicas_;
+  std::unique_ptr<IgtlService> igtl_;
+  std::unique_ptr<VrpnService> vrpn_;  // if a port is set
   std::atomic<bool> stopping_{false}, waking_{false};
   std::atomic<std::size_t> connected_{0};
-
-  mutable std::mutex mutex_;  // of all below, held briefly; the haptic loop never takes it
-  replica_protocol::Hello hello_;
-  TickLog log_{1, 1, 0}, poses_{1, 1, 0}, vrpn_log_{1, 1, 0};  // for replicas, standard peers, VRPN's
-  std::uint64_t digest_tick_ = 0;
-  openigtlink::Bytes scratch_;
-  TickRecord newest_;
-  std::array<Quaternion, most_burrs> last_turn_{};  // orientations of the last tick
-  bool wants_state_ = false, ended_ = false;
-  std::shared_ptr<const State> state_;  // of the bone, for waiting replicas; at the end the last one
-  std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs
-  std::int64_t last_state_ = 0;                     // [ns]
-  std::vector<std::int64_t> missing_;  // end of the wait for each replica that may come (back) [ns]
-  replica_protocol::End end_;
-  PublisherStatus status_;
-
   std::mutex life_mutex_;  // of the thread, which never takes it
   std::thread thread_;     // the last member: it uses the others
 };

@@ -23,7 +23,7 @@ import burrlab
 from burrlab.anatomy import temporal_bone
 from burrlab.bone.formats import write_volume
 from burrlab.bone.image import LabelVolume, Volume
-from burrlab.bone.recipe import LabelledRecipe, usual_tissues
+from burrlab.bone.recipe import usual_recipe
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING
 
 SIDE, VOXEL = 512, 0.1  # voxels along an edge; [mm]
@@ -51,11 +51,8 @@ _WAY = "--entry=-7.6,9.5,-3.5 --axis 0.918,-0.147,0.369 --force 1 --seed 1"
 _COMMAND = "from burrlab.cli import main; assert not main({!r}.split())"
 _LABELS = """
 import burrlab
-from burrlab.bone.recipe import LabelledRecipe, usual_tissues
-tissues, give = usual_tissues("labels.seg.nrrd", burrlab.materials["bone"])
-recipe = LabelledRecipe("labels.seg.nrrd", tissues)
-give(recipe)
-bone = recipe.bone()
+from burrlab.bone.recipe import usual_recipe
+bone = usual_recipe("labels.seg.nrrd", burrlab.materials["bone"], {}).bone()
 """
 _KEEPING = "import os; os.environ['BURRLAB_CACHE'] = 'kept'"
 _NRRD = """
@@ -203,10 +200,8 @@ def first_text(program: str, folder: Path) -> float:
 def longest_ticks(folder: Path, native: Native) -> Iterator[str]:
     """Lines on ticks of a burr of 5 mm at places among the structures, each the first one there: the 99th percentile
     over the median of the plain loop at the same places. Tissues differ in c_e."""
-    tissues, give = usual_tissues(folder / "labels.seg.nrrd", burrlab.materials["bone"])
-    recipe = LabelledRecipe(folder / "labels.seg.nrrd", tissues)
-    give(recipe)
-    bone, burring = recipe.bone(), Burring(VOXEL, 5.0)
+    bone = usual_recipe(str(folder / "labels.seg.nrrd"), burrlab.materials["bone"], {}).bone()
+    tissues, burring = bone.tissues or (), Burring(VOXEL, 5.0)
     p, numbers, edge = bone.density, bone.tissue_numbers, int(burring.radius / VOXEL) + 4
     inner = numbers[edge:-edge, edge:-edge, edge:-edge]
     random, structure = np.random.default_rng(1), np.argwhere(inner > 1) + edge  # behind air and bone

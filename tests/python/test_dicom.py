@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 import burrlab
-from burrlab.bone.cached import _files
+from burrlab.bone.recipe import _volume_files
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")
@@ -79,7 +79,7 @@ def test_files_in_subfolders(tmp_path):
     refused(tmp_path / "study", "series must say which of 2 DICOM series")
     assert burrlab.read_volume(tmp_path / "study", series="9.8.7").shape == (4, 4, 5)
     assert burrlab.read_volume(ct[0]).shape == (3, 4, 5)  # it holds slices itself
-    files = _files(str(tmp_path / "study"))
+    files = _volume_files(str(tmp_path / "study"))
     assert {str(ct[1] / "3"), str(ct[0] / "other" / "slice000.dcm")} <= set(files)
 
 

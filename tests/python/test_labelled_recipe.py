@@ -15,10 +15,9 @@ from test_stack import wrapped
 from burrlab import materials
 from burrlab._core import Burr, ScriptedDevice
 from burrlab.anatomy.watch import Watch
-from burrlab.bone.cached import WORTH_SMOOTHED
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.kept import save_drilled
-from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, grid_of
+from burrlab.bone.recipe import WORTH_SMOOTHED, LabelledRecipe, VolumeRecipe
 from burrlab.bone.tissues import default_tissues
 from burrlab.session.network import make_bone
 
@@ -151,7 +150,7 @@ def cache(files: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache that keeps bones of any size, of files of any age."""
     monkeypatch.setenv("BURRLAB_CACHE", str(files / "cache"))
     for worth in ("WORTH", "WORTH_SMOOTHED"):
-        monkeypatch.setattr(f"burrlab.bone.cached.{worth}", 1)
+        monkeypatch.setattr(f"burrlab.bone.recipe.{worth}", 1)
     monkeypatch.setattr("burrlab.common.cache._SETTLED", -1.0)
     return files / "cache"
 
@@ -163,7 +162,7 @@ def test_a_kept_bone_is_the_same(
     def made() -> tuple[object, ...]:
         one = recipe()
         one.check_burr(Burr(3.0))
-        corners = grid_of(one).corners()
+        corners = one.grid().corners()
         above = [*corners.mean(axis=0)[:2], corners[:, 2].max() + 1]
         found = one.specimen(entry=above, axis=(0, 0, -1))
         bone, masses = one.bone(), [found.bone.mass_of(i) for i in range(len(found.bone.tissues or ()))]
@@ -232,7 +231,7 @@ def test_what_is_kept_is_closed_to_others(
 
 def test_smoothed_labels_are_kept_from_a_smaller_size(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert WORTH_SMOOTHED == (1 << 22)
-    monkeypatch.setattr("burrlab.bone.cached.WORTH", 1 << 24)
+    monkeypatch.setattr("burrlab.bone.recipe.WORTH", 1 << 24)
     for smooth, kept in ((None, False), (0.8, True)):
         LabelledRecipe("a.seg.nrrd", TABLE, smooth=smooth).bone()
         assert (LabelledRecipe("a.seg.nrrd", TABLE, smooth=smooth)._kept is not None) == kept

@@ -2,12 +2,13 @@
 
 import contextlib
 import functools
+import hashlib
 import math
 import os
 import re
 import reprlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,9 +18,10 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from burrlab._core import Burr, Material, Tissues, VoxelBone
-from burrlab.bone.cached import WORTH_SMOOTHED, entry_of, keep_bone, kept_bone, kept_grid
-from burrlab.bone.formats import read_labels, read_volume
+import burrlab._core as _core
+from burrlab._core import Burr, Material, Tissues, VoxelBone, pack_bone, unpack_bone
+from burrlab.bone.dicom import holds_dicom, is_dicom
+from burrlab.bone.formats import format_of, read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.image import (
     LabelVolume,
@@ -32,7 +34,7 @@ from burrlab.bone.image import (
     specimen_in,
 )
 from burrlab.bone.kept import DrilledVolume, load_drilled
-from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, stack_of
+from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, stack_files, stack_of
 from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
@@ -131,8 +133,8 @@ class _FileRecipe(BoneRecipe):
         return moved
 
     @abstractmethod
-    def _grid(self) -> OnGrid:
-        """See `grid_of`."""
+    def grid(self) -> OnGrid:
+        """Geometry of the volume, for points in its own coordinates; the voxels may be missing."""
 
     @abstractmethod
     def _voxel(self) -> ArrayLike:
@@ -151,13 +153,45 @@ class _FileRecipe(BoneRecipe):
             )
 
 
-def grid_of(recipe: _FileRecipe) -> OnGrid:
-    """Geometry of a recipe's volume, for points in its own coordinates; the voxels may be missing."""
-    return recipe._grid()
+#: Voxels from which a volume is worth keeping, and one with smoothed labels (ours): smaller ones are made in
+#: tenths of a second.
+WORTH, WORTH_SMOOTHED = 1 << 24, 1 << 22
+
+
+def _entry_of(settings: object, volumes: Iterable[str]) -> Entry:
+    """The place of what follows from settings, burrlab's own code and the files of volumes."""
+    files: list[str] = []
+    with contextlib.suppress(ValueError, OSError, ImportError):  # who reads them says what is wrong
+        files = [file for path in volumes for file in _volume_files(path)]
+    return Entry([*_code(), settings], files)
+
+
+def _volume_files(path: str) -> list[str]:
+    """All files that a volume is read from."""
+    if is_stack(path):
+        return stack_files(path)
+    if Path(path).is_dir():  # of DICOM slices; notes name the other files
+        parts = Path(path).iterdir() if holds_dicom(path) else Path(path).rglob("*")
+        return sorted(str(part) for part in parts if part.is_file())
+    file_format = format_of(path)
+    if file_format is None or is_dicom(path):
+        return [path]
+    pair = [path[:-4] + ".hdr"] if path.lower().endswith(".img") else []
+    return [path, *pair, *map(str, file_format.read(path)[1].files)]
+
+
+@functools.cache
+def _code() -> tuple[str, str]:
+    """Version of burrlab, and a digest of the code that reads volumes and makes bones."""
+    digest = hashlib.sha256()
+    for path in [*sorted(Path(__file__).parent.glob("*.py")), Path(_core.__file__)]:
+        with contextlib.suppress(OSError):
+            digest.update(path.read_bytes())
+    return _core.__version__, digest.hexdigest()
 
 
 class _CachedRecipe(_FileRecipe):
-    """A recipe whose bone is kept for the next start if it is large."""
+    """A recipe whose bone is kept for the next start if it is large; docs/volumes.md says where."""
 
     @abstractmethod
     def _on(self) -> OnGrid:
@@ -173,14 +207,38 @@ class _CachedRecipe(_FileRecipe):
         return self._entry.find()
 
     def _kept_bone(self) -> VoxelBone | None:
+        """A new bone as it was kept; None if there is none."""
+        if self._kept is None:
+            return None
         try:
-            return None if self._kept is None else kept_bone(self._kept)
+            header, packed = self._kept.told["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
+            table = None if header["tissues"] is None else tissues_from_json(header["tissues"])
+            return unpack_bone(
+                header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1]
+            )
         except UNREADABLE:
             self.__dict__["_kept"] = None
             return None
 
-    def _grid(self) -> OnGrid:
-        return self._on() if self._kept is None else kept_grid(self._kept)
+    def grid(self) -> OnGrid:
+        """Geometry of the volume; beside a kept bone its voxels are 0."""
+        if self._kept is None:
+            return self._on()
+        header = self._kept.told
+        values, notes = np.broadcast_to(np.uint8(0), header["shape"]), tuple(header["notes"])
+        return Volume(values, header["spacing"], header["origin"], header["direction"], header["path"], notes)
+
+    def _keep(self, bone: VoxelBone, notes: Sequence[str], least: int) -> None:
+        """Keeps a new bone of at least so many voxels, with the geometry of its volume."""
+        if math.prod(bone.shape) < least:
+            return
+        grid, table = self._on(), None if bone.tissues is None else tissues_to_json(bone.tissues)
+        header = {
+            "bone": {"shape": bone.shape, "spacing": bone.spacing, "origin": bone.origin, "tissues": table},
+            "shape": grid.shape, "path": grid.path, "notes": list(notes), "spacing": grid.spacing.tolist(),
+            "origin": grid.origin.tolist(), "direction": grid.direction.tolist(),
+        }  # fmt: skip
+        self._entry.keep(header, pack_bone(bone))
 
 
 def whole_number(number: Any, most: int) -> int:
@@ -289,13 +347,13 @@ class VolumeRecipe(_CachedRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions and steps in reading the volume; errors as `volume`."""
-        return self._grid().notes
+        return self.grid().notes
 
     def bone(self) -> VoxelBone:
         """The bone; errors as `volume` and `Volume.to_bone`."""
         if (bone := self._kept_bone()) is None:
             bone = self.volume().to_bone(self.mapping, spacing=self.voxel)
-            keep_bone(self._entry, bone, self.volume(), self.volume().notes)
+            self._keep(bone, self.volume().notes, WORTH)
         return bone
 
     def like(self) -> Volume:
@@ -305,25 +363,24 @@ class VolumeRecipe(_CachedRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        specimen = grey_specimen(self._grid(), bone, self.mapping, entry, axis, self.volume)
+        specimen = grey_specimen(self.grid(), bone, self.mapping, entry, axis, self.volume)
         return replace(specimen, made={**specimen.made, "recipe": self.plain()})
 
     _on = volume
 
     @cached_property
     def _entry(self) -> Entry:
-        return entry_of(self.plain(), [self.path])
+        return _entry_of(self.plain(), [self.path])
 
     def _voxel(self) -> ArrayLike:
-        return self._grid().spacing if self.voxel is None else self.voxel
+        return self.grid().spacing if self.voxel is None else self.voxel
 
 
 def altered(recipe: VolumeRecipe, **changes: Any) -> VolumeRecipe:
     """The recipe with another crop or voxel; its volume is not read again."""
     changed = replace(recipe, **changes)
-    changed.__dict__.update(
-        {name: attribute for name, attribute in recipe.__dict__.items() if name == "_whole"}
-    )
+    if "_whole" in recipe.__dict__:
+        changed.__dict__["_whole"] = recipe._whole
     changed._entry.look(recipe._entry)
     return changed
 
@@ -508,7 +565,7 @@ class LabelledRecipe(_CachedRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on assumptions in making the bone; errors as `made`."""
-        return self.made().notes if self._kept is None else self._grid().notes
+        return self.made().notes if self._kept is None else self.grid().notes
 
     @property
     def mapping(self) -> OccupancyMap | None:
@@ -523,7 +580,7 @@ class LabelledRecipe(_CachedRecipe):
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
-        grid = self._grid()
+        grid = self.grid()
         provenance = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
         if self.grey is None:
             widest = float(max(*grid.spacing, *(self.voxel or ())))
@@ -532,7 +589,7 @@ class LabelledRecipe(_CachedRecipe):
 
     def _voxel(self) -> ArrayLike:
         spacing = self.voxel if self.grey is None else self.grey.voxel
-        return self._grid().spacing if spacing is None else spacing
+        return self.grid().spacing if spacing is None else spacing
 
     def _on(self) -> OnGrid:
         return self._labels if self.grey is None else self.grey.volume()
@@ -540,30 +597,26 @@ class LabelledRecipe(_CachedRecipe):
     @cached_property
     def _entry(self) -> Entry:
         if self.grey is None:
-            return entry_of(self.plain(), [self.labels])
-        return entry_of(self.plain(), [self.labels, self.grey.path]).look(self.grey._entry)
+            return _entry_of(self.plain(), [self.labels])
+        return _entry_of(self.plain(), [self.labels, self.grey.path]).look(self.grey._entry)
 
     @cached_property
     def _made(self) -> LabelledBone:
         if (bone := self._kept_bone()) is not None:
-            return LabelledBone(bone, self._grid().notes)
-        labelled = self._new()
-        keep_bone(self._entry, labelled.bone, self._on(), labelled.notes, smoothed=self.smooth is not None)
+            return LabelledBone(bone, self.grid().notes)
+        labels, volume, voxel = self._labels, None, self.voxel
+        if self.grey is not None:
+            volume, voxel = self.grey.volume(), self.grey.voxel
+            if self.onto:
+                labels = labels.on(volume)
+            elif self.grey.crop is not None:  # the labels belong to the whole volume
+                labels = placed_on(labels, self.grey._whole).crop(*self.grey.crop)
+        labelled = labelled_bone(
+            volume, labels, self.tissues, mapping=self.mapping, fill=self.fill, spacing=voxel, empty=self.empty,
+            smooth=self.smooth,
+        )  # fmt: skip
+        self._keep(labelled.bone, labelled.notes, WORTH if self.smooth is None else WORTH_SMOOTHED)
         return labelled
-
-    def _new(self) -> LabelledBone:
-        labels = self._labels
-        if self.grey is None:
-            options: dict[str, Any] = {"spacing": self.voxel, "smooth": self.smooth, "empty": self.empty}
-            return labelled_bone(None, labels, self.tissues, fill=self.fill, **options)
-        volume = self.grey.volume()
-        if self.onto:
-            labels = labels.on(volume)
-        elif self.grey.crop is not None:  # the labels belong to the whole volume
-            labels = placed_on(labels, self.grey._whole).crop(*self.grey.crop)
-        return labelled_bone(
-            volume, labels, self.tissues, mapping=self.grey.mapping, fill=self.fill, spacing=self.grey.voxel
-        )
 
     @property
     def _labels(self) -> LabelVolume:
@@ -578,28 +631,26 @@ class LabelledRecipe(_CachedRecipe):
         )  # fmt: skip
 
 
-def usual_tissues(
-    path: str, material: Material, **options: Any
-) -> tuple[Tissues, Callable[[LabelledRecipe], object]]:
-    """The default table of labels, and what spares their recipe to read them again; options of `labels_of`.
+def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **settings: Any) -> LabelledRecipe:
+    """Recipe of labels with their default table; they are read once.
 
-    Errors as `labels_of` and `default_tissues`.
+    `stack` has the options of `labels_of`, `settings` the other fields of the recipe. Errors as `labels_of` and
+    `default_tissues`.
     """
     bone = [getattr(material, name) for name in ("name", "c_e", "alpha", "source")]
-    entry = entry_of(["tissues", absolute(path), *bone, material.shape.name, options], [absolute(path)])
+    entry = _entry_of(["tissues", absolute(path), *bone, material.shape.name, dict(stack)], [absolute(path)])
     with contextlib.suppress(*UNREADABLE):
         if (cached := entry.find()) is not None:
-            return tissues_from_json(cached.told["tissues"]), lambda recipe: None
-    labels = labels_of(path, usual=True, **options)
+            tissues = tissues_from_json(cached.told["tissues"])
+            return LabelledRecipe(path, tissues, **stack, **settings)
+    labels = labels_of(path, usual=True, **stack)
     tissues = default_tissues(labels, material=material)
     if labels.labels.size >= WORTH_SMOOTHED:
         entry.keep({"tissues": tissues_to_json(tissues)})
-
-    def give(recipe: LabelledRecipe) -> None:
-        recipe.__dict__["_read"] = labels
-        recipe._entry.look(entry)
-
-    return tissues, give
+    recipe = LabelledRecipe(path, tissues, **stack, **settings)
+    recipe.__dict__["_read"] = labels
+    recipe._entry.look(entry)
+    return recipe
 
 
 def labels_of(
@@ -707,7 +758,8 @@ class DrilledRecipe(_FileRecipe):
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
         return (before, *(note for note in notes if assumed([note])))
 
-    def _grid(self) -> OnGrid:
+    def grid(self) -> OnGrid:
+        """Geometry of the volume; errors as `like`."""
         return self.like()
 
     def like(self) -> Volume | LabelVolume:

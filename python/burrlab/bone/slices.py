@@ -93,6 +93,16 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
     return _alike(paths)
 
 
+def stack_files(path: str) -> list[str]:
+    """All files that a stack is read from."""
+    described = Path(path).suffix.lower() in _DESCRIPTIONS
+    folder = read_description(path, unit=1.0).folder if described else Path(path)
+    if not described and not folder.is_dir():
+        return sorted(glob.glob(path))
+    pictures = sorted(str(part) for part in folder.iterdir() if part.suffix.lower() == ".png")
+    return [path, *pictures] if described else pictures
+
+
 def pixels(path: Path) -> NDArray[Any]:
     """Pixels of a slice, (row, column) or (row, column, channel); ValueError if the file is damaged."""
     from PIL import Image

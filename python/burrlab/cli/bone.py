@@ -21,7 +21,7 @@ from burrlab._core import Burr, Material, Tissue, Tissues, VoxelBone
 from burrlab.bone.image import LabelVolume, OccupancyMap, OnGrid, Volume
 from burrlab.bone.kept import check_drilled, save_drilled
 from burrlab.bone.materials import materials
-from burrlab.bone.recipe import DrilledRecipe, block_recipe, grid_of, labels_of, make_bone
+from burrlab.bone.recipe import DrilledRecipe, block_recipe, labels_of, make_bone
 from burrlab.bone.slices import is_stack
 from burrlab.bone.snapshot import check_bone_file, save_bone
 from burrlab.bone.specimen import MOST_VOXELS
@@ -129,7 +129,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
             material = bone.tissues.material
     as_volume = not str(options.bone or "").lower().endswith(".h5")
-    return Start(bone, tick, material, source, place, like, mapping, grid_of(recipe) if as_volume else None)
+    return Start(bone, tick, material, source, place, like, mapping, recipe.grid() if as_volume else None)
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:

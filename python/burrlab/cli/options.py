@@ -513,52 +513,36 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     transpose = transposed(options, options.volume, options.labels)
     if options.labels is None:
         refuse_options(options, OF_LABELS, "goes with --labels")
-        return _grey_recipe(options, burr)
-    if options.volume is None:
-        grey = None
-        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
-    else:
-        grey = _grey_recipe(options, burr)
+    grey: VolumeRecipe | None = None
+    recipe: Recipe
+    if options.volume is not None:
         refuse_options(options, ("smooth",), "goes without --volume")
-    # Only --spacing gives the size of slices without a description.
-    sizeless = slices.is_stack(options.labels) and Path(options.labels).suffix.lower() not in (
-        ".yaml",
-        ".yml",
-    )
-    label_spacing = options.spacing if grey is None or sizeless else None
-    stack: dict[str, Any] = {
-        "unknown": unknown_colours(options),
-        "unit": options.unit,
-        "transpose": transpose if slices.is_stack(options.labels) else None,
-    }
-    give: Callable[[LabelledRecipe], object] | None = None
-    if options.tissues is None:
-        tissues, give = recipes.usual_tissues(options.labels, material, spacing=label_spacing, **stack)
-    else:
-        tissues = tissue_tables.read_tissues(options.tissues, material=material)
-    alone = (
-        {} if grey is not None else {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
-    )
-    recipe = recipes.LabelledRecipe(
-        options.labels, tissues, grey, dict(options.fill), label_spacing, **stack, **alone, onto=options.onto,
-        smooth=options.smooth,
-    )  # fmt: skip
-    if give is not None:
-        give(recipe)
-    if burr is not None:
-        recipe.check_burr(burr)
-    return recipe
-
-
-def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
-    if options.volume is None:
+        refuse(options.map is None, "--volume needs --map")
+        recipe = grey = recipes.VolumeRecipe(
+            options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
+            transpose if slices.is_stack(options.volume) else None,
+        )  # fmt: skip
+    elif options.labels is None:
         refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
         return None
-    refuse(options.map is None, "--volume needs --map")
-    recipe = recipes.VolumeRecipe(
-        options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
-        options.transpose if slices.is_stack(options.volume) else None,
-    )  # fmt: skip
+    else:
+        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
+    if options.labels is not None:
+        stack = slices.is_stack(options.labels)
+        # Only --spacing gives the size of slices without a description.
+        sizeless = stack and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
+        of_labels: dict[str, Any] = {
+            "spacing": options.spacing if grey is None or sizeless else None, "unknown": unknown_colours(options),
+            "unit": options.unit, "transpose": transpose if stack else None,
+        }  # fmt: skip
+        settings = {"grey": grey, "fill": dict(options.fill), "onto": options.onto, "smooth": options.smooth}
+        if grey is None:
+            settings |= {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
+        if options.tissues is None:
+            recipe = recipes.usual_recipe(options.labels, material, of_labels, **settings)
+        else:
+            table = tissue_tables.read_tissues(options.tissues, material=material)
+            recipe = recipes.LabelledRecipe(options.labels, table, **of_labels, **settings)
     if burr is not None:
         recipe.check_burr(burr)
     return recipe
@@ -584,7 +568,7 @@ def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Re
     grey = recipe.grey if isinstance(recipe, recipes.LabelledRecipe) else recipe
     if grey is None or grey.voxel is None or grey.crop is not None:
         return recipe
-    volume, voxel = recipes.grid_of(grey), np.array(grey.voxel)
+    volume, voxel = grey.grid(), np.array(grey.voxel)
     if np.allclose(voxel, volume.spacing, rtol=1e-9, atol=0):
         return recipe
     with contextlib.suppress(ValueError):

@@ -10,7 +10,7 @@ import numpy as np
 from burrlab._core import Nozzle, VoxelBone
 from burrlab.bone.header import assumed
 from burrlab.bone.materials import materials
-from burrlab.bone.recipe import DrilledRecipe, grid_of
+from burrlab.bone.recipe import DrilledRecipe
 from burrlab.cli.commands import FPS
 from burrlab.cli.options import (
     OF_LABELS,
@@ -211,7 +211,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str], dict[str, Any]
     assert recipe is not None
     bone = recipe.bone()
     if options.entry is not None and Path(options.bone or "").suffix.lower() not in (".h5", ".hdf5"):
-        grid = grid_of(recipe)
+        grid = recipe.grid()
         options.entry = tuple(grid.bone_point(options.entry).tolist())
         if options.axis is not None:
             options.axis = tuple((grid.direction.T @ np.asarray(options.axis)).tolist())

@@ -216,7 +216,7 @@ def test_bad_saves_are_refused(tmp_path: Path, volume: Volume) -> None:
         (FileNotFoundError, "folder must exist", "none/b.nrrd", {}),
         (ValueError, "name of at most 225 bytes, .*, got 226", "x" * 221 + ".nrrd", {}),
         (FileExistsError, r"path must be a new file or one of save_drilled, .*mine.nrrd is neither", "mine.nrrd", {}),
-        (ValueError, r"bone must be on the voxels of .*: it has shape \(5, 5, 5\)", "b.nrrd", {"bone": other}),
+        (ValueError, "the bone and .* must have the same geometry: 5 x 5 x 5 voxels against", "b.nrrd", {"bone": other}),
         (ValueError, "map must rise from 0", "b.nrrd", {"mapping": OccupancyMap.table((0, 1, 2), (0, 1, 0))}),
         (ValueError,
          "map must have a grey value of empty that small can hold, .*: it holds uint8, got -100", "b.nrrd",

@@ -9,6 +9,7 @@ from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, check_same_geo
 from burrlab.bone.tissues import default_tissues
 
 TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
+UNIT = OccupancyMap.two_point(0, 1)
 
 
 def sphere(spacing, radius=4.0, soft=0.0, side=12.0):
@@ -75,7 +76,7 @@ def test_no_aliasing():
 def test_field_of_view(new):
     place = (0.3, 0.3, 0.5), (1, 2, 3), TURNED
     volume = Volume(np.ones((7, 8, 9)), *place, "ones")
-    finer, bone = volume.resample(new), volume.to_bone(0, 1, spacing=new)
+    finer, bone = volume.resample(new), volume.to_bone(UNIT, spacing=new)
     low = volume.bone_point(volume.origin) - volume.spacing / 2
     np.testing.assert_allclose(finer.bone_point(finer.origin) - finer.spacing / 2, low, atol=1e-12)
     assert np.all(finer.extent >= volume.extent - 1e-6 * finer.spacing)
@@ -88,9 +89,8 @@ def test_field_of_view(new):
 @pytest.mark.parametrize("new", [0.7, (0.25, 0.7, 1.1), 0.33])
 def test_bone_ends_with_the_volume(new):
     """Bone is solid up to the faces; a voxel that reaches beyond them holds its part within."""
-    bone = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones").to_bone(
-        0, 1, spacing=new
-    )
+    volume = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones")
+    bone = volume.to_bone(UNIT, spacing=new)
     assert bone.mass == pytest.approx(7 * 8 * 9 * 0.045, rel=5e-3)
 
 
@@ -125,7 +125,7 @@ def test_spacing_in_single_precision_makes_the_same_grid(tmp_path):
 def test_the_same_spacing_changes_nothing():
     volume = sphere(0.4)
     assert volume.resample(0.4) is volume
-    assert volume.to_bone(0, 1000, spacing=0.4).digest() == volume.to_bone(0, 1000).digest()
+    assert volume.to_bone(UNIT, spacing=0.4).digest() == volume.to_bone(UNIT).digest()
 
 
 def test_crop():
@@ -176,7 +176,9 @@ def slab():
 def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
     volume = slab()
     return volume.specimen(
-        *grey_values, entry=np.multiply(volume.origin + entry[:3], entry[3:] or 1), axis=axis
+        OccupancyMap.two_point(*grey_values),
+        entry=np.multiply(volume.origin + entry[:3], entry[3:] or 1),
+        axis=axis,
     )
 
 
@@ -232,9 +234,7 @@ def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
         (lambda: OccupancyMap.table([1, 2], [0, 1.5]), "occupancies within 0 to 1"),
         (lambda: OccupancyMap.parse("1:2:3"), "must be LO:HI or GREY:OCCUPANCY"),
         (lambda: OccupancyMap.two_point(0, 1).levels(np.array([0.5, np.nan])), "values must be finite"),
-        (lambda: grey().to_bone(5), "map must be an OccupancyMap or two grey values, got 5 and None"),
-        (lambda: grey().to_bone(OccupancyMap.two_point(0, 1), 2),
-         "map must be an OccupancyMap or two grey values"),
+        (lambda: grey().to_bone(5), "map must be an OccupancyMap, such as .*, got 5"),
     ],
 )  # fmt: skip
 def test_refusals(make, message):

@@ -22,7 +22,7 @@ def random(spacing: tuple[float, float, float], direction: np.ndarray | None = N
     )
 
 
-def GRIDOF(labels: LabelVolume, **changes: object) -> Volume:
+def grid_of(labels: LabelVolume, **changes: object) -> Volume:
     place = {"spacing": labels.spacing, "origin": labels.origin, "direction": labels.direction, **changes}
     shape = place.pop("shape", labels.shape)
     return Volume(np.zeros(shape), path="grid", **place)  # type: ignore[arg-type]
@@ -44,7 +44,7 @@ def test_turned_voxels_are_found_by_their_place() -> None:
     source = random((0.4, 0.5, 0.6), TURN)
     other = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])
     place = {"spacing": np.array((0.45, 0.35, 0.3)), "origin": source.origin + (0.3, -0.2, 0.1)}
-    grid = GRIDOF(source, direction=other, shape=(6, 7, 8), **place)
+    grid = grid_of(source, direction=other, shape=(6, 7, 8), **place)
     found, known = source.on(grid).labels, 0
     for k, j, i in np.ndindex(6, 7, 8):
         point = grid.origin + grid.direction @ (np.array((i, j, k)) * grid.spacing)
@@ -57,13 +57,13 @@ def test_turned_voxels_are_found_by_their_place() -> None:
 
 def test_the_same_grid_and_one_elsewhere() -> None:
     turned, straight = random((0.4, 0.5, 0.6), TURN), random((0.4, 0.5, 0.6))
-    np.testing.assert_array_equal(turned.on(turned.grid()).labels, turned.labels)
-    half = straight.on(GRIDOF(straight, origin=(4, -5, 9.0)))
+    np.testing.assert_array_equal(turned.on(grid_of(turned)).labels, turned.labels)
+    half = straight.on(grid_of(straight, origin=(4, -5, 9.0)))
     told = "labels are the nearest of random on the voxels of grid, of which they cover 44.4 %"
     assert half.notes[-1] == told
     np.testing.assert_array_equal(half.labels[:4], straight.labels[5:])
     assert not half.labels[4:].any()
-    corner = straight.on(GRIDOF(straight, origin=(8, -0.5, 10.8)))
+    corner = straight.on(grid_of(straight, origin=(8, -0.5, 10.8)))
     assert corner.notes[-1].endswith("of which they cover less than 1 %")
     assert np.count_nonzero(corner.labels) <= 1
 

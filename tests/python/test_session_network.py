@@ -29,8 +29,9 @@ def test_volume_recipe(tmp_path):
     image = sitk.GetImageFromArray(np.random.default_rng(1).integers(0, 1000, (9, 10, 11), dtype=np.int16))
     for name in ("here.nrrd", "there.nrrd"):
         sitk.WriteImage(image, str(tmp_path / name))
-    recipe = volume_recipe(tmp_path / "here.nrrd", 100, 900)
-    bone = burrlab.read_volume(tmp_path / "there.nrrd").to_bone(100, 900)
+    mapping = burrlab.OccupancyMap.two_point(100, 900)
+    recipe = volume_recipe(tmp_path / "here.nrrd", mapping)
+    bone = burrlab.read_volume(tmp_path / "there.nrrd").to_bone(mapping)
     assert make_bone(json.loads(json.dumps(recipe))).digest() == bone.digest()
     (tmp_path / "here.nrrd").unlink()
     assert make_bone(recipe, volume=tmp_path / "there.nrrd").digest() == bone.digest()
@@ -150,7 +151,9 @@ def test_replica_is_started_once(leader):
 def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
     """The path is absolute, as a replica seldom runs in the leader's folder."""
     monkeypatch.chdir(tmp_path)
-    assert volume_recipe("here.nrrd", 0, 1)["path"] == str(tmp_path / "here.nrrd")
+    assert volume_recipe("here.nrrd", burrlab.OccupancyMap.two_point(0, 1))["path"] == str(
+        tmp_path / "here.nrrd"
+    )
 
 
 def rotations(quaternions):

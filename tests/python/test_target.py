@@ -98,15 +98,15 @@ GREY = r"ct\.nrrd: labels must be zero or positive, got -1000: is this a grey vo
     ("target", "onto", "told"),
     [
         (REGION[1:], False, r"target must have the bone's shape \(9, 10, 12\), got \(8, 10, 12\)"),
-        (LABELS.resample(LABELS.spacing / 2), False, r"target must have the bone's shape .*; onto=True \(--onto\) brings it"),
+        (LABELS.resample(LABELS.spacing / 2), False, r"must have the same geometry: .* voxels against .*; onto=True \(--onto\) brings it"),
         (REGION.astype(np.uint8), False, "target must be an array of bool, got uint8"),
         (np.zeros(SHAPE, bool), False, "target must hold bone, got a region with none in it"),
         (REGION, True, "target must be a LabelVolume to be brought onto the bone's voxels"),
         (SCAN, False, GREY), (SCAN, True, GREY),
         (GREYS, False, r"ct\.nrrd: .* at most 64 tissues, and there are 200 .*: is this a grey volume"),
         (replace(LABELS, origin=LABELS.origin + [0.0, 0.1, 0.0]), False,
-         "target must lie on the bone's grid"),
-        (replace(LABELS, spacing=LABELS.spacing * 1.01), False, "target must lie on the bone's grid"),
+         "must have the same geometry"),
+        (replace(LABELS, spacing=LABELS.spacing * 1.01), False, "must have the same geometry"),
     ],
 )  # fmt: skip
 def test_bad_targets_are_refused(target, onto, told):
@@ -172,7 +172,7 @@ def test_command_line(tmp_path, metrics):
     assert (status, "% of the target's" in said, "before this session" in said) == (0, True, False)
     for words, told in (
         (("--onto",), "--onto goes with --target"),
-        (("--target", tmp_path / "wrong.nrrd"), "target must lie on the bone's grid"),
+        (("--target", tmp_path / "wrong.nrrd"), "must have the same geometry"),
     ):
         status, said = metrics(record, *words)
         assert (status, told in said) == (2, True)

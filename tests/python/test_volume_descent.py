@@ -29,7 +29,7 @@ def descent(volume, way, force=1.0, path=None):
     if path is not None:
         burrlab.write_volume(path, volume)
         volume = burrlab.read_volume(path)
-    specimen = volume.specimen(0, 255, **way)
+    specimen = volume.specimen(burrlab.OccupancyMap.two_point(0, 255), **way)
     return burrlab.descend(BURR, BONE, force, specimen=specimen, seed=1, ideal=True)
 
 
@@ -66,7 +66,9 @@ def test_a_turned_volume_gives_the_same_within_rounding(tmp_path, straight, dire
 
 def test_bone_that_ends_with_the_volume_has_its_surface_at_the_face():
     volume, way = half_space_volume((0.1, 0.1, 0.4), (0, 0, -1), np.eye(3))
-    assert volume.specimen(0, 255, **way).surface[2] == pytest.approx(0.0, abs=0.01 * 0.4)
+    assert volume.specimen(burrlab.OccupancyMap.two_point(0, 255), **way).surface[2] == pytest.approx(
+        0.0, abs=0.01 * 0.4
+    )
 
 
 def test_the_map_is_in_the_result():
@@ -86,13 +88,13 @@ def test_bone_that_is_cut_open_at_the_border_gets_a_note(tmp_path):
     values = np.zeros((40, 60, 60), np.int16)
     values[:30] = 1000
     slab = Volume(values, (0.15, 0.15, 0.15), (0, 0, 0), np.eye(3), "slab")
-    burr, said = burrlab.Burr(2.0), []
+    burr, said, mapping = burrlab.Burr(2.0), [], burrlab.OccupancyMap.two_point(0, 1000)
     for x in (4.5, 0.825):  # in the middle, and 0.9 mm from the border
-        specimen = slab.specimen(0, 1000, entry=(x, 4.5, 5.9), axis=(0, 0, -1))
+        specimen = slab.specimen(mapping, entry=(x, 4.5, 5.9), axis=(0, 0, -1))
         run = burrlab.descend(burr, BONE, 0.5, specimen=specimen, ideal=True, seed=1)
         path, device = tmp_path / f"{x}.h5", burrlab.ScriptedDevice([0, 0.2], [(x, 4.5, 6.6), (x, 4.5, 5.6)])
         options = {"seed": 1, "duration": 0.2, "wall_clock": False, "record": path}
-        with session_of(slab.to_bone(0, 1000), (burr, BONE), device, **options) as session:
+        with session_of(slab.to_bone(mapping), (burr, BONE), device, **options) as session:
             session.wait()
         metrics = burrlab.session_metrics(burrlab.load_trace(path))
         assert (run.status, session.messages) == ("ok", list(session.report().messages))

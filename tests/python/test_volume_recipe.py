@@ -17,6 +17,7 @@ pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab
 
 BONE = burrlab.materials["bone"]
+MAP = OccupancyMap.two_point(0, 1)
 
 
 def test_recipe_through_json(tmp_path):
@@ -33,16 +34,16 @@ def test_recipe_through_json(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "options", "kind", "match"),
+    ("options", "match"),
     [
-        ((0, 1), {"voxel": 0}, ValueError, "voxel must be a positive number or three"),
-        ((0, 1), {"crop": ((1, 2), (3, 4, 5))}, ValueError, "crop must be three finite numbers"),
-        ((0,), {}, TypeError, "map must be an OccupancyMap or two grey values"),
+        ({"voxel": 0}, "voxel must be a positive number or three"),
+        ({"crop": ((1, 2), (3, 4, 5))}, "crop must be three finite numbers"),
+        ({"mapping": 0}, "map must be an OccupancyMap, such as"),
     ],
 )
-def test_parameters_that_are_wrong(arguments, options, kind, match):
-    with pytest.raises(kind, match=match):
-        volume_recipe("v.nrrd", *arguments, **options)
+def test_parameters_that_are_wrong(options, match):
+    with pytest.raises((ValueError, TypeError), match=match):
+        volume_recipe("v.nrrd", **{"mapping": MAP, **options})
 
 
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
@@ -51,11 +52,11 @@ def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
     volume = burrlab.Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made")
     write_dicom(tmp_path / "ct", volume)
     image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
-    found = VolumeRecipe(tmp_path / "ct", OccupancyMap.two_point(0, 1)).volume()
+    found = VolumeRecipe(tmp_path / "ct", MAP).volume()
     np.testing.assert_array_equal(found.values, values)
-    save_drilled(tmp_path / "kept", found.to_bone(0, 1), found, mapping=OccupancyMap.two_point(0, 1))
+    save_drilled(tmp_path / "kept", found.to_bone(MAP), found, mapping=MAP)
     assert burrlab.read_volume(tmp_path / "kept").shape == (3, 4, 5)
-    assert load_drilled(tmp_path / "kept").bone.digest() == found.to_bone(0, 1).digest()
+    assert load_drilled(tmp_path / "kept").bone.digest() == found.to_bone(MAP).digest()
 
 
 def test_results_keep_how_the_bone_was_made(tmp_path):

@@ -1,6 +1,6 @@
 """Comparison of the removed bone with a target, by tissue."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.bone.image import LabelVolume
+from burrlab.bone.image import LabelVolume, check_same_geometry, grid_of_bone
 from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, drawing
@@ -183,7 +183,7 @@ def compare_with_target(
     >>> comparison.percent, float(comparison.missed[0]), round(comparison.dice, 3)
     (50.0, 2.0, 0.667)
     """
-    region = _region(bone, target, onto)
+    region = _region(bone, target if isinstance(target, LabelVolume) else np.asarray(target), onto)
     names = [tissue.name for tissue in bone.tissues] if bone.tissues is not None else ["bone"]
     numbers = bone.tissue_numbers
     sums = np.zeros((3, len(names)), dtype=np.int64)
@@ -210,42 +210,19 @@ def compare_with_target(
 
 
 def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> NDArray[np.bool_]:
-    labels = getattr(target, "labels", None)
-    if labels is not None:
-        path = cast("LabelVolume", target).path
-        check_count(label_counts(labels, path), f"{path}: ")
-    if onto:
+    if not isinstance(target, LabelVolume):
+        refuse(onto, "target must be a LabelVolume to be brought onto the bone's voxels, got an array")
+        refuse(target.dtype != np.bool_, f"target must be an array of bool, got {target.dtype}")
         refuse(
-            labels is None, "target must be a LabelVolume to be brought onto the bone's voxels, got an array"
+            target.shape != bone.shape, f"target must have the bone's shape {bone.shape}, got {target.shape}"
         )
-        target = cast("LabelVolume", target)
-        # The bone's grid in the target's coordinates, filled with one broadcast zero.
-        grid = replace(
-            target, labels=np.broadcast_to(np.uint8(0), bone.shape), spacing=np.array(bone.spacing),
-            origin=target.patient_point(np.array(bone.origin)), path="the bone",
-        )  # fmt: skip
-        target = target.on(grid)
-        labels = target.labels
-    region = np.asarray(target if labels is None else labels != 0)
-    refuse(region.dtype != np.bool_, f"target must be an array of bool, got {region.dtype}")
-    hint = "" if labels is None else "; onto=True (--onto) brings it on the bone's voxels"
-    refuse(
-        region.shape != bone.shape,
-        f"target must have the bone's shape {bone.shape}, got {region.shape}{hint}",
-    )
-    if labels is not None:
-        _check_grid(bone, target)
-    return region
-
-
-def _check_grid(bone: VoxelBone, target: Any) -> None:
-    spacing, origin = np.asarray(target.spacing), np.asarray(target.bone_point(target.origin))
-    step = np.asarray(bone.spacing)
-    # Tolerance: a hundredth of a voxel, for rounding in headers.
-    far = np.abs(spacing - step) * np.array(bone.shape[::-1]) > 0.01 * step
-    far |= np.abs(origin - bone.origin) > 0.01 * step
-    refuse(
-        far.any(),
-        f"target must lie on the bone's grid, spacing {bone.spacing} and origin {bone.origin} mm, got "
-        f"{tuple(spacing.tolist())} and {tuple(origin.tolist())}; onto=True (--onto) brings it there",
-    )
+        return target
+    check_count(label_counts(target.labels, target.path), f"{target.path}: ")
+    grid = grid_of_bone(bone, target)
+    if onto:
+        return np.asarray(target.on(grid).labels != 0)
+    try:
+        check_same_geometry(target, grid)
+    except ValueError as error:
+        raise ValueError(f"{error}; onto=True (--onto) brings it on the bone's voxels") from None
+    return np.asarray(target.labels != 0)

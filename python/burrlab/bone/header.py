@@ -14,7 +14,7 @@ import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,8 @@ from numpy.typing import ArrayLike
 from burrlab.bone.image import Array
 from burrlab.bone.specimen import checked_spacing
 from burrlab.common.check import refuse, shown
+
+Choice = TypeVar("Choice")
 
 #: Words in every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
@@ -83,7 +85,7 @@ class Layout:
     start: int = 0  # first byte of the encoded data
     lines: int = 0  # lines before the values
     skip: int = 0  # unpacked bytes before the values; -1: the values are the last bytes
-    told: str = ""  # number of packed bytes, if the header has it
+    packed_size: str = ""  # number of packed bytes, if the header has it
     slope: float = 1.0
     inter: float = 0.0
 
@@ -151,6 +153,21 @@ def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     return z, y, x
 
 
+def _chosen(choices: Mapping[str, Choice], word: str, rule: str) -> Choice:
+    """What a word of a header stands for; ValueError with the rule and the word if it stands for nothing."""
+    if word not in choices:
+        raise ValueError(f"{rule}, got {shown(word)}")
+    return choices[word]
+
+
+def _numbers(text: str, sentence: str, separator: str | None = None) -> Array:
+    """The numbers in a field of a header; ValueError with the sentence if it holds anything else."""
+    try:
+        return np.array([float(number) for number in text.split(separator)])
+    except ValueError:
+        raise ValueError(sentence) from None
+
+
 def _unit_columns(vectors: Array) -> tuple[Array, Array]:
     """Lengths of the columns, and the columns scaled to length 1; NaN for a column of length 0."""
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -204,7 +221,7 @@ _TO_LPS = {
 _SYNONYMS = {"datafile": "data file", "byteskip": "byte skip", "lineskip": "line skip"}
 #: Kinds of an axis along which the values of one voxel lie.
 _VALUES = re.compile("^list$|color|vector|point|gradient|normal|complex|quaternion|matrix|hsv|xyz")
-_NRRD_KINDS = {
+_NRRD_KINDS = {word: kind for kind, words in {
     "i1": ("signed char", "int8", "int8_t"),
     "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
     "i2": ("short", "short int", "signed short", "signed short int", "int16", "int16_t"),
@@ -215,10 +232,10 @@ _NRRD_KINDS = {
     "u8": ("ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"),
     "f4": ("float",),
     "f8": ("double",),
+}.items() for word in words}  # fmt: skip
+_NRRD_ENCODINGS = {
+    "raw": "raw", "gzip": "gzip", "gz": "gzip", "text": "text", "txt": "text", "ascii": "text", "hex": "hex",
 }  # fmt: skip
-_NRRD_ENCODINGS = {"gz": "gzip", "txt": "text", "ascii": "text"} | {
-    e: e for e in ("raw", "gzip", "text", "hex")
-}
 
 
 def nrrd_header(name: str) -> tuple[Header, Layout]:
@@ -231,7 +248,7 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
         raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no sizes") from None
     kinds = fields.get("kinds", "").lower().split() or ["?"] * len(sizes)
     directions = re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
-    vectors = [() if part == "none" else _vector(part, name) for part in directions]
+    vectors = [() if part == "none" else tuple(_vector(part, name)) for part in directions]
     refuse(
         {len(sizes), len(kinds), len(vectors or sizes)} != {dimension}
         or dimension > 16,  # the format's limit
@@ -284,7 +301,7 @@ def _nrrd_place(
     if (origin_text := fields.get("space origin")) is None:
         notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
         return spacing, direction, np.zeros(3)
-    origin = np.array(_vector(origin_text, name))
+    origin = _vector(origin_text, name)
     refuse(
         origin.shape != (3,) or not np.all(np.isfinite(origin)),
         f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(origin_text)}",
@@ -329,13 +346,9 @@ def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
     return fields, keys, 0
 
 
-def _vector(text: str, name: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(number) for number in text.strip("() ").split(","))
-    except ValueError:
-        raise ValueError(
-            f"{name}: cannot be read as a volume: {shown(text)} in the NRRD header is no vector"
-        ) from None
+def _vector(text: str, name: str) -> Array:
+    sentence = f"{name}: cannot be read as a volume: {shown(text)} in the NRRD header is no vector"
+    return _numbers(text.strip("() "), sentence, ",")
 
 
 def _unit(text: str | None, name: str) -> float:
@@ -352,13 +365,10 @@ def _unit(text: str | None, name: str) -> float:
 def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Array:
     if (text := fields.get("spacings")) is None:
         return np.full(3, np.nan)
-    try:
-        every = [float(number) for number in text.split()]
-        spacings = np.array([every[i] for i in spatial])
-    except (ValueError, IndexError):
-        raise ValueError(
-            f"{name}: cannot be read as a volume: spacings of the NRRD header are '{text}'"
-        ) from None
+    sentence = f"{name}: cannot be read as a volume: spacings of the NRRD header are {shown(text)}"
+    every = _numbers(text, sentence)
+    refuse(len(every) <= max(spatial), sentence)
+    spacings = every[spatial]
     _check_not_negative(spacings, f"{name}: spacings of the NRRD header")
     units = re.findall(r'"([^"]*)"', fields.get("units", ""))
     wanted = " ".join(f'"{units[i]}"' for i in spatial) if len(units) > max(spatial) else None
@@ -366,24 +376,19 @@ def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Arr
 
 
 def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
-    encoding_name = fields.get("encoding", "").lower()
-    encoding = _NRRD_ENCODINGS.get(encoding_name)
-    if encoding is None:
-        raise ValueError(
-            f"{name}: encoding of the NRRD file must be raw, gzip, text or hex, got {shown(encoding_name)}"
-        )
-    type_name = fields.get("type", "").lower()
-    kind = next((np.dtype(k) for k, words in _NRRD_KINDS.items() if type_name in words), None)
-    if kind is None:
-        raise ValueError(
-            f"{name}: type of the NRRD file must be one of whole or real numbers, got {shown(type_name)}"
-        )
+    encoding, kind_name, order = (fields.get(key, "").lower() for key in ("encoding", "type", "endian"))
+    encoding = _chosen(
+        _NRRD_ENCODINGS, encoding, f"{name}: encoding of the NRRD file must be raw, gzip, text or hex"
+    )
+    kind = np.dtype(
+        _chosen(_NRRD_KINDS, kind_name, f"{name}: type of the NRRD file must be one of whole or real numbers")
+    )
     if encoding != "text" and kind.itemsize > 1:
-        refuse(
-            (order := fields.get("endian", "").lower()) not in ("little", "big"),
-            f"{name}: endian of the NRRD file must be little or big, got {shown(order)}",
+        kind = kind.newbyteorder(
+            _chosen(
+                {"little": "<", "big": ">"}, order, f"{name}: endian of the NRRD file must be little or big"
+            )
         )
-        kind = kind.newbyteorder("<" if order == "little" else ">")
     lines, skip = (_count(fields.get(f"{what} skip", "0"), f"{what} skip", name) for what in ("line", "byte"))
     refuse(
         skip < 0 and encoding != "raw",
@@ -421,12 +426,10 @@ def meta_header(name: str) -> tuple[Header, Layout]:
             return np.array(default)
         if key is None:
             raise ValueError(f"{name}: cannot be read as a volume: the MetaImage header has no {keys[0]}")
-        try:
-            return np.array([float(number) for number in fields[key].split()])
-        except ValueError:
-            raise ValueError(
-                f"{name}: cannot be read as a volume: {key} of the MetaImage header is '{fields[key][:100]}'"
-            ) from None
+        sentence = (
+            f"{name}: cannot be read as a volume: {key} of the MetaImage header is {shown(fields[key])}"
+        )
+        return _numbers(fields[key], sentence)
 
     sizes, needs = numbers("DimSize"), f"{name}: a volume needs three dimensions and one value a voxel, got"
     refuse(
@@ -443,10 +446,9 @@ def meta_header(name: str) -> tuple[Header, Layout]:
         (channels := fields.get("ElementNumberOfChannels", "1")) != "1", f"{needs} {channels[:100]} values"
     )
     shape, notes = three_sizes([int(size) for size in sizes], name), []
-    unit = fields.get("DistanceUnits", "mm").lower()
-    scale = MILLIMETRES.get("mm" if unit == "?" else unit)
-    if scale is None:
-        raise ValueError(f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}, got {unit[:100]}")
+    units = {**MILLIMETRES, "?": 1.0}
+    rule = f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}"
+    scale = _chosen(units, fields.get("DistanceUnits", "mm").lower(), rule)
     spacing = scale * numbers("ElementSpacing", "ElementSize", default=[np.nan] * n)[:3]
     _check_not_negative(spacing, f"{name}: ElementSpacing of the MetaImage header")
     matrix = numbers("TransformMatrix", "Rotation", "Orientation", default=[])
@@ -490,12 +492,8 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
 
 
 def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
-    kind = _META_KINDS.get(fields.get("ElementType", ""))
-    if kind is None:
-        raise ValueError(
-            f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}, got "
-            f"{shown(fields.get('ElementType'))}"
-        )
+    rule = f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}"
+    kind = np.dtype(_chosen(_META_KINDS, fields.get("ElementType", ""), rule))
     big = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False"))
     switches = [fields.get("BinaryData", "True"), fields.get("CompressedData", "False"), big]
     binary, packed, big_endian = (text[:1].lower() in ("t", "1") for text in switches)
@@ -503,12 +501,12 @@ def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
     before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
     refuse(before < 0 and (packed or not binary), f"{name}: HeaderSize of -1 goes with raw values")
     return Layout(
-        np.dtype(kind).newbyteorder(">" if big_endian else "<") if binary else np.dtype(kind),
+        kind.newbyteorder(">" if big_endian else "<") if binary else kind,
         "text" if not binary else "gzip" if packed else "raw",
         [Path(name)] if local else _value_files(fields[_LAST], name),
         before if before > 0 else end if local else 0,
         skip=min(before, 0),
-        told=size if local or size != "none" else "",  # values in a file of their own need no size
+        packed_size=size if local or size != "none" else "",  # values in a file of their own need no size
     )
 
 

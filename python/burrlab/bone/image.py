@@ -84,7 +84,8 @@ class OnGrid(ABC):
         """Voxels on a grid of another spacing."""
 
     @property
-    def _voxels(self) -> NDArray[Any]:
+    def voxels(self) -> NDArray[Any]:
+        """Grey values or labels, shape (z, y, x)."""
         voxels: NDArray[Any] = getattr(self, self._ARRAY)
         return voxels
 
@@ -106,7 +107,7 @@ class OnGrid(ABC):
     @property
     def shape(self) -> tuple[int, int, int]:
         """Number of voxels along (z, y, x)."""
-        z, y, x = self._voxels.shape
+        z, y, x = self.voxels.shape
         return z, y, x
 
     @property
@@ -175,7 +176,7 @@ class OnGrid(ABC):
             f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to "
             f"{tuple(stop)}",
         )
-        cropped = self._voxels[tuple(slice(a, b) for a, b in box)]
+        cropped = self.voxels[tuple(slice(a, b) for a, b in box)]
         origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
         note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
         return self._moved(cropped, note, origin=origin)
@@ -210,7 +211,7 @@ class OnGrid(ABC):
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
             return self
         note = f"grey values resampled from {_times(self.spacing)} mm"
-        voxels = self._resampling(self._voxels, self.spacing, new)
+        voxels = self._resampling(self.voxels, self.spacing, new)
         return self._moved(voxels, note, spacing=new, origin=self._origin_at(new))
 
     def _origin_at(self, spacing: Array) -> Array:
@@ -219,7 +220,7 @@ class OnGrid(ABC):
 
     def __repr__(self) -> str:
         kind, sizes = type(self).__name__, _times(self.shape[::-1])
-        return f"{kind}({sizes} voxels of {_times(self.spacing)} mm, {self._voxels.dtype}, {self.path})"
+        return f"{kind}({sizes} voxels of {_times(self.spacing)} mm, {self.voxels.dtype}, {self.path})"
 
 
 def box_text(grid: OnGrid) -> str:
@@ -253,6 +254,14 @@ def _difference(first: OnGrid, second: OnGrid) -> str | None:
     if np.linalg.norm(first.origin - second.origin) > 0.5 * off:
         return f"origin {point_text(first.origin)} against {point_text(second.origin)} mm"
     return f"a corner is off by {off:.3g} mm"
+
+
+def grid_of_bone(bone: VoxelBone, like: OnGrid) -> "LabelVolume":
+    """The voxels of a bone, all with label 0, in the coordinates of a volume with the same axes."""
+    zeros = np.broadcast_to(np.uint8(0), bone.shape)
+    return LabelVolume(
+        zeros, np.array(bone.spacing), like.patient_point(bone.origin), like.direction, "the bone"
+    )
 
 
 def _times(values: Iterable[float]) -> str:
@@ -532,15 +541,6 @@ def _text(number: float) -> str:
     return repr(number).removesuffix(".0")
 
 
-def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> OccupancyMap:
-    """Map that is given as such or as two grey values; TypeError for anything else."""
-    if isinstance(mapping, OccupancyMap) and solid is None:
-        return mapping
-    if isinstance(mapping, OccupancyMap) or solid is None:
-        raise TypeError(f"map must be an OccupancyMap or two grey values, got {mapping!r} and {solid!r}")
-    return OccupancyMap.two_point(mapping, solid)
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Volume(OnGrid):
     """Grey values on a grid, placed in the volume's own coordinates.
@@ -594,21 +594,12 @@ class Volume(OnGrid):
         return object_html(self)
 
     @doing("making bone of grey values")
-    def to_bone(
-        self,
-        mapping: OccupancyMap | float,
-        solid: float | None = None,
-        *,
-        spacing: float | ArrayLike | None = None,
-    ) -> VoxelBone:
+    def to_bone(self, mapping: OccupancyMap, *, spacing: float | ArrayLike | None = None) -> VoxelBone:
         """Bone whose occupancy follows from the grey values by a map.
 
         Parameters
         ----------
-        mapping : OccupancyMap or float
-            A map; or, with `solid`, the grey value of empty.
-        solid : float, optional
-            Grey value of solid bone.
+        mapping : OccupancyMap
         spacing : float or (x, y, z), optional
             Spacing of the bone [mm]; default the volume's own. The map acts first. The occupancy is then
             interpolated as by `resample`, and rounded to levels once, which keeps the amount of bone. Beyond
@@ -617,25 +608,25 @@ class Volume(OnGrid):
         Raises
         ------
         ValueError
-            If `empty` is not below `solid`, the spacing is not positive, or it makes too many voxels.
+            If the spacing is not positive, or makes too many voxels.
         TypeError
-            If no map and no two grey values are given.
+            If the map is none.
 
         Examples
         --------
         >>> volume = Volume(np.full((4, 4, 4), 180), (0.4, 0.4, 0.4), (0, 0, 0), np.eye(3), "solid")
-        >>> volume.to_bone(90, 180, spacing=0.1).shape
+        >>> volume.to_bone(OccupancyMap.two_point(90, 180), spacing=0.1).shape
         (16, 16, 16)
         """
-        chosen = occupancy_map(mapping, solid)
+        require_type("map", mapping, OccupancyMap, "OccupancyMap.two_point(90, 180)")
         new = self.spacing if spacing is None else checked_spacing(spacing)
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
             bone = empty_bone(self.shape, self.spacing, self.bone_point(self.origin))
             for k in range(0, len(self.values), SLAB):
-                bone.write(chosen.levels(self.values[k : k + SLAB]), (k, 0, 0))
+                bone.write(mapping.levels(self.values[k : k + SLAB]), (k, 0, 0))
             return bone
         levels = resample_linear(
-            chosen.occupancy(self.values),
+            mapping.occupancy(self.values),
             self.spacing,
             new,
             empty_outside=True,
@@ -646,8 +637,7 @@ class Volume(OnGrid):
 
     def specimen(
         self,
-        mapping: OccupancyMap | float,
-        solid: float | None = None,
+        mapping: OccupancyMap,
         *,
         entry: Vector,
         axis: Vector,
@@ -657,7 +647,7 @@ class Volume(OnGrid):
 
         Parameters
         ----------
-        mapping, solid, spacing
+        mapping, spacing
             As for `to_bone`.
         entry : (x, y, z)
             Start of the axis, in the volume's own coordinates [mm].
@@ -672,8 +662,8 @@ class Volume(OnGrid):
         TypeError
             As `to_bone`.
         """
-        chosen = occupancy_map(mapping, solid)
-        return grey_specimen(self, self.to_bone(chosen, spacing=spacing), chosen, entry, axis, lambda: self)
+        bone = self.to_bone(mapping, spacing=spacing)
+        return grey_specimen(self, bone, mapping, entry, axis, lambda: self)
 
 
 def grey_specimen(

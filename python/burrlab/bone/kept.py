@@ -41,7 +41,15 @@ from burrlab.bone.formats import (
     segment_fields,
 )
 from burrlab.bone.header import medical
-from burrlab.bone.image import SLAB, LabelVolume, OccupancyMap, Volume, point_text, same_geometry
+from burrlab.bone.image import (
+    SLAB,
+    LabelVolume,
+    OccupancyMap,
+    Volume,
+    check_same_geometry,
+    grid_of_bone,
+    same_geometry,
+)
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
     Slices,
@@ -113,7 +121,7 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
             else "there is none: was the volume moved, or is it not one that was saved half-drilled?"
         )
         raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {problem}")
-    description = _told(beside)
+    description = _description(beside)
     refuse(
         description.get("sha256") != digest,
         f"{target}: {beside.name} belongs to another content of it: one of them was changed",
@@ -130,7 +138,7 @@ def is_drilled(target: Path) -> bool:
     return True
 
 
-def _told(path: Path) -> dict[str, Any]:
+def _description(path: Path) -> dict[str, Any]:
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         try:
             description = json.loads(attributes(file)["source"])
@@ -231,13 +239,9 @@ def coded(
     return codes[:-1].astype(kind)
 
 
-def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
-    return like.labels if isinstance(like, LabelVolume) else like.values
-
-
 def changed_values(like: Volume | LabelVolume, changed: Changes, planes: slice = slice(None)) -> NDArray[Any]:
     """Values of the voxels after the changes, in their own type."""
-    new = _voxels(like)[planes].copy()
+    new = like.voxels[planes].copy()
     new[changed.where] = coded(changed.values, like.path, changed.empty, new.dtype)
     return new
 
@@ -279,7 +283,7 @@ def is_whole(like: Volume | LabelVolume) -> bool:
         whole = read(like.files, spacing=like.spacing)
     except ValueError:  # another spacing than the files'
         return False
-    return same_geometry(whole, like) and np.array_equal(_voxels(whole), _voxels(like))
+    return same_geometry(whole, like) and np.array_equal(whole.voxels, like.voxels)
 
 
 def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
@@ -300,7 +304,7 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
 
     ends = np.concatenate([[0], np.cumsum(np.count_nonzero(changed.where, axis=(1, 2)))])
     series = hashlib.sha256(np.packbits(changed.where).tobytes() + changed.values.tobytes())
-    for k, (name, plane) in enumerate(zip(like.files, _voxels(like), strict=True)):
+    for k, (name, plane) in enumerate(zip(like.files, like.voxels, strict=True)):
         attributes = dataset(name)
         source = text_of(attributes, "SOPInstanceUID")
         if k == 0:
@@ -385,7 +389,7 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
 
     Grey values that resampling made fractional are rounded if the original's are whole.
     """
-    voxels = _voxels(like)
+    voxels = like.voxels
     if isinstance(like, Volume) and voxels.dtype.kind == "f":
         original = read_volume(list(like.files))
         if original.values.dtype.kind in "iu" and not np.allclose(original.spacing, like.spacing, rtol=1e-6):
@@ -496,21 +500,6 @@ def check_drilled(
 def is_series(target: Path, like: Volume | LabelVolume) -> bool:
     """Whether the volume is saved as a folder of DICOM slices."""
     return bool(like.files) and not target.name.lower().endswith(ENDINGS)
-
-
-def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
-    """ValueError unless a bone is on the voxels of a volume."""
-    where = like.bone_point(like.origin)
-    small = 1e-2 * like.spacing
-    refuse(
-        bone.shape != like.shape
-        or np.any(np.abs(np.array(bone.spacing) - like.spacing) > 1e-3 * like.spacing)
-        or np.any(np.abs(np.array(bone.origin) - where) > small),
-        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing "
-        f"{point_text(bone.spacing)} and origin "
-        f"{point_text(bone.origin)} mm, and the volume {like.shape}, {point_text(like.spacing)} and "
-        f"{point_text(where)} mm",
-    )
 
 
 def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
@@ -624,7 +613,7 @@ def save_drilled(
     target = followed(Path(path))
     check_tick(tick)
     slices = check_drilled(target, like, mapping)
-    check_place(bone, like)
+    check_same_geometry(grid_of_bone(bone, like), like)
     check_original(bone, like)
     description = {
         "kind": KIND,

@@ -30,7 +30,6 @@ from burrlab.bone.image import (
     Volume,
     checked_point,
     grey_specimen,
-    occupancy_map,
     specimen_in,
 )
 from burrlab.bone.kept import DrilledVolume, load_drilled
@@ -39,7 +38,7 @@ from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tis
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
 from burrlab.common.cache import Entry, Kept
-from burrlab.common.check import refuse, scalar
+from burrlab.common.check import refuse, require_type, scalar
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
 
@@ -870,8 +869,7 @@ def block_recipe(
 
 def volume_recipe(
     path: str | os.PathLike[str],
-    mapping: OccupancyMap | float,
-    solid: float | None = None,
+    mapping: OccupancyMap,
     *,
     spacing: float | Sequence[float] | None = None,
     series: str | None = None,
@@ -879,14 +877,13 @@ def volume_recipe(
     voxel: float | Sequence[float] | None = None,
     transpose: bool | None = None,
 ) -> Recipe:
-    """Recipe of `read_volume(path).to_bone(mapping, solid)`, with a crop and another spacing if given.
+    """Recipe of `read_volume(path).to_bone(mapping)`, with a crop and another spacing if given.
 
     Parameters
     ----------
     path : path
         Made absolute, for replicas elsewhere.
-    mapping, solid
-        As for `Volume.to_bone`.
+    mapping : OccupancyMap
     spacing, series, crop, voxel, transpose
         As for `burrlab.volume.VolumeRecipe`.
 
@@ -895,10 +892,11 @@ def volume_recipe(
     ValueError
         If a parameter is wrong. The file is not opened.
     TypeError
-        As `Volume.to_bone`.
+        If the map is none.
     """
-    chosen: Any = (spacing, series, crop, voxel, transpose)
-    return VolumeRecipe(os.fspath(path), occupancy_map(mapping, solid), *chosen).plain()
+    require_type("map", mapping, OccupancyMap, "OccupancyMap.two_point(90, 180)")
+    settings: Any = (spacing, series, crop, voxel, transpose)
+    return VolumeRecipe(os.fspath(path), mapping, *settings).plain()
 
 
 def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | None = None) -> VoxelBone:

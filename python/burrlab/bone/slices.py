@@ -26,7 +26,7 @@ from burrlab.bone.image import Colour, LabelVolume, Volume
 from burrlab.bone.specimen import checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, refuse, shown
-from burrlab.common.progress import doing, stoppable
+from burrlab.common.progress import doing
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # PNG specification, 11.2.2 IHDR: name and channels.
@@ -264,7 +264,7 @@ class Palette:
             seen[colour] = name
             self.names[label], self.colours[label] = name, colour
         refuse(not self.colours, "palette must have a colour")
-        self.unknown, self._asked = _checked_unknown(unknown, {0: "", **self.names})
+        self.unknown, self._named = _checked_unknown(unknown, {0: "", **self.names})
         self._ranked = None if ranking is None else self._by_rank(ranking)
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
@@ -281,11 +281,10 @@ class Palette:
         self._bones = [i for i in self.colours if _known(self.names[i])[1] and i not in self._spare]
         self._strange: Counter[int] = Counter()
         self._first: dict[int, tuple[str, int, int]] = {}  # first slice, row, column of each strange colour
-        self._guessed: dict[int, list[NDArray[Any]]] = {label: [] for label in self._asked}
+        self._guessed = dict.fromkeys(self._named, 0)
         self._spared: Counter[int] = Counter()
         self._sums: dict[int, _Sums] = {}  # by the number of colours, made at the first such alpha
         self._overlaps: dict[int, Counter[int]] = {count: Counter() for count in _SUMMED}
-        self._slices = 0
 
     @classmethod
     def of(
@@ -332,7 +331,6 @@ class Palette:
         if strange.any():
             codes, strange = (np.repeat(of, runs).reshape(labels.shape) for of in (codes, strange))
             labels[strange] = self._of_strange(codes, strange, path)
-        self._slices += 1
         return labels
 
     def unknown_colours(self) -> tuple[dict[str, Any], ...]:
@@ -348,13 +346,8 @@ class Palette:
             )  # fmt: skip
         return tuple(unknown)
 
-    def notes(
-        self, name: str, unknown: Sequence[Mapping[str, Any]], labels: NDArray[Any], apart: NDArray[Any]
-    ) -> list[str]:
-        """Notes on sums and unknown colours in labels (slice, row, column).
-
-        ValueError if unknown colours are refused.
-        """
+    def notes(self, name: str, unknown: Sequence[Mapping[str, Any]]) -> list[str]:
+        """Notes on sums and unknown colours; ValueError if unknown colours are refused."""
         notes = []
         for count, overlaps in self._overlaps.items():
             colours_text = "; ".join(
@@ -393,7 +386,10 @@ class Palette:
                 f"{instead} ({colours_text}); unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that "
                 "structure"
             )
-        return notes + [self._far(label, places, labels, apart) for label, places in self._guessed.items()]
+        return notes + [
+            f"{count} pixels were taken as {self.names[label]} by their nearest colour, as asked"
+            for label, count in self._guessed.items()
+        ]
 
     def _of_strange(self, codes: NDArray[np.uint32], strange: NDArray[np.bool_], path: Path) -> NDArray[Any]:
         kinds, first, inverse, counts = np.unique(
@@ -407,15 +403,12 @@ class Palette:
             return np.full(inverse.shape, 0 if self.unknown == "refuse" else self.unknown)
         assigned = self._nearest(kinds, list(self.colours))[0]
         if self._ranked is not None:
-            spared = np.isin(assigned, list(self._spare - set(self._asked)))
+            spared = np.isin(assigned, list(self._spare - set(self._named)))
             for label, count in zip(assigned[spared].tolist(), counts[spared].tolist(), strict=True):
                 self._spared[label] += count
             assigned[spared] = self._nearest(kinds[spared], self._bones)[0] if self._bones else 0
-        for label, places in self._guessed.items():
-            here = where[(assigned == label)[inverse]]
-            places.append(
-                np.insert(np.stack(divmod(here, strange.shape[1]), axis=-1), 0, self._slices, axis=1)
-            )
+        for label in self._named:
+            self._guessed[label] += int(counts[assigned == label].sum())
         return np.asarray(assigned[inverse])
 
     def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -454,19 +447,6 @@ class Palette:
         exact = _code(singles)
         places[exact[near[exact] > 0]] = _UNCLEAR
         return _Sums(groups, winners, places)
-
-    def _far(self, label: int, places: list[NDArray[Any]], labels: NDArray[Any], apart: NDArray[Any]) -> str:
-        """Note on how far the voxels guessed to be a structure lie from the rest of it."""
-        guessed, rest = np.concatenate(places), labels == label
-        rest[tuple(guessed.T)] = False
-        sentence = (
-            f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
-        )
-        if not (len(guessed) and rest.any()):
-            return f"{sentence}; {np.count_nonzero(rest)} others are there"
-        surface = np.argwhere(rest & ~stoppable(lambda: scipy.ndimage.binary_erosion(rest)))
-        far = np.asarray(stoppable(lambda: scipy.spatial.cKDTree(surface * apart).query(guessed * apart)[0]))
-        return f"{sentence}: up to {far.max():.3g} mm from the rest of it, {np.count_nonzero(far > 1)} of them beyond 1 mm"
 
 
 def _known(name: str) -> tuple[str, bool]:
@@ -797,8 +777,7 @@ def stack_of(
     if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
         colours.names = {label: _known(label_name)[0] for label, label_name in colours.names.items()}
     strange = colours.unknown_colours()
-    rows = labels.transpose(0, 2, 1) if turned else labels
-    notes.extend(colours.notes(name, strange, rows, apart[[2, 0, 1] if turned else [2, 1, 0]]))
+    notes.extend(colours.notes(name, strange))
     return LabelVolume(
         labels,
         names=colours.names,

@@ -32,7 +32,7 @@ from burrlab.bone.image import (
 )
 from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import refuse, require_type, shown
 from burrlab.common.files import write_text
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE, in_one_line
@@ -228,28 +228,13 @@ def unlabelled(material: Material) -> Tissue:
     return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=colour)
 
 
-def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
-    """Number of voxels of each label that is present; messages name the path.
-
-    Raises
-    ------
-    ValueError
-        If a label is negative or not a whole number.
-    """
-    prefix = f"{path}: " if path else ""
-    if not np.issubdtype(values.dtype, np.integer):
-        whole = np.rint(values)
-        refuse(
-            not np.array_equal(whole, values),  # NaN too
-            f"{prefix}labels must be whole numbers: this is a grey volume, or was interpolated",
-        )
-        values = whole.astype(np.int64)
-    least = int(values.min()) if values.size else 0
-    if least < 0:
-        raise ValueError(f"{prefix}labels must be zero or positive, got {least}: is this a grey volume?")
+def label_counts(values: NDArray[Any], path: str) -> dict[int, int]:
+    """Number of voxels of each label, whole numbers; ValueError, which names the path, if one is negative."""
+    least = int(values.min())
+    refuse(least < 0, f"{path}: labels must be zero or positive, got {least}: is this a grey volume?")
     every, large = np.zeros(1 << 16, np.int64), Counter[int]()
-    for plane in values.reshape(len(values) or 1, -1):  # bincount works in int64: plane by plane
-        if plane.max(initial=0) < every.size:
+    for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
+        if plane.max() < every.size:
             counts = np.bincount(plane.astype(np.int64))
             every[: counts.size] += counts
         else:
@@ -534,7 +519,7 @@ class LabelledBone:
 
 @doing("making bone of labels")
 def labelled_bone(
-    source: Volume | NDArray[np.uint8] | None,
+    source: Volume | None,
     labels: LabelVolume,
     tissues: Tissues,
     *,
@@ -548,9 +533,8 @@ def labelled_bone(
 
     Parameters
     ----------
-    source : Volume, ndarray of uint8 or None
-        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and the
-        structures in `empty` are empty, all else is solid.
+    source : Volume or None
+        Grey values, with `mapping`; or None: label 0 and the structures in `empty` are empty, all else is solid.
     labels : LabelVolume
         On the voxels of the volume, or on a box of them; outside the box, labels are 0.
     tissues : Tissues
@@ -594,33 +578,28 @@ def labelled_bone(
     ([[[0, 255, 255]]], ['bone', 'facial nerve', 'unlabelled'])
     """
     notes = list(labels.notes)
-    _check_source(source, labels, mapping)
-    refuse(
-        smooth is not None and source is not None,
-        f"smooth goes with labels alone, got {smooth!r} beside a source",
-    )
-    if isinstance(source, Volume):
+    if source is not None:
+        require_type("source", source, Volume, "read_volume('ct.nrrd')")
+        refuse(smooth is not None, f"smooth goes with labels alone, got {smooth!r} beside a source")
         notes[:0] = source.notes
         labels = placed_on(labels, source)
     counts = label_counts(labels.labels, labels.path)
     tissues = _with_background(tissues, counts, labels.path)
     if spacing is not None:
-        refuse(
-            isinstance(source, np.ndarray),
-            "spacing must not be given with levels, which have that of the labels",
-        )
         labels = labels.resample(spacing)
         counts = label_counts(labels.labels, labels.path)
     numbers = _numbers(labels.labels, tissues)
-    levels: NDArray[np.uint8] | None = source if isinstance(source, np.ndarray) else None
-    full_levels = np.zeros(len(tissues), np.uint8)  # level of each tissue where no source says it
-    if isinstance(source, Volume):
-        assert mapping is not None
+    least, filled = _filled(tissues, fill or {})
+    both = np.zeros(2 * len(tissues), np.int64)  # voxels of each tissue, those below `_HALF` apart
+    levels: NDArray[np.uint8] | None = None
+    if source is not None:
+        if mapping is None:
+            raise ValueError(f"mapping must be given for the grey values of {source.path}")
         bone = source.to_bone(mapping, spacing=spacing)
     else:
+        refuse(mapping is not None, "mapping must be given with grey values only")
         bone = empty_bone(labels.shape, labels.spacing, labels.bone_point(labels.origin))
-    if source is None:
-        full_levels = _full_levels(tissues, empty)
+        full_levels = np.array([0 if _is_empty(tissue, empty) else 255 for tissue in tissues], np.uint8)
         smoothing_note = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
         if smooth is not None:
             levels, numbers, smoothing_note = _smoothed(
@@ -629,13 +608,11 @@ def labelled_bone(
         notes.append(
             f"occupancy from labels alone: empty where there is {', '.join(empty)} or label 0, else solid{smoothing_note}"
         )
-    least, filled = _filled(tissues, fill or {})
-    both = np.zeros(2 * len(tissues), np.int64)  # voxels of each tissue, those below `_HALF` apart
-    if source is None and levels is None:  # what a voxel holds follows from its label
-        full_levels = np.maximum(full_levels, least)
-        both[2 * np.arange(full_levels.size) + (full_levels >= _HALF)] = [
-            counts.get(tissue.label, 0) for tissue in tissues
-        ]
+        if levels is None:  # what a voxel holds follows from its label
+            full_levels = np.maximum(full_levels, least)
+            both[2 * np.arange(full_levels.size) + (full_levels >= _HALF)] = [
+                counts.get(tissue.label, 0) for tissue in tissues
+            ]
     for k in range(0, len(numbers), SLAB):  # slab by slab: no copies of a large volume
         plane = numbers[k : k + SLAB]
         if source is None and levels is None:
@@ -643,20 +620,21 @@ def labelled_bone(
             continue
         part = bone.read((k, 0, 0), plane.shape) if levels is None else levels[k : k + SLAB]
         if fill or levels is not None:
-            part = np.maximum(part, least[plane]) if fill else part
+            part = np.maximum(part, least[plane])
             bone.write(part, (k, 0, 0))
         both += np.bincount((2 * plane + (part >= _HALF)).ravel(), minlength=both.size)
     bone.set_tissues(tissues, numbers)
-    said_of_tissues = _said_of_tissues(both, tissues, math.prod(labels.spacing))
-    notes += filled + said_of_tissues + _said_of_pieces(numbers, tissues, labels.spacing[::-1])
+    notes += [
+        *filled, *_notes_on_tissues(both, tissues, math.prod(labels.spacing)),
+        *_notes_on_pieces(numbers, tissues, labels.spacing[::-1]),
+    ]  # fmt: skip
     return LabelledBone(bone, tuple(notes))
 
 
-def _full_levels(tissues: Tissues, empty: Collection[str]) -> NDArray[np.uint8]:
-    """Level of each tissue's voxels: 0 without a label or of what is empty, else 255."""
-    known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
-    hollow = [label == 0 or (tissue is not None and tissue.name in empty) for label, tissue in known]
-    return np.where(hollow, 0, 255).astype(np.uint8)
+def _is_empty(tissue: Tissue, empty: Collection[str]) -> bool:
+    """Whether a tissue of labels alone has no bone."""
+    known = known_tissue(tissue.name)
+    return tissue.label == 0 or (known is not None and known.name in empty)
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
@@ -689,22 +667,6 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
     )
     check_same_geometry(volume, placed)
     return placed
-
-
-def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None) -> None:
-    if isinstance(source, Volume):
-        if mapping is None:
-            raise ValueError(f"mapping must be given for the grey values of {source.path}")
-        return
-    refuse(mapping is not None, "mapping must be given with grey values only")
-    if source is None:
-        return
-    if not (isinstance(source, np.ndarray) and source.dtype == np.uint8):
-        raise TypeError(f"source must be a Volume, levels of uint8 or None, got {type(source).__name__}")
-    refuse(
-        source.shape != labels.shape,
-        f"levels must have the shape of the labels {labels.shape}, got {source.shape}",
-    )
 
 
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
@@ -826,7 +788,7 @@ def _filled(tissues: Tissues, fill: Mapping[str, float]) -> tuple[NDArray[np.uin
 _NERVE, _MANY, _FAR = 100.0, 3, 5.0
 
 
-def _said_of_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any]) -> list[str]:
+def _notes_on_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any]) -> list[str]:
     """Notes on critical structures in far pieces: with empty cells between them, of 5 mm or 8 voxels."""
     sides, steps = np.maximum(_FAR, 8 * apart), np.maximum(0.25 / apart, 1).astype(int)
     cells = [
@@ -845,7 +807,7 @@ def _said_of_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray
     ]
 
 
-def _said_of_tissues(both: NDArray[np.int64], tissues: Tissues, volume: float) -> list[str]:
+def _notes_on_tissues(both: NDArray[np.int64], tissues: Tissues, volume: float) -> list[str]:
     """Notes on bone without a label, critical structures without bone, and large nerves; `volume` of a voxel."""
     held = both[1::2]
     voxels = both[::2] + held

@@ -108,37 +108,16 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
     return path
 
 
-def as_text(path: Path) -> Path:
-    """A file of `greys` with its values as text."""
-    head = path.read_bytes()[: -greys().nbytes].replace(b"encoding: raw", b"encoding: ascii")
-    text = " ".join(map(str, greys().ravel())).encode() + b"\n"
-    path.write_bytes(head.replace(b"BinaryData = True", b"BinaryData = False") + text)
-    return path
-
-
-def with_axis(path: Path) -> Path:
-    """A file with a first axis of size 1, which is ignored."""
-    content = path.read_bytes()
-    for old, new in ((b"dimension: 3", b"dimension: 4"), (b"sizes: ", b"sizes: 1 "),
-                     (b"directions: ", b"directions: none "), (b"kinds: ", b"kinds: vector ")):  # fmt: skip
-        content = content.replace(old, new, 1)
-    path.write_bytes(content)
-    return path
-
-
 MAKERS = {
     "raw.nrrd": lambda path: nrrd(path, greys()),
     "big.nrrd": lambda path: nrrd(path, greys(), endian="big"),
     "packed.nrrd": lambda path: nrrd(path, greys("i4"), encoding="gzip"),
-    "axis.nrrd": lambda path: with_axis(nrrd(path, greys())),
     "float.nrrd": lambda path: nrrd(path, greys("f4")),
     "plain.nii": lambda path: nifti(path, greys()),
     "packed.nii.gz": lambda path: nifti(path, greys("f4")),
     "plain.mha": lambda path: meta(path, greys(), False),
     "packed.mha": lambda path: meta(path, greys(), True),
     "scaled.nii": lambda path: nifti(path, ((greys() + 1024) // 2).astype("u2"), slope=2.0, inter=-1024.0),
-    "text.nrrd": lambda path: as_text(nrrd(path, greys())),
-    "text.mha": lambda path: as_text(meta(path, greys(), False)),
 }
 
 

@@ -21,7 +21,7 @@ from burrlab.cli.session import chosen_watch
 from burrlab.session.anatomy import replica_events, replica_report
 from burrlab.session.network import follow
 
-nrrd = pytest.importorskip("nrrd", reason="needs the extra medical")
+nrrd = pytest.importorskip("nrrd", reason="makes the files, extra `dev`")
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,16 @@ def phantom(request) -> Phantom:
     return temporal_bone(0.5, seed=3, side=request.param)
 
 
+def sampled(path, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centres, and whether the burr turns, every dt [ms]."""
+    at = np.arange(0.0, path.duration, dt / 1000.0)
+    center = np.column_stack([np.interp(at, path.time, places) for places in path.center.T])
+    return center, path.on[np.searchsorted(path.time, at, side="right") - 1]
+
+
 def drill(phantom: Phantom, path) -> burrlab.VoxelBone:
     contact = burrlab.BurrContact(phantom.bone, BURR, burrlab.materials["bone"], seed=1)
-    center, on = path.sampled(2.0)
+    center, on = sampled(path, 2.0)
     edges = [0, *(np.flatnonzero(np.diff(on.astype(int))) + 1), len(on)]
     for a, b in itertools.pairwise(edges):
         contact.run(center[a:b], 2.0, bool(on[a]))
@@ -45,7 +52,7 @@ def test_the_turning_burr_stays_in_the_plan_or_in_the_open(phantom):
     forbidden = (phantom.bone.pristine > 0) & ~phantom.target
     pad = 16
     away = ndimage.distance_transform_edt(~np.pad(forbidden, pad), sampling=phantom.bone.spacing[::-1])
-    center, on = path.sampled(20.0)
+    center, on = sampled(path, 20.0)
     at = np.rint((center[on] - phantom.bone.origin) / phantom.bone.spacing).astype(int)[:, ::-1] + pad
     assert away[tuple(at.T)].min() > BURR.radius - 0.9  # the diagonal of a voxel
     assert on.mean() > 0.5

@@ -130,26 +130,11 @@ def test_the_planned_cavity_keeps_its_margins_and_begins_on_the_surface(phantom)
     assert phantom.target[tuple(antrum[::-1])]
 
 
-def test_tissues_say_what_is_critical_and_what_is_assumed():
-    table = phantom_tissues(burrlab.materials["pvc"])
-    assert [tissue.label for tissue in table] == list(range(8))
-    for what, names in (("critical", set(CRITICAL)), ("bleeds", {"sigmoid sinus", "dura"})):
-        assert {tissue.name for tissue in table if getattr(tissue, what)} == names
-    assert {tissue.name for tissue in table if not tissue.assumed} == {"cortex", "mastoid"}
-    assert {tissue.c_e for tissue in table} == {burrlab.materials["pvc"].c_e}
-    assert len({tissue.colour for tissue in table}) == 8
-
-
 def test_the_plan_can_be_written_and_read(phantom, tmp_path):
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     write_volume(tmp_path / "plan.nrrd", phantom.target_labels)
     again = compare_with_target(phantom.bone, read_labels(tmp_path / "plan.nrrd"))
     assert again.to_dict() == compare_with_target(phantom.bone, phantom.target).to_dict()
-
-
-def test_air_cells_are_options(phantom):
-    solid = temporal_bone(0.4, seed=3, air_cells=AirCells(2.0, 1.4, wall=0.8))
-    assert solid.bone.mass_of("mastoid") > 1.5 * phantom.bone.mass_of("mastoid")
 
 
 def test_progress_and_description(phantom):

@@ -42,7 +42,7 @@ def test_names_and_colours_of_a_label_map(tmp_path: Path) -> None:
 @pytest.mark.parametrize("far", [2, 70_000])
 def test_names_and_colours_survive_nrrd(tmp_path: Path, far: int) -> None:
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-    nrrd = pytest.importorskip("nrrd", reason="an independent reader, extra `medical`")
+    nrrd = pytest.importorskip("nrrd", reason="an independent reader, extra `dev`")
     values = np.zeros((4, 5, 6), np.int32)
     values[1:3, 2, 3:], values[3, 4, 5] = 1, far
     names, colours = {1: "Facial_Nerve", far: "a\\b\nö", 9: "absent"}, {1: (1, 2, 3), 3: (255, 128, 0)}

@@ -265,17 +265,6 @@ def test_sums_that_are_not_clearly_one_pair_stay_unknown(tmp_path: Path) -> None
     assert first.labels[0, 0, 0] == 4
 
 
-def test_pairs_of_the_default_palette_lie_apart() -> None:
-    colours = np.array(list(VOLUMETRIC_DRILLING.values()))
-    one, other = np.triu_indices(len(colours), 1)
-    sums = (colours[one] + colours[other]) % 256
-    for others, least in ((sums, 7), (np.vstack([colours, [[0, 0, 0]]]), 14)):
-        away = np.abs(sums[:, None] - others)
-        away = np.minimum(away, 256 - away).max(axis=-1)
-        assert away[away > 0].min() == least
-        assert (away == 0).sum() == (len(sums) if others is sums else 0)
-
-
 def test_guesses_that_are_asked_for_are_counted(tmp_path: Path) -> None:
     planes = coloured((3, 4, 12))
     planes[1, 1, 3:5] = planes[1, 1, 11] = (*(np.array(NERVE) - 3), 255)
@@ -477,10 +466,3 @@ def test_bad_options_and_kinds_of_pixels_are_refused(
         (folder / "s0.png").write_bytes(png(16, 2) if folder.name == "16" else png(8, 4))
     with pytest.raises(ValueError, match=match):
         read_stack(**{"spacing": 0.1, **options, "path": folder})
-
-
-def test_a_palette_of_very_many_colours(tmp_path: Path) -> None:
-    folder = save(tmp_path / "s", [np.full((2, 2, 3), (1, 0, 0), np.uint8)])
-    most = {name: colour for name, colour in MANY.items() if name != "65533"}
-    found = read_stack(folder, spacing=0.1, palette=most, ranking=None)
-    assert (found.labels == 1).all()

@@ -75,18 +75,6 @@ def test_all_and_nothing():
     assert done.tissues == ("bone",)
 
 
-def test_it_prints_and_draws_itself():
-    found = compare_with_target(BONE, REGION)
-    assert "nerve" in repr(found)
-    assert "<table>" in found._repr_html_()
-    kept = json.loads(json.dumps(found.to_dict()))
-    assert kept["tissues"]["nerve"]["overlap_mm3"] == pytest.approx(found.overlap[1])
-    axes = found.plot()
-    assert "[mm" in axes.get_xlabel()
-    words = sorted(text.get_text() for text in axes.get_legend().get_texts())
-    assert words == ["excess", "missed", "overlap"]
-
-
 BONE, REGION, _ = carved()
 LABELS = labels_on(BONE, REGION)
 SCAN = replace(LABELS, labels=LABELS.labels.astype(np.int16) - 1000, path="ct.nrrd")

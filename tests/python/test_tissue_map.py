@@ -86,16 +86,6 @@ def test_a_file_keeps_tissues(tmp_path: Path) -> None:
         load_bone(tmp_path / "bone.h5")
 
 
-def test_names_numbers_and_repr() -> None:
-    tissues = table()
-    assert (len(tissues), tissues.number("tissue 2"), tissues[-1].name) == (3, 2, "tissue 2")
-    assert [t.label for t in tissues] == [0, 10, 20]
-    assert repr(tissues) == "Tissues(tissue 0, tissue 1, tissue 2)"
-    assert pickle.loads(pickle.dumps(tissues)) == tissues
-    assert VoxelBone.block((1, 1, 1), 0.1).tissues is None
-    assert VoxelBone.block((1, 1, 1), 0.1).tissue_numbers is None
-
-
 def row(name: str = "a", label: int = 0, c_e: float = 1, alpha: float = 0) -> Tissue:
     return Tissue(name, label=label, c_e=c_e, alpha=alpha)
 

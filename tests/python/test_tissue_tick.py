@@ -67,17 +67,6 @@ def test_rates(scheme: str, rates: tuple[float, ...]) -> None:
         assert check_scene(scene, tissues_of(kind, scene.size, 5, rates, stiffnesses)) > 0.0
 
 
-def test_a_tissue_that_does_not_erode_stays() -> None:
-    scene = scene_of("layer", "parabolic", fill="solid")
-    tissues = tissues_of("random", scene.size, 16, (0.0, 0.5))
-    core, _ = make_pair(scene, tissues)
-    core.run(np.array(scene.centers()), scene.dt)
-    bone = core.bone
-    stays = tissues.number % 2 == 0
-    np.testing.assert_array_equal(bone.density[stays], 255)
-    assert bone.density[~stays].min() < 255
-
-
 @settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
 @given(scenes(), st.sampled_from(["one", "bricks", "halves", "random"]), st.integers(1, 64))
 def test_any_scene_equals_reference(scene: Scene, kind: str, count: int) -> None:

@@ -5,7 +5,7 @@ import pytest
 from session_scenes import session_of
 
 import burrlab
-from burrlab.bone.image import OccupancyMap, Volume
+from burrlab.bone.image import Volume
 from burrlab.bone.specimen import Border
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
@@ -69,19 +69,6 @@ def test_bone_that_ends_with_the_volume_has_its_surface_at_the_face():
     assert volume.specimen(burrlab.OccupancyMap.two_point(0, 255), **way).surface[2] == pytest.approx(
         0.0, abs=0.01 * 0.4
     )
-
-
-def test_the_map_is_in_the_result():
-    values = np.zeros((40, 50, 50), np.int16)
-    values[:20] = 1000
-    volume = Volume(values, (0.2, 0.2, 0.2), (0, 0, 0), np.eye(3), "slab").crop((0, 0, 0), (9.0, 9.9, 8))
-    table = OccupancyMap.table([0, 500, 1000], [0, 0.2, 1])
-    specimen = volume.specimen(table, entry=(4.5, 5, 7), axis=(0, 0, -1), spacing=0.3)
-    run = burrlab.descend(burrlab.Burr(2.4), BONE, 1.0, specimen=specimen, seed=1, ideal=True)
-    made = run.provenance["volume"]
-    told = made["map"], made["voxel_mm"], made["volume_spacing_mm"]
-    assert told == ("0:0,500:0.2,1000:1", [0.3] * 3, [0.2] * 3)
-    assert "cropped to voxels" in made["notes"][0]
 
 
 def test_bone_that_is_cut_open_at_the_border_gets_a_note(tmp_path):

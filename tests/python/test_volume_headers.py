@@ -18,18 +18,6 @@ META = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB
 SPACING = "ElementSpacing = 1 1 1\n"
 
 
-def test_names_and_colours_of_a_segmentation(tmp_path):
-    head = (
-        "dimension: 3\nsizes: 5 4 3\nspace: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) "
-        "(0,0,1)\nspace origin: (0,0,0)\n"
-        "Segment0_LabelValue:=7\nSegment0_Name:=facial nerve\nSegment0_Color:=1 0.8 "
-        "0\nSegment1_LabelValue:=2\n"
-    )
-    labels = burrlab.read_labels(raw(tmp_path / "l.seg.nrrd", NRRD + head))
-    assert labels.names == {7: "facial nerve"}
-    assert labels.colours == {7: (255, 204, 0)}
-
-
 @pytest.mark.parametrize(
     ("name", "head", "given", "found"),
     [

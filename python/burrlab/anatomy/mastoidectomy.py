@@ -53,13 +53,6 @@ class BurrPath:
         """A device that follows the path in a session."""
         return ScriptedDevice(self.time, self.center, self.on)
 
-    def sampled(self, dt: float = 1.0) -> tuple[Floats, Mask]:
-        """Centres (m, 3) [mm] and whether the burr turns (m,), every dt [ms]."""
-        at = np.arange(0.0, self.duration, dt / 1000.0)
-        center = np.column_stack([np.interp(at, self.time, self.center[:, axis]) for axis in range(3)])
-        row = np.searchsorted(self.time, at, side="right") - 1
-        return center, self.on[row]
-
 
 @doing("planning a path")
 def mastoidectomy_path(

@@ -3,7 +3,7 @@
 import html
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, cast
@@ -193,38 +193,23 @@ class AnatomyReport:
         levels = self.watched.removed.tolist()
         return {name: n * (self.voxel_volume / 255.0) for name, n in zip(self.tissues, levels, strict=True)}
 
-    def touched(self, *, least: float = TOUCH_TIME) -> dict[str, float]:
-        """Time that burrs were within `touch` of structures, by name, if at least `least` [s].
+    @property
+    def touched(self) -> dict[str, float]:
+        """Time that burrs were within `touch` of structures, by name, if at least 0.1 s [s].
 
-        Parameters
-        ----------
-        least : float
-            [s], from 0. The default is ours; events and doses have every touch, to the tick.
-
-        Raises
-        ------
-        ValueError
-            If `least` is negative or not finite.
+        Events and doses have every touch, to the tick.
         """
         times = (self.watched.doses["touching"].sum(axis=0) * (self.period / 1000.0)).tolist()
-        return _from(zip(self.structures, times, strict=True), dict.fromkeys(self.structures, least))
+        return {name: time for name, time in zip(self.structures, times, strict=True) if time >= TOUCH_TIME}
 
-    def injured(self, *, least: float | None = None) -> dict[str, float]:
-        """Volume removed from watched structures, by name, if at least `least` [mm^3].
+    @property
+    def injured(self) -> dict[str, float]:
+        """Volume removed from watched structures, by name, if at least the watch's limit, or 0.1 if that is 0 [mm^3].
 
-        Parameters
-        ----------
-        least : float, optional
-            [mm^3], from 0. Default: the watch's limit for the structure if above 0, else 0.1, which is ours.
-            Events and doses have every injury, to the level.
-
-        Raises
-        ------
-        ValueError
-            If `least` is negative or not finite.
+        Events and doses have every injury, to the level.
         """
-        from_ = self._injury_volumes if least is None else dict.fromkeys(self.structures, least)
-        return _from(((name, self.removed[name]) for name in self.structures), from_)
+        removed = self.removed
+        return {name: removed[name] for name, least in self._injury_volumes.items() if removed[name] >= least}
 
     @property
     def _injury_volumes(self) -> dict[str, float]:
@@ -252,18 +237,18 @@ class AnatomyReport:
     @property
     def _shown(self) -> tuple[list[Dose], str]:
         """Doses beside the structures that burrs came nearest to, and a sentence on the others."""
-        nearest = sorted(self.structures, key=lambda name: self.closest[name])
+        nearest = sorted(self.structures, key=self.closest.__getitem__)
+        left_out = len(nearest[SHOWN:])
         doses = [dose for dose in self.doses if dose.structure in nearest[:SHOWN]]
-        return doses, f"{len(nearest[SHOWN:])} structures farther away are left out" if nearest[
-            SHOWN:
-        ] else ""
+        return doses, f"{left_out} structures farther away are left out" if left_out else ""
 
     def equals(self, other: "AnatomyReport") -> bool:
         """Whether settings, events, doses and removed levels are the same to the bit."""
-        mine, theirs = self.watched, other.watched
-        pairs = [(mine.events, theirs.events), (mine.doses, theirs.doses), (mine.removed, theirs.removed),
-                 (mine.counts, theirs.counts)]  # fmt: skip
-        return self.settings == other.settings and all(a.tobytes() == b.tobytes() for a, b in pairs)
+        numbers = [
+            [part.tobytes() for part in (watched.events, watched.doses, watched.removed, watched.counts)]
+            for watched in (self.watched, other.watched)
+        ]
+        return self.settings == other.settings and numbers[0] == numbers[1]
 
     def table(self) -> str:
         """Doses beside all structures, as text."""
@@ -277,9 +262,9 @@ class AnatomyReport:
         removed = ", ".join(f"{name} {volume:.4g}" for name, volume in self.removed.items() if volume)
         lines = [f"removed [mm^3]: {removed or 'nothing'}"]
         if self.structures:
-            lines.append(f"touched [s], from {TOUCH_TIME:g} on: {_told(self.touched())}")
+            lines.append(f"touched [s], from {TOUCH_TIME:g} on: {_listed(self.touched)}")
             least = " or ".join(f"{volume:g}" for volume in dict.fromkeys(self._injury_volumes.values()))
-            lines.append(f"injured [mm^3], from {least} on: {_told(self.injured())}")
+            lines.append(f"injured [mm^3], from {least} on: {_listed(self.injured)}")
             doses, others = self._shown
             lines += [dose_table(doses), *[others] * bool(others)]
             kinds = [event.kind for event in self.events]
@@ -337,13 +322,7 @@ class AnatomyReport:
         return [top, bottom]
 
 
-def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:
-    for number in least.values():
-        refuse(not 0 <= number < math.inf, f"least must be finite and not negative, got {number!r}")
-    return {name: value for name, value in values if value > 0 and value >= least[name]}
-
-
-def _told(values: Mapping[str, float]) -> str:
+def _listed(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in values.items()) or "nothing"
 
 
@@ -368,8 +347,8 @@ _CODEC = Codec(
             ],
         },
         AnatomyReport: {
-            "removed_mm3": "removed", "watch": "settings", "touched_s": AnatomyReport.touched,
-            "touched_from_s": lambda report: TOUCH_TIME, "injured_mm3": AnatomyReport.injured,
+            "removed_mm3": "removed", "watch": "settings", "touched_s": "touched",
+            "touched_from_s": lambda report: TOUCH_TIME, "injured_mm3": "injured",
             "injured_from_mm3": "_injury_volumes", "closest_mm": "closest", "doses": "doses", "events": "events",
             **{name: attrgetter(f"watched.{name}") for name in ("gaps", "ticks_passed_over", "events_lost")},
         },

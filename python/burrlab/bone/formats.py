@@ -22,7 +22,7 @@ from burrlab.bone.dicom import dicom_files, holds_dicom, is_dicom, read_dicom
 from burrlab.bone.header import (
     LPS_ASSUMED,
     Header,
-    Layout,
+    Storage,
     medical,
     meta_header,
     nifti_header,
@@ -46,13 +46,13 @@ class Format:
     suffixes : tuple of str
         Endings of the files that can be read.
     read : callable
-        Returns the `Header` of a file, and the `Layout` of its values, from its name.
+        Returns the `Header` of a file, and the `Storage` of its values, from its name.
     keeps_labels : bool
         Whether the format has fields for names and colours of labels.
     """
 
     suffixes: tuple[str, ...]
-    read: Callable[[str], tuple[Header, Layout]]
+    read: Callable[[str], tuple[Header, Storage]]
     keeps_labels: bool = False
 
 
@@ -181,7 +181,7 @@ def _read(
     return name, header, _read_values(layout, (*header.shape, *layers), name)
 
 
-def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
+def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]:
     """Values in the byte order of this machine; ValueError if they are cut short."""
     size = math.prod(shape) * at.kind.itemsize
     part, left = divmod(size, len(at.files))
@@ -203,7 +203,7 @@ def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
     return values
 
 
-def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
+def _bytes(at: Storage, path: Path, size: int, name: str) -> NDArray[np.uint8]:
     """Bytes of one file of values; fewer than `size` if the file is cut short."""
     refuse(not path.is_file(), f"{name}: the file of its values, {path.name}, is not there")
     with path.open("rb") as file:

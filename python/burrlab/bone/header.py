@@ -76,7 +76,7 @@ class Header:
 
 
 @dataclass(frozen=True)
-class Layout:
+class Storage:
     """Storage of a file's values; a grey value is slope * stored + inter."""
 
     kind: np.dtype[Any]  # with byte order
@@ -238,7 +238,7 @@ _NRRD_ENCODINGS = {
 }  # fmt: skip
 
 
-def nrrd_header(name: str) -> tuple[Header, Layout]:
+def nrrd_header(name: str) -> tuple[Header, Storage]:
     """Header and layout of an NRRD file; ValueError if the header cannot be read."""
     fields, keys, end = _nrrd_fields(plain_name(name))
     try:
@@ -375,7 +375,7 @@ def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Arr
     return _unit(wanted, name) * np.where(spacings > 0, spacings, np.nan)
 
 
-def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
+def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Storage:
     encoding, kind_name, order = (fields.get(key, "").lower() for key in ("encoding", "type", "endian"))
     encoding = _chosen(
         _NRRD_ENCODINGS, encoding, f"{name}: encoding of the NRRD file must be raw, gzip, text or hex"
@@ -395,9 +395,9 @@ def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
         f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}",
     )
     if (apart := fields.get("data file")) is not None:
-        return Layout(kind, encoding, _value_files(apart, name), 0, lines, skip)
+        return Storage(kind, encoding, _value_files(apart, name), 0, lines, skip)
     refuse(not end, f"{name}: the values must follow the NRRD header in the same file")
-    return Layout(kind, encoding, [Path(name)], end, lines, skip)
+    return Storage(kind, encoding, [Path(name)], end, lines, skip)
 
 
 # ---- MetaImage ----
@@ -415,7 +415,7 @@ _META_OWN = re.compile(
 )
 
 
-def meta_header(name: str) -> tuple[Header, Layout]:
+def meta_header(name: str) -> tuple[Header, Storage]:
     """Header and layout of a MetaImage file; ValueError if the header cannot be read."""
     fields, end = _meta_fields(plain_name(name))
 
@@ -491,7 +491,7 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
 
 
-def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
+def _meta_layout(fields: dict[str, str], end: int, name: str) -> Storage:
     rule = f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}"
     kind = np.dtype(_chosen(_META_KINDS, fields.get("ElementType", ""), rule))
     big = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False"))
@@ -500,7 +500,7 @@ def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
     local, size = fields[_LAST].upper() == "LOCAL", fields.get("CompressedDataSize", "none")
     before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
     refuse(before < 0 and (packed or not binary), f"{name}: HeaderSize of -1 goes with raw values")
-    return Layout(
+    return Storage(
         kind.newbyteorder(">" if big_endian else "<") if binary else kind,
         "text" if not binary else "gzip" if packed else "raw",
         [Path(name)] if local else _value_files(fields[_LAST], name),
@@ -538,7 +538,7 @@ _NIFTI_FIELDS = {
 _KEPT_NIFTI = {"ITK_FileNotes": "descrip", "aux_file": "aux_file"}  # SimpleITK's keys and NIfTI's fields
 
 
-def nifti_header(name: str) -> tuple[Header, Layout]:
+def nifti_header(name: str) -> tuple[Header, Storage]:
     """Header and layout of a NIfTI file; ValueError if the header cannot be read."""
     pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
@@ -554,7 +554,7 @@ def nifti_header(name: str) -> tuple[Header, Layout]:
         slope, inter = 1.0, 0.0
     place = pair + ".img" if pair is not None and apart else name
     encoding = "gzip" if _is_packed(place) else "raw"
-    layout = Layout(
+    layout = Storage(
         np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
     )
     spacing, origin, direction, notes = _nifti_place(at, shape, name)

@@ -52,7 +52,7 @@ from burrlab.bone.image import (
 )
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
-    Slices,
+    SliceFiles,
     find_slices,
     is_stack,
     pixels,
@@ -404,7 +404,7 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
     return Volume(new.astype(kind), like.spacing, like.origin, like.direction, like.path)
 
 
-def stack_slices(path: str) -> Slices | None:
+def stack_slices(path: str) -> SliceFiles | None:
     """PNG slices that a volume was read from; None for other volumes."""
     if Path(path).suffix.lower() in (".yaml", ".yml") and Path(path).is_file():
         described = read_description(path, unit=1.0)
@@ -414,7 +414,7 @@ def stack_slices(path: str) -> Slices | None:
     return None
 
 
-def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
+def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
     """Name and content of each slice after the changes, with the original's size and kind.
 
     Changed voxels of coloured slices are transparent, or black where the kind has no transparency.
@@ -446,7 +446,7 @@ def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iter
 
 def check_drilled(
     target: Path, like: Volume | LabelVolume, mapping: OccupancyMap | None = None
-) -> Slices | None:
+) -> SliceFiles | None:
     """Slices to be written, if `save_drilled` will write a stack; raises its errors that need no bone."""
     target = followed(target)
     check_folder(target)

@@ -36,7 +36,7 @@ MOST_PIXELS = 16384
 
 
 @dataclass(frozen=True)
-class Slices:
+class SliceFiles:
     """Files of equal size and kind, in the order of their numbers.
 
     Attributes
@@ -57,7 +57,7 @@ class Slices:
     kind: str
 
 
-def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> Slices:
+def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> SliceFiles:
     """Slices in a folder, or those that a pattern names.
 
     Parameters
@@ -163,7 +163,7 @@ def _in_order(place: str, paths: list[Path], *, latest: int | None) -> list[Path
     return [numbered[number] for number in order]
 
 
-def _alike(paths: list[Path]) -> Slices:
+def _alike(paths: list[Path]) -> SliceFiles:
     first = _header(paths[0])
     for path in paths[1:]:
         header = _header(path)
@@ -182,7 +182,7 @@ def _alike(paths: list[Path]) -> Slices:
         kind == "grey with alpha", f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)"
     )
     refuse(kind != "grey" and bits == 16, f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
-    return Slices(paths, columns, rows, bits, kind)
+    return SliceFiles(paths, columns, rows, bits, kind)
 
 
 def _header(path: Path) -> tuple[int, int, int, str]:
@@ -823,7 +823,7 @@ def _without_colour(image: NDArray[Any]) -> bool:
     return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
-def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:
+def _grey(slices: SliceFiles, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:
     values = np.empty(shape, np.uint16 if slices.bits == 16 else np.uint8)
     for k, path in enumerate(slices.paths):
         image = pixels(path)

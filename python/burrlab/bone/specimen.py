@@ -69,7 +69,7 @@ class Specimen:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class BlockBelowPlane:
     """Voxels around a descent into the space below a plane, before they are filled.
 
     Parameters
@@ -106,7 +106,7 @@ def checked_spacing(spacing: ArrayLike, what: str = "spacing") -> NDArray[np.flo
 
 def block_below_plane(
     burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
-) -> Block:
+) -> BlockBelowPlane:
     """Block of `half_space`, with the same parameters and errors."""
     require_tool(burr)
     spacing = checked_spacing(voxel, "voxel")
@@ -139,7 +139,7 @@ def block_below_plane(
     below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
         np.sum((spacing * normal) ** 2)
     )
-    return Block(centers, np.clip(below + 0.5, 0, 1), spacing, np.asarray(shift), normal)
+    return BlockBelowPlane(centers, np.clip(below + 0.5, 0, 1), spacing, np.asarray(shift), normal)
 
 
 def half_space(

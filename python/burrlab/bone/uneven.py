@@ -57,8 +57,9 @@ class BoneField:
     Notes
     -----
     The form of the correlation (the squared exponential of geostatistics) and the beta distribution are ours.
-    A beta distribution lies in 0..1, so nothing is clipped, and mean and contrast hold exactly; `realised`
-    gives them after rounding to levels. `correlation` is the correlation of the occupancy itself.
+    A beta distribution lies in 0..1, so nothing is clipped, and mean and contrast hold exactly but for rounding to
+    levels. The correlation of the occupancy is within 0.02 of that of g if the beta distribution is nearly normal,
+    and lower if it is skew.
 
     g is Gaussian white noise on a lattice of spacing L/2, smoothed by a Gaussian of standard deviation
     L/sqrt(2) at the voxel centres, and divided by the root of the sum of its squared weights. g thus depends
@@ -104,47 +105,6 @@ class BoneField:
             not 0 < self.correlation_length < np.inf,
             f"correlation_length must be positive and finite, got {self.correlation_length}",
         )
-
-    @property
-    def realised(self) -> tuple[float, float]:
-        """Mean and standard deviation of the occupancy after rounding to levels, by its distribution."""
-        level = np.arange(256) / 255
-        if self.contrast == 0:
-            return float(np.rint(255 * self.mean) / 255), 0.0
-        below = special.betainc(*self._beta(), (np.arange(255) + 0.5) / 255)
-        share = np.diff(below, prepend=0.0, append=1.0)
-        mean = float(share @ level)
-        return mean, float(np.sqrt(share @ (level - mean) ** 2))
-
-    def correlation(self, distance: ArrayLike) -> Floats:
-        """Correlation of the occupancy at two places a distance d apart.
-
-        It is sum c_n^2 exp(-n d^2/(2 L^2))/sum c_n^2 over n >= 1, with c_n the coefficients of B^-1(Phi(g))
-        in normalised Hermite polynomials of g. It is within 0.02 of the correlation of g if the beta
-        distribution is nearly normal, and lower if it is skew.
-
-        Parameters
-        ----------
-        distance : array_like
-            d [mm]
-
-        Returns
-        -------
-        ndarray, shape of distance
-            0..1
-        """
-        rho = np.exp(-0.5 * (np.asarray(distance, dtype=float) / self.correlation_length) ** 2)
-        if self.contrast == 0:
-            return np.asarray(rho)
-        g, step = np.linspace(-8, 8, 3201, retstep=True)
-        weight = np.exp(-0.5 * g**2) / np.sqrt(2 * np.pi) * step
-        value = (special.betaincinv(*self._beta(), special.ndtr(g)) - self.mean) * weight
-        power, before, polynomial = [], np.zeros_like(g), np.ones_like(g)
-        for n in range(1, 33):
-            before, polynomial = polynomial, (g * polynomial - np.sqrt(n - 1) * before) / np.sqrt(n)
-            power.append(float(value @ polynomial) ** 2)
-        powers = rho[..., None] ** np.arange(1, 33)
-        return np.asarray(powers @ np.array(power) / sum(power))
 
     @doing("making uneven bone")
     def levels(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, seed: int) -> NDArray[np.uint8]:

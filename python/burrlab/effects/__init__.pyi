@@ -4,6 +4,6 @@ from burrlab._core import Nozzle as Nozzle
 from burrlab._core import Sucker as Sucker
 from burrlab.effects.companion import Companion as Companion
 from burrlab.effects.effects import Effects as Effects
+from burrlab.effects.effects import EffectsReport as EffectsReport
+from burrlab.effects.effects import SubstanceBalance as SubstanceBalance
 from burrlab.effects.effects import effects_of as effects_of
-from burrlab.effects.report import EffectsReport as EffectsReport
-from burrlab.effects.report import SubstanceBalance as SubstanceBalance

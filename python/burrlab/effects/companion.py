@@ -18,8 +18,7 @@ from burrlab._core import (
     Sucker,
 )
 from burrlab.common.check import real, scalar, seed_or_new
-from burrlab.effects.effects import FrameRecord
-from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
+from burrlab.effects.effects import EffectsReport, FrameRecord, SubstanceBalance
 from burrlab.session.session import Session
 
 DEFAULT_BUDGET = 0.020  # [s]
@@ -173,7 +172,7 @@ class Companion:
         """Values of the newest frame: frame (made so far), tick, parcels, balance, removed (levels by tissue
         number), bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
         raw = self._core.newest()
-        raw["balance"] = to_balance(raw["balance"], self.quantum)
+        raw["balance"] = SubstanceBalance.of(raw["balance"], self.quantum)
         del raw["report"]
         return raw
 
@@ -190,7 +189,7 @@ class Companion:
 
     def balance(self) -> dict[str, SubstanceBalance]:
         """Accounts of dust, blood and water after the newest frame."""
-        return to_balance(self._core.newest()["balance"], self.quantum)
+        return SubstanceBalance.of(self._core.newest()["balance"], self.quantum)
 
     def report(self) -> EffectsReport:
         """Frames, their whole time (asking the follower, moving, copying out), and what was given up."""

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 import burrlab._core as _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone, read_bricks
 from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
-from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.player import TracePlayer
 
 #: (merge_to, sub_steps, done): the clock's decision in a frame.
@@ -18,6 +18,120 @@ Decision = tuple[int, int, int]
 #: (seconds, tick, decision): inputs of a companion's frame.
 FrameRecord = tuple[float, int, Decision]
 BurrAt = tuple[ArrayLike, float]
+
+
+@dataclass(frozen=True)
+class SubstanceBalance:
+    """One substance's account in quanta of one level of one voxel, dV/255.
+
+    Attributes
+    ----------
+    made : int
+        Made by the burr, a wound or the nozzle.
+    present : int
+        In parcels; summed up anew.
+    sucked : int
+        Taken up by the sucker.
+    drained : int
+        Left the box around the volume.
+    quantum : float
+        [mm^3]
+    """
+
+    made: int
+    present: int
+    sucked: int
+    drained: int
+    quantum: float
+
+    @classmethod
+    def of(
+        cls, accounts: Mapping[str, tuple[int, int, int, int]], quantum: float
+    ) -> "dict[str, SubstanceBalance]":
+        """The accounts of the core, by substance."""
+        return {name: cls(*account, quantum) for name, account in accounts.items()}
+
+    @property
+    def exact(self) -> bool:
+        """Whether made = present + sucked + drained."""
+        return self.made == self.present + self.sucked + self.drained
+
+    def volumes(self) -> dict[str, float]:
+        """The account in mm^3."""
+        return {name: getattr(self, name) * self.quantum for name in ("made", "present", "sucked", "drained")}
+
+    def __str__(self) -> str:
+        volumes = ", ".join(f"{name} {volume:.3f}" for name, volume in self.volumes().items())
+        return f"{volumes} mm^3{'' if self.exact else ', NOT BALANCED'}"
+
+
+@dataclass(frozen=True, repr=False)
+class EffectsReport:
+    """Frames, their time, and what was given up.
+
+    Attributes
+    ----------
+    frames : int
+        Frames made so far.
+    budget : float or None
+        Time limit of a frame [s].
+    over_budget : int
+        Frames that took longer, on the wall clock.
+    coarse, cut : int
+        Frames planned with fewer sub-steps than asked for; frames whose last sub-steps became one.
+    skipped : int
+        Frames that late ones stand for.
+    crowded, merged : int
+        Frames that merged parcels to save time; parcels merged into others, to save time or at the limit.
+    sub_steps_least, sub_steps_most : int
+    sub_steps_mean : float
+        Sub-steps of a frame.
+    parcels_most : int
+        Most parcels at the end of a frame.
+    wall_ms, cpu_ms : dict
+        p50, p90, p99, p999 and max of a frame's time [ms]: on the wall clock, and its thread's CPU time.
+    """
+
+    frames: int
+    budget: float | None
+    over_budget: int
+    coarse: int
+    cut: int
+    crowded: int
+    skipped: int
+    merged: int
+    sub_steps_least: int
+    sub_steps_most: int
+    sub_steps_mean: float
+    parcels_most: int
+    wall_ms: dict[str, float]
+    cpu_ms: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report for JSON."""
+        return asdict(self)
+
+    def __repr__(self) -> str:
+        return f"EffectsReport({self.frames} frames, {self.over_budget} over budget)"
+
+    def __str__(self) -> str:
+        if not self.frames:
+            return "no frame yet"
+        lines = [
+            f"{self.frames} frames of at most {self.parcels_most} parcels",
+            f"a frame took: p50 {self.wall_ms['p50']:.2f} ms, p99 {self.wall_ms['p99']:.2f} ms, at most "
+            f"{self.wall_ms['max']:.2f} ms (CPU time p99 {self.cpu_ms['p99']:.2f} ms)",
+            f"sub-steps {self.sub_steps_least} to {self.sub_steps_most}, {self.sub_steps_mean:.2f} in "
+            "the mean",
+            f"{self.merged} parcels merged, {self.skipped} frames left out",
+        ]
+        if self.budget is not None:
+            lines += [
+                f"budget {1e3 * self.budget:g} ms: {self.over_budget} frames over it",
+                f"given up: {self.coarse} frames with fewer sub-steps, {self.cut} cut, {self.crowded} with "
+                "parcels merged",
+            ]
+        return "\n".join(lines)
 
 
 class Effects:
@@ -195,7 +309,7 @@ class Effects:
 
     def balance(self) -> dict[str, SubstanceBalance]:
         """Accounts of dust, blood and water."""
-        return to_balance(self._core.balance(), self.quantum)
+        return SubstanceBalance.of(self._core.balance(), self.quantum)
 
     def hidden_fraction(self, camera: Camera, burr: BurrAt) -> float:
         """Part of a burr's projected disc that parcels in front of it hide, 0 to 1.
@@ -272,7 +386,7 @@ def effects_of(
     """
     refuse(not 0 < rate < float("inf"), f"rate must be positive, got {rate!r}")
     if frames is None:
-        return _made(player, effects, _at_rate(player, rate))
+        return _stepped(player, effects, _at_rate(player, rate))
     first = player.trace.first_tick
     ticks = [tick for _, tick, _ in frames]
     if ticks and not first <= min(ticks) <= max(ticks) <= first + player.ticks:
@@ -281,7 +395,7 @@ def effects_of(
             f"{max(ticks)}"
         )
     again = ((player.seek_tick(tick), seconds, decision) for seconds, tick, decision in frames)
-    return _made(player, effects, again)
+    return _stepped(player, effects, again)
 
 
 #: Bricks that changed, seconds that a frame stands for, the clock's decision.
@@ -296,7 +410,7 @@ def _at_rate(player: TracePlayer, rate: float) -> Iterator[_Move]:
         yield player.seek(min(begin + frame / rate, player.duration)), 1 / rate, None
 
 
-def _made(player: TracePlayer, effects: Effects, moves: Iterable[_Move]) -> Iterator[float]:
+def _stepped(player: TracePlayer, effects: Effects, moves: Iterable[_Move]) -> Iterator[float]:
     for bricks, seconds, decision in moves:
         burrs = list(zip(player.burrs.centers, player.burrs.radii, strict=True)) if player.done else []
         update = {"bricks": bricks, "density": read_bricks(player.bone, bricks)}

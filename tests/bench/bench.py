@@ -7,67 +7,72 @@ difference in one bit ends the run with an error. --waits prints where a researc
 """
 
 import argparse
+import datetime
 import itertools
 import json
+import platform
+import re
 import sys
 import time
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # for `reference`
 
-import experiments
+import numba
+import numpy as np
 import report
 import tissues
 import waits
 from check import check_all
-from machine import machine, on_one_core
-from measure import measure
+from measure import measure, volume_scaling
 from native import Native
 from plot import draw
-from scenes import RESOLUTIONS, growing
+from scenes import growing
+from times import on_one_core
 
-SPLIT_SCENES = ("slide 50", "buried 50")  # also timed in two passes and compared with memory bandwidth
+import burrlab
 
 
 def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
+def machine(native: Native) -> dict[str, Any]:
+    """Processor, compiler and versions."""
+    information = Path("/proc/cpuinfo")
+    named = re.search(
+        r"^model name.*?: *(.*)", information.read_text() if information.exists() else "", re.MULTILINE
+    )
+    return {
+        "cpu": named[1] if named else platform.processor() or "unknown",
+        "cpu_paths": native.cpu_paths,
+        "compiler": native.library.bench_compiler().decode(),
+        "flags": native.library.bench_flags().decode(),
+        "system": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "versions": {"burrlab": burrlab.__version__, "numpy": np.__version__, "numba": numba.__version__},
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
 def run(native: Native, quick: bool, reference: str) -> dict[str, Any]:
     """All measurements; `reference` is the CPU path that baselines are compared with."""
-    split = ("slide 25", "buried 25") if quick else SPLIT_SCENES
-    scenes, once = {}, {}
+    weighed = ("slide 25", "buried 25") if quick else ("slide 50", "buried 50")
+    scenes = {}
     with on_one_core():
         for scene in growing(quick):
             say(f"  {scene.name}")
-            passes = reference if scene.name in split else None
-            scenes[scene.name] = measure(native, scene, reference, passes=passes)
-        for resolution in (12.5,) if quick else RESOLUTIONS:
-            say(f"  descent {resolution:g}")
-            name, found = experiments.descent_scene(native, resolution, reference, quick)
-            scenes[name] = found
-        say("  call from Python, bandwidth")
-        once["python_step"] = experiments.python_step(native, quick)
-        once["bandwidth"] = experiments.bandwidth(native, quick)
-        once["limits"] = report.limits(scenes, once["bandwidth"], reference)
-        say("  volume")
-        once["volume"] = experiments.volume_scaling(native, reference, quick)
-        say("  tissues")
-        once["tissues"] = tissues.tissue_cost(native, quick)
-    say("  sweep")
-    once["sweep"] = experiments.sweep(quick)
-    slopes = {
-        kind: {
-            name: report.exponent(*curve) for name, curve in report.growth({"scenes": scenes}, kind).items()
+            scenes[scene.name] = measure(native, scene, reference, weighed=scene.name in weighed)
+        say("  bandwidth, volume, tissues")
+        large = 2**25 if quick else 2**29  # beyond the caches
+        bandwidth = max(native.bandwidth(large, copy=copy) for copy in (False, True))
+        return {
+            "scenes": scenes,
+            "bandwidth_GB_per_s": bandwidth,
+            "limits": report.limits(scenes, bandwidth, reference),
+            "volume": volume_scaling(native, reference, quick),
+            "tissues": tissues.tissue_cost(native, quick),
         }
-        for kind in ("slide", "buried")
-    }
-    exponents = {
-        kind: {name: k for name, k in found.items() if isfinite(k)} for kind, found in slopes.items()
-    }
-    return {"scenes": scenes, "exponents": exponents, **once}
 
 
 def main() -> None:
@@ -97,16 +102,15 @@ def main() -> None:
         "left_out": missing,
         **run(native, options.quick, reference),
     }
-    results["targets"] = report.targets(results)
     here = results["machine"]
-    print(f"{here['cpu']}, {here['compiler']} {here['flags']}, burrlab {here['burrlab']}")
+    print(f"{here['cpu']}, {here['compiler']} {here['flags']}, burrlab {burrlab.__version__}")
     if missing:
         print(f"Left out, as this CPU has none: {', '.join(missing)}")
     print(*report.table(results), *report.summary(results), sep="\n")
     options.out.mkdir(parents=True, exist_ok=True)
     results["seconds"] = time.perf_counter() - begun
     (options.out / "results.json").write_text(json.dumps(results, indent=2, allow_nan=False) + "\n")
-    about = f"median over ticks, one thread; {here['cpu']}, {here['compiler']}, burrlab {here['burrlab']}"
+    about = f"median over ticks, one thread; {here['cpu']}, {here['compiler']}, burrlab {burrlab.__version__}"
     draw(results, about, options.out / "tick.png")
     say(f"{options.out}/results.json, {options.out}/tick.png; {results['seconds']:.0f} s")
 

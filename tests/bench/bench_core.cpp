@@ -32,17 +32,6 @@ struct Core {
   }
 };
 
-// Ways to make a tick: in one pass, in two (moments, erosion), or one of these alone.
-enum Pass { fused, split, probe, erode };
-
-Contact one_tick(BurrContact& contact, const Vec3& center, double dt, int pass) {
-  if (pass == fused) return contact.step(center, dt, true);
-  Contact felt;
-  if (pass != erode) felt = contact.probe(center);
-  if (pass != probe) contact.erode(center, dt);
-  return felt;
-}
-
 // Makes a session's record for the watch.
 void look(Core& core, const Vec3& center, const Contact& felt) {
   TickRecord record;
@@ -125,13 +114,13 @@ int core_reset(Core* core) {
 
 // n ticks at `centers` (n, 3), timed in batches of `batch`: seconds per tick (n / batch), interrupted (n /
 // batch). moments (n, 4), m0 and m1 of each tick, or null.
-int core_run(Core* core, const double* centers, std::int64_t n, double dt, int pass, std::int64_t batch,
+int core_run(Core* core, const double* centers, std::int64_t n, double dt, std::int64_t batch,
              double* seconds, std::uint8_t* interrupted, double* moments) {
   return guarded([&] {
     for (std::int64_t first = 0; first < n; first += batch) {
       const Stopwatch watch;
       for (std::int64_t i = first; i < first + batch; ++i) {
-        const Contact felt = one_tick(*core->contact, vec3(centers + 3 * i), dt, pass);
+        const Contact felt = core->contact->step(vec3(centers + 3 * i), dt, true);
         if (core->watch) look(*core, vec3(centers + 3 * i), felt);
         if (!moments) continue;
         moments[4 * i] = felt.m0;
@@ -140,19 +129,6 @@ int core_run(Core* core, const double* centers, std::int64_t n, double dt, int p
       watch.stop(double(batch), seconds + first / batch, interrupted + first / batch);
     }
     return 0;
-  });
-}
-
-// Holds the force exactly. Returns the number of ticks, with positions (ticks) and the seconds in all.
-std::int64_t core_hold(Core* core, double force, const double* start, const double* axis, double from,
-                       double travel, double dt, std::int64_t ticks, double* positions, double* seconds) {
-  return guarded([&] {
-    std::uint8_t interrupted = 0;
-    const Stopwatch watch;
-    const HeldDescent held = core->contact->hold(force, vec3(start), vec3(axis), from, travel, dt, ticks);
-    watch.stop(1.0, seconds, &interrupted);
-    std::copy(held.position.begin(), held.position.end(), positions);
-    return static_cast<std::int64_t>(held.position.size());
   });
 }
 
@@ -172,6 +148,4 @@ const char* core_digest(const Core* core) {
 std::int64_t core_hierarchy_bytes(const Core* core) {
   return static_cast<std::int64_t>(core->bone->hierarchy_bytes());
 }
-
-std::uint64_t core_tick(const Core* core) { return core->contact->tick; }
 }

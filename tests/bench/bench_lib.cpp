@@ -79,15 +79,4 @@ double bench_bandwidth(std::int64_t bytes, int repeats, int copy) {
   (void)sink;
   return best;
 }
-
-// Shortest time between two readings of the clock [s].
-double bench_clock(int looks) {
-  double best = 1.0, seconds = 0.0;
-  std::uint8_t interrupted = 0;
-  for (int i = 0; i < looks; ++i) {
-    Stopwatch().stop(1.0, &seconds, &interrupted);
-    best = std::min(best, seconds);
-  }
-  return best;
-}
 }

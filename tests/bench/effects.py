@@ -1,6 +1,6 @@
 """Cost of the secondary effects beside a session: frames against their budget, ticks with and without.
 
-    python tests/bench/effects.py [--seconds 60] [--parcels 20000] [--rounds 2] [--json FILE]
+    python tests/bench/effects.py [--seconds 60] [--parcels 20000] [--rounds 2]
 
 A burr of 3 mm strokes at 1 kHz through a block with two tissues, one of which bleeds. Beside it run effects
 at 20 Hz with water, a sucker and a camera; twice a second the parcels are copied. Parcels reach the given
@@ -9,9 +9,7 @@ over the same ticks, before or after by turns, so that the ratio of the ticks is
 """
 
 import argparse
-import json
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,14 +29,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--parcels", type=int, default=20_000)
     parser.add_argument("--rounds", type=int, default=2)
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    results = []
     for number in range(options.rounds):
-        results.append(run(options.seconds, options.parcels, alone_first=number % 2 == 0))
-        print(f"round {number + 1} of {options.rounds}, on {os.cpu_count()} CPUs\n{results[-1]['text']}\n")
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=1) + "\n")
+        text = run(options.seconds, options.parcels, alone_first=number % 2 == 0)["text"]
+        print(f"round {number + 1} of {options.rounds}, on {os.cpu_count()} CPUs\n{text}\n")
 
 
 def block() -> burrlab.VoxelBone:
@@ -82,26 +76,18 @@ def companion_of(made: burrlab.Session, parcels: int) -> Companion:
     )
 
 
-def ticks_us(loop: Any, before: dict[str, NDArray[np.uint64]] | None = None) -> dict[str, Any]:
-    """Counts of tick times; since `before`: median and p99, upper ends of bins 1/32 of their value wide."""
-    counts = {"cpu": loop.tick_time.counts, "wall": loop.wall_time.counts}
-    if before is None:
-        return counts
-    out = {}
-    for name in counts:
-        sums = np.cumsum(counts[name] - before[name])
-        for label, part in (("p50", 0.5), ("p99", 0.99)):
-            at = np.searchsorted(sums, part * sums[-1]) + 1
-            out[f"{name}_{label}"] = float(loop.tick_time.edges[at])
-    return out
+def tick_time(loop: Any, before: NDArray[np.uint64]) -> float:
+    """Median CPU time of the ticks since the counts `before` [us], as the upper end of a bin 1/32 of it wide."""
+    sums = np.cumsum(loop.tick_time.counts - before)
+    return float(loop.tick_time.edges[np.searchsorted(sums, sums[-1] / 2) + 1])
 
 
-def run_alone(seconds: float) -> dict[str, float]:
+def run_alone(seconds: float) -> float:
     with session(seconds) as made:
         made.wait(WARM)
-        before = ticks_us(made.loop)
+        before = made.loop.tick_time.counts
         made.wait()
-        return ticks_us(made.loop, before)
+        return tick_time(made.loop, before)
 
 
 def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
@@ -109,23 +95,19 @@ def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
     companion = companion_of(made, parcels)
     with companion, made:
         made.wait(WARM)
-        before, begin = ticks_us(made.loop), companion.report()
-        present = [len(companion.parcels)]
+        before, begin = made.loop.tick_time.counts, companion.report()
         while not made.wait(0.5):
-            present.append(len(companion.parcels))
-        quantiles = ticks_us(made.loop, before)
+            companion.parcels  # noqa: B018  # copies them, as a view does
+        median = tick_time(made.loop, before)
         companion.wait(10)
-    newest, end = companion.newest(), companion.report()
-    dust, removed = newest["balance"]["dust"], round(made.snapshot()[0].removed / companion.quantum)
+    balances, end = companion.newest()["balance"], companion.report()
+    removed = round(made.snapshot()[0].removed / companion.quantum)
     return {
-        "ticks_us": quantiles,
+        "median_us": median,
         "frames": end.frames - begin.frames,
         "over_budget": end.over_budget - begin.over_budget,
-        "least_parcels": min(present),
         "report": end.to_dict(),
-        "report_text": str(end),
-        "balance": {name: account.volumes() for name, account in newest["balance"].items()},
-        "exact": all(balance.exact for balance in newest["balance"].values()) and dust.made == removed,
+        "exact": all(balance.exact for balance in balances.values()) and balances["dust"].made == removed,
         "failed": made.failed or bool(companion.error),
     }
 
@@ -133,28 +115,16 @@ def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
 def run(seconds: float, parcels: int, *, alone_first: bool = True) -> dict[str, Any]:
     """Results of the same session without and with effects."""
     alone = run_alone(seconds) if alone_first else None
-    result = run_beside(seconds, parcels)
+    beside = run_beside(seconds, parcels)
     alone = alone or run_alone(seconds)
-    beside, frames = result["ticks_us"], result["frames"]
-    within = frames - result["over_budget"]
-    lines = [
-        f"{within} of {frames} frames within 20 ms ({100 * within / frames:.2f} %), at least "
-        f"{result['least_parcels']} parcels in them",
-        f"with the first {WARM:g} s: {result['report_text']}",
-        *(
-            f"tick, {clock}: median {alone[name + '_p50']:.1f} us alone, {beside[name + '_p50']:.1f} us "
-            f"beside ({beside[name + '_p50'] / alone[name + '_p50']:.2f} times), p99 "
-            f"{alone[name + '_p99']:.1f} and {beside[name + '_p99']:.1f} us"
-            for name, clock in (("cpu", "CPU time"), ("wall", "wall clock"))
-        ),
-        *(
-            f"{name}: " + ", ".join(f"{part} {volume:.3f}" for part, volume in volumes.items()) + " mm^3"
-            for name, volumes in result["balance"].items()
-        ),
-        f"made = present + sucked + drained in quanta, and dust made = bone removed: {result['exact']}",
-    ]
-    ratio = beside["cpu_p50"] / alone["cpu_p50"]
-    return {**result, "alone_us": alone, "median_ratio": ratio, "text": "\n".join(lines)}
+    frames, median = beside["frames"], beside["median_us"]
+    text = (
+        f"{frames - beside['over_budget']} of {frames} frames within 20 ms, with up to "
+        f"{beside['report']['parcels_most']} parcels\n"
+        f"median tick {alone:.1f} us alone, {median:.1f} us beside, {median / alone:.2f} times\n"
+        f"made = present + sucked + drained in quanta, and dust made = bone removed: {beside['exact']}"
+    )
+    return {**beside, "text": text}
 
 
 if __name__ == "__main__":

@@ -1,23 +1,22 @@
 """Times of scenes: the core on every CPU path over all ticks, the baselines at samples of the run."""
 
-import time
+import os
 from typing import Any
 
 import numba_tick
 import numpy as np
-from native import ERODE, FUSED, PROBE, SPLIT, Burring, Core, Levels, Native
-from scenes import Scene
-from times import Numbers, Times, quartiles
+from native import Burring, Core, Levels, Native
+from scenes import Scene, volume
+from times import Numbers, Times, in_turns, quartiles, stopwatch
 
 from reference import tick as reference
 
 WARM_UP = 0.1  # first part of a run, not counted
 BASELINES = ("plain", "numba")
-HALVES = {"split": SPLIT, "probe": PROBE, "erode": ERODE}
 
 
-def core_ticks(core: Core, scene: Scene, centers: Numbers, how: int = FUSED) -> Times:
-    return core.run_fresh(centers, how) if scene.fresh else core.run(centers, how=how, batch=scene.batch)
+def core_ticks(core: Core, scene: Scene, centers: Numbers) -> Times:
+    return core.run_fresh(centers) if scene.fresh else core.run(centers, batch=scene.batch)
 
 
 def baseline_ticks(
@@ -30,47 +29,36 @@ def baseline_ticks(
             q[...] = p
         if name == "plain":
             times.append(native.plain_run(q, p, scene.burring, tick, center[None])[0])
-            continue
-        arguments = scene.burring.arguments(tick, native.depth_table, center)
-        before, start = native.library.bench_interruptions(), time.perf_counter()
-        numba_tick.step(q, p, *arguments)
-        seconds = time.perf_counter() - start
-        interrupted = native.library.bench_interruptions() != before
-        times.append(Times(np.array([seconds]), np.array([interrupted])))
+        else:
+            arguments = scene.burring.arguments(tick, native.depth_table, center)
+            times.append(stopwatch(native.library.bench_interruptions, numba_tick.step, q, p, *arguments))
     return Times.join(times)
 
 
-def compare(
-    native: Native, scene: Scene, main: Core, p: Levels, tick: int, passes: str | None
-) -> dict[str, Times]:
+def compare(native: Native, scene: Scene, main: Core, p: Levels, tick: int) -> dict[str, Times]:
     """Times of the same ticks by all implementations; RuntimeError if the final levels differ."""
-    centers = scene.path[tick : tick + scene.effort.burst]
+    centers = scene.path[tick : tick + scene.burst]
     many = np.repeat(centers, scene.batch, axis=0)  # only scenes in air, which stay the same, have a batch
-    ways = {path: (path, FUSED) for path in native.cpu_paths}
-    if passes is not None:
-        ways |= {f"{passes} {name}": (passes, how) for name, how in HALVES.items()}
     times, levels = {}, {}
-    for name, (path, how) in ways.items():
+    for path in native.cpu_paths:
         core = main.clone(path)
-        times[name] = core_ticks(core, scene, many, how)
-        if how in (FUSED, SPLIT):  # a half leaves other levels
-            levels[name] = core.density()
+        times[path], levels[path] = core_ticks(core, scene, many), core.density()
     for name in BASELINES:
         levels[name] = main.density()
         times[name] = baseline_ticks(native, scene, name, levels[name], p, tick, centers)
-    for name, own in levels.items():
-        if not np.array_equal(own, levels[native.cpu_paths[0]]):
+    for name in levels:
+        if not np.array_equal(levels[name], levels[native.cpu_paths[0]]):
             raise RuntimeError(f"{scene.name}: {name} left other levels than the core")
     return times
 
 
-def measure(native: Native, scene: Scene, reference: str, *, passes: str | None = None) -> dict[str, Any]:
-    """Times of one scene, for results.json; `passes` names a CPU path whose split tick is timed too."""
-    p, effort = scene.levels(), scene.effort
+def measure(native: Native, scene: Scene, reference: str, *, weighed: bool) -> dict[str, Any]:
+    """Times of one scene, for results.json; with the bytes that a tick moves, if `weighed`."""
+    p = scene.levels()
     cores = {path: Core.of(native, p, scene.burring, path) for path in native.cpu_paths}
     main = cores[native.cpu_paths[-1]]
-    first, last = int(WARM_UP * len(scene.path)) // scene.batch * scene.batch, len(scene.path) - effort.burst
-    samples = np.unique(np.linspace(first, last, effort.samples).astype(int) // scene.batch * scene.batch)
+    first, last = int(WARM_UP * len(scene.path)) // scene.batch * scene.batch, len(scene.path) - scene.burst
+    samples = np.unique(np.linspace(first, last, scene.samples).astype(int) // scene.batch * scene.batch)
     runs: dict[str, list[Times]] = {path: [] for path in cores}
     bursts: dict[str, list[Times]] = {}
     touched: list[int] = []
@@ -81,9 +69,9 @@ def measure(native: Native, scene: Scene, reference: str, *, passes: str | None 
         done = sample
         if sample == len(scene.path):
             break
-        for name, times in compare(native, scene, main, p, sample, passes).items():
-            bursts.setdefault(name, []).append(times[effort.warm :])
-        if passes is not None:
+        for name, times in compare(native, scene, main, p, sample).items():
+            bursts.setdefault(name, []).append(times[scene.burst // 2 :])  # caches and branches settle first
+        if weighed:
             q = p if scene.fresh else main.density()
             touched.append(touched_bytes(q, p, scene.burring, scene.path[sample]))
     if len({core.digest for core in cores.values()}) != 1:
@@ -94,27 +82,20 @@ def measure(native: Native, scene: Scene, reference: str, *, passes: str | None 
 
 
 def summary(scene: Scene, runs: dict[str, Times], bursts: dict[str, Times], reference: str) -> dict[str, Any]:
-    """Medians and 95th percentiles of the run, or of the samples; tick-by-tick ratios with quartiles.
-
-    CPU paths come first, then baselines, then the passes of a split tick.
-    """
-    rows: dict[str, Any] = {}
-    for name in dict.fromkeys((*runs, *BASELINES, *bursts)):
-        if not bursts[name].made.any():
-            continue
-        times = runs.get(name, bursts[name])
-        rows[name] = {
-            "median_us": 1e6 * times.median,
-            "percentile_95_us": 1e6 * times.percentile_95,
-            "ticks": int(times.made.sum()) * (scene.batch if name in runs else 1),
-            "share_interrupted": times.share_interrupted,
-            "plain_over_this": quartiles(bursts["plain"].over(bursts[name])) if name in runs else None,
+    """Medians of the run, of baselines over the samples; tick-by-tick ratios with quartiles."""
+    rows = {
+        name: {
+            "median_us": 1e6 * runs.get(name, bursts[name]).median,
+            "plain_over_this": quartiles(bursts["plain"].over(bursts[name])),
             f"this_over_{reference}": quartiles(bursts[name].over(bursts[reference])),
         }
-    s, b = scene, scene.burring
+        for name in (*runs, *BASELINES)
+    }
+    burring = scene.burring
     return {
-        "about": s.about, "radius_mm": b.radius, "voxel_mm": b.spacing, "radius_over_voxel": s.resolution,
-        "scheme": b.scheme, "volume_zyx": list(s.shape), "path_ticks": len(s.path), "implementations": rows,
+        "about": scene.about, "radius_mm": burring.radius, "voxel_mm": burring.spacing,
+        "radius_over_voxel": scene.resolution, "volume_zyx": list(scene.shape), "path_ticks": len(scene.path),
+        "implementations": rows,
     }  # fmt: skip
 
 
@@ -123,3 +104,32 @@ def touched_bytes(q: Levels, p: Levels, b: Burring, center: Numbers) -> int:
     at = reference.geometry(center, b.radius, q.shape, (b.spacing,) * 3, b.origin)
     held = reference.mass(q, p, at.coverage, b.scheme) > 0
     return int(2 * held.sum() + (held & ~at.deep).sum())
+
+
+def volume_scaling(native: Native, path: str, quick: bool) -> dict[str, Any]:
+    """The same slide in volumes of growing size, in turns: the core on one CPU path, and the plain loop."""
+    free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    sides = [side for side in ((64, 128) if quick else (256, 512, 1024)) if 6 * side**3 <= free]
+    runs: dict[tuple[str, int], Any] = {}
+    cores, present = {}, {}
+    for side in sides:
+        scene = volume(side, quick=quick)
+        p = scene.levels()
+        cores[side], present[side] = core, q = Core.of(native, p, scene.burring, path), p.copy()
+        runs["core", side] = scene.path, lambda _, centers, core=core: core.run(centers)
+        runs["plain", side] = (
+            scene.path,
+            lambda begin, centers, q=q, p=p, b=scene.burring: native.plain_run(q, p, b, begin, centers)[0],
+        )
+    times = in_turns(runs)
+    rows = {}
+    for side in sides:
+        if not np.array_equal(cores[side].density(), present[side]):
+            raise RuntimeError(f"volume {side}: the plain loop left other levels than the core")
+        rows[str(side)] = {
+            "core_median_us": 1e6 * times["core", side].median,
+            "core_over_smallest": quartiles(times["core", side].over(times["core", sides[0]])),
+            "plain_median_us": 1e6 * times["plain", side].median,
+            "hierarchy_over_voxels": cores[side].hierarchy_bytes / side**3,
+        }
+    return {"cpu_path": path, "radius_over_voxel": scene.resolution, "sides": rows}

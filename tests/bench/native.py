@@ -15,8 +15,6 @@ from times import Numbers, Times
 
 Levels = NDArray[np.uint8]
 
-FUSED, SPLIT, PROBE, ERODE = range(4)  # kinds of a tick, as in bench_lib.cpp
-
 
 @dataclass(frozen=True)
 class Burring:
@@ -87,7 +85,6 @@ class Native:
             ("bench_flags", c_char_p, []),
             ("bench_depth_table", None, [c_void_p]),
             ("bench_bandwidth", c_double, [c_int64, c_int, c_int]),
-            ("bench_clock", c_double, [c_int]),
             ("bench_interruptions", c_int64, []),
             ("core_new", c_void_p, [c_void_p, c_void_p, c_void_p, c_double, c_void_p, c_double, c_double, c_double,
                                     c_int, c_uint64, c_char_p, c_uint64]),
@@ -95,9 +92,7 @@ class Native:
             ("core_free", None, [c_void_p]),
             ("core_set_tissues", c_int, [c_void_p, c_void_p, c_int, c_int]),
             ("core_reset", c_int, [c_void_p]),
-            ("core_run", c_int, [c_void_p, c_void_p, c_int64, c_double, c_int, c_int64, c_void_p, c_void_p, c_void_p]),
-            ("core_hold", c_int64, [c_void_p, c_double, c_void_p, c_void_p, c_double, c_double, c_double, c_int64,
-                                    c_void_p, c_void_p]),
+            ("core_run", c_int, [c_void_p, c_void_p, c_int64, c_double, c_int64, c_void_p, c_void_p, c_void_p]),
             ("core_density", c_int, [c_void_p, c_void_p]),
             ("core_digest", c_char_p, [c_void_p]),
             ("core_hierarchy_bytes", c_int64, [c_void_p]),
@@ -117,9 +112,9 @@ class Native:
             raise RuntimeError(self.library.bench_error().decode())
         return done
 
-    def bandwidth(self, size: int, *, copy: bool, repeats: int = 3) -> float:
+    def bandwidth(self, size: int, *, copy: bool) -> float:
         """Best of some passes over `size` bytes [GB/s]."""
-        return 1e-9 * float(self.library.bench_bandwidth(size, repeats, copy))
+        return 1e-9 * float(self.library.bench_bandwidth(size, 3, copy))
 
     def plain_run(
         self, q: Levels, p: Levels, burring: Burring, tick: int, centers: Numbers
@@ -166,41 +161,26 @@ class Core:
         if hasattr(self, "handle"):
             self.library.core_free(self.handle)
 
-    def run(
-        self, centers: Numbers, *, how: int = FUSED, batch: int = 1, moments: Numbers | None = None
-    ) -> Times:
+    def run(self, centers: Numbers, *, batch: int = 1, moments: Numbers | None = None) -> Times:
         """Times of ticks, one per centre, as means over `batch`; m0 and m1 of each go to `moments` (n, 4)."""
         if len(centers) % batch:
             raise ValueError("the number of ticks must be a multiple of batch")
         times, centers = Times.empty(len(centers) // batch), np.ascontiguousarray(centers)
         self.native.check(
             self.library.core_run(
-                self.handle, address(centers), len(centers), self.burring.dt, how, batch,
+                self.handle, address(centers), len(centers), self.burring.dt, batch,
                 address(times.seconds), address(times.interrupted), address(moments),
             )
         )  # fmt: skip
         return times
 
-    def run_fresh(self, centers: Numbers, how: int = FUSED) -> Times:
+    def run_fresh(self, centers: Numbers) -> Times:
         """Times of ticks that each begin with the bone as loaded."""
         times = []
         for center in centers:
             self.native.check(self.library.core_reset(self.handle))
-            times.append(self.run(center[None], how=how))
+            times.append(self.run(center[None]))
         return Times.join(times)
-
-    def hold(
-        self, force: float, start: Numbers, axis: Numbers, *, begin: float, travel: float, ticks: int
-    ) -> tuple[Numbers, float]:
-        """Positions along the axis [mm] at an exactly held force [N], and seconds of all ticks."""
-        positions, seconds = np.empty(ticks), np.empty(1)
-        done = self.native.check(
-            self.library.core_hold(
-                self.handle, force, address(start), address(axis), begin, travel, self.burring.dt, ticks,
-                address(positions), address(seconds),
-            )
-        )  # fmt: skip
-        return positions[:done].copy(), float(seconds[0])
 
     def set_tissues(self, numbers: Levels, count: int, *, watched: int = 0) -> None:
         """Sets `count` tissues of different c_e and the burr's alpha; ticks query distances to the first `watched`."""

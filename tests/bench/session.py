@@ -1,7 +1,6 @@
 """Timing of a session: a hand cuts bone at 1 kHz, recorded and published, alone and beside busy processes.
 
     python tests/bench/session.py [--seconds 120] [--rate 1000] [--stub libhd|libdhd|haply]
-        [--json FILE]
 
 Each case is its own session: with and without real-time priority, alone and beside two busy processes. The
 tick is measured on its thread's CPU clock, the period on the wall clock. The results depend on the machine
@@ -11,7 +10,6 @@ the rate of the loop, or over a mock of Haply's service in another process, and 
 
 import argparse
 import contextlib
-import json
 import os
 import subprocess
 import sys
@@ -25,7 +23,6 @@ import burrlab
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from stubs.stub import Stub, compiled
 
-_BUSY = "while True: pass"
 _SERVICE = Path(__file__).parents[1] / "haply_service.py"
 
 
@@ -36,27 +33,19 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=120.0)
     parser.add_argument("--rate", type=float, default=1000.0)
     parser.add_argument("--stub", choices=("libhd", "libdhd", "haply"))
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    results = []
     for busy in (0, 2):
         for realtime in (True, False):
-            others = [subprocess.Popen([sys.executable, "-c", _BUSY]) for _ in range(busy)]
-            try:
+            with contextlib.ExitStack() as others:
+                for _ in range(busy):
+                    others.callback(subprocess.Popen([sys.executable, "-c", "while True: pass"]).kill)
                 report = run(options.seconds, options.rate, realtime, options.stub)
-            finally:
-                for other in others:
-                    other.kill()
-                    other.wait()
-            results.append({"busy": busy, "realtime": realtime, "cpus": os.cpu_count(), **report.to_dict()})
             name = f"{busy} busy processes" if busy else "alone"
             print(
                 f"{name}, {'with' if realtime else 'without'} real-time priority, {os.cpu_count()} "
                 f"CPUs\n{report}\n",
                 flush=True,
             )
-    if options.json:
-        options.json.write_text(json.dumps(results, indent=1) + "\n")
 
 
 def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrlab.SessionReport:
@@ -72,7 +61,10 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
             assert service.stdout
             devices.append(burrlab.HaplyDevice("127.0.0.1", int(service.stdout.readline())))
         elif stub:
-            devices.append(_over_stub(stub, Path(folder), rate))
+            library = Stub(compiled(stub, Path(folder)))
+            library.set(rate=rate, x=10.0, z=3.0)
+            kind = burrlab.TouchDevice if stub == "libhd" else burrlab.OmegaDevice
+            devices.append(kind(library=library.file))
         record = Path(folder) / "trace.h5"
         session = burrlab.Session(
             bone,
@@ -91,13 +83,6 @@ def run(seconds: float, rate: float, realtime: bool, stub: str | None) -> burrla
             told = ", ".join(f"{np.quantile(age, q):.3f}" for q in (0.5, 0.99, 0.999, 1.0))
             print(f"{device.name}: age of the position, median, 99 %, 99.9 %, most: {told} ms")
         return session.report()
-
-
-def _over_stub(name: str, folder: Path, rate: float) -> burrlab.Device:
-    stub = Stub(compiled(name, folder))
-    stub.set(rate=rate, x=10.0, z=3.0)
-    kind = burrlab.TouchDevice if name == "libhd" else burrlab.OmegaDevice
-    return kind(library=stub.file)
 
 
 if __name__ == "__main__":

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from machine import on_one_core
 from native import Core, Native
 from scenes import Scene, buried, slide
+from times import on_one_core
 
 from burrlab.common.figures import new_figure, tidy
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -55,20 +58,31 @@ class Times:
         """Median of the ticks that count [s]."""
         return float(np.median(undisturbed(self.seconds[self.made], self.interrupted[self.made])))
 
-    @property
-    def percentile_95(self) -> float:
-        """95th percentile of all ticks, interrupted ones too [s]."""
-        return float(np.percentile(self.seconds[self.made], 95))
-
-    @property
-    def share_interrupted(self) -> float:
-        return float(np.mean(self.interrupted[self.made]))
-
     def over(self, other: Times) -> Numbers:
         """Tick-by-tick ratios of the ticks that both made."""
         both = self.made & other.made
         ratio = self.seconds[both] / other.seconds[both]
         return undisturbed(ratio, (self.interrupted | other.interrupted)[both])
+
+
+def stopwatch(interruptions: Callable[[], int], work: Callable[..., object], *arguments: object) -> Times:
+    """The time of one call."""
+    before, start = interruptions(), time.perf_counter()
+    work(*arguments)
+    seconds = time.perf_counter() - start
+    return Times(np.array([seconds]), np.array([interruptions() != before]))
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Keeps this process on one core, if the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    yield
+    os.sched_setaffinity(0, before)
 
 
 def undisturbed(values: Numbers, interrupted: NDArray[np.bool_]) -> Numbers:

@@ -1,10 +1,6 @@
 """Replay: equal traces are found equal, and others give the first difference."""
 
 import json
-import os
-import subprocess
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import h5py
@@ -56,24 +52,6 @@ def test_equal_on_every_cpu_path(session, trace, cpu_path):
     assert again.equal
     assert again.cpu_path == cpu_path
     assert again.bone.digest() == session[1]
-
-
-def test_equal_in_several_threads_at_once(session, trace):
-    with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda _: burrlab.replay(trace), range(8)))
-    assert all(one.equal and one.bone.digest() == session[1] for one in found)
-
-
-def test_equal_in_a_process_on_another_path(session):
-    """Through the command, with its CPU path from the environment."""
-    run = subprocess.run(
-        [sys.executable, "-m", "burrlab", "replay", str(session[0]), "--json", "-"], capture_output=True, text=True,
-        env={**os.environ, "BURRLAB_CPU_PATH": "scalar", "PYTHONPATH": os.pathsep.join(sys.path)},
-    )  # fmt: skip
-    result = json.loads(run.stdout)
-    assert run.returncode == 0
-    assert (result["equal"], result["cpu_path"], result["digest"]) == (True, "scalar", session[1])
-    assert (result["difference"], result["recorded_with"]["burrlab"]) == (None, burrlab.__version__)
 
 
 def test_until_a_tick(trace):

@@ -252,7 +252,7 @@ def executor(**options):
         (begun_twice, ValueError, "session must be started once: it has been started or stopped"),
         (stopped_first, ValueError, "session must be started once: it has been started or stopped"),
         *((make, ValueError, told) for make, told in [
-            (lambda: session()._follower.take(session().follower.view()),
+            (lambda: session().follower.take(session().follower.view()),
              "view must be one of this follower"),
             (lambda: _core.HapticLoop(None, []), "executor must be a TickExecutor, got None"),
             (lambda: _core.HapticLoop(executor(), HANDS[:1], cpu=-2),
@@ -267,13 +267,6 @@ def executor(**options):
 def test_what_is_refused(make, error, told):
     with pytest.raises(error, match=told):
         make()
-
-
-def test_a_file_that_is_there_is_no_trace(tmp_path):
-    (tmp_path / "old.h5").write_text("mine")
-    with pytest.raises(FileExistsError, match="path must be a new file"):
-        session(record=tmp_path / "old.h5")
-    assert (tmp_path / "old.h5").read_text() == "mine"
 
 
 def test_never_started():

@@ -162,8 +162,8 @@ class TestEnds:
             def start(self):
                 raise KeyboardInterrupt
 
-        follower = run._follower
-        monkeypatch.setattr(run, "_follower", Interrupted())
+        follower = run.follower
+        monkeypatch.setattr(run, "follower", Interrupted())
         with pytest.raises(KeyboardInterrupt):
             run.start()
         assert run.reason == "stopped by KeyboardInterrupt"

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from command_line import refusal, result
 from session_scenes import FakeReader, make_records, recorded, small_bone, tools
 
 import burrlab
@@ -156,11 +155,3 @@ def test_wrong_parameters(tmp_path, options, told):
 def test_a_name_is_no_trace(ask):
     with pytest.raises(TypeError, match=r"trace must be a Trace, as load_trace gives it, got 'session\.h5'"):
         ask("session.h5")
-
-
-def test_command_line(tmp_path, capsys):
-    trace_of(tmp_path, stroking(5, 1.0, 8.0))
-    told = result(capsys, "metrics", tmp_path / "session.h5", "--threshold", 1.5)
-    assert (told["strokes"], told["threshold_N"], told["burr"]) == (11, 1.5, 0)
-    said = refusal(capsys, "metrics", tmp_path / "session.h5", "--burr", 1)
-    assert "burr must be an index below 1, got 1" in said

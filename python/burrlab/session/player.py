@@ -181,6 +181,19 @@ class TracePlayer:
     memory : float
         For kept states [MB]. If it does not suffice, they lie further apart.
 
+    Attributes
+    ----------
+    bone : VoxelBone
+        The bone at `time`: always the same object, which `seek` changes.
+    duration : float
+        Of the trace [s].
+    ticks : int
+        In the trace.
+    history : History
+        A row a tick.
+    events : tuple
+        Of the whole trace, as it recorded them; empty where it has none.
+
     Raises
     ------
     TypeError
@@ -200,21 +213,12 @@ class TracePlayer:
         self._every = max(1, round(every * 1000.0 / trace.period))
         self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # no copy: this bone never changes
         self._walk = _Walk(trace, self._kept, self._every)
-
-    @property
-    def bone(self) -> VoxelBone:
-        """The bone at `time`: always the same object, which `seek` changes."""
-        return self._walk.bone
-
-    @property
-    def duration(self) -> float:
-        """Duration of the trace [s]."""
-        return self.trace.duration
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks in the trace."""
-        return len(self.trace)
+        self.bone, self.duration, self.ticks, self.events = (
+            self._walk.bone,
+            trace.duration,
+            len(trace),
+            tuple(trace.events),
+        )
 
     @property
     def done(self) -> int:
@@ -250,11 +254,6 @@ class TracePlayer:
     def depth(self) -> NDArray[np.float64]:
         """Penetration h in the last executed tick [mm], shape (burrs,)."""
         return self._last("penetration_mm")
-
-    @property
-    def events(self) -> tuple[Any, ...]:
-        """Events of the whole trace, as it recorded them; empty where it has none."""
-        return tuple(getattr(self.trace, "events", ()))
 
     @property
     def prepared(self) -> float:

@@ -40,7 +40,7 @@ class Reader(Protocol):
 
 
 class TraceWriter:
-    """Records a session into a trace; also a context manager that starts and stops.
+    """Records a session into a trace.
 
     Parameters
     ----------
@@ -58,6 +58,19 @@ class TraceWriter:
     on_end : callable, optional
         Called with the reason, from the writer's thread, as soon as recording ends by itself (the ring was
         overrun, the disk is full or fails, no room is left) or the file was deleted, replaced or overwritten.
+
+    Attributes
+    ----------
+    recorded : int
+        Ticks in the file.
+    ended : str
+        Why recording ended; empty while it goes on.
+    complete : bool
+        Whether recording ended with the session, and the file holds every tick and is in its place.
+    warning : str
+        Why the finished file could not be compacted, or what became of it; empty where all is well.
+    rescued : str
+        Path of the content of a file that was deleted or replaced during recording; else empty.
 
     Raises
     ------
@@ -106,11 +119,9 @@ class TraceWriter:
         self._reader: Reader | None = reader
         self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
         self._row_bytes, self._room, self._digest_room = row_dtype(self._burrs).itemsize, rows, digests
-        self._recorded = self._digests_recorded = 0
-        self._ended, self._warning = "", ""
-        #: Path of the content of a file that was deleted or replaced during recording; else empty.
-        self.rescued = ""
-        self._complete = False
+        self.recorded = self._digests_recorded = 0
+        self.ended = self.warning = self.rescued = ""
+        self.complete = False
         self._pending: list[tuple[int, str]] = []
         self._watch = WatchWriter(places) if places else None
         self._lock, self._wake = threading.Lock(), threading.Event()
@@ -119,26 +130,6 @@ class TraceWriter:
         self._file = os.open(self.path, os.O_RDWR)
         self._head = os.pread(self._file, min(1024, self._places["recorded"]), 0)  # never written again
         self._size = os.fstat(self._file).st_size
-
-    @property
-    def recorded(self) -> int:
-        """Ticks in the file."""
-        return self._recorded
-
-    @property
-    def ended(self) -> str:
-        """Why recording ended; empty while it goes on."""
-        return self._ended
-
-    @property
-    def complete(self) -> bool:
-        """Whether recording ended with the session, and the file holds every tick and is in its place."""
-        return self._complete
-
-    @property
-    def warning(self) -> str:
-        """Why the finished file could not be compacted, or what became of it; empty where all is well."""
-        return self._warning
 
     def add_digest(self, tick: int, digest: str) -> None:
         """Keeps the bone's digest after `tick` executed ticks. Any thread may call it.
@@ -187,59 +178,49 @@ class TraceWriter:
             self._finish_file()
             self._on_end = None  # a session's method: this cycle would keep two bones alive
 
-    def __enter__(self) -> "TraceWriter":
-        self.start()
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        self.stop("stopped" if kind is None else f"stopped by {kind.__name__}")
-
-    def __repr__(self) -> str:
-        return f"TraceWriter({str(self.path)!r}, {self._recorded} ticks{f', {self._ended}' if self._ended else ''})"
-
     def _run(self) -> None:
-        lost = ""
+        damage = ""
         try:
-            while not self._ended:
-                if not lost and (lost := self._lost()) and self._on_end is not None:
-                    self._on_end(f"{self.path} {lost} while the session is recorded")
-                if lost in _BROKEN:  # left alone
-                    self._ended = lost
+            while not self.ended:
+                if not damage and (damage := self._damage()) and self._on_end is not None:
+                    self._on_end(f"{self.path} {damage} while the session is recorded")
+                if damage in _BROKEN:  # left alone
+                    self.ended = damage
                     break
                 last = self._stopping is not None  # read before the ring is emptied
                 self._empty_ring(last)
                 self._write_digests()
                 self._write_watch(last)
-                if last and not self._ended:
+                if last and not self.ended:
                     self._end(self._stopping or "stopped", complete=True)
-                elif not self._ended:
+                elif not self.ended:
                     self._wake.wait(_INTERVAL)
         except Exception as error:  # a thread must not die in silence: the session is told
             self._end(f"recording failed: {error}")
         finally:
             self._reader = None  # a loop on a virtual clock would wait for the reader
-        if not self._complete and self._on_end is not None and lost not in _BROKEN:
-            self._on_end(self._ended)
+        if not self.complete and self._on_end is not None and damage not in _BROKEN:
+            self._on_end(self.ended)
 
     def _empty_ring(self, last: bool) -> None:
-        while not self._ended and self._reader is not None:
-            records, lost = self._reader.take(_MOST)
+        while not self.ended and self._reader is not None:
+            records, overrun = self._reader.take(_MOST)
             if len(records):
                 self._write_ticks(records)
-            if lost:
+            if overrun:
                 self._end("the ring was overrun: the disk or the processor was too slow")
             if len(records) < (1 if last else _MOST):  # a fast loop always has a few more
                 return
 
     def _write_ticks(self, records: NDArray[np.void]) -> None:
-        expected = self._first + self._recorded + np.arange(len(records), dtype=np.uint64)
+        expected = self._first + self.recorded + np.arange(len(records), dtype=np.uint64)
         whole = int(np.argmin(np.append(records["index"] == expected, False)))
-        room = min(whole, self._room - self._recorded)
+        room = min(whole, self._room - self.recorded)
         rows = to_rows(records[:room], self._burrs).tobytes()
-        done, why = self._put(rows, self._places["ticks"] + self._recorded * self._row_bytes)
+        done, why = self._put(rows, self._places["ticks"] + self.recorded * self._row_bytes)
         if written := done // self._row_bytes:
-            failed = self._put_count("recorded", self._recorded + written)
-            self._recorded += 0 if failed else written
+            failed = self._put_count("recorded", self.recorded + written)
+            self.recorded += 0 if failed else written
             why = why or failed
         if why:
             self._end(why)
@@ -263,12 +244,12 @@ class TraceWriter:
 
     def _write_digests(self) -> None:
         """Writes the digests whose ticks are in the file; the others wait."""
-        last = self._first + self._recorded
+        last = self._first + self.recorded
         with self._lock:
             ready = [d for d in self._pending if d[0] <= last]
             self._pending = [d for d in self._pending if d[0] > last]
         ready = ready[: self._digest_room - self._digests_recorded]
-        if not ready or self._ended:
+        if not ready or self.ended:
             return
         table = np.array([(tick, digest.encode()) for tick, digest in ready], DIGEST_DTYPE)
         at = self._places["digests"] + self._digests_recorded * DIGEST_DTYPE.itemsize
@@ -278,26 +259,26 @@ class TraceWriter:
             self._end(why)
 
     def _write_watch(self, last: bool) -> None:
-        if self._watch is None or self._ended:
+        if self._watch is None or self.ended:
             return
         try:
-            self._watch.write(self._file, self._first + self._recorded)
+            self._watch.write(self._file, self._first + self.recorded)
             if last:
                 self._watch.finish(self._file)
         except OSError as error:
             self._end(f"the file could not be written: {error.strerror or error}")
 
     def _end(self, reason: str, *, complete: bool = False) -> None:
-        self._complete = complete
-        before = "" if complete else f"recording ended before tick {self._first + self._recorded}: "
+        self.complete = complete
+        before = "" if complete else f"recording ended before tick {self._first + self.recorded}: "
         text = before + reason
         # The file has these pages already. If the file system wants room even so, `ended` still tells it.
         with contextlib.suppress(OSError):
             _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places["ended"])
             _write(self._file, np.uint8(complete).tobytes(), self._places["complete"])
-        self._ended = text
+        self.ended = text
 
-    def _lost(self) -> str:
+    def _damage(self) -> str:
         """Text on what others did to the file; empty if it is in place and whole, with its beginning unchanged."""
         try:
             if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
@@ -311,23 +292,23 @@ class TraceWriter:
     def _finish_file(self) -> None:
         """Compacts the file; if another is in its place, the still open content is saved elsewhere."""
         try:
-            if lost := self._lost():
-                self._complete = False
-                if lost not in _BROKEN:
+            if damage := self._damage():
+                self.complete = False
+                if damage not in _BROKEN:
                     self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
                 fate = f"kept as {self.rescued}" if self.rescued else "lost"
-                self._ended = f"{self.path} {lost} during the session: what was recorded is {fate}"
-                self._warning = self._ended
+                self.ended = f"{self.path} {damage} during the session: what was recorded is {fate}"
+                self.warning = self.ended
             else:
                 with new_part(self.path) as part:
                     make_compact(self.path, part)
                     part.replace(self.path)
         except (OSError, RuntimeError, ValueError, KeyError) as error:
             why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
-            self._warning = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
+            self.warning = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
             if not isinstance(error, OSError) or not error.errno:  # not the disk: what was recorded
-                self._complete = False
-                self._ended = self._warning = f"{self.path} cannot be read, another program changed it: {why}"
+                self.complete = False
+                self.ended = self.warning = f"{self.path} cannot be read, another program changed it: {why}"
         finally:
             os.close(self._file)
 

@@ -85,9 +85,9 @@ _CODEC = Codec(
     "spelt",
     keys={
         Replay: {
-            "equal": lambda one: one.equal,
+            "equal": lambda outcome: outcome.equal,
             **{name: name for name in ("ticks", "digests", "tick")},
-            "digest": lambda one: one.bone.digest(),
+            "digest": lambda outcome: outcome.bone.digest(),
             **{name: name for name in ("cpu_path", "difference")},
         }
     },
@@ -141,8 +141,8 @@ def replay(trace: Trace, *, progress: Progress | None = None, until: int | None 
             done = mark
         if difference is None and mark in digests:
             compared += 1
-            if (found := bone.digest()) != digests[mark]:
-                difference = Difference(executor.tick, None, "digest", digests[mark], found)
+            if (digest := bone.digest()) != digests[mark]:
+                difference = Difference(executor.tick, None, "digest", digests[mark], digest)
         report(done / max(end, 1))
         if difference is not None:
             break

@@ -41,9 +41,9 @@ from burrlab.session.settings import Clock, ForceLimits, Publish, Safety, Starti
 from burrlab.session.trace import TraceHeader
 
 Tool = tuple[Burr, Material]
-Standing = Device | tuple[Device, DeviceFrame]
+PlacedDevice = Device | tuple[Device, DeviceFrame]
 _COARSE = 7.5  # voxels a radius; with fewer a message says so
-_LOOK = 0.05  # [s] between two rounds of the housekeeping thread
+_ROUND = 0.05  # [s] between two rounds of the housekeeping thread
 _PATIENCE = 2.0  # [s], before devices without a position are reported
 
 
@@ -80,6 +80,17 @@ class Session:
     publish : int or Publish, optional
         A port on this machine, or all of where and how the session is published.
 
+    Attributes
+    ----------
+    loop : HapticLoop
+        With its counts and histograms.
+    follower : Follower
+        Newest record, changed bricks, snapshots and stiffness.
+    messages : list of str
+        All so far.
+    provenance : dict
+        Versions, machine and all parameters.
+
     Raises
     ------
     ValueError
@@ -109,7 +120,7 @@ class Session:
         self,
         bone: VoxelBone | StartingBone,
         tools: Tool | Sequence[Tool],
-        devices: Standing | Sequence[Standing],
+        devices: PlacedDevice | Sequence[PlacedDevice],
         *,
         seed: int | None = None,
         duration: float | None = None,
@@ -120,65 +131,60 @@ class Session:
         safety: Safety = Safety(),
         publish: int | Publish | None = None,
     ) -> None:
+        # What takes part, and whether it goes together.
         self.tools: list[Tool] = _listed(
             tools, _is_tool, "tools must be (Burr, Material) or a list of such pairs"
         )
-        self.devices, self._stands, stands = _placed(devices)
+        self.devices, self._frames, loop_frames = _placed(devices)
         self.seed = seed_or_new(seed)
-        begin = bone if isinstance(bone, StartingBone) else StartingBone(bone)
-        start, period = begin.bone.copy(), 1e3 / clock.rate
-        duration = None if duration is None else scalar(duration, "duration")
-        refuse(
-            duration is not None and not 0 < duration < 1e9,
-            f"duration must be positive and below 1e9 s, got {duration!r}",
-        )
+        start = bone if isinstance(bone, StartingBone) else StartingBone(bone)
         self._limits = ForceLimits(safety, self.devices, len(self.tools), clock.rate)
         self._check_settings(clock, safety, watch)
-        self._stop_within = safety.stop_within
-        voxels = [burr.radius / max(start.spacing) for burr, _ in self.tools]
-        self._coarse = [
-            f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE
-        ]  # fmt: skip
+        ticks, room = _ticks_and_room(duration, clock.rate)
+
+        # The loop executes ticks on its own copy of the bone; the follower repeats them on another.
+        period = 1e3 / clock.rate
         self._executor = TickExecutor(
-            start, self.tools, self.seed, period=period, scheme=begin.scheme, tick=begin.tick
+            start.bone.copy(), self.tools, self.seed, period=period, scheme=start.scheme, tick=start.tick
         )
-        self._loop = self._make_loop(clock, safety, duration, stands)
+        self.loop = self._make_loop(clock, safety, ticks, loop_frames)
         ticks_a_digest = max(1, round(clock.digest_every * clock.rate))
-        self._follower = Follower(self._loop, digest_every=ticks_a_digest)
-        self._anatomy = SessionAnatomy(start, self._follower, self.tools, watch, period)
-        self._rules = [*self._limits.sentences, *safety.rules()]
-        self.provenance = self._describe(begin, clock, safety, watch, stands)
-        self.messages: list[str] = []
-        self._on_message = on_message
+        self.follower = Follower(self.loop, digest_every=ticks_a_digest)
+        self._anatomy = SessionAnatomy(self._executor.bone, self.follower, self.tools, watch, period)
+        self.provenance = self._describe(start, clock, safety, watch, loop_frames)
+
+        # Who is told: programs on the network, the trace, and whoever reads the messages.
         if publish is not None and not isinstance(publish, Publish):
             publish = Publish(port=publish)
-        self._publisher = (
-            None if publish is None else open_publisher(self._follower, self.provenance, publish)
-        )
+        self._publisher = None if publish is None else open_publisher(self.follower, self.provenance, publish)
         self._writer = None
         if record is not None:
-            room = DEFAULT_DURATION if duration is None else duration + 1.0
             try:
                 self._writer = self._open_trace(record, room, ticks_a_digest * period / 1e3)
             except BaseException:
                 if self._publisher is not None:
                     self._publisher.stop()  # an exception that is kept would hold the port
                 raise
-        self._digests = 0
-        self._warned: set[int] = set()
-        self._borders = {burr: Border(begin.bone) for burr in range(len(self.tools))}
-        self._finishing = threading.Lock()
-        self._saying = threading.local()
-        self._process = os.getpid()
-        self._done = threading.Event()
+        self.messages: list[str] = []
+        self._on_message = on_message
+
+        # What the housekeeping thread looks for, and what it has told already.
+        self._stop_within = safety.stop_within
+        self._first_messages = [*self._limits.sentences, *safety.rules()]
+        self._borders = {burr: Border(start.bone) for burr in range(len(self.tools))}
+        self._warned_of_stiffness: set[int] = set()
+        self._digests_written = 0
         self._housekeeper: threading.Thread | None = None  # made at the start, as it keeps the session alive
+        self._finishing, self._done = threading.Lock(), threading.Event()
+        self._calling = threading.local()  # `now`: this thread is within `on_message`
+        self._process = os.getpid()
 
     def _check_settings(self, clock: Clock, safety: Safety, watch: Watch | None) -> None:
         """ValueError or TypeError for settings that do not go together."""
         if watch is not None and not hasattr(watch, "settings"):
             raise TypeError(f"watch must be a Watch, got {type(watch).__name__}")
         safety.check_structures(watch, clock.wall_clock)
-        clutches = [frame.clutch for frame in self._stands if frame.clutch is not None]
+        clutches = [frame.clutch for frame in self._frames if frame.clutch is not None]
         refuse(
             safety.stop_button in clutches,
             f"stop_button must be another button than the clutch, got {safety.stop_button}",
@@ -189,12 +195,12 @@ class Session:
         )
 
     def _make_loop(
-        self, clock: Clock, safety: Safety, duration: float | None, frames: Sequence[DeviceFrame]
+        self, clock: Clock, safety: Safety, ticks: int, frames: Sequence[DeviceFrame]
     ) -> HapticLoop:
         unknown = math.nan
         return HapticLoop(
             self._executor, self.devices, wall_clock=clock.wall_clock, realtime=clock.realtime,
-            cpu=-1 if clock.cpu is None else clock.cpu, ticks=0 if duration is None else max(1, round(duration * clock.rate)),
+            cpu=-1 if clock.cpu is None else clock.cpu, ticks=ticks,
             force_limit=safety.force_limit, slew_limit=safety.slew_limit, coupling=safety.coupling,
             guards=self._limits.guards,
             models=[(x.damping or unknown, x.encoder_step or unknown, x.friction or unknown) for x in self._limits.models],
@@ -204,7 +210,7 @@ class Session:
 
     def _describe(
         self,
-        begin: StartingBone,
+        start: StartingBone,
         clock: Clock,
         safety: Safety,
         watch: Watch | None,
@@ -217,7 +223,7 @@ class Session:
             "frames": [asdict(frame) for frame in frames] or None,
         }  # fmt: skip
         return provenance(
-            seed=self.seed, rate_Hz=clock.rate, scheme=begin.scheme, first_tick=begin.tick, digest=self._executor.bone.digest(), source=begin.source,
+            seed=self.seed, rate_Hz=clock.rate, scheme=start.scheme, first_tick=start.tick, digest=self._executor.bone.digest(), source=start.source,
             tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
                     "material": m.name} for b, m in self.tools],
             devices=[device.name for device in self.devices],
@@ -234,14 +240,14 @@ class Session:
             json.dumps(about["source"]), about, about.get("watch"),
         )  # fmt: skip
         return TraceWriter(
-            record, RecordReader(self._loop), self._executor.bone, header, duration=duration,
+            record, RecordReader(self.loop), self._executor.bone, header, duration=duration,
             digest_every=digest_every, on_end=_weakly(self._say),
         )  # fmt: skip
 
     def start(self) -> "Session":
         """Starts all threads. ValueError the second time, or if a device serves another session."""
         refuse(
-            self._loop.started or self._done.is_set(),
+            self.loop.started or self._done.is_set(),
             "session must be started once: it has been started or stopped",
         )
         _to_stop.add(self)  # a session that is never stopped would outlive the interpreter
@@ -253,26 +259,34 @@ class Session:
                 device.note = ""  # of an earlier session
         try:
             _guard_signals(self)
-            self._loop.start()
-            self._follower.start()
+            self.loop.start()
+            self.follower.start()
             if self._writer is not None:
                 self._writer.start()
             self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
-            lacking = [x for x in self._loop.realtime_notes if "not granted" in x or "not available" in x]
-            for text in (*self._rules, *lacking, *self._coarse):
+            for text in (*self._first_messages, *self._missing_rights(), *self._coarse_voxels()):
                 self._say(text)
         except BaseException as error:  # Ctrl-C too: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise
         return self
 
+    def _missing_rights(self) -> list[str]:
+        return [note for note in self.loop.realtime_notes if "not granted" in note or "not available" in note]
+
+    def _coarse_voxels(self) -> list[str]:
+        voxels = [burr.radius / max(self._executor.bone.spacing) for burr, _ in self.tools]
+        return [
+            f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE
+        ]  # fmt: skip
+
     def wait(self, seconds: float | None = None) -> bool:
         """Waits at most `seconds` [s] for the session's end and its whole trace; returns whether they came.
 
         Can be interrupted. ValueError without `seconds` if the session was not started; it ends, and leaves no trace.
         """
-        if seconds is None and not (self._loop.started or self._done.is_set()):
+        if seconds is None and not (self.loop.started or self._done.is_set()):
             self.stop("never started")
             if self._writer is not None and self._writer.complete:  # else the file in its place is another's
                 self._writer.path.unlink()
@@ -292,8 +306,8 @@ class Session:
         """
         if self._process != os.getpid():  # a fork has no threads to wait for
             return
-        self._loop.stop(reason)
-        if getattr(self._saying, "now", False):  # this may be the thread to wait for
+        self.loop.stop(reason)
+        if getattr(self._calling, "now", False):  # this may be the thread to wait for
             return
         if self._housekeeper is not None and self._housekeeper.ident is not None:
             self._housekeeper.join()
@@ -309,22 +323,22 @@ class Session:
 
     @property
     def running(self) -> bool:
-        return self._loop.running
+        return self.loop.running
 
     @property
     def reason(self) -> str:
         """Why the session ended; empty while it runs."""
-        return self._loop.reason
+        return self.loop.reason
 
     @property
     def failed(self) -> bool:
         """Whether the session ended on a lost device, a stall or a value that is not finite."""
-        return self._loop.failed
+        return self.loop.failed
 
     @property
     def ticks(self) -> int:
         """Ticks executed in this session."""
-        return self._loop.counts.ticks
+        return self.loop.counts.ticks
 
     @property
     def port(self) -> int | None:
@@ -337,28 +351,18 @@ class Session:
         return (self._publisher.vrpn_port or None) if self._publisher else None
 
     @property
-    def loop(self) -> HapticLoop:
-        """The loop, with its counts and histograms."""
-        return self._loop
-
-    @property
-    def follower(self) -> Follower:
-        """The follower: newest record, changed bricks, snapshots and stiffness."""
-        return self._follower
-
-    @property
     def digests(self) -> list[tuple[int, str]]:
         """[(ticks executed, digest)]"""
-        return self._follower.digests
+        return self.follower.digests
 
     def snapshot(self) -> tuple[VoxelBone, int]:
         """(copy of the bone, ticks it has seen), for `save_bone`."""
-        return self._follower.snapshot()
+        return self.follower.snapshot()
 
     def report(self) -> SessionReport:
         """The report of the session so far."""
         return SessionReport.of(
-            self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
+            self.loop, self.follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
             told_notes(self.provenance["source"]), self._limits.models,
         )  # fmt: skip
 
@@ -376,14 +380,14 @@ class Session:
 
     def __repr__(self) -> str:
         state = "running" if self.running else self.reason or "not started"
-        counts = self._loop.counts
+        counts = self.loop.counts
         return f"Session({state}, {counts.ticks} ticks, {counts.late} late, {counts.dropped} periods dropped)"
 
     def _say(self, text: str) -> None:
         self.messages.append(text)
         if self._on_message is None:
             return
-        self._saying.now = True
+        self._calling.now = True
         try:
             self._on_message(text)
         except BaseException as error:  # on_message must not end the session, not even by sys.exit
@@ -391,66 +395,67 @@ class Session:
                 raise  # Ctrl-C
             self.messages.append(f"on_message failed: {error!r}")
         finally:
-            self._saying.now = False
+            self._calling.now = False
 
     def _keep_house(self) -> None:
-        """Serves the parts while the loop runs, then ends them."""
-        waited, next_look, well = 0.0, 0.0, True
-        reader = RecordReader(self._loop)  # the loop runs, so it does not wait for this reader
-        look = _LOOK / 10 if self._stop_within else _LOOK
-        while not self._loop.wait(look):
+        """Looks after the session while the loop runs, then ends it."""
+        reader = RecordReader(self.loop)  # the loop runs, so it does not wait for this reader
+        looks_a_round = (
+            10 if self._stop_within else 1
+        )  # a distance that stops the session is looked at more often
+        looks, well = 0, True
+        while not self.loop.wait(_ROUND / looks_a_round):
+            looks += 1
             try:
                 self._stop_if_near()
-                waited += look
-                if waited < next_look + _LOOK:
-                    continue
-                self._hand_digests()
-                self._tell_of_anatomy()
-                self._warn_of_border(reader)
-                if self._loop.counts.ticks == 0 and next_look < _PATIENCE <= next_look + _LOOK:
-                    why = "".join(
-                        f"; {text}" for device in self.devices if (text := getattr(device, "fault", ""))
-                    )
-                    self._say(f"no tick yet: the devices have not given a first position{why}")
-                notes = {getattr(device, "note", "") for device in self.devices} - {"", *self.messages}
-                for note in notes:
-                    self._say(note)
-                next_look += _LOOK
-                for burr in range(len(self.tools)):
-                    self._warn_of_stiffness(burr)
+                if looks % looks_a_round == 0:
+                    self._serve(reader, looks // looks_a_round)
             except Exception as error:  # the end of the session needs this thread
                 if self._stop_within:
-                    self._loop.stop(f"the distance to stop within is unknown: {error!r}")
+                    self.loop.stop(f"the distance to stop within is unknown: {error!r}")
                 if well:
                     self._say(f"the session goes on without warnings: {error!r}")
                 well = False
         with contextlib.suppress(Exception):
             self._warn_of_border(reader)
-        self._finish(self._loop.reason)
+        self._finish(self.loop.reason)
+
+    def _serve(self, reader: RecordReader, rounds: int) -> None:
+        """One round of the housekeeping: writes what is due, tells what is new, warns."""
+        self._write_digests()
+        self._tell_of_anatomy()
+        self._warn_of_border(reader)
+        if self.loop.counts.ticks == 0 and rounds == round(_PATIENCE / _ROUND):
+            faults = [fault for device in self.devices if (fault := getattr(device, "fault", ""))]
+            self._say("; ".join(["no tick yet: the devices have not given a first position", *faults]))
+        for note in {getattr(device, "note", "") for device in self.devices} - {"", *self.messages}:
+            self._say(note)
+        for burr in range(len(self.tools)):
+            self._warn_of_stiffness(burr)
 
     def _finish(self, reason: str) -> None:
         """Ends the parts after the loop, once; `wait` returns whatever happens here."""
-        with self._finishing, contextlib.ExitStack() as last:
+        with self._finishing, contextlib.ExitStack() as afterwards:
             if self._done.is_set():
                 return
-            last.callback(self._done.set)
+            afterwards.callback(self._done.set)
             if self._publisher is not None:
-                last.callback(self._publisher.stop)
-            self._loop.stop()  # the loop has ended; this releases its devices
-            self._follower.stop()  # even if nothing was started, this tells those who wait
-            if self._loop.started:
-                reason = self._loop.reason
-                self._hand_digests()
+                afterwards.callback(self._publisher.stop)
+            self.loop.stop()  # the loop has ended; this releases its devices
+            self.follower.stop()  # even if nothing was started, this tells those who wait
+            if self.loop.started:
+                reason = self.loop.reason
+                self._write_digests()
                 self._tell_of_anatomy(last=True)
-            if self._loop.failed:
+            if self.loop.failed:
                 self._say(reason)
             if self._writer is not None:
                 self._writer.stop(reason)
                 if self._writer.warning:
                     self._say(self._writer.warning)
-            if self._publisher is not None and self._loop.started:
-                self._publisher.finish(reason, failed=self._loop.failed)
-            if self._loop.started:
+            if self._publisher is not None and self.loop.started:
+                self._publisher.finish(reason, failed=self.loop.failed)
+            if self.loop.started:
                 self._tell_of_misses()  # last, as it can fail: it needs memory
 
     def _stop_if_near(self) -> None:
@@ -458,13 +463,13 @@ class Session:
             closest = self._anatomy.closest(name)
             if closest.min() <= limit:
                 burr = int(closest.argmin())
-                self._loop.stop(f"burr {burr} came within {limit:g} mm of {name}: {closest[burr]:.2f} mm")
+                self.loop.stop(f"burr {burr} came within {limit:g} mm of {name}: {closest[burr]:.2f} mm")
 
     def _warn_of_stiffness(self, burr: int) -> None:
-        at = self._follower.stability(burr)
-        if not at["warning"] or burr in self._warned:
+        at = self.follower.stability(burr)
+        if not at["warning"] or burr in self._warned_of_stiffness:
             return
-        self._warned.add(burr)
+        self._warned_of_stiffness.add(burr)
         self._say(
             f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, at its stiffest "
             f"{at['ratio']:.2f} of the device's limit; below "
@@ -479,12 +484,12 @@ class Session:
                     self._say(f"burr {burr}: {CUT}")
                     del self._borders[burr]
 
-    def _hand_digests(self) -> None:
+    def _write_digests(self) -> None:
         if self._writer is None:
             return
-        for tick, digest in self._follower.digests_since(self._digests):
+        for tick, digest in self.follower.digests_since(self._digests_written):
             self._writer.add_digest(tick, digest)
-            self._digests += 1
+            self._digests_written += 1
 
     def _tell_of_anatomy(self, *, last: bool = False) -> None:
         events, sentences = self._anatomy.news()
@@ -498,10 +503,10 @@ class Session:
 
     def _tell_of_misses(self) -> None:
         """Says by how much a script passed the bone, where its burr never felt a force."""
-        counts = self._loop.counts
+        counts = self.loop.counts
         end = (counts.ticks + counts.missed) / self.provenance["rate_Hz"]
-        for burr, (device, frame) in enumerate(zip(self.devices, self._stands, strict=True)):
-            felt = self._loop.energy(burr) != (0.0, 0.0) or self._follower.stability(burr)["force_N"] > 0
+        for burr, (device, frame) in enumerate(zip(self.devices, self._frames, strict=True)):
+            felt = self.loop.energy(burr) != (0.0, 0.0) or self.follower.stability(burr)["force_N"] > 0
             if isinstance(device, ScriptedDevice) and counts.ticks and not felt:
                 time, *axes = device.path.T
                 times = np.append(time[time < end], min(end, time[-1]))
@@ -535,9 +540,9 @@ def _guard_signals(starting: Session | None = None) -> None:
 
 
 def _end_by_signal(number: int, _: object) -> None:
-    running = [one for one in _to_stop if one.running and one._process == os.getpid()]
+    running = [session for session in _to_stop if session.running and session._process == os.getpid()]
     for session in running:
-        session._loop.stop(f"stopped by {signal.Signals(number).name}")
+        session.loop.stop(f"stopped by {signal.Signals(number).name}")
     end_exchanges()
     signal.signal(number, signal.SIG_DFL)  # no earlier: a second signal would leave the force on
     for session in running:
@@ -557,10 +562,19 @@ def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
     return call
 
 
-def _listed(objects: Any, is_one: Callable[[object], bool], rule: str) -> list[Any]:
-    """One item or several as a list; TypeError with the rule if one is of another kind."""
-    listed = [objects] if is_one(objects) else objects
-    if not isinstance(listed, Sequence) or not all(map(is_one, listed)):
+def _ticks_and_room(duration: float | None, rate: float) -> tuple[int, float]:
+    """Ticks after which a session of a duration [s] ends, 0 for never; time that its trace has room for [s]."""
+    if duration is None:
+        return 0, DEFAULT_DURATION
+    seconds = scalar(duration, "duration")
+    refuse(not 0 < seconds < 1e9, f"duration must be positive and below 1e9 s, got {seconds!r}")
+    return max(1, round(seconds * rate)), seconds + 1.0
+
+
+def _listed(objects: Any, is_right: Callable[[object], bool], rule: str) -> list[Any]:
+    """An object or several as a list; TypeError with the rule if one is of another kind."""
+    listed = [objects] if is_right(objects) else objects
+    if not isinstance(listed, Sequence) or not all(map(is_right, listed)):
         raise TypeError(f"{rule}, got {objects!r}")
     return list(listed)
 
@@ -569,17 +583,20 @@ def _is_tool(tool: object) -> bool:
     return isinstance(tool, tuple) and [type(part) for part in tool] == [Burr, Material]
 
 
+def _is_device(device: object) -> bool:
+    if isinstance(device, tuple) and len(device) == 2:
+        return isinstance(device[0], Device) and isinstance(device[1], DeviceFrame)
+    return isinstance(device, Device)
+
+
 def _placed(devices: Any) -> tuple[list[Device], list[DeviceFrame], list[DeviceFrame]]:
-    """The devices, where each stands, and the same list for the loop, which is empty if no frame was given."""
-
-    def is_one(device: object) -> bool:
-        if isinstance(device, tuple) and len(device) == 2:
-            return isinstance(device[0], Device) and isinstance(device[1], DeviceFrame)
-        return isinstance(device, Device)
-
-    pairs = _listed(
-        devices, is_one, "devices must be a Device or a list of them, each alone or with its DeviceFrame"
+    """The devices, the frame of each, and the same frames for the loop: none if no device has one."""
+    rule = "devices must be a Device or a list of them, each alone or with its DeviceFrame"
+    listed = _listed(devices, _is_device, rule)
+    framed = [device if isinstance(device, tuple) else (device, DeviceFrame()) for device in listed]
+    frames = [frame for _, frame in framed]
+    return (
+        [device for device, _ in framed],
+        frames,
+        frames if any(isinstance(device, tuple) for device in listed) else [],
     )
-    alone = [pair[0] if isinstance(pair, tuple) else pair for pair in pairs]
-    frames = [pair[1] if isinstance(pair, tuple) else DeviceFrame() for pair in pairs]
-    return alone, frames, frames if any(isinstance(pair, tuple) for pair in pairs) else []

@@ -133,7 +133,7 @@ VARIES = [
     (r"(/[\w.-]+)+/(?=[\w-]+\.\w)", ""), (r"function evals +=.*|\d+ in [\d.]+ s\b", "EVALUATIONS"), (r"burrlab \d+\.\d+\.\d+\S*", "burrlab VERSION"), (r"\b\d+(\.\d+)? (us|ms of CPU)", "TIME us"),
     (r"(BOBYQA .*) \d+(?=  [A-Z]+_)", r"\1 EVALUATIONS"), (r"(?<=>)\d+\.\d{12,}(?=<)", lambda digits: f"{float(digits[0]):.9g}"),
     (r"seed \d{6,}", "seed DRAWN"), (r"(?m)^  (tick|period|after|follower|real-time|timer|burr \d+: energy).*$", "  VARIES"),
-    (r"(?m)^(\d+% done, about .* more|.* so far; Ctrl-C ends it)\n", ""), (r"\d\d:\d\d:\d\d", "CLOCK"), (r"\d{4}-\d\d-\d\d\S*", "DATE"),
+    (r"(?m)^(.* so far|.*: about .* more); Ctrl-C ends it\n", ""), (r"\d\d:\d\d:\d\d", "CLOCK"), (r"\d{4}-\d\d-\d\d\S*", "DATE"),
 ]  # fmt: skip
 
 
@@ -161,7 +161,7 @@ def keys(value: Any) -> Any:
 
 @case
 def commands(folder: Path) -> Any:
-    """Exit status, files, numbers and JSON keys of right and wrong commands, in turn in one folder."""
+    """Exit status and files of right and wrong commands, in turn in one folder; numbers and JSON keys that no result has."""
     for name in ("trace.h5", "curve.csv", "labels.nrrd", "grey.nrrd", "experiment.toml"):
         shutil.copy(FILES / name, folder)
     (folder / "text.txt").write_text("no table\n")
@@ -171,18 +171,24 @@ def commands(folder: Path) -> Any:
             before = {p.name: p.stat().st_mtime_ns for p in folder.iterdir()}
             status, out, _ = run(*line.split())
             written = sorted(p.name for p in folder.iterdir() if before.get(p.name) != p.stat().st_mtime_ns)
-            one: dict[str, Any] = {
+            found[f"{place:02} {line}"] = {
                 "status": status,
-                "out": keys(json.loads(out)) if out.startswith("{") else numbers(out),
+                "out": unless_of_result(json.loads(out)) if out.startswith("{") else unless_of_result(out),
                 "written": written,
+                **{
+                    name: unless_of_result(json.loads((folder / name).read_text()))
+                    for name in written
+                    if name.endswith(".json")
+                },
             }
-            one |= {
-                name: keys(json.loads((folder / name).read_text()))
-                for name in written
-                if name.endswith(".json")
-            }
-            found[f"{place:02} {line}"] = one
     return found
+
+
+def unless_of_result(printed: Any) -> Any:
+    """The keys of a JSON or the numbers in a text; or which result they are of, whose own are in the case `results`."""
+    content, part = (numbers(printed), "numbers") if isinstance(printed, str) else (keys(printed), "keys")
+    same = (name for name, parts in results(FILES).items() if content and parts.get(part) == content)
+    return next((f"the {part} of {name}" for name in same), content)
 
 
 # ---- results ----
@@ -255,23 +261,25 @@ def objects() -> dict[str, Any]:
 
 
 @case
+@cache
 def results(_: Path) -> Any:
-    """Keys of each result in JSON, and types of its values."""
+    """Of each result its keys in JSON, with the types of their values, and the numbers that it prints."""
     return {
-        name: keys(plain(result.to_dict()))
+        name: ({"keys": keys(plain(result.to_dict()))} if hasattr(result, "to_dict") else {})
+        | {"numbers": numbers(repr(result))}
         for name, result in objects().items()
-        if hasattr(result, "to_dict")
     }
 
 
 @case
 def texts(_: Path) -> Any:
-    """Three short snapshots of what is printed: a help, each object, a report."""
+    """Three short snapshots of what is printed: a help, an object, a report."""
     status, usage, _ = run("descend", "--help")
+    fit = objects()["fit"]
     return {
         "help": [status, *re.findall(r"--[\w-]+", usage)],
-        "repr": {name: told(repr(result)) for name, result in objects().items()},
-        "report": told(objects()["fit"].report()),
+        "repr": told(repr(fit)),
+        "report": told(fit.report()),
     }
 
 

@@ -1,6 +1,5 @@
 """Half-drilled DICOM series: a derived series with the data sets of the original's slices."""
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -182,42 +181,16 @@ def test_a_save_that_fails_leaves_nothing(
             with pytest.raises(OSError, match="No space left"):
                 save_drilled(tmp_path / "kept", like.to_bone(MAP), like, mapping=MAP)
         assert [path.name for path in tmp_path.iterdir()] == ["ct"]
-    (tmp_path / ".kept.part").mkdir()  # from a killed process
-    (tmp_path / ".kept.part" / "old.dcm").write_bytes(b"old")
-    kept(tmp_path / "kept", like)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["ct", "kept"]
-    assert not (tmp_path / "kept" / "old.dcm").exists()
 
 
 def test_two_that_save_to_one_folder_do_not_mix(tmp_path: Path, like: Volume) -> None:
-    with files.new_folder(tmp_path / "kept") as part:
-        (part / "its.dcm").write_bytes(b"another's")
-        with pytest.raises(BlockingIOError, match="kept is being written by another process"):
-            save_drilled(tmp_path / "kept", like.to_bone(MAP), like, mapping=MAP)
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["its.dcm"]
-
-
-def test_a_folder_that_another_begins_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    part, rename, wait = tmp_path / ".kept.part", os.rename, files.lock
-
-    def renamed_and_begun(old: Path, new: Path) -> None:
-        rename(old, new)
-        part.mkdir()
-
-    def lock_later(descriptor: int, taken: str) -> None:
-        wait(descriptor, taken)
-        os.rename(part, tmp_path / "its")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("os.rename", renamed_and_begun)
-        with files.new_folder(tmp_path / "kept"):
-            pass
-    assert part.is_dir()
-    (part / "its.dcm").write_bytes(b"another's")
-    monkeypatch.setattr(files, "lock", lock_later)
-    with pytest.raises(BlockingIOError, match="is being written by"), files.new_folder(tmp_path / "kept"):
-        pass
-    assert [path.name for path in (tmp_path / "its").iterdir()] == ["its.dcm"]
+    late = files.new_folder(tmp_path / "kept")
+    (late.__enter__() / "its.dcm").write_bytes(b"another's")
+    kept(tmp_path / "kept", like)
+    with pytest.raises(FileExistsError, match="folder must be new"):
+        late.__exit__(None, None, None)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ct", "kept"]
+    assert not (tmp_path / "kept" / "its.dcm").exists()
 
 
 def test_one_series_of_a_folder_and_files_in_any_order(tmp_path: Path) -> None:

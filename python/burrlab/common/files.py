@@ -123,34 +123,20 @@ def write_text(file: str | os.PathLike[str] | IO[str], text: str) -> None:
 
 @contextlib.contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to fill: named `target` at the end, removed after an error; OSError if it cannot be made."""
-    part = target.with_name(f".{target.name}.part")
-    part.mkdir(exist_ok=True)
-    descriptor = os.open(part, os.O_RDONLY | _NO_LINK)
-    try:
-        if os.fstat(descriptor).st_uid != os.geteuid():  # its owner could put links into it
-            raise PermissionError(f"{part} is another user's")
-        message = f"{target} is being written by another process"
-        lock(descriptor, message)
-        if not _is_at(descriptor, part):  # another process renamed it
-            raise BlockingIOError(message)
-        try:
-            for left in part.iterdir():  # files of a killed process
-                left.unlink()
-            yield part
-            os.rename(part, target)
-        except BaseException:
-            shutil.rmtree(part, ignore_errors=True)
-            raise
-    finally:
-        os.close(descriptor)
+    """A folder to fill: named `target` at the end, removed after an error. A killed process leaves it behind.
 
-
-def _is_at(descriptor: int, path: Path) -> bool:
+    OSError if it cannot be made, or another process has made `target` meanwhile.
+    """
+    part = target.with_name(f".{target.name[:40]}.{os.getpid()}-{secrets.token_hex(4)}.part")
+    part.mkdir()
     try:
-        return os.path.samestat(os.fstat(descriptor), path.stat())
-    except FileNotFoundError:
-        return False
+        yield part
+        if target.exists():
+            raise FileExistsError(f"folder must be new, {target} is there")
+        os.rename(part, target)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
 
 
 def write_synced(path: Path, content: bytes) -> None:

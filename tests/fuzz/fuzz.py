@@ -6,7 +6,7 @@
 An input is a folder of a few files: a seed (readers.py) with changes (mutations.py). A reader accepts it, or
 refuses it by a ValueError or OSError with one sentence. Anything else is a finding: another error, no
 sentence, a signal or an exit, more than 10 s or 2 GB, text on stdout or stderr. A child process reads the
-inputs from memory. build/fuzz/TARGET keeps the findings, made smaller if possible, and NAME.txt their effect.
+inputs from memory. build/fuzz/TARGET keeps the findings, and NAME.txt their effect.
 Earlier findings are in found/TARGET and are read first.
 """
 
@@ -102,19 +102,6 @@ class Child:
         os.pwrite(self.state, STATE.pack(self.number, 0.0, self.left), 0)
         return name, told
 
-    def smaller(self, files: Files, name: str) -> Files:
-        """The same finding in fewer bytes, within 3 s."""
-        until = time.monotonic() + 3.0
-        for part in sorted(files):
-            size = len(files[part])
-            while size := size // 2:
-                for at in reversed(range(0, len(files[part]), size)):
-                    if time.monotonic() > until:
-                        return files
-                    less = {**files, part: files[part][:at] + files[part][at + size :]}
-                    files = less if self.outcome(less)[0] == name else files
-        return files
-
     def run(self, seed: int, found: list[Files], out: Path) -> None:
         made, left = inputs(self.work / "seeds"), self.left
         for files in made:  # also loads the readers' imports before memory is counted
@@ -136,7 +123,7 @@ class Child:
             self.left -= time.monotonic() - begun
             name, told = self.outcome(files)
             if name and not (out / name).exists():
-                keep(self.smaller(files, name), out, name, told)
+                keep(files, out, name, told)
             if told not in ways and not name and grows and len(files[first(files)]) < 100_000:
                 corpus.append(files)  # it took another way through the reader
             ways.add(told)

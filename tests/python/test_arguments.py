@@ -1,5 +1,7 @@
 """Values that are no numbers, names or ports are refused, and never converted to others."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from session_scenes import session_of
@@ -14,6 +16,7 @@ from burrlab.session.network import block_recipe, follow
 BONE, BURR = burrlab.materials["bone"], Burr(1.5)
 VOLUME = burrlab.Volume(np.zeros((3, 3, 3)), (1, 1, 1), (0, 0, 0), np.eye(3), "made")
 LEVELS = np.ones((2, 2, 2), np.uint8)
+LABELLED = partial(burrlab.LabelVolume, LEVELS, 1, (0, 0, 0), np.eye(3), "p")
 
 
 def session(**options: object) -> burrlab.Session:
@@ -22,38 +25,75 @@ def session(**options: object) -> burrlab.Session:
     )  # fmt: skip
 
 
-NUMBERS = {
-    "radius": Burr, "c_e": lambda v: Material("m", c_e=v, alpha=0.1), "voxel": lambda v: VoxelBone.block((1, 1, 1), v),
-    "rate": lambda v: session(rate=v), "force_limit": lambda v: session(force_limit=v), "seed": lambda v: session(seed=v),
-    "publish": lambda v: session(publish=v), "duration": lambda v: session(duration=v), "watch": lambda v: session(watch=v),
-    "port": lambda v: follow("127.0.0.1", v, timeout=0.1), "timeout": lambda v: follow("127.0.0.1", 1, timeout=v),
-    "block_recipe": lambda v: block_recipe((1, 1, 1), v), "map": lambda v: OccupancyMap.two_point(0, v),
-    "spacing": lambda v: VOLUME.resample(v), "force": lambda v: burrlab.descend(BURR, BONE, v, ideal=True),
-    "stop": lambda v: burrlab.descend(BURR, BONE, 1.0, settings=burrlab.DescentSettings(stop=v)), "forces": lambda v: burrlab.synthetic_curve(BURR, BONE, [v]),
-    "repeats": lambda v: burrlab.synthetic_curve(BURR, BONE, [1, 2], repeats=v), "effects": lambda v: Effects(VOLUME, seed=v),
-    "gravity": lambda v: EffectParameters(gravity=v), "phantom": lambda v: temporal_bone(v, seed=1),
-    "curve": lambda v: burrlab.VelocityCurve(force=[1, 2], velocity=[1, 2], radius=v),
-}  # fmt: skip
-PLACES = {
-    "hand": burrlab.HandDevice, "mailbox": lambda v: burrlab.MailboxDevice().put(v), "axis": lambda v: burrlab.half_space(BURR, 0.3, axis=v),
-    "script": lambda v: burrlab.ScriptedDevice([0, 1], [(0, 0, 0), v]), "block": lambda v: VoxelBone.block(v, 0.2),
-    "bone": lambda v: VoxelBone(LEVELS, 0.2, origin=v), "volume": lambda v: burrlab.Volume(VOLUME.values, 1, v, np.eye(3), "p"),
-    "crop": lambda v: VOLUME.crop(v, (2, 2, 2)), "entry": lambda v: burrlab.surface_along(VoxelBone(LEVELS, 0.2), v, (0, 0, 1)),
-    "erode": lambda v: burrlab.erode(VoxelBone.block((4, 4, 3), 0.2), Burr(1), v, BONE, dt=1.0, seed=1, tick=0),
-}  # fmt: skip
-NAMES = {
-    "material": lambda v: Material(v, c_e=1, alpha=0), "tissue": lambda v: Tissue(v, label=1, c_e=1, alpha=0),
-    "label": lambda v: burrlab.LabelVolume(LEVELS, 1, (0, 0, 0), np.eye(3), "p", {1: v}),
-}  # fmt: skip
+REAL, WHOLE, PLACE = (
+    "must be of real numbers that a float holds",
+    "must be a whole number",
+    "must be three numbers (x, y, z)",
+)
+PYBIND = "incompatible"  # the core takes an array and has no sentence of its own
+#: The function, the argument that is wrong, the rule that it breaks, and the function's other arguments.
+NUMBERS = [
+    (Burr, "radius", "radius must be a number", {}),
+    (Material, "c_e", "c_e must be a number", {"name": "m", "alpha": 0.1}),
+    (VoxelBone.block, "spacing", "spacing must be a number or three of them", {"size": (1, 1, 1)}),
+    (session, "rate", f"rate {REAL}", {}),
+    (session, "force_limit", f"force_limit {REAL}", {}),
+    (session, "duration", f"duration {REAL}", {}),
+    (session, "seed", f"seed {WHOLE}", {}),
+    (session, "publish", f"port {WHOLE}", {}),
+    (session, "watch", "watch must be a Watch", {}),
+    (follow, "port", f"port {WHOLE}", {"host": "127.0.0.1", "timeout": 0.1}),
+    (follow, "timeout", f"timeout {REAL}", {"host": "127.0.0.1", "port": 1}),
+    (block_recipe, "voxel", f"voxel {REAL}", {"size": (1, 1, 1)}),
+    (OccupancyMap.two_point, "solid", f"map {REAL}", {"empty": 0}),
+    (VOLUME.resample, "spacing", f"spacing {REAL}", {}),
+    (
+        burrlab.descend,
+        "force",
+        "force must be a number|incompatible",
+        {"burr": BURR, "material": BONE, "ideal": True},
+    ),
+    (burrlab.DescentSettings, "stop", f"stop {REAL}", {}),
+    (burrlab.synthetic_curve, "forces", f"forces {REAL}", {"burr": BURR, "material": BONE}),
+    (
+        burrlab.synthetic_curve,
+        "repeats",
+        f"repeats {WHOLE}",
+        {"burr": BURR, "material": BONE, "forces": [1, 2]},
+    ),
+    (Effects, "seed", f"seed {WHOLE}", {"bone": VOLUME}),
+    (EffectParameters, "gravity", "gravity must be a number", {}),
+    (temporal_bone, "voxel", f"voxel {REAL}", {"seed": 1}),
+    (burrlab.VelocityCurve, "radius", f"radius {REAL}", {"force": [1, 2], "velocity": [1, 2]}),
+]
+PLACES = [
+    (burrlab.HandDevice, "start", f"start {PLACE}", {}),
+    (burrlab.MailboxDevice().put, "position", PYBIND, {}),
+    (burrlab.ScriptedDevice, "position", PYBIND, {"time": [0]}),
+    (burrlab.half_space, "axis", f"axis {REAL}", {"burr": BURR, "voxel": 0.3}),
+    (VoxelBone.block, "size", f"size {PLACE}", {"spacing": 0.2}),
+    (VoxelBone, "origin", f"origin {PLACE}", {"density": LEVELS, "spacing": 0.2}),
+    (burrlab.Volume, "origin", f"origin {REAL}", {"values": VOLUME.values, "spacing": 1, "direction": np.eye(3), "path": "p"}),
+    (VOLUME.crop, "low", f"low {REAL}", {"high": (2, 2, 2)}),
+    (burrlab.surface_along, "entry", f"entry {REAL}", {"bone": VoxelBone(LEVELS, 0.2), "axis": (0, 0, 1)}),
+    (burrlab.erode, "center", PYBIND,
+     {"bone": VoxelBone.block((4, 4, 3), 0.2), "burr": Burr(1), "material": BONE, "dt": 1.0, "seed": 1, "tick": 0}),
+]  # fmt: skip
+NAMES = [
+    (Material, "name", "name must be text", {"c_e": 1, "alpha": 0}),
+    (Tissue, "name", "name must be text", {"label": 1, "c_e": 1, "alpha": 0}),
+]
+WRONG = 10**400, 1 + 2j, b"x"
 
 
 @pytest.mark.filterwarnings("ignore")  # NumPy warns when it drops imaginary parts
 @pytest.mark.parametrize(
-    ("take", "value"),
-    [(take, value) for take in NUMBERS.values() for value in (10**400, 1 + 2j, np.complex128(1 + 2j), True, b"x")]
-    + [(take, (value, 0, 1)) for take in PLACES.values() for value in (10**400, 1 + 2j, np.complex64(1), b"x")]
-    + [(take, value) for take in NAMES.values() for value in (10**400, 1j, True, b"x")],
+    ("function", "argument", "rule", "others", "value"),
+    [(*row, value) for row in NUMBERS for value in (*WRONG, np.complex128(1 + 2j), True)]
+    + [(*row, (value, 0, 1)) for row in PLACES for value in (*WRONG, np.complex64(1))]
+    + [(*row, value) for row in NAMES for value in (*WRONG, True)]
+    + [(LABELLED, "names", "a name must be a str", {}, {1: value}) for value in (*WRONG, True)],
 )  # fmt: skip
-def test_what_is_no_number_place_or_name_is_refused(take, value) -> None:
-    with pytest.raises((TypeError, ValueError)):
-        take(value)
+def test_what_is_no_number_place_or_name_is_refused(function, argument, rule, others, value) -> None:
+    with pytest.raises((TypeError, ValueError), match=rule.replace("(", r"\(").replace(")", r"\)")):
+        function(**others, **{argument: value})

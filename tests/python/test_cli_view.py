@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -15,7 +14,6 @@ from session_scenes import small_bone
 from view_scenes import carve, frames_in, read, write_trace
 
 import burrlab
-import burrlab.cli.options as cli_options
 import burrlab.cli.view as cli_view
 from burrlab.bone.snapshot import save_bone
 from burrlab.effects.effects import effects_of
@@ -260,13 +258,6 @@ sys.exit(main(["view", {str(trace)!r}, "--video", {str(tmp_path / "a.gif")!r}]))
             film.kill()
         assert film.returncode == 130
     assert list(tmp_path.iterdir()) == []
-
-
-def test_progress_is_a_line_now_and_then_without_a_terminal(trace, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(cli_options, "_FIRST", 0.0)
-    code, _, err = call(capsys, "view", trace, "--pictures", tmp_path / "a.png")
-    assert code == 0
-    assert re.fullmatch(r"\d+% done, about \d+ s more\n", err)
 
 
 @pytest.mark.slow

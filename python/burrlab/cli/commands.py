@@ -4,6 +4,7 @@ No room is imported here: help and the name of a mistyped option come at once.
 """
 
 import contextlib
+import importlib
 import math
 import re
 from typing import Any, NamedTuple
@@ -19,8 +20,8 @@ from burrlab.cli.options import (
     RECORDED,
     STACK,
     VOLUME,
-    Group,
     Option,
+    OptionGroup,
     count,
     flag,
     number,
@@ -35,9 +36,7 @@ from burrlab.cli.options import (
     whole,
 )
 from burrlab.common.check import refuse
-from burrlab.common.face import Later
 
-_exchange: Any = Later("burrlab.session.exchange")
 FPS = 20.0  # of a film [1/s]
 
 
@@ -46,7 +45,7 @@ class Command(NamedTuple):
 
     module: str
     text: str
-    options: tuple[Option | Group, ...]
+    options: tuple[Option | OptionGroup, ...]
 
 
 @parsed_by
@@ -116,7 +115,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 #: Options for keeping a bone and for going on with a kept one.
-KEPT = Group(
+KEPT = OptionGroup(
     "a bone that is kept, half-drilled",
     (
         option(
@@ -138,7 +137,7 @@ LIMITS = {
         "volume removed from a structure from which on it is told as injured [mm^3], default 0",
     ),
 }
-WATCH = Group(
+WATCH = OptionGroup(
     "critical structures, where the bone has tissues (docs/anatomy.md)",
     (
         option(
@@ -152,7 +151,7 @@ WATCH = Group(
 
 
 #: Options for files of other programs.
-LAYOUT = Group("files of another program, all of the same layout", (
+LAYOUT = OptionGroup("files of another program, all of the same layout", (
     option(
         "--columns", "headings of force, velocity and so on; repeatable, also for one NAME with repeats in several columns",
         type=parsed_by(_named), action="extend", default=[], metavar="NAME=HEADING,...",
@@ -188,7 +187,7 @@ _RESIDUALS: dict[str, Any] = {
 
 #: Options of what is shown live.
 _LIVE = (
-    Group("", (
+    OptionGroup("", (
         flag("--view", "show it in a window (extra viz3d)"),
         option(
             "--web", "show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free "
@@ -214,7 +213,7 @@ _RUN = (
         "anyway", metavar="FILE",
     ),
     flag("--simulated", "a simulated subject instead of a person"),
-    Group("simulated subjects", (
+    OptionGroup("simulated subjects", (
         flag("--all", "all subjects of the protocol"),
         option("--weber", "sd of the noise of a cue's logarithm an interval, default 0.45", type=positive, metavar="W"),
         option("--decision", "default: differencing", choices=["differencing", "covert"]),
@@ -389,7 +388,7 @@ COMMANDS = {
     )),
     "devices": Command("session", "Haptic devices: what was looked for, what was found, and why not.", (JSON,)),
     "replica": Command("session", "Hold a bit-identical copy of a published session's bone.", (
-        option("address", "of a session with --publish", type=parsed_by(lambda text: _exchange.parse_address(text)), metavar="HOST:PORT"),
+        option("address", "of a session with --publish", type=parsed_by(lambda text: importlib.import_module("burrlab.session.exchange").parse_address(text)), metavar="HOST:PORT"),
         option("--volume", "the leader's volume, where it lies elsewhere here", metavar="FILE"),
         option("--duration", "[s], default until the session ends", type=positive, metavar="S"),
         *_LIVE,

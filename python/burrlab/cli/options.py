@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 import threading
-import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +26,7 @@ from burrlab._core import Burr, Material, Shape, shape_names
 from burrlab.common.check import refuse
 from burrlab.common.face import Later
 from burrlab.common.files import kept_elsewhere, new_file, write_text
-from burrlab.common.progress import EACH, LONG, Progress, doing, duration
+from burrlab.common.progress import Progress, doing
 from burrlab.common.table import Column, Problem, Table, not_negative
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ class Option(NamedTuple):
     settings: dict[str, Any]
 
 
-class Group(NamedTuple):
+class OptionGroup(NamedTuple):
     """Options under their own title in the help; without a title, options that exclude one another."""
 
     title: str
@@ -77,7 +76,7 @@ def flag(name: str, help: str, default: bool | None = False) -> Option:
     return Option(name, {"help": help, "action": "store_true", "default": default})
 
 
-def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
+def add_options(parser: Any, options: Sequence[Option | OptionGroup]) -> None:
     """Adds options and groups of options to a parser."""
     for option in options:
         if isinstance(option, Option):
@@ -321,29 +320,9 @@ def working(text: str) -> Iterator[None]:
         show_line("")
 
 
-_FIRST, _EACH = LONG, EACH  # time until the first line of progress, and between two, without a terminal [s]
-
-
-def on_terminal() -> Progress:
-    """The `progress` of a command: a bar on a terminal, else a line now and then on standard error."""
-    if sys.stderr.isatty():
-        return True
-    begin, last = time.monotonic(), 0.0
-    following = begin + _FIRST
-
-    def follow(done: float) -> None:
-        nonlocal begin, following, last
-        now = time.monotonic()
-        if done < last:  # the next of several works
-            begin, following = now, now + _FIRST
-        last = done
-        if now >= following and 0 < done < 1:
-            following = now + _EACH
-            left = f", about {duration((now - begin) / done * (1 - done))} more"
-            # the first hundredth tells little of the rest
-            print(f"{done:.0%} done{left if done >= 0.01 else ''}", file=sys.stderr, flush=True)
-
-    return follow
+def on_terminal() -> Progress | None:
+    """The `progress` of a command: a bar on a terminal, else a note in the log if it takes long."""
+    return True if sys.stderr.isatty() else None
 
 
 @contextlib.contextmanager
@@ -419,7 +398,7 @@ def _three(text: str, form: str, whole: str) -> Numbers:
 
 
 #: Options of a volume, without --voxel, which a block has too.
-VOLUME = Group(
+VOLUME = OptionGroup(
     "a grey volume instead of a block (NRRD, NIfTI, MetaImage, a folder of DICOM or PNG slices; extra "
     "medical)",
     (
@@ -466,7 +445,7 @@ STACK = (
     ),
     option("--unit", "of the dimensions in a YAML file [mm], default a metre", type=positive, metavar="MM"),
 )  # fmt: skip
-LABELS = Group(
+LABELS = OptionGroup(
     "labels of tissues: with --volume on its voxels, or alone, then what is labelled is solid",
     (
         option(

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -51,20 +52,17 @@ def duration(seconds: float) -> str:
 
 def foretold(what: str) -> Callable[[float], None]:
     """A function that takes the fraction done, and after a second logs once how long the rest takes, if long."""
-    first: list[tuple[float, float]] = []
+    begun, first, logged = 0.0, math.nan, False
 
     def follow(done: float) -> None:
+        nonlocal begun, first, logged
         now = time.monotonic()
-        if len(first) == 1 and now - first[0][0] > 1.0 and done > first[0][1]:
-            begun, before = first[0]
-            left = (now - begun) * (1.0 - done) / (done - before)
-            first.append((now, done))  # once
+        if math.isnan(first):
+            begun, first = now, done
+        elif not logged and now - begun > 1.0 and done > first:
+            left, logged = (now - begun) * (1.0 - done) / (done - first), True
             if now - begun + left > LONG:
-                LOG.warning(
-                    "%s: about %s more; progress=True shows a bar, Ctrl-C ends it", what, duration(left)
-                )
-        elif not first:
-            first.append((now, done))
+                LOG.warning("%s: about %s more; Ctrl-C ends it", what, duration(left))
 
     return follow
 

@@ -72,14 +72,8 @@ def _identity(value: Any) -> Any:
         return ["sequence", [_identity(part) for part in value]]
     if type(value) is dict and all(type(key) is str for key in value):
         return ["dict", [[key, _identity(value[key])] for key in sorted(value)]]
-    if is_of_core(type(value)) and hasattr(value, "digest"):
-        return ["bone", value.digest()]
-    if is_of_core(type(value)) and hasattr(value, "__setstate__"):
-        state = value.__getstate__()
-        return [
-            type(value).__name__,
-            [_identity(part) for part in (state if type(state) is tuple else (state,))],
-        ]
+    if is_of_core(type(value)) and (identity := _identity_in_core(value)) is not None:
+        return identity
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = [field.name for field in dataclasses.fields(value) if field.compare]
         return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]
@@ -87,6 +81,16 @@ def _identity(value: Any) -> Any:
         "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers "
         f"and arrays, burrs, materials, shapes, bones and dataclasses of these, got {value!r}"
     )
+
+
+def _identity_in_core(value: Any) -> list[Any] | None:
+    """A bone's digest, or the state that `pickle` keeps of an object; None without one."""
+    if hasattr(value, "digest"):
+        return ["bone", value.digest()]
+    if not hasattr(value, "__setstate__"):
+        return None
+    state = value.__getstate__()
+    return [type(value).__name__, [_identity(part) for part in (state if type(state) is tuple else (state,))]]
 
 
 def key_of(function: Callable[..., Any], item: Any) -> str:

@@ -4,7 +4,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 from burrlab.psychophysics.protocol import Protocol
-from burrlab.psychophysics.side_car import Answer
+from burrlab.psychophysics.side_car import AnswerRow
 
 SMALL = """
 [experiment]
@@ -52,7 +52,10 @@ def protocol(folder: Path, text: str = SMALL) -> Protocol:
 
 def answer(trial, response, onset, response_time=0.75):
     """An answer to a trial with this onset [s]."""
-    return Answer(trial, onset, 41.5, response, response_time, ("time",) * len(trial.intervals))
+    return AnswerRow.of(
+        trial, onset=onset, duration=41.5, response=response, response_time=response_time,
+        endings=("time",) * len(trial.intervals),
+    )  # fmt: skip
 
 
 def give(file, order, count, *, wrong=3):

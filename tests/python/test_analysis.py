@@ -61,7 +61,12 @@ def test_a_subject_by_hand(three):
 
 def test_a_perfect_score_is_open_and_corrected(three):
     d = three["probing"].subject("03").of_rule("independent-observations")
-    assert (d.estimate, d.open_above, d.standard_error, d.correction) == (math.inf, True, None, "log-linear")
+    assert (d.estimate, d.interval[1], d.standard_error, d.correction) == (
+        math.inf,
+        math.inf,
+        None,
+        "log-linear",
+    )
     assert d.interval[0] > 0
     # Half an answer more: H = 6.5/7, F = 0.5/7
     corrected = 2 * stats.norm.ppf(0.5 * (1 + math.sqrt(2 * 6.5 / 7 - 1)))
@@ -145,11 +150,6 @@ def test_selection(options, of, told):
         assert [one.holm for one in task.subjects] == pytest.approx([79 / 4096, 2 / 4096])
 
 
-def test_report_of_twelve_subjects_is_one_screen():
-    twelve = {f"{i:02d}": one for i, one in enumerate(4 * list(THREE.values()), start=1)}
-    assert len(analyse(twelve, delta=1.5).report().splitlines()) <= 45
-
-
 def test_html_is_escaped():
     text = analyse({"a<b": {"01": THREE["01"]}})._repr_html_()
     assert "a&lt;b" in text
@@ -196,7 +196,7 @@ def test_report_as_wide_as_the_screen(three, width, parts):
     assert "imulated" not in text
 
 
-_NONE = r"a\.json: (this is not JSON in UTF-8|an analysis must be a JSON object)"
+_NONE = r"a\.json: this is not the JSON of a analysis"
 
 
 @pytest.mark.parametrize(
@@ -242,8 +242,6 @@ _ABX = Counts("abx", 4, 5, 0, 5)
         (KeyError, lambda: analyse({"01": _ABX})["x"], "task must be one of abx, got 'x'"),
         (ValueError, lambda: only({"01": _ABX}).subject("x"), "subject must be one of 01, got 'x'"),
         (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).subjects[0].of_rule("x"),
-         "rule must be one of differencing, got 'x'"),
-        (ValueError, lambda: only({"01": _ABX}, rules=["differencing"]).plot_intervals(rule="x"),
          "rule must be one of differencing, got 'x'"),
     ],
 )  # fmt: skip
@@ -301,23 +299,17 @@ def test_intervals_of_the_score(task):
     assert np.array(ends) == pytest.approx(np.array(expected))
 
 
-@pytest.mark.parametrize("rule", RULES)
-def test_open_intervals_are_arrows(task, rule):
-    axes = task.plot_intervals(rule=rule)
-    assert axes.get_xlabel() == f"d' [sd], {rule}, 95 % interval"
-    (arrow,) = arrows(axes)
-    assert arrow.get_position()[0] == pytest.approx(task.subject("03").span(rule)[0])
-    assert "estimate infinite" in labels(axes)
-    finite = [x for one in task.subjects for x in one.span(rule) if math.isfinite(x)]
-    assert max(finite) < axes.get_xlim()[1]
-
-
 def test_d_prime_of_both_rules_and_the_group(task):
     axes = task.plot_d_prime()
     assert (names(axes), axes.get_xlabel()) == (["01", "02", "03", "04", "all"], "d' [sd], 95 % interval")
     assert {*RULES, "chance, d' = 0", "Δ = 1.5"} <= set(labels(axes))
     opened = sum(math.isinf(d.interval[1]) for one in task.subjects for d in one.d_prime)
-    assert len(arrows(axes)) == opened + sum(group.open_above for group in task.group_d_prime)
+    assert len(arrows(axes)) == opened + sum(math.isinf(group.interval[1]) for group in task.group_d_prime)
+    assert "estimate infinite" in labels(axes)
+    finite = [
+        x for one in task.subjects for d in one.d_prime for x in (*d.interval, d.estimate) if math.isfinite(x)
+    ]
+    assert max(finite) < axes.get_xlim()[1]
 
 
 def test_given_axes_are_used_and_other_figures_stay(task):

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import json
 import os
+from dataclasses import replace
 
 import pytest
 from answer_scenes import SMALL, answer, begun, give, protocol, trials_of
@@ -11,7 +12,7 @@ from answer_scenes import SMALL, answer, begun, give, protocol, trials_of
 from burrlab.psychophysics.answers import AnswerFile, read_answers
 from burrlab.psychophysics.interval import ENDINGS
 from burrlab.psychophysics.run import Sitting
-from burrlab.psychophysics.side_car import Answer, digest
+from burrlab.psychophysics.side_car import digest
 
 
 @pytest.mark.parametrize(("task", "count"), [("probing", 0), ("match", 1), ("up", 4), ("match", 4)])
@@ -310,7 +311,7 @@ def test_a_run_of_an_earlier_version_goes_on_with_its_columns(tmp_path, device, 
     file, order = one.resume("01", "probing")
     with file:
         assert [note.partition(": ")[2] for note in file.notes] == [NO_LIMITS] * (device == "touch")
-        file.append(Answer(order.next(), 1e3, 1.0, "same", 1.0, ("time", "time"), repeats=1))
+        file.append(replace(answer(order.next(), "same", 1e3), repeats=1))
     assert [row.repeats for row in read_answers(path).rows] == repeats
     assert {line.count("\t") for line in path.read_text().splitlines()} == {columns - 1}
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from burrlab.psychophysics.answers import ExperimentFolder, read_answers, read_folder, read_rows, replay
 from burrlab.psychophysics.rules import Counts
-from burrlab.psychophysics.side_car import Row, as_text, columns_of
+from burrlab.psychophysics.side_car import AnswerRow, as_text, columns_of
 
 HEAD = "onset\tduration\ttrial_type\tresponse\tcorrect\tresponse_time\ttrial"
 ROWS = ["0\t41\tAA\tsame\t1\t0.5\t1", "60\t41\tAB\tsame\t0\t0.5\t2", "120\t41\tBB\tsame\t1\tn/a\t3"]
@@ -322,7 +322,7 @@ def test_rows_survive_the_file(data):
         kind, right = data.draw(st.sampled_from(list(CORRECT[task]))), data.draw(st.booleans())
         correct = CORRECT[task][kind]
         level = st.none() | st.floats(1.0, 100.0, exclude_min=True) if task == "2ifc" else st.none()
-        row = Row(
+        row = AnswerRow(
             onset=onset,
             duration=data.draw(st.none() | NUMBER),
             trial_type=kind,

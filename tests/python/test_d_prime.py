@@ -1,6 +1,5 @@
 """d' of one subject: estimate, intervals, standard error, corrections, against slow definitions."""
 
-import json
 import math
 import re
 from pathlib import Path
@@ -18,7 +17,6 @@ from burrlab.psychophysics.sensitivity import Outcomes, binomial_test, d_prime, 
 from reference import psychophysics as reference
 from reference.enumeration import (
     D_PRIMES,
-    binomial_error_rate,
     enumerate_estimator,
     exact_p_values,
     outcome_probabilities,
@@ -77,20 +75,15 @@ class TestEstimate:
         result = d_prime(Counts("same-different", 2, 6, 3, 6), rule=DIFFERENCING, method=method)
         assert (result.estimate, result.interval[0], result.standard_error) == (0.0, 0.0, None)
         assert 0.0 < result.interval[1] < math.inf
-        assert not result.excludes_zero
 
     @pytest.mark.parametrize("method", ["exact", "profile", "proportion"])
     def test_perfect_score(self, method):
-        counts = Counts("abx", 5, 5, 0, 5, by_type={"AB": (5, 5), "BA": (0, 5)})
-        result = d_prime(counts, rule=DIFFERENCING, method=method)
+        result = d_prime(Counts("abx", 5, 5, 0, 5), rule=DIFFERENCING, method=method)
         assert result.estimate == math.inf
         assert result.open_above
-        assert result.excludes_zero
+        assert result.interval[0] > 0.0
         assert result.standard_error is None
         assert "open)" in str(result)
-        data = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-        assert (data["estimate"], data["infinite"], data["interval"][1]) == (None, True, None)
-        assert data["counts"]["by_type"]["AB"] == [5, 5]
 
     @pytest.mark.parametrize("method", ["exact", "profile"])
     @pytest.mark.parametrize("numbers", [(6, 6, 6, 6), (0, 6, 0, 6), (4, 6, 0, 0), (0, 0, 2, 6)])
@@ -141,14 +134,6 @@ class TestExact:
         beyond = [*np.linspace(0.0, low - 1e-3, 40), *np.linspace(high + 1e-3, high + 6.0, 60)]
         assert max(exact_p_value(counts, law, d) for d in beyond) <= 0.05
 
-    def test_higher_level_is_wider(self):
-        counts = Counts("abx", 9, 12, 3, 12)
-        for method in ("exact", "profile"):
-            (a, b), (c, d) = (
-                d_prime(counts, rule=DIFFERENCING, level=x, method=method).interval for x in (0.8, 0.99)
-            )
-            assert c <= a < b <= d
-
     def test_proportion_is_clopper_and_pearson(self):
         counts, law = Counts("abx", 9, 12, 3, 12), rule_of("abx", INDEPENDENT)
         interval = d_prime(counts, rule=law.name, method="proportion").interval
@@ -191,12 +176,6 @@ def test_score():
     assert binomial_test(counts) == pytest.approx(11 / 1024)
 
 
-def closed_differencing(d: float, k: float) -> tuple[float, float]:
-    """The integral of `same_different_differencing` in closed form, as p values need thousands."""
-    hit = reference.Phi((d - k) / math.sqrt(2)) + reference.Phi((-d - k) / math.sqrt(2))
-    return hit, 2.0 * reference.Phi(-k / math.sqrt(2))
-
-
 class TestObservers:
     """Rates against integrals over the observations."""
 
@@ -204,7 +183,6 @@ class TestObservers:
     def test_differencing_at_any_criterion(self, d, k):
         expected = reference.same_different_differencing(d, k)
         assert rule_of("same-different", DIFFERENCING).rates(d, k) == pytest.approx(expected, abs=1e-10)
-        assert closed_differencing(d, k) == pytest.approx(expected, abs=1e-10)
 
     @pytest.mark.parametrize("d", [0.3, 1.0, 3.5])
     @pytest.mark.parametrize(
@@ -236,14 +214,6 @@ class TestObservers:
             assert 0.0 < found - d < 0.13
         found = float(abx.invert(*reference.abx_differencing(d, 0.8))[0])
         assert abs(found - d) < 0.035
-
-
-@pytest.mark.parametrize("d", [0.0, 2.0])
-def test_exact_p_values_by_listing_all_outcomes(d):
-    """4 and 3 trials; both grids of criteria are off by at most 0.002."""
-    found = exact_p_values(rule_of("same-different", DIFFERENCING), 4, 3, d)
-    expected = reference.exact_p_values(closed_differencing, d, 4, 3, np.linspace(0.02, d + 7.0, 200))
-    assert found == pytest.approx(list(expected.values()), abs=0.002)
 
 
 @settings(max_examples=40, deadline=None)
@@ -299,21 +269,6 @@ class TestCoverage:
             rows = enumerate_estimator(task, rule, trials=trials, shift=shift)
             check_rows(rows)
             assert min(row.profile for row in rows) > 0.85
-
-
-def test_wald_fails_at_few_trials():
-    """With corrections, and with infinite standard errors counted as intervals that hold the truth."""
-    for decision in BOTH:
-        (row,) = enumerate_estimator(*decision, trials=12, d_primes=[0.5])
-        assert row.wald_corrected + row.equal == pytest.approx(0.64, abs=0.02)
-
-
-def test_binomial_error_rate_is_at_most_nominal():
-    """An observer who cannot tell may prefer either answer, at any rate."""
-    for trials in (10, 12, 48, 200):
-        for nominal in (0.05, 0.01):
-            rates = [binomial_error_rate(trials, p, nominal=nominal) for p in np.linspace(0.0, 1.0, 41)]
-            assert max(rates) <= nominal
 
 
 def test_worst_cases_are_those_of_the_docs():

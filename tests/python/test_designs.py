@@ -77,31 +77,6 @@ def test_the_four_pairs_are_equal_to_the_trial(seed, subject, quarter, practice,
     assert [trial.number for trial in order.trials] == [*range(1, practice + 1), *range(1, trials + 1)]
 
 
-@pytest.mark.parametrize(
-    ("design", "types"),
-    [
-        (ABX(REAL, PVC, match=PETTIGREW, trials=24, blocks=4, practice=3), ["AB", "BA"]),
-        (constant(repeats=8, blocks=4, practice=3), [(x, level) for x in ("RC", "CR") for level in (0.7, 1.1, 1.4)]),
-    ],
-)  # fmt: skip
-def test_types_are_equally_often_in_each_block(design, types):
-    trials = design.order(seed=1, subject="01").trials
-    for block in range(1, 5):
-        found = Counter(
-            t.trial_type if t.level is None else (t.trial_type, t.level) for t in trials if t.block == block
-        )
-        assert found == dict.fromkeys(types, 6 // len(types))
-
-
-def test_blocks_that_four_does_not_divide():
-    order = SameDifferent(BONE, PVC, blocks=2).order(seed=1, subject="01")
-    assert Counter(kinds(order.trials)) == dict.fromkeys(PAIRS, 3)
-    for block in (1, 2):
-        numbers = Counter(kinds(trial for trial in order.trials if trial.block == block))
-        assert set(numbers.values()) <= {1, 2}
-        assert numbers["AA"] + numbers["BB"] == 3
-
-
 def test_a_trial_is_what_its_type_says():
     order = SameDifferent(BONE, PVC, interval=5.0, trials=40, practice=4).order(seed=3, subject="01")
     for trial in order.trials:
@@ -129,14 +104,6 @@ def test_the_paper_s_third_task():
     assert own.matching == BONE
     assert (first.stimulus, first.duration) == (BONE, 5.0)
     assert BONE in [interval.stimulus for interval in pair]
-
-
-def test_pairs_of_neighbours_are_as_random_as_a_shuffle():
-    """With three of each, P(the second trial has the first's type) = 2/11; false-alarm rate 1e-6."""
-    design, n, p = SameDifferent(BONE, PVC), 2000, 2 / 11
-    firsts = [kinds(design.order(seed=5, subject=str(i)).trials[:2]) for i in range(n)]
-    again = sum(one == two for one, two in firsts)
-    assert abs(again - n * p) < Z * (n * p * (1 - p)) ** 0.5
 
 
 def test_the_draws_stay_what_they_are():
@@ -167,13 +134,6 @@ def test_all_shuffles_are_equally_likely():
     found = Counter("".join(Draws(3, str(i), {}).shuffled("abcd")) for i in range(24_000))
     statistic = sum((found["".join(order)] - 1000) ** 2 / 1000 for order in permutations("abcd"))
     assert chi2.sf(statistic, 23) > FALSE_ALARMS
-
-
-def test_numbers_below_are_equally_likely():
-    draws = Draws(4, "01", {})
-    found = Counter(draws.below(7) for _ in range(70_000))
-    assert sorted(found) == list(range(7))
-    assert chi2.sf(sum((n - 10_000) ** 2 / 10_000 for n in found.values()), 6) > FALSE_ALARMS
 
 
 @settings(max_examples=60, deadline=None)

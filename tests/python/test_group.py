@@ -1,6 +1,5 @@
 """Groups: distributions of hits, tests over subjects, published means, pair checks, selection."""
 
-import json
 import math
 from collections.abc import Callable
 from itertools import product
@@ -22,8 +21,7 @@ from scipy import stats
 from scipy.stats import binom, fisher_exact
 
 from burrlab.psychophysics.group import (
-    Group,
-    compare_conditions,
+    GroupAnswers,
     conditional_hits,
     excess_hits,
     group_d_prime,
@@ -121,7 +119,7 @@ class TestTails:
 class TestGroupDPrime:
     def test_ends_are_where_the_tests_reject(self):
         group = [same(5, 2), same(4, 2), same(3, 1), same(6, 3), same(2, 2)] * 2
-        result, tests = group_d_prime(group, rule="differencing"), Group(group, "differencing")
+        result, tests = group_d_prime(group, rule="differencing"), GroupAnswers(group, "differencing")
         low, high = result.interval
         assert tests.tails(high - 1e-3)[0] > 0.025 >= tests.tails(high + 1e-3)[0]
         assert tests.tails(low + 1e-3)[1] > 0.025 >= tests.tails(low - 1e-3)[1]
@@ -138,7 +136,7 @@ class TestGroupDPrime:
         for rate in (0.1, 0.25, 0.5):
             hit, alarm = decision.rates(1.7, decision.criterion_of(1.7, rate))
             counts.append(Counts(task, round(float(hit) * 150), 150, round(float(alarm) * 150), 150))
-        assert Group(counts, rule).estimate() == pytest.approx(1.7, abs=0.05)
+        assert GroupAnswers(counts, rule).estimate() == pytest.approx(1.7, abs=0.05)
 
     def test_who_gives_one_answer_counts_for_nothing(self):
         group = [same(5, 2), same(4, 2), same(3, 1)]
@@ -162,10 +160,8 @@ class TestGroupDPrime:
         result = group_d_prime([same(*cell) for cell in cells], rule="differencing")
         assert result.estimate == pytest.approx(estimate, nan_ok=True)
         assert low[0] <= result.interval[0] <= low[1]
-        assert (result.interval[1], result.open_above) == (high, high == math.inf)
+        assert result.interval[1] == high
         assert said in str(result)
-        written = json.loads(json.dumps(result.to_dict(), allow_nan=False))
-        assert (written["estimate"] is None) == (not math.isfinite(estimate))
 
 
 class TestErrorRates:
@@ -248,18 +244,15 @@ class TestErrorRates:
 
 class TestSubjectTests:
     @settings(max_examples=25, deadline=None)
-    @given(st.lists(st.integers(-12, 12), min_size=1, max_size=8), st.sampled_from(["greater", "two-sided"]))
-    def test_signs_by_listing_all(self, doubled, side):
+    @given(st.lists(st.integers(-12, 12), min_size=1, max_size=8))
+    def test_signs_by_listing_all(self, doubled):
         values = np.array(doubled) / 2
         sums = np.array([np.dot(signs, values) for signs in product((-1, 1), repeat=len(values))])
-        seen = np.sum(values)
-        share = np.mean(sums >= seen - 1e-9) if side == "greater" else np.mean(abs(sums) >= abs(seen) - 1e-9)
-        assert sign_flip_test(values, side=side).p_value == pytest.approx(share)
+        assert sign_flip_test(values).p_value == pytest.approx(np.mean(sums >= np.sum(values) - 1e-9))
 
     def test_t_is_scipys(self):
         x = [1.0, 2.5, -0.5, 3.0]
         assert t_test(x).p_value == pytest.approx(stats.ttest_1samp(x, 0, alternative="greater").pvalue)
-        assert t_test(x, side="two-sided").p_value == pytest.approx(stats.ttest_1samp(x, 0).pvalue)
 
     @pytest.mark.parametrize(
         "test",
@@ -294,7 +287,6 @@ class TestGroupScore:
         assert str(result).startswith(
             "10.0 +- 0.7 of 12, 5 subjects; t test: t(4) = 5.66, p = 0.0024; sign-flip test: p = 0.031"
         )
-        assert json.loads(json.dumps(result.to_dict()))["tests"][1]["statistic"] is None
 
     def test_unlike_trials_are_proportions(self):
         result = group_score([same(5, 1), Counts("same-different", 4, 4, 0, 4), same(6, 2)])
@@ -306,17 +298,6 @@ class TestGroupScore:
         result = group_score([same(5, 1)])
         assert (result.sem, result.interval) == (None, None)
         assert str(result).startswith("10.0 of 12, 1 subject; t test: not possible")
-
-    def test_two_conditions(self):
-        expected = stats.ttest_1samp(np.array([2, 2, 3]) / 12, 0)
-        result = compare_conditions(
-            [same(5, 1), same(6, 2), same(6, 0)], [same(4, 2), same(4, 2), same(5, 2)]
-        )
-        ends = tuple(expected.confidence_interval(0.95))
-        assert [test.p_value for test in result.tests] == pytest.approx([expected.pvalue, 0.25])
-        assert (*result.interval, result.difference) == pytest.approx((*ends, sum(ends) / 2))
-        assert "3 subjects in both" in str(result)
-        assert json.dumps(result.to_dict())
 
     @pytest.mark.slow
     @pytest.mark.parametrize("kind", SAME_D_PRIME)
@@ -373,7 +354,6 @@ class TestPublishedScore:
         paper = group_score_from(mean=9.9, sem=0.1, n=5, trials=10, task="abx")
         assert paper.interval[1] == 10
         assert paper.d_prime["differencing"][2] == math.inf
-        assert json.loads(json.dumps(paper.to_dict(), allow_nan=False))["d_prime"]["differencing"][2] is None
         at_chance = group_score_from(mean=5.0, sem=0.3, n=5, trials=10)
         assert (at_chance.d_prime["differencing"][0], at_chance.guessers) == (0.0, 0.0)
         assert "may be alike" in str(at_chance)
@@ -435,17 +415,6 @@ class TestPairs:
         unlike = [same_different(11, 11, 11, 11), same_different(1, 1, 11, 11)]
         assert pair_checks(unlike)[0].p_value == pytest.approx(1.0)  # types do not differ
 
-    def test_error_rate_is_at_most_nominal(self):
-        """By enumeration: two subjects with 3 trials per type and different rates."""
-        outcomes = list(product(range(4), repeat=4))
-        ones = {(a, b): same_different(a, b, 3, 3, n=3) for a, b in product(range(4), repeat=2)}
-        found = [pair_checks([ones[a, b], ones[c, d]])[0].p_value for a, b, c, d in outcomes]
-        rejected = [outcome for outcome, p in zip(outcomes, found, strict=True) if p <= 0.05]
-        assert rejected
-        for one, two in ((0.1, 0.5), (0.3, 0.3), (0.5, 0.9)):
-            first, second = binom.pmf(range(4), 3, one), binom.pmf(range(4), 3, two)
-            assert sum(first[a] * first[b] * second[c] * second[d] for a, b, c, d in rejected) <= 0.05
-
 
 def enumerated(kept: int, of: int, trials: int, chance: float) -> np.ndarray:
     p = stats.binom.pmf(np.arange(trials + 1), trials, chance)
@@ -477,18 +446,6 @@ def test_p_value_is_the_tail() -> None:
     assert SelectionEffect(2, 3, 400, 1e-9).p_value(0.5) == pytest.approx(1.2e-6, rel=1e-3)
 
 
-def test_best_twelve_of_twenty_by_simulation() -> None:
-    n = 20_000
-    scores = np.random.default_rng(6).binomial(12, 0.5, (n, 20))
-    means = np.sort(scores, axis=1)[:, -12:].mean(axis=1)
-    effect = SelectionEffect(12, 20, 12)
-    # two normal tests with a joint false-alarm rate of 1e-6
-    limit = stats.norm.isf(0.25e-6)
-    assert abs(means.mean() - effect.expected) < limit * means.std() / np.sqrt(n)
-    p = effect.p_value(7.5)
-    assert abs((means >= 7.5 - 1e-9).mean() - p) < limit * np.sqrt(p * (1 - p) / n)
-
-
 @pytest.mark.parametrize(
     ("kind", "ask", "sentence"),
     [
@@ -510,8 +467,6 @@ def test_best_twelve_of_twenty_by_simulation() -> None:
         (ValueError, lambda: group_score([same(1, 1), Counts("abx", 1, 2, 1, 2)]),
          "counts must be of one task, got abx and same-different"),
         (ValueError, lambda: group_score([same(1, 1)], level=0.2), r"level must be in \[0.5, 1\), got 0.2"),
-        (ValueError, lambda: compare_conditions([same(1, 1)], [same(1, 1)] * 2),
-         "both conditions must have the same subjects, got 1 and 2"),
         (ValueError, lambda: group_score_from(**GOOD | {"n": 1}),
          "n and trials must be at least 2, got 1 and 12"),
         (ValueError, lambda: group_score_from(**GOOD | {"mean": 13.0}),

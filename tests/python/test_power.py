@@ -1,7 +1,6 @@
 """Power of a design and equivalence, against enumeration, simulation and the definitions."""
 
 import itertools
-import json
 import math
 
 import numpy as np
@@ -9,15 +8,13 @@ import pytest
 from group_scenes import SAME_D_PRIME, answers_of, most_errors, rejections, same
 from scipy import stats
 
-from burrlab.psychophysics.group import Group, group_d_prime
+from burrlab.psychophysics.group import GroupAnswers, group_d_prime
 from burrlab.psychophysics.power import (
     Observer,
     critical_score,
     decision_text,
     design_power,
     equivalence,
-    subjects_needed,
-    trials_needed,
 )
 from burrlab.psychophysics.rules import RULES, Counts, rule_of
 
@@ -97,57 +94,10 @@ class TestGroup:
 
     def test_of_one_subject_and_few_trials(self):
         found = design_power("abx", trials=4, d_primes=[1], delta=2.0)
-        assert (
-            json.loads(json.dumps(found.to_dict(), allow_nan=False))["equivalence"][0]["decidable_delta"]
-            is None
-        )
+        assert found.equivalence[0].decidable_delta == math.inf
         assert "no score of one subject is above chance: too few trials" in str(found)
         assert "1 subject;" in str(found)
         assert "group" not in str(found)
-
-
-class TestSize:
-    def test_subjects_for_a_d_prime(self):
-        n = subjects_needed("same-different", rule="differencing", trials=12, d_prime=1.5)
-        observer = Observer(rule_of("same-different", "differencing"), 1.5, 12, 0.02)
-        assert observer.group(n - 1, 0.05) < 0.8 <= observer.group(n, 0.05)
-
-    def test_subjects_for_equivalence(self):
-        n = subjects_needed("same-different", rule="differencing", trials=12, delta=1.5)
-        few, enough = (
-            design_power(
-                "same-different", trials=12, subjects=k, rules=["differencing"], d_primes=[], delta=1.5
-            )
-            for k in (n - 1, n)
-        )
-        assert few.equivalence[0].power < 0.8 <= enough.equivalence[0].power
-        assert n <= 12
-
-    def test_trials_of_one_subject(self):
-        """All larger numbers have enough power too."""
-        n = trials_needed("same-different", rule="independent-observations", d_prime=2.0)
-        decision = rule_of("same-different", "independent-observations")
-
-        def power(trials: int) -> float:
-            return Observer(decision, 2.0, trials, 0.02).from_score(critical_score(trials, 0.05)[0])
-
-        assert n % 4 == 0
-        assert power(n - 4) < 0.8
-        assert all(power(k) >= 0.8 for k in range(n, n + 80, 4))
-
-    def test_trials_of_a_group(self):
-        n = trials_needed("abx", rule="differencing", subjects=12, d_prime=1.0)
-        few, enough = (
-            Observer(rule_of("abx", "differencing"), 1.0, k, 0.02).group(12, 0.05) for k in (n - 2, n)
-        )
-        assert n % 2 == 0
-        assert few < 0.8 <= enough
-        assert trials_needed("same-different", rule="differencing", subjects=12, delta=1.0) % 4 == 0
-
-    def test_not_even_so_many(self):
-        assert subjects_needed("abx", rule="differencing", trials=4, d_prime=0.2, most=40) is None
-        assert trials_needed("abx", rule="differencing", d_prime=0.1, most=200) is None
-        assert trials_needed("abx", rule="differencing", subjects=2, delta=0.3, most=100) is None
 
 
 class TestDecision:
@@ -182,7 +132,6 @@ class TestDecision:
         assert (result.upper, result.power, result.decidable_delta) == (math.inf, 0.0, math.inf)
         assert "nothing is known of d'" in result.sentence
         assert "no Delta has 80 %" in result.design_sentence
-        assert json.loads(json.dumps(result.to_dict(), allow_nan=False))["upper"] is None
 
     def test_who_gave_one_answer_is_named(self):
         result = equivalence([*GUESSING, same(0, 0), same(6, 6)], rule="differencing", delta=1.5)
@@ -193,11 +142,6 @@ class TestDecision:
         result = equivalence([same(0, 4), same(1, 5), same(0, 5), same(1, 4)], rule="differencing", delta=1.0)
         assert result.p_below_chance < 0.01
         assert "were answers swapped?" in result.sentence
-
-    def test_bias_widens_the_bound(self):
-        """The same score, 6 of 12, shows less if nearly all answers are the same."""
-        bounds = [Group([same(h, h)] * 8, "independent-observations").upper(0.05) for h in (3, 1)]
-        assert bounds[0] < bounds[1]
 
     def test_one_subject_and_unlike_trials(self):
         result = equivalence([same(3, 3)], rule=RULES[0], delta=1.5)
@@ -215,7 +159,7 @@ class TestDecision:
         for _ in range(150):
             hits = [rng.hypergeometric(6, 6, c.hits + c.false_alarms) for c in group]
             again = [same(h, c.hits + c.false_alarms - h) for h, c in zip(hits, group, strict=True)]
-            decided += Group(again, "differencing").tails(1.5)[0] <= 0.05
+            decided += GroupAnswers(again, "differencing").tails(1.5)[0] <= 0.05
         assert stats.binomtest(decided, 150, stated).pvalue > 1e-6
 
     def test_decision_in_words(self):
@@ -237,13 +181,6 @@ def test_error_rate(rule, kind, delta):
 @pytest.mark.parametrize(
     ("kind", "ask", "sentence"),
     [
-        (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=10),
-         "d_prime or delta must be given, not both, got None and None"),
-        (ValueError, lambda: trials_needed("abx", rule="differencing", d_prime=1.0, delta=2.0), r"d_prime or delta must be given, not both, got 1\.0 and 2\.0"),
-        (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=10, d_prime=1.0, power=1.0), r"power must be in \(0, 1\), got 1"),
-        (ValueError, lambda: subjects_needed("abx", rule="differencing", trials=9, d_prime=1.0), "trials must be even and at least 2, got 9"),
-        (ValueError, lambda: trials_needed("abx", rule="differencing", subjects=0, d_prime=1.0),
-         "subjects must be at least 1, got 0"),
         (ValueError, lambda: design_power("oddity", trials=12), r"task must be one of .*, got 'oddity'"),
         (ValueError, lambda: design_power("abx", trials=12, rules=["none"]), r"rule must be one of .*, got 'none'"),
         (ValueError, lambda: design_power("abx", trials=12, rules=[]), "rules must hold a rule, got none"),

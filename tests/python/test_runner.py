@@ -70,18 +70,35 @@ def hand(mode):
     return probing_hand(BURR) if mode == "probing" else drilling_hand(BURR)
 
 
+class Kept(list):
+    """Stands for a file of answers."""
+
+    end = 0.0
+
+    def elapsed(self):
+        return 0.0
+
+
+def trials_in(rows):
+    return [(row.phase, row.trial, row.seeds) for row in rows]
+
+
+def trials_of(order):
+    return [(t.phase, t.number, tuple(interval.seed for interval in t.intervals)) for t in order.trials]
+
+
 class Scene:
     """Runs of the protocol with other designs, with the kept answers and the experimenter's log."""
 
     def __init__(self, folder, one: Protocol):
-        self.folder, self.protocol, self.kept = folder, one, []
+        self.folder, self.protocol, self.kept = folder, one, Kept()
 
     def run(self, design, seat, *, order=None, device=hand, feedback=False, **options):
         one = replace(self.protocol, tasks={"one": design}, feedback=feedback)
         order = design.order(seed=1, subject="01") if order is None else order
         with Experimenter(self.folder / "log.txt") as experimenter:
             return Runner(
-                one, "one", order, self.kept.append, seat, experimenter, device, **options
+                one, "one", order, self.kept, seat, experimenter, device, **options
             ).run()  # fmt: skip
 
     @property
@@ -102,7 +119,7 @@ def test_whole_run(scene):
     seat, order = paper(itertools.cycle(["same", "different"])), design.order(seed=3, subject="01")
     assert scene.run(design, seat, order=order) == 10
     assert order.next() is None
-    assert [answer.trial for answer in scene.kept] == list(design.order(seed=3, subject="01").trials)
+    assert trials_in(scene.kept) == trials_of(order)
     assert [answer.response for answer in scene.kept] == ["same", "different"] * 5
     assert {answer.endings for answer in scene.kept} == {("time", "time")}
     np.testing.assert_allclose([a.onset for a in scene.kept], 0.2 * np.arange(10), atol=1e-6)
@@ -205,7 +222,7 @@ def test_lost_device_is_not_asked(scene):
     assert "trial 3 was not asked: device lost" in scene.log
     assert scene.run(FOUR, again, order=order) == 2
     assert "You go on where you stopped." in seen(again)[1]
-    assert [answer.trial for answer in scene.kept] == list(order.trials)
+    assert trials_in(scene.kept) == trials_of(order)
 
 
 def test_silent_device_is_lost_too(scene):
@@ -259,7 +276,7 @@ def test_a_reference_real_or_rendered_is_felt_to_its_end(scene, reference, match
 
 
 def test_answer_is_kept_before_it_counts(scene):
-    class Full(list):
+    class Full(Kept):
         def append(self, answer):
             if len(self) == 1:
                 raise OSError("disk full")
@@ -275,12 +292,14 @@ def test_wall_clock_goes_on_where_the_run_was_and_many_late_ticks_are_told(scene
     late, start = iter([1, 2] + [0] * 6), iter(100.0 + i for i in range(100))
 
     def slow(interval, device, **options):
-        found = render(interval, device, **options)
+        found = render(interval, device, **options | {"wall_clock": False})
         ticks = found.ticks.copy()
         ticks["periods"][: next(late)] = 3
         return replace(found, ticks=ticks)
 
-    scene.run(FOUR, paper(["same"] * 4), render=slow, elapsed=lambda: next(start))
+    seat, scene.kept.elapsed = paper(["same"] * 4), lambda: next(start)
+    seat.wall_clock = True
+    scene.run(FOUR, seat, render=slow)
     assert [(a.onset, a.duration) for a in scene.kept][:2] == [(100.0, 3.0), (104.0, 3.0)]
     (told,) = [line for line in scene.log.splitlines() if "late" in line]
     assert told.endswith("interval 2 of trial 1 had 2 late ticks of 100")

@@ -5,7 +5,6 @@ of 1e-6.
 """
 
 import math
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from scipy.stats import binom, binomtest, norm
 
 import burrlab
 import burrlab.psychophysics.rehearsal as rehearsal
-import burrlab.psychophysics.weber as weber
 from burrlab.psychophysics.designs import ABX, SameDifferent
 from burrlab.psychophysics.interval import TICK, Block, Rendered, render
 from burrlab.psychophysics.observer import (
@@ -150,12 +148,6 @@ def test_the_right_answer_is_not_looked_at():
         assert said[0] == said[1]
 
 
-def test_published_fractions():
-    assert (weber.FORCE, weber.FORCE_CONTRALATERAL) == (0.07, 0.10)
-    assert (weber.COMPLIANCE_WITHOUT_WORK, weber.COMPLIANCE_WITH_SURFACE) == (0.22, 0.15)
-    assert pytest.approx(3 * weber.COMPLIANCE_WITH_SURFACE) == weber.COMPLIANCE_WITHOUT_SURFACE
-
-
 def design(b="pvc", **options):
     return SameDifferent(STIMULI["bone"], STIMULI[b], **{"interval": 4.0, **options})
 
@@ -243,29 +235,24 @@ def test_table_of_task_one():
     both = at("all", "bone-pvc", "differencing", 1.0)
     assert both.d_prime == pytest.approx(math.sqrt(sum(v**2 for v in table.differences["bone-pvc"].values())))
     assert "bone-pettigrew" in str(table)
-    assert len(table.to_dict()["rows"]) == 4 * 3 * 2 * 8
-    assert repr(table) == "TaskOneTable(192 rows, differences rendered)"
+    assert len(table.rows) == 4 * 3 * 2 * 8
 
 
-def test_table_of_given_differences():
-    given = {"bone-pvc": {"stiffness": 1.0, "force": 0.0, "sinking": 0.0}}
-    table = task1_table(differences=given, noises=(0.5,), lapse=0.0)
-    row = table.row("probing stiffness", "bone-pvc", "covert", 0.5)
-    p = norm.cdf(1.0) ** 2 + norm.cdf(-1.0) ** 2
+def test_table_by_hand():
+    noise = 0.5
+    table = task1_table(differences="closed form", noises=(noise,), lapse=0.0)
+    difference = table.differences["bone-pvc"]["stiffness"]
+    row = table.row("probing stiffness", "bone-pvc", "covert", noise)
+    p = norm.cdf(0.5 * difference / noise) ** 2 + norm.cdf(-0.5 * difference / noise) ** 2
     assert row.score == pytest.approx(12 * p)
     assert row.high - row.score == pytest.approx(1.959964 * math.sqrt(12 * p * (1 - p) / 20))
-    assert table.noise_of_published["sinking speed", "covert"] is None
+    for decision in ("differencing", "covert"):
+        noise = noise_for_score(9.0, difference, decision, lapse=0.0)
+        same = task1_table(differences="closed form", noises=(noise,), lapse=0.0)
+        assert same.row("probing stiffness", "bone-pvc", decision, noise).score == pytest.approx(9.0)
+        assert noise_for_score(11.99, 1.0, decision) is noise_for_score(5.0, 1.0, decision) is None
     with pytest.raises(ValueError, match="the table has no row probing force, bone-ivory, covert"):
         table.row("probing force", "bone-ivory", "covert", 0.5)
-
-
-@pytest.mark.parametrize("decision", ["differencing", "covert"])
-def test_noise_for_a_score(decision):
-    noise = noise_for_score(9.0, 1.0, decision)
-    table = task1_table(differences={"x": {"stiffness": 1.0, "force": 0.0, "sinking": 0.0}}, noises=(noise,))
-    assert table.row("probing stiffness", "x", decision, noise).score == pytest.approx(9.0)
-    assert noise_for_score(11.99, 1.0, decision) is None
-    assert noise_for_score(5.0, 1.0, decision) is None
 
 
 @pytest.mark.slow
@@ -323,14 +310,6 @@ def test_probing_gives_what_the_equations_say(name, voxel):
     assert again is found
 
 
-def test_differences_of_probing_are_logarithms_of_c_e():
-    for pair in combinations((burrlab.materials[name] for name in NAMES), 2):
-        one, two = (rendered_cues(material, "probing", burr=BURR, bone=COARSE) for material in pair)
-        ratio = math.log(pair[0].c_e / pair[1].c_e)
-        assert one.stiffness - two.stiffness == pytest.approx(2 / 3 * ratio, abs=0.003)
-        assert one.force - two.force == pytest.approx(ratio, abs=0.003)
-
-
 def test_closed_forms_of_the_paper():
     bone, pettigrew, pvc = (closed_form_cues(burrlab.materials[name], burr=BURR) for name in NAMES)
     assert bone.stiffness - pvc.stiffness == pytest.approx(1.02, abs=0.005)
@@ -349,15 +328,6 @@ def test_depth_after_a_time_tells_less_than_speed_at_a_depth():
     assert math.isnan(bone.stiffness)
     assert math.isnan(bone.force)
     assert 5.17 / 3 < pvc.sinking - bone.sinking < 5.17 / 1.8
-
-
-def test_speed_at_a_depth_is_the_closed_form():
-    speeds = []
-    for name in ("bone", "pettigrew"):
-        found = felt(name, drilling_hand(BURR, strokes=0), "drilling")
-        first, last = np.searchsorted(np.maximum.accumulate(found.immersion), [0.65, 0.75])
-        speeds.append(0.1 / (found.ticks["time"][last] - found.ticks["time"][first]))
-    assert math.log(speeds[1] / speeds[0]) == pytest.approx(1.234, abs=0.08)
 
 
 def test_the_erosion_scatters_little():
@@ -389,8 +359,9 @@ def test_a_tremble_does_not_make_two_presses_of_one():
 @pytest.mark.parametrize("ticks", [10, 0])
 def test_nothing_felt_is_nothing_known(mode, ticks):
     zero = np.zeros(ticks)
-    found = interval_cues(made(zero, zero - 1.0, mode=mode)).to_dict()
-    assert found == {"stiffness": None, "force": None, "sinking": None, "presses": 0}
+    found = interval_cues(made(zero, zero - 1.0, mode=mode))
+    assert np.isnan([found.stiffness, found.force, found.sinking]).all()
+    assert found.presses == 0
 
 
 def test_sinking_is_depth_over_contact():
@@ -399,20 +370,6 @@ def test_sinking_is_depth_over_contact():
     )
     found = interval_cues(made(np.where(depth > 0, 0.3, 0.0), depth, mode="drilling"))
     assert found.sinking == pytest.approx(math.log(2.0 / 0.5))
-
-
-@pytest.mark.parametrize("name", ["bone", "pvc"])
-def test_probing_is_ten_presses_of_one_and_a_half_newton(name):
-    found = felt(name, probing_hand(BURR), "probing", bone=Block((30, 30, 6), 0.2))
-    force = np.linalg.norm(found.ticks["force"], axis=1)
-    assert found.ended == "time"
-    assert interval_cues(found).presses == 10
-    first = int(np.argmax(found.ticks["touching"]))
-    peaks = [force[first + 2000 * i : first + 2000 * i + 1500].max() for i in range(10)]
-    assert peaks == pytest.approx([1.5] * 10, rel=0.015)
-    rests = [force[first + 2000 * i + 1600 : first + 2000 * i + 2000].min() for i in range(9)]
-    assert max(rests) < 0.04 * 1.5
-    assert not found.ticks["on"].any()
 
 
 @pytest.mark.parametrize("name", ["bone", "pvc"])
@@ -427,12 +384,6 @@ def test_twenty_seconds_of_drilling_stay_within_the_default_block(name):
     assert 1000 / np.diff(crossings).mean() == pytest.approx(1.4, rel=0.01)
     assert 3.5 < np.ptp(x[2000:]) < 5.0  # the hole's walls take part of the stroke of 5 mm
     assert found.ticks["on"].all()
-
-
-def test_a_block_of_ten_millimetres_would_be_drilled_through():
-    found = felt("pvc", drilling_hand(BURR), "drilling", bone=Block((30, 30, 10), 0.2))
-    assert found.ended == "break-through"
-    assert 15 < found.duration < 20
 
 
 BONE, PETTIGREW, PVC = (burrlab.materials[name] for name in ("bone", "pettigrew", "pvc"))
@@ -450,7 +401,6 @@ def test_closed_form_of_stiffness():
     assert found.rule == "independent-observations"
     # 10 of 12 are needed at 5 %; without bias both kinds of trial have the same proportion correct.
     assert found.power.rows[0].subject == pytest.approx(binom.sf(9, 12, p))
-    assert found.trials_needed > 12
 
 
 def test_cues_add_in_squares_and_rendered_ones_are_those_of_the_equations():
@@ -459,15 +409,6 @@ def test_cues_add_in_squares_and_rendered_ones_are_those_of_the_equations():
     exact = predicted_d_prime(BONE, PETTIGREW, "probing", subject, closed_form=True)
     assert found.d_prime == pytest.approx(math.hypot(*found.by_cue.values()))
     assert found.d_prime == pytest.approx(exact.d_prime, rel=0.01)
-
-
-def test_more_subjects_need_fewer_trials():
-    subject = SimulatedSubject(0.45)
-    one = predicted_d_prime(BONE, PVC, "probing", subject, closed_form=True)
-    many = predicted_d_prime(BONE, PVC, "probing", subject, closed_form=True, subjects=20)
-    assert one.power.rows[0].group is None
-    assert many.power.rows[0].group > one.power.rows[0].subject
-    assert 1 < one.subjects_needed < one.trials_needed
 
 
 def test_alike_materials_are_never_told_apart():
@@ -520,8 +461,8 @@ ALIKE = SameDifferent(STIMULI["bone"], Stimulus("again", BONE), interval=2.0)
         (lambda: rehearse(HELD, SINKING, seed=1), "design must not hold the sinking speed"),
         (lambda: rehearse(ALIKE, SUBJECT, seed=1, bone=SMALL), "design must have two materials, got 1"),
         (lambda: task1_table(differences="felt"),
-         "differences must be 'rendered', 'closed form' or a mapping, got 'felt'"),
-        (lambda: task1_table(differences={}, noises=(0.0,)), r"noises must be positive and finite, got 0\.0"),
+         "differences must be one of rendered, closed form, got 'felt'"),
+        (lambda: task1_table(differences="closed form", noises=(0.0,)), r"noises must be positive and finite, got 0\.0"),
         (lambda: probing_hand(BURR, push=-1), "push must be zero or positive"),
         (lambda: probing_hand(BURR, presses=-1), "presses must be zero or positive"),
         (lambda: drilling_hand(BURR, push=-1), "push must be zero or positive"),

@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
-from scipy.stats import binom
 
 from burrlab.psychophysics.rules import RULES, Floats, Rule, rule_of
 from burrlab.psychophysics.sensitivity import _TIE, LARGEST, Outcomes, _probabilities, binomial
@@ -94,13 +93,6 @@ def enumerate_estimator(
         }
         rows.append(SimpleNamespace(**{name: float(p @ held) for name, held in shares.items()}, **biases))
     return rows
-
-
-def binomial_error_rate(trials: int, hit: float, *, nominal: float = 0.05) -> float:
-    """Error rate of `binomial_test` at p <= nominal if hit rate and false-alarm rate are both `hit`."""
-    k = np.arange(trials // 2 + 1)
-    score, p = k[:, None] + trials // 2 - k, binom.pmf(k, trials // 2, hit)
-    return float(np.sum(np.outer(p, p)[binom.sf(score - 1, trials, 0.5) <= nominal]))
 
 
 def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:

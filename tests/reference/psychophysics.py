@@ -1,17 +1,13 @@
-"""The statistics of docs/psychophysics.md from their definitions: integration and lists of all outcomes.
+"""The statistics of docs/psychophysics.md from their definitions: integration over the observations.
 
 Nothing here uses the package. Decisions are integrated over the observations, standard normal about the
 stimuli's means -d'/2 (A) and +d'/2 (B). "First" and "second" are the places of the alternatives.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from itertools import product
+from collections.abc import Callable, Sequence
 
-import numpy as np
-from scipy import stats
 from scipy.integrate import quad
-from scipy.optimize import minimize_scalar
 
 Rates = tuple[float, float]
 
@@ -104,63 +100,6 @@ def two_intervals(d: float, bias: float = 0.0) -> Rates:
         integral(lambda x: phi(x - d) * Phi(x + bias), d - FAR, d + FAR),
         integral(lambda x: phi(x) * Phi(x + bias - d), -FAR, FAR),
     )
-
-
-# One subject's d'. `rates(d, criterion)` is an observer; `criteria` is a grid of its criterion.
-
-
-def log_likelihood(rates: Rates, hits: int, signals: int, alarms: int, noises: int) -> float:
-    return float(stats.binom.logpmf(hits, signals, rates[0]) + stats.binom.logpmf(alarms, noises, rates[1]))
-
-
-def best_at(
-    rates: Callable[[float, float], Rates], d: float, counts: Sequence[int], criteria: Sequence[float]
-) -> float:
-    """Log-likelihood at the best criterion: on the grid, then between its neighbours."""
-    values = [log_likelihood(rates(d, c), *counts) for c in criteria]
-    best = int(np.argmax(values))
-    ends = criteria[max(best - 1, 0)], criteria[min(best + 1, len(criteria) - 1)]
-    found = minimize_scalar(
-        lambda c: -log_likelihood(rates(d, c), *counts),
-        bounds=ends,
-        method="bounded",
-        options={"xatol": 1e-9},
-    )
-    return max(values[best], -float(found.fun))
-
-
-def greatest(counts: Sequence[int]) -> float:
-    """Log-likelihood at the estimate: two rates, or one where hits are no more frequent than false alarms."""
-    hits, signals, alarms, noises = counts
-    common = (hits + alarms) / (signals + noises)
-    above = hits * noises > alarms * signals
-    return log_likelihood((hits / signals, alarms / noises) if above else (common, common), *counts)
-
-
-def outcomes(signals: int, noises: int) -> Iterator[tuple[int, int, int, int]]:
-    for hits, alarms in product(range(signals + 1), range(noises + 1)):
-        yield hits, signals, alarms, noises
-
-
-def exact_p_values(
-    rates: Callable[[float, float], Rates], d: float, signals: int, noises: int, criteria: Sequence[float]
-) -> dict[tuple[int, int], float]:
-    """(hits, false alarms) -> probability of a deviance at least as large, at the grid's worst criterion."""
-    deviance = {
-        (one[0], one[2]): 0.0
-        if one[0] + one[2] in (0, signals + noises)
-        else 2 * (greatest(one) - best_at(rates, d, one, criteria))
-        for one in outcomes(signals, noises)
-    }
-    p = dict.fromkeys(deviance, 0.0)
-    for c in criteria:
-        hit, alarm = rates(d, c)
-        chance = {
-            x: stats.binom.pmf(x[0], signals, hit) * stats.binom.pmf(x[1], noises, alarm) for x in deviance
-        }
-        for x in p:
-            p[x] = max(p[x], sum(chance[y] for y in deviance if deviance[y] >= deviance[x] - 1e-7))
-    return p
 
 
 # Groups.

@@ -10,9 +10,7 @@ from burrlab.psychophysics.designs import SameDifferent as SameDifferent
 from burrlab.psychophysics.designs import counterbalanced as counterbalanced
 from burrlab.psychophysics.group import GroupDPrime as GroupDPrime
 from burrlab.psychophysics.group import GroupScore as GroupScore
-from burrlab.psychophysics.group import ScoreDifference as ScoreDifference
 from burrlab.psychophysics.group import SubjectTest as SubjectTest
-from burrlab.psychophysics.group import compare_conditions as compare_conditions
 from burrlab.psychophysics.group import group_d_prime as group_d_prime
 from burrlab.psychophysics.group import group_score as group_score
 from burrlab.psychophysics.interval import Block as Block
@@ -30,8 +28,6 @@ from burrlab.psychophysics.power import DesignPower as DesignPower
 from burrlab.psychophysics.power import Equivalence as Equivalence
 from burrlab.psychophysics.power import design_power as design_power
 from burrlab.psychophysics.power import equivalence as equivalence
-from burrlab.psychophysics.power import subjects_needed as subjects_needed
-from burrlab.psychophysics.power import trials_needed as trials_needed
 from burrlab.psychophysics.protocol import Protocol as Protocol
 from burrlab.psychophysics.protocol import template as template
 from burrlab.psychophysics.psychometric import PsychometricFit as PsychometricFit
@@ -59,7 +55,7 @@ from burrlab.psychophysics.sensitivity import binomial_test as binomial_test
 from burrlab.psychophysics.sensitivity import d_prime as d_prime
 from burrlab.psychophysics.sensitivity import pair_checks as pair_checks
 from burrlab.psychophysics.sensitivity import score_interval as score_interval
-from burrlab.psychophysics.side_car import Answer as Answer
+from burrlab.psychophysics.side_car import AnswerRow as AnswerRow
 from burrlab.psychophysics.staircase import AdaptiveStaircase as AdaptiveStaircase
 from burrlab.psychophysics.staircase import ConstantStimuli as ConstantStimuli
 from burrlab.psychophysics.staircase import Staircase as Staircase

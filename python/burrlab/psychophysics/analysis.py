@@ -1,18 +1,17 @@
 """Analysis of an experiment's answers, with reports, JSON and tables for other programs."""
 
-import json
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
-from typing import IO, Any, Self, TypeAlias
+from typing import IO, Any, ClassVar, Self, TypeAlias
 
 from burrlab.common.check import refuse, shown
 from burrlab.common.files import write_text
 from burrlab.common.provenance import provenance
-from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
+from burrlab.common.records import Codec, InJson
 from burrlab.common.table import (
     NOTHING,
     ReportColumn,
@@ -234,7 +233,7 @@ FORMAT = 1
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Analysis:
+class Analysis(InJson):
     """The results of an experiment, made by `analyse`.
 
     Attributes
@@ -247,6 +246,8 @@ class Analysis:
     provenance : mapping
         Versions and settings.
     """
+
+    _codec: ClassVar[Codec] = Codec("spelt")
 
     name: str
     tasks: tuple[ScoredTask | ThresholdTask, ...]
@@ -292,7 +293,7 @@ class Analysis:
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON and `from_dict`. Infinite numbers, such as open ends, are spelt "inf"."""
-        return {_KIND: FORMAT, **plain(self)}
+        return {_KIND: FORMAT, **super().to_dict()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
@@ -304,7 +305,7 @@ class Analysis:
             If `values` is something else.
         """
         refuse(values.get(_KIND) != FORMAT, f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
-        analysis = restored(cls, values)
+        analysis = super().from_dict(values)
         refuse(
             not (
                 isinstance(analysis.tasks, tuple)
@@ -313,35 +314,6 @@ class Analysis:
             "tasks must be a list of tasks with all that they hold",
         )
         return analysis
-
-    def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
-        """Writes a file that `from_json` reads back without loss."""
-        write_text(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
-
-    @classmethod
-    def from_json(cls, file: str | os.PathLike[str] | IO[str]) -> Self:
-        """Reads a file that `to_json` wrote.
-
-        Raises
-        ------
-        ValueError
-            If the file is something else.
-        OSError
-            If the file cannot be read.
-        """
-        path = Path(file) if isinstance(file, (str, os.PathLike)) else None
-        name = str(getattr(file, "name", "JSON")) if path is None else os.fspath(path)
-        try:
-            values = json.loads(file.read() if path is None else path.read_bytes())  # type: ignore[union-attr]
-        except (ValueError, RecursionError):
-            raise ValueError(f"{name}: this is not JSON in UTF-8") from None
-        kind = type(values)
-        refuse(kind is not dict, f"{name}: an analysis must be a JSON object, got {kind.__name__}")
-        try:
-            return cls.from_dict(values)
-        except UNREADABLE as error:
-            reason = in_one_line(error)
-            raise ValueError(f"{name}: this is no analysis that was written here: {reason}") from None
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Writes tab-separated rows, one per subject and task: n/a for no value, inf for an open end."""

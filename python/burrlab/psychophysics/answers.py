@@ -21,8 +21,7 @@ from burrlab.common.table import Tabular, by_value, html_table
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
     REQUIRED,
-    Answer,
-    Row,
+    AnswerRow,
     RowReader,
     SideCar,
     as_text,
@@ -48,7 +47,7 @@ class Answers(Tabular):
     name : str
         BIDS label of the task in the protocol.
     task : {"same-different", "abx", "2ifc"}
-    rows : tuple of Row
+    rows : tuple of AnswerRow
         One per answer, practice included, in order.
     side_car : SideCar or None
         None for a file of another program.
@@ -61,13 +60,13 @@ class Answers(Tabular):
     subject: str
     name: str
     task: TaskName
-    rows: tuple[Row, ...]
+    rows: tuple[AnswerRow, ...]
     side_car: SideCar | None = None
     notes: tuple[str, ...] = ()
     source: str = ""
 
     @property
-    def main(self) -> tuple[Row, ...]:
+    def main(self) -> tuple[AnswerRow, ...]:
         """The rows of the main phase."""
         return tuple(row for row in self.rows if row.phase == "main")
 
@@ -226,7 +225,7 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader,
     return reader, lines, torn
 
 
-def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
+def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCar) -> None:
     """Raises ValueError if a trial's type contradicts the stimuli in its row."""
     places = {
         "same-different": {"A": "a", "B": "b"},
@@ -287,14 +286,14 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     return tuple(runs[key] for key in sorted(runs))
 
 
-def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
+def replay(file: str, rows: Sequence[tuple[int, AnswerRow]], order: Order) -> None:
     """Feeds the responses of a file to an order, and checks each row against the order's trial.
 
     Parameters
     ----------
     file : str
         File name, for the message.
-    rows : sequence of (int, Row)
+    rows : sequence of (int, AnswerRow)
         Line numbers and rows.
     order : Order
         At its beginning.
@@ -317,7 +316,7 @@ def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
         order.answer(row.response)
 
 
-def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
+def _compared(row: AnswerRow, trial: Trial) -> Iterator[tuple[str, object, object]]:
     for column in ("phase", "number", "block", "trial_type", "level"):
         name = "trial" if column == "number" else column
         yield name, getattr(row, name), getattr(trial, column)
@@ -508,12 +507,12 @@ class AnswerFile:
         """Time since the start of the run, across resumptions [s]; gives the onset of an answer."""
         return time.monotonic() - self._zero
 
-    def append(self, answer: Answer) -> None:
+    def append(self, answer: AnswerRow) -> None:
         """Writes an answer, which is on disk when the method returns.
 
         Parameters
         ----------
-        answer : Answer
+        answer : AnswerRow
             Answer to the trial after those in the file.
 
         Raises
@@ -526,7 +525,7 @@ class AnswerFile:
         if self._file is None:
             raise ValueError(f"{self.path} is closed")
         task = self.side_car.task
-        line = as_text(Row.of(answer), task, self._columns)
+        line = as_text(answer, task, self._columns)
         fields = line.decode().rstrip("\n").split("\t")
         try:
             # Parsed as it will be read: no row is written that cannot be read back.
@@ -555,7 +554,7 @@ class AnswerFile:
         return f"AnswerFile({os.fspath(self.path)!r}, {self._lines - 1} answers, {state})"
 
 
-def _end(row: Row) -> float:
+def _end(row: AnswerRow) -> float:
     """The end of an answer, from the start of the run [s]."""
     return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
 

@@ -19,7 +19,7 @@ from burrlab._core import Material
 from burrlab.common.check import refuse, require_type
 from burrlab.psychophysics.power import design_power
 from burrlab.psychophysics.rules import one_of
-from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Phase, Stimulus, Trial
+from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, Phase, Stimulus, TaskDesign, Trial
 
 
 def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
@@ -199,7 +199,7 @@ def fixed_order(design: Any, seed: int, subject: str, types: Sequence[Sequence[A
     return FixedOrder(order, design.answers)
 
 
-class Scored(Design):
+class Scored(TaskDesign):
     """A design whose answers make a score and do not change the order."""
 
     trials: int
@@ -272,7 +272,7 @@ FASTER = "In which interval did the burr sink faster, the first or the second?"
 
 
 @dataclass(frozen=True)
-class Comparison(Design):
+class ComparisonDesign(TaskDesign):
     """Base of the two-interval designs (2ifc) that vary c_e or alpha around a reference.
 
     A `level` is the comparison's parameter over the reference's. The question depends on what is varied:

@@ -20,7 +20,6 @@ from burrlab.common.check import refuse
 from burrlab.psychophysics.rules import (
     Counts,
     Floats,
-    Result,
     Rule,
     RuleName,
     TaskName,
@@ -301,13 +300,11 @@ def _logarithms(
     return times.astype(np.float64), np.log(spectrum)
 
 
-Side: TypeAlias = Literal["greater", "two-sided"]
-
 _MOST_SUMS = 2**18
 
 
 @dataclass(frozen=True)
-class SubjectTest(Result):
+class SubjectTest:
     """The outcome of a test.
 
     Attributes
@@ -319,14 +316,15 @@ class SubjectTest(Result):
         Degrees of freedom of t.
     p_value : float or None
         None if the data allow no such test.
-    side : {"greater", "two-sided"}
+    side : {"greater"}
+        One-sided, above 0. Files of earlier versions may have "two-sided".
     """
 
     name: str
     statistic: float | None
     freedom: float | None
     p_value: float | None
-    side: Side
+    side: Literal["greater", "two-sided"] = "greater"
 
     def __str__(self) -> str:
         if self.p_value is None:
@@ -340,19 +338,18 @@ def probability_text(p: float) -> str:
     return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
 
 
-def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -> SubjectTest:
-    """The t test of a mean of 0."""
+def t_test(values: ArrayLike) -> SubjectTest:
+    """The one-sided t test of a mean above 0."""
     x = finite_values(values)
     error = float(np.std(x, ddof=1)) / math.sqrt(len(x)) if len(x) > 1 else 0.0
     if not error > 0.0:  # one value, or no scatter
-        return SubjectTest(name, None, None, None, side)
+        return SubjectTest("t test", None, None, None)
     t, freedom = float(np.mean(x)) / error, len(x) - 1.0
-    p = 2.0 * scipy.stats.t.sf(abs(t), freedom) if side == "two-sided" else scipy.stats.t.sf(t, freedom)
-    return SubjectTest(name, t, freedom, float(p), side)
+    return SubjectTest("t test", t, freedom, float(scipy.stats.t.sf(t, freedom)))
 
 
-def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
-    """Exact test of symmetry about 0: the share of all 2^n choices of signs whose sum is as large.
+def sign_flip_test(values: ArrayLike) -> SubjectTest:
+    """Exact one-sided test of symmetry about 0: the share of all 2^n choices of signs whose sum is as large.
 
     Equal sums are counted together, so whole or half values of any number of subjects are possible, and other
     values of up to 18 subjects.
@@ -363,22 +360,16 @@ def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
         If there is no value, a value is not finite, or there are too many different sums.
     """
     x = finite_values(values)
-    sums, chances = np.zeros(1), np.ones(1)
+    sums: Floats = np.zeros(1)
+    chances: Floats = np.ones(1)
     for value in np.abs(x):
         ends = np.concatenate([sums - value, sums + value])
-        sums, chances = _gathered(ends, np.tile(0.5 * chances, 2))
+        sums, place = np.unique(np.round(ends, 9), return_inverse=True)
+        refuse(len(sums) > _MOST_SUMS, f"values must have at most {_MOST_SUMS} different sums, got more")
+        chances = np.bincount(place.ravel(), np.tile(0.5 * chances, 2)).astype(np.float64)
     seen, slack = float(np.sum(x)), 1e-7 * max(1.0, float(np.sum(np.abs(x))))
-    as_far = np.abs(sums) >= abs(seen) - slack if side == "two-sided" else sums >= seen - slack
-    return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[as_far]))), side)
-
-
-def _gathered(sums: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """The distinct sums with their total weights."""
-    distinct, place = np.unique(np.round(sums, 9), return_inverse=True)
-    refuse(len(distinct) > _MOST_SUMS, f"values must have at most {_MOST_SUMS} different sums, got more")
-    return distinct, np.asarray(
-        np.bincount(place.ravel(), weights, minlength=len(distinct)), dtype=np.float64
-    )
+    as_far = sums >= seen - slack
+    return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[as_far]))))
 
 
 def finite_values(values: ArrayLike) -> Floats:
@@ -394,7 +385,7 @@ GRID = (*np.arange(0.0, 4.0, 0.1), *np.arange(4.0, 10.0, 0.25), *np.arange(10.0,
 
 
 @dataclass(frozen=True)
-class GroupDPrime(Result):
+class GroupDPrime:
     """A group's d' by one rule.
 
     Attributes
@@ -413,8 +404,6 @@ class GroupDPrime(Result):
         One-sided p value of so high a score at d' = 0.
     """
 
-    _derived = ("open_above",)
-
     task: TaskName
     rule: RuleName
     estimate: float
@@ -424,20 +413,16 @@ class GroupDPrime(Result):
     informative: int
     p_value: float
 
-    @property
-    def open_above(self) -> bool:
-        return math.isinf(self.interval[1])
-
     def __str__(self) -> str:
         if not self.informative:
             return f"group d' ({self.rule}): unknown, no subject gave both answers"
         low, high = self.interval
-        end = "open" if self.open_above else f"{high:.2f}"
+        end = "open" if math.isinf(high) else f"{high:.2f}"
         count = f"{self.informative} of {self.subjects} subjects informative"
         return f"group d' ({self.rule}): {self.estimate:.2f}, {100 * self.level:.4g} % interval {low:.2f} to {end}, {count}"
 
 
-class Group:
+class GroupAnswers:
     """Hits and answers of a group, and its tests at any d'."""
 
     def __init__(self, counts: Sequence[Counts], rule: str) -> None:
@@ -520,7 +505,7 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
     group d' (differencing): 2.42, 95 % interval 1.82 to 3.01, 12 of 12 subjects informative
     """
     check_level(level)
-    group = Group(counts, rule)
+    group = GroupAnswers(counts, rule)
     error = 0.5 * (1.0 - level)
     return GroupDPrime(
         task=group.decision.task,
@@ -551,7 +536,7 @@ def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: f
 
 
 @dataclass(frozen=True)
-class GroupScore(Result):
+class GroupScore:
     """Mean score of a group, and tests of whether it is above chance.
 
     Attributes
@@ -588,36 +573,6 @@ class GroupScore(Result):
         )
 
 
-@dataclass(frozen=True)
-class ScoreDifference(Result):
-    """Difference in score of the same subjects in two conditions.
-
-    Attributes
-    ----------
-    difference : float
-        Mean of the first minus mean of the second, in proportions correct.
-    interval : tuple of float, or None
-        By t; None without scatter.
-    level : float
-    n : int
-        Number of subjects.
-    tests : tuple of SubjectTest
-        Two-sided.
-    """
-
-    difference: float
-    interval: tuple[float, float] | None
-    level: float
-    n: int
-    tests: tuple[SubjectTest, ...]
-
-    def __str__(self) -> str:
-        ends = "" if self.interval is None else f" ({self.interval[0]:+.3f} to {self.interval[1]:+.3f})"
-        return f"difference {self.difference:+.3f}{ends}, {self.n} subjects in both; " + "; ".join(
-            map(str, self.tests)
-        )
-
-
 def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     """Mean score with its standard error over subjects, and tests against chance.
 
@@ -650,7 +605,7 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     sizes = {c.trials for c in counts}
     trials = sizes.pop() if len(sizes) == 1 else None
     scale = 1.0 if trials is None else float(trials)
-    scores = proportions(counts) * scale
+    scores = np.array([c.score / c.trials for c in counts]) * scale
     above, mean = np.array([c.score - 0.5 * c.trials for c in counts]), float(np.mean(scores))
     sem = float(np.std(scores, ddof=1)) / math.sqrt(len(counts)) if len(counts) > 1 else None
     interval = None
@@ -659,44 +614,6 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
         interval = (max(0.0, mean - wide), min(scale, mean + wide))
     tests = (t_test(above if trials else scores - 0.5), sign_flip_test(above))
     return GroupScore(len(counts), trials, mean, sem, 0.5 * scale, interval, level, tests)
-
-
-def compare_conditions(
-    first: Sequence[Counts], second: Sequence[Counts], *, level: float = 0.95
-) -> ScoreDifference:
-    """Paired tests of the same subjects, in the same order, in two conditions.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of subjects differ or are 0, or the level is not in [0.5, 1).
-
-    Examples
-    --------
-    >>> probing = [Counts("same-different", h, 6, 2, 6) for h in (3, 4, 4, 5)]
-    >>> drilling = [Counts("same-different", h, 6, 1, 6) for h in (5, 5, 6, 6)]
-    >>> print(compare_conditions(drilling, probing))
-    difference +0.208 (+0.132 to +0.285), 4 subjects in both; paired t test: t(3) = 8.66, p = 0.0032; sign-flip test: p = 0.12
-    """
-    check_level(level)
-    refuse(
-        len(first) != len(second),
-        f"both conditions must have the same subjects, got {len(first)} and {len(second)}",
-    )
-    values = proportions(first) - proportions(second)
-    mean, test = float(np.mean(values)), t_test(values, side="two-sided", name="paired t test")
-    interval = None
-    if test.statistic and test.freedom:
-        wide = abs(mean / test.statistic) * float(scipy.stats.t.ppf(0.5 + 0.5 * level, test.freedom))
-        interval = (mean - wide, mean + wide)
-    tests = (test, sign_flip_test(values, side="two-sided"))
-    return ScoreDifference(mean, interval, level, len(values), tests)
-
-
-def proportions(counts: Sequence[Counts]) -> Floats:
-    """The proportion correct of each subject."""
-    refuse(not counts, "counts must hold a subject, got none")
-    return np.array([c.score / c.trials for c in counts])
 
 
 def task_of_all(counts: Sequence[Counts]) -> TaskName:

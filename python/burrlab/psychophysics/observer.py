@@ -14,7 +14,7 @@ import numpy as np
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.rules import Floats, Result, RuleName, TaskName, one_of, rule_of
+from burrlab.psychophysics.rules import Floats, RuleName, TaskName, one_of, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
 PROBING_PUSH = 1.5  # peak push of a press [N]; ours
@@ -105,7 +105,7 @@ _BEGIN, _END = 0.5, 0.2
 
 
 @dataclass(frozen=True)
-class Cues(Result):
+class Cues:
     """Natural logarithms of an interval's cues; NaN for a cue that the interval does not give.
 
     Attributes

@@ -2,17 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Rows: TypeAlias = NDArray[np.float64]
 #: Lower end, estimate, upper end. The last two may be infinite.
@@ -22,7 +19,7 @@ STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "
 _LOWEST = 4.0  # the least end of a d' axis
 
 
-def room_for(ax: "Axes | None", rows: float) -> "Axes":
+def room_for(ax: Axes | None, rows: float) -> Axes:
     """The given axes, or axes of a new figure that is tall enough for the rows."""
     ax, new = axes_or_new(ax), ax is None
     if new and rows > 13 and isinstance(ax.figure, Figure):
@@ -31,7 +28,7 @@ def room_for(ax: "Axes | None", rows: float) -> "Axes":
 
 
 def draw(
-    ax: "Axes", spans: Sequence[Span], rows: Rows, end: float, style: dict[str, Any], colour: str, marker: str
+    ax: Axes, spans: Sequence[Span], rows: Rows, end: float, style: dict[str, Any], colour: str, marker: str
 ) -> None:  # fmt: skip
     """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark."""
     look = styled(style, color=colour, marker=marker, markersize=4.5, zorder=4)
@@ -52,30 +49,29 @@ def draw(
 
 
 def draw_d_prime(
-    ax: "Axes", by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, style: dict[str, Any], *,
-    named: bool = True, delta: float | None = None,
+    ax: Axes, by_rule: Mapping[Any, Sequence[Any]], rows: Rows, level: float, style: dict[str, Any],
+    delta: float | None,
 ) -> None:  # fmt: skip
-    """Draws d' by each rule side by side, with chance and any Delta."""
-    spans = [span for some in by_rule.values() for span in some]
+    """Draws d' by each rule side by side, with chance and any Delta; each d' has an estimate and an interval."""
+    all_spans = [[(d.interval[0], d.estimate, d.interval[1]) for d in some] for some in by_rule.values()]
+    spans = [span for some in all_spans for span in some]
     finite = [value for span in spans for value in span if math.isfinite(value)]
     end = 1.15 * max(_LOWEST, *finite, 0.0)  # beyond all finite values
-    for i, (rule, some) in enumerate(by_rule.items()):
+    for i, (rule, some) in enumerate(zip(by_rule, all_spans, strict=True)):
         shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
         colour, marker = STYLES[rule]
-        draw(ax, some, rows + shift, end, ({"label": None} if named else {}) | style, colour, marker)
-        if named:
-            label = f"{style['label']}, {rule}" if style.get("label") else rule
-            ax.plot([], [], **styled({**style, "label": label}, color=colour, marker=marker, markersize=4.5))
+        draw(ax, some, rows + shift, end, {"label": None} | style, colour, marker)
+        label = f"{style['label']}, {rule}" if style.get("label") else rule
+        ax.plot([], [], **styled({**style, "label": label}, color=colour, marker=marker, markersize=4.5))
     ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
     if delta is not None:
         ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")
     if any(math.isinf(estimate) for _, estimate, _ in spans):
         ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
-    rule = "" if named else f", {next(iter(by_rule))}"
-    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd]{rule}, {100 * level:g} % interval")
+    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * level:g} % interval")
 
 
-def of_subjects(ax: "Axes", names: Sequence[str], rows: Rows, title: str) -> "Axes":
+def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
     """The axes with one name per row."""
     ax.set_yticks(rows, names, fontsize=8)
     ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")

@@ -5,9 +5,8 @@ Observers are unbiased, with lapses.
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 import scipy
@@ -16,7 +15,7 @@ from scipy.special import stdtr
 from burrlab.common.check import refuse
 from burrlab.psychophysics.group import (
     GRID,
-    Group,
+    GroupAnswers,
     Integers,
     check_level,
     conditional_hits,
@@ -27,7 +26,6 @@ from burrlab.psychophysics.rules import (
     RULES,
     Counts,
     Floats,
-    Result,
     Rule,
     RuleName,
     TaskName,
@@ -84,7 +82,7 @@ _DELTA_HALVINGS = 12  # of the range 0 to 20: steps of 0.005
 
 
 @dataclass(frozen=True)
-class Equivalence(Result):
+class Equivalence:
     """The outcome of a one-sided test of d' >= Delta.
 
     Attributes
@@ -109,8 +107,6 @@ class Equivalence(Result):
     decidable_delta : float
         The smallest Delta with a power of 80 %; inf if none has it.
     """
-
-    _derived = ("sentence", "design_sentence")
 
     task: TaskName
     rule: RuleName
@@ -197,7 +193,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     """
     check_level(level)
     refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
-    group = Group(counts, rule)
+    group = GroupAnswers(counts, rule)
     error = 1.0 - level
     # The least favourable d' >= Delta: the p value falls with d', except for the scatter in t.
     p_value = max(group.tails(d)[0] for d in (delta, *(d for d in GRID if d > delta)))
@@ -223,7 +219,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     )
 
 
-def guessed_hits(group: Group) -> Integers:
+def guessed_hits(group: GroupAnswers) -> Integers:
     """Hits of subjects with d' = 0 and these numbers of answers, shape (experiments, subjects)."""
     rng = np.random.default_rng(SEED)
     columns = [
@@ -331,7 +327,7 @@ class EquivalenceRow:
 
 
 @dataclass(frozen=True)
-class DesignPower(Result):
+class DesignPower:
     """The power of a design; prints as a small table.
 
     Attributes
@@ -440,10 +436,15 @@ def design_power(
     1                6.9     6 %  50 %         6.7     4 %  36 %
     2                8.7    33 % 100 %         8.1    20 %  99 %
     """
-    check_design(trials, subjects, level, lapse)
+    refuse(trials < 2 or trials % 2, f"trials must be even and at least 2, got {trials}")
+    refuse(subjects < 1, f"subjects must be at least 1, got {subjects}")
+    refuse(not 0.0 < level <= 0.5, f"level must be in (0, 0.5], got {level}")
+    refuse(not 0.0 <= lapse < 1.0, f"lapse must be in [0, 1), got {lapse}")
     decisions = [rule_of(task, rule) for rule in rules]
     refuse(not decisions, "rules must hold a rule, got none")
-    _check_numbers("d_primes", d_primes, delta)
+    for d in d_primes:
+        refuse(not 0.0 <= d < math.inf, f"d_primes must be at least 0 and finite, got {d}")
+    refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     critical, error_rate = critical_score(trials, level)
     rows, k = [], np.arange(trials + 1)
     for decision, d in itertools.product(decisions, d_primes):
@@ -465,158 +466,10 @@ def design_power(
         if delta is None
         else tuple(
             EquivalenceRow(
-                one.name,
+                decision.name,
                 float(delta),
-                *equivalence_power(guessing(one, subjects, trials, lapse), delta, level),
+                *equivalence_power(guessing(decision, subjects, trials, lapse), delta, level),
             )
-            for one in decisions
+            for decision in decisions
         ),
     )
-
-
-def check_design(trials: int, subjects: int, level: float, lapse: float) -> None:
-    refuse(trials < 2 or trials % 2, f"trials must be even and at least 2, got {trials}")
-    refuse(subjects < 1, f"subjects must be at least 1, got {subjects}")
-    refuse(not 0.0 < level <= 0.5, f"level must be in (0, 0.5], got {level}")
-    refuse(not 0.0 <= lapse < 1.0, f"lapse must be in [0, 1), got {lapse}")
-
-
-def subjects_needed(
-    task: str,
-    *,
-    rule: str,
-    trials: int,
-    d_prime: float | None = None,
-    delta: float | None = None,
-    power: float = WANTED_POWER,
-    level: float = 0.05,
-    lapse: float = 0.02,
-    most: int = 300,
-) -> int | None:
-    """The smallest group that shows a mean score above chance, or d' below Delta, with this power.
-
-    Parameters
-    ----------
-    task : {"same-different", "abx", "2ifc"}
-    rule : {"independent-observations", "differencing"}
-    trials : int
-        Trials per subject, even.
-    d_prime : float, optional
-        d' of every subject, for the t test on scores. Give this or `delta`.
-    delta : float, optional
-        Delta of `equivalence`, at d' = 0.
-    power, level, lapse : float, optional
-        `level` is the one-sided error rate of the test.
-    most : int, optional
-        Largest group; the result is None if more are needed.
-
-    Raises
-    ------
-    ValueError
-        As for `design_power`; if d_prime and delta are both or neither given; or power is not in (0, 1).
-
-    Notes
-    -----
-    Groups have at least two subjects; see `trials_needed` for one. The power is simulated as in
-    `design_power`.
-
-    Examples
-    --------
-    >>> subjects_needed("same-different", rule="differencing", trials=12, d_prime=1.5)
-    11
-    """
-    enough = _decided(task, rule, d_prime, delta, power, level, lapse)
-    check_design(trials, 2, level, lapse)
-    return _least(lambda n: enough(n, trials), 2, 1, most)
-
-
-def trials_needed(
-    task: str,
-    *,
-    rule: str,
-    subjects: int = 1,
-    d_prime: float | None = None,
-    delta: float | None = None,
-    power: float = WANTED_POWER,
-    level: float = 0.05,
-    lapse: float = 0.02,
-    most: int = 1000,
-) -> int | None:
-    """The fewest trials per subject that give the power.
-
-    One subject has the exact binomial test, or the test of equivalence. Same-different trials are multiples
-    of 4 (the pair types); others are even.
-
-    Parameters
-    ----------
-    task, rule, d_prime, delta, power, level, lapse, most
-        As for `subjects_needed`, but `most` limits trials.
-    subjects : int, optional
-
-    Raises
-    ------
-    ValueError
-        As for `subjects_needed`.
-
-    Notes
-    -----
-    The power of a binomial test rises and falls from trial to trial. The result is the number from which the
-    power stays high enough, up to `most`.
-
-    Examples
-    --------
-    >>> trials_needed("same-different", rule="differencing", d_prime=2.0)
-    56
-    """
-    enough = partial(_decided(task, rule, d_prime, delta, power, level, lapse), subjects)
-    check_design(2, subjects, level, lapse)
-    step = 4 if task == "same-different" else 2
-    if subjects == 1 and d_prime is not None:
-        return min(itertools.takewhile(enough, range(most // step * step, 0, -step)), default=None)
-    return _least(enough, step, step, most)
-
-
-def _decided(
-    task: str,
-    rule: str,
-    d_prime: float | None,
-    delta: float | None,
-    power: float,
-    level: float,
-    lapse: float,
-) -> Callable[[int, int], bool]:
-    """A function of (subjects, trials per subject): whether the power for a d' or a Delta is reached."""
-    arguments = f"got {d_prime} and {delta}"
-    refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {arguments}")
-    refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
-    _check_numbers("d_prime", () if d_prime is None else (d_prime,), delta)
-    decision = rule_of(task, rule)
-
-    def enough(subjects: int, trials: int) -> bool:
-        if delta is not None:
-            return guessing(decision, subjects, trials, lapse).share_below(delta, level) >= power
-        observer = Observer(decision, d_prime or 0.0, trials, lapse)
-        if subjects == 1:
-            return observer.from_score(critical_score(trials, level)[0]) >= power
-        return observer.group(subjects, level) >= power
-
-    return enough
-
-
-def _least(enough: Callable[[int], bool], first: int, step: int, most: int) -> int | None:
-    """The least number from which `enough` holds, by doubling and halving; None above `most`."""
-    low, high = first - step, first
-    while not enough(high):
-        low, high = high, 2 * high
-        if low >= most:
-            return None
-    while high - low > step:
-        middle = low + (high - low) // (2 * step) * step
-        low, high = (low, middle) if enough(middle) else (middle, high)
-    return high if high <= most else None
-
-
-def _check_numbers(name: str, d_primes: Sequence[float], delta: float | None) -> None:
-    for value in d_primes:
-        refuse(not 0.0 <= value < math.inf, f"{name} must be at least 0 and finite, got {value}")
-    refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")

@@ -26,7 +26,7 @@ from burrlab.psychophysics.interval import Block, VolumeBlock
 from burrlab.psychophysics.rules import KEYS, RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.staircase import DESIGNS
-from burrlab.psychophysics.trial import Design, Order, Stimulus, key_of
+from burrlab.psychophysics.trial import Order, Stimulus, TaskDesign, key_of
 from burrlab.session.devices import device_limits
 from burrlab.session.exchange import parse_device
 
@@ -78,7 +78,7 @@ def _choice(names: Sequence[str]) -> Rule:
     return f"one of {', '.join(names)}", lambda value: value in names
 
 
-class Table:
+class TomlTable:
     """A table of the file; its errors name file, table and key.
 
     Parameters
@@ -101,18 +101,18 @@ class Table:
                 raise self.error(f"{key} must be {rule}, got {shown(value)}")
             value = float(value) if kind is _NUMBER else value
         if kind is _LIST and key in self:
-            return [Table(self.file, self.name, {key: part}).get(key, _NUMBER) for part in value]
+            return [TomlTable(self.file, self.name, {key: part}).get(key, _NUMBER) for part in value]
         return value
 
-    def table(self, key: str, *, needed: bool = True) -> "Table":
+    def table(self, key: str, *, needed: bool = True) -> "TomlTable":
         """A table inside this one."""
         name = f"{self.name}.{key}" if self.name else key
         value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
         if not isinstance(value, dict):
             raise self.error(f"{key} must be a table, [{name}], got {shown(value)}")
-        return Table(self.file, name, value)
+        return TomlTable(self.file, name, value)
 
-    def tables(self) -> "Mapping[str, Table]":
+    def tables(self) -> "Mapping[str, TomlTable]":
         """All tables inside this one, by key."""
         return {key: self.table(key) for key in self._values}
 
@@ -147,7 +147,7 @@ class Table:
         return key in self._values
 
 
-def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
+def design_of(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> TaskDesign:
     """The design of a table. Its keys are the parameters of the design's class; times end in _s.
 
     Raises
@@ -170,7 +170,7 @@ def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
         raise table.error(f"{key_of(name)}{space}{rest}") from None
 
 
-def stimuli_of(table: Table) -> dict[str, Stimulus]:
+def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:
     """Stimuli by name: the paper's materials and those of the table [materials].
 
     Raises
@@ -196,7 +196,7 @@ def stimuli_of(table: Table) -> dict[str, Stimulus]:
     return stimuli
 
 
-def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], default: Any) -> Any:
+def _read(table: TomlTable, key: str, kind: Any, stimuli: Mapping[str, Stimulus], default: Any) -> Any:
     """A value of the type of the design's parameter."""
     if get_origin(kind) in (Union, types.UnionType):
         kind = next(alternative for alternative in get_args(kind) if alternative is not type(None))
@@ -231,7 +231,7 @@ class AnalysisSettings:
     level: float = 0.95
 
 
-def subjects_of(table: Table) -> tuple[str, ...]:
+def subjects_of(table: TomlTable) -> tuple[str, ...]:
     """Labels of the subjects of [experiment]."""
     value = table.get(
         "subjects",
@@ -257,7 +257,7 @@ def subjects_of(table: Table) -> tuple[str, ...]:
     return tuple(value)
 
 
-def _check_labels(table: Table, what: str, labels: list[str]) -> None:
+def _check_labels(table: TomlTable, what: str, labels: list[str]) -> None:
     """Raises ValueError unless the labels can be part of file names on any file system."""
     seen: dict[str, str] = {}
     for label in labels:
@@ -270,7 +270,7 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
         seen[label.lower()] = label
 
 
-def device_of(table: Table, folder: Path) -> str:
+def device_of(table: TomlTable, folder: Path) -> str:
     """The device of [experiment]; the path of a script is relative to the folder."""
     text = table.get("device", _TEXT, default="hand")
     try:
@@ -286,7 +286,7 @@ def without_folder(device: str) -> str:
     return f"scripted:{Path(file).name}" if kind == "scripted" else device
 
 
-def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
+def burr_and_bone_of(file: TomlTable, folder: Path) -> tuple[Burr, Block]:
     """The burr and bone of [burr] and [bone], which must fit; a volume's path is relative to the folder."""
     table = file.table("burr")
     with table.errors():
@@ -306,7 +306,7 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
     return burr, bone
 
 
-def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
+def _volume_of(table: TomlTable, folder: Path) -> dict[str, Any] | None:
     """Arguments that make a `VolumeBlock` of [bone]; None if it names no volume."""
     path, options = table.get("volume", _TEXT, default=None), {}
     for key, kind in (
@@ -329,7 +329,7 @@ def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
         }
 
 
-def designs_of(file: Table) -> Mapping[str, Design]:
+def designs_of(file: TomlTable) -> Mapping[str, TaskDesign]:
     """The designs of [tasks] by name, in the order of the file, with the stimuli of [materials]."""
     stimuli = stimuli_of(file.table("materials", needed=False))
     table = file.table("tasks")
@@ -337,7 +337,7 @@ def designs_of(file: Table) -> Mapping[str, Design]:
     if not tables:
         raise table.error("there must be at least one task, [tasks.NAME]")
     _check_labels(table, "a task", list(tables))
-    tasks: dict[str, Design] = {}
+    tasks: dict[str, TaskDesign] = {}
     for name, task_table in tables.items():
         tasks[name] = design_of(task_table, stimuli)
         for other, design in tasks.items():
@@ -348,7 +348,7 @@ def designs_of(file: Table) -> Mapping[str, Design]:
     return MappingProxyType(tasks)
 
 
-def analysis_of(table: Table) -> AnalysisSettings:
+def analysis_of(table: TomlTable) -> AnalysisSettings:
     """The settings of [analysis]."""
     rules = table.get(
         "rules",
@@ -383,7 +383,7 @@ class Protocol:
         Seed of all orders and intervals.
     subjects : tuple of str
         BIDS labels.
-    tasks : mapping of str to Design
+    tasks : mapping of str to TaskDesign
         In the order of the file.
     burr : Burr
     bone : Block
@@ -419,7 +419,7 @@ class Protocol:
     name: str
     seed: int
     subjects: tuple[str, ...]
-    tasks: Mapping[str, Design]
+    tasks: Mapping[str, TaskDesign]
     burr: Burr
     bone: Block
     device: str
@@ -461,7 +461,7 @@ class Protocol:
         file_name = os.fspath(path)
         text = decoded(file_name, path.read_bytes())
         try:
-            file = Table(file_name, "", tomllib.loads(text))
+            file = TomlTable(file_name, "", tomllib.loads(text))
         except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits
             raise ValueError(f"{file_name}: this is not TOML: {error}") from None
         except RecursionError:
@@ -469,29 +469,33 @@ class Protocol:
         experiment = file.table("experiment")
         get = experiment.get
         name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)
-        folder = path.parent / get("folder", _TEXT, default="data")
-        device = device_of(experiment, path.parent)
-        lost_after = get("lost_after_ms", _NUMBER, ("positive", lambda value: value > 0), default=100.0)
-        limits = get("limits", _choice(("device", "none", *device_limits)), default="device")
-        publish = get("publish", _PORT, default=None)
-        trace, feedback = (get(key, _FLAG, default=False) for key in ("trace", "feedback"))
-        keys = get("keys", _KEYS, default=KEYS)
-        pause, rest = (
-            get(key, _NUMBER, *_WAIT, default=default_s)
-            for key, default_s in (("pause_s", 1.0), ("break_s", 60.0))
-        )
-        selected_by = get("selected_by", _TEXT, _ONE_FIELD, default=None)
         fewer: Rule = (f"more than the {len(subjects)} subjects", lambda value: value > len(subjects))
-        selected_from = get("selected_from", _whole(), fewer, default=None)
-        experiment.done()
         burr, bone = burr_and_bone_of(file, path.parent)
-        tasks = designs_of(file)
-        analysis = analysis_of(file.table("analysis", needed=False))
+        protocol = cls(
+            path=path,
+            name=name,
+            seed=seed,
+            subjects=subjects,
+            tasks=designs_of(file),
+            burr=burr,
+            bone=bone,
+            folder=path.parent / get("folder", _TEXT, default="data"),
+            device=device_of(experiment, path.parent),
+            lost_after=get("lost_after_ms", _NUMBER, ("positive", lambda value: value > 0), default=100.0),
+            limits=get("limits", _choice(("device", "none", *device_limits)), default="device"),
+            publish=get("publish", _PORT, default=None),
+            trace=get("trace", _FLAG, default=False),
+            feedback=get("feedback", _FLAG, default=False),
+            keys=get("keys", _KEYS, default=KEYS),
+            pause=get("pause_s", _NUMBER, *_WAIT, default=1.0),
+            rest=get("break_s", _NUMBER, *_WAIT, default=60.0),
+            selected_by=get("selected_by", _TEXT, _ONE_FIELD, default=None),
+            selected_from=get("selected_from", _whole(), fewer, default=None),
+            analysis=analysis_of(file.table("analysis", needed=False)),
+        )
+        experiment.done()
         file.done()
-        return cls(
-            path, name, seed, subjects, tasks, burr, bone, device, lost_after, publish, folder, trace, feedback, pause,
-            rest, selected_by, selected_from, analysis, keys, limits,
-        )  # fmt: skip
+        return protocol
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
         """A subject's order of tasks, counterbalanced over the file's list of subjects.

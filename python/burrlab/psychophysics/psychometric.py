@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy.special import entr
 
@@ -19,11 +20,7 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_level
-from burrlab.psychophysics.rules import Floats, Result, one_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
+from burrlab.psychophysics.rules import Floats, one_of
 
 _THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
@@ -121,7 +118,7 @@ class ThresholdPosterior:
 
 
 @dataclass(frozen=True)
-class PosteriorThreshold(Result):
+class PosteriorThreshold:
     """A threshold with its credible interval.
 
     Attributes
@@ -179,7 +176,7 @@ _MOST_BARS = 12  # most levels that are drawn with intervals
 
 
 @dataclass(frozen=True)
-class PsychometricFit(Result):
+class PsychometricFit:
     """A Weibull function of the difference |ln level| with guess rate 0.5.
 
     Attributes
@@ -277,7 +274,7 @@ class PsychometricFit(Result):
         return "\n".join(lines)
 
     @drawing
-    def plot(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Proportion correct over the ratio with exact binomial intervals, the curve, and the threshold.
 
         `style`: label, color and other properties of the curve.

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.group import check_level, probability_text
-from burrlab.psychophysics.rules import RULES, Result, TaskName, halving, rule_of
+from burrlab.psychophysics.rules import RULES, TaskName, halving, rule_of
 
 Three: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class PublishedScore(Result):
+class PublishedScore:
     """Re-analysis of a published mean score. Pairs are (low, high).
 
     Attributes

@@ -4,7 +4,7 @@ import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -27,10 +27,10 @@ from burrlab.psychophysics.observer import (
     interval_cues,
     rendered_cues,
 )
-from burrlab.psychophysics.power import DesignPower, Observer, design_power, subjects_needed, trials_needed
-from burrlab.psychophysics.rules import Counts, Result, RuleName, TaskName, counts_of, one_of, rule_of
+from burrlab.psychophysics.power import DesignPower, Observer, design_power
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, one_of, rule_of
 from burrlab.psychophysics.seat import Seat
-from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
+from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, TaskDesign, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 REPLICATES = 3  # erosion seeds for each drilled material; probing erodes nothing and needs one
@@ -38,7 +38,7 @@ SELF_PACED = 10.0  # length of a simulated interval that the subject would end [
 
 
 def rehearse(
-    design: Design,
+    design: TaskDesign,
     subject: SimulatedSubject,
     *,
     subjects: int = 20,
@@ -50,7 +50,7 @@ def rehearse(
 
     Parameters
     ----------
-    design : Design
+    design : TaskDesign
         Each subject gets its own order. The matching material stands in for a real specimen.
     subject : SimulatedSubject
         If not yet taught, the subject is taught by `teach`.
@@ -91,7 +91,7 @@ def rehearse(
 
 
 def rehearsed_order(
-    design: Design,
+    design: TaskDesign,
     subject: SimulatedSubject,
     *,
     name: str = "01",
@@ -115,7 +115,7 @@ def rehearsed_order(
 
 
 def teach(
-    subject: SimulatedSubject, design: Design, *, burr: Burr | None = None, bone: Block | None = None
+    subject: SimulatedSubject, design: TaskDesign, *, burr: Burr | None = None, bone: Block | None = None
 ) -> SimulatedSubject:
     """The same subject with knowledge of the design's two materials; unchanged for two-interval tasks.
 
@@ -138,7 +138,7 @@ def teach(
     return subject.taught(a, b)
 
 
-def check_rehearsable(design: Design) -> None:
+def check_rehearsable(design: TaskDesign) -> None:
     """Raises ValueError for a design that asks for a cue that simulated subjects do not feel."""
     refuse(
         design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed",
@@ -146,7 +146,7 @@ def check_rehearsable(design: Design) -> None:
     )
 
 
-def stood_in(design: Design, interval: Interval) -> Interval:
+def stood_in(design: TaskDesign, interval: Interval) -> Interval:
     """The interval with the match in place of a real reference, and with a length if it has none."""
     stimulus = interval.stimulus
     if stimulus.material is None and isinstance(design, ABX):
@@ -155,7 +155,7 @@ def stood_in(design: Design, interval: Interval) -> Interval:
     return replace(interval, stimulus=stimulus, duration=duration)
 
 
-def _felt(design: Design, interval: Interval, burr: Burr, bone: Block) -> Cues:
+def _felt(design: TaskDesign, interval: Interval, burr: Burr, bone: Block) -> Cues:
     stand_in = stood_in(design, interval)
     assert stand_in.stimulus.material is not None
     assert stand_in.duration is not None
@@ -166,8 +166,8 @@ def _felt(design: Design, interval: Interval, burr: Burr, bone: Block) -> Cues:
 
 
 @dataclass(frozen=True)
-class Prediction(Result):
-    """d' and score of a simulated subject, and the experiment needed to show them. Prints as a few lines.
+class Prediction:
+    """d' and score of a simulated subject, with the power to show them. Prints as two lines.
 
     Attributes
     ----------
@@ -188,9 +188,6 @@ class Prediction(Result):
     lapse : float
     power : DesignPower
         Power of one subject's binomial test, and of the t test of a group.
-    trials_needed, subjects_needed : int or None
-        For 80 % power: trials of a single subject; subjects with `trials` each. None if no reasonable number
-        is enough.
     """
 
     task: TaskName
@@ -204,27 +201,17 @@ class Prediction(Result):
     score: float
     lapse: float
     power: DesignPower
-    trials_needed: int | None
-    subjects_needed: int | None
 
     def __str__(self) -> str:
         parts = ", ".join(
             f"{cue} {d:.2f} (ln ratio {self.differences[cue]:+.3f})" for cue, d in self.by_cue.items()
         )
-        needed = [
-            f"{'no reasonable number' if number is None else number} {what}"
-            for number, what in (
-                (self.trials_needed, "trials of one subject"),
-                (self.subjects_needed, f"subjects of {self.trials} trials"),
-            )
-        ]
         row = self.power.rows[0]
         group = "" if row.group is None else f", of {self.subjects} subjects {100 * row.group:.0f} %"
         return "\n".join([
             f"{self.task} by {self.mode}, {self.rule}: d' {self.d_prime:.2f}: {parts}",
             f"expected score {self.score:.1f} of {self.trials} ({100 * self.lapse:g} % lapses); power of one "
             f"subject {100 * row.subject:.0f} %{group}",
-            f"80 % power needs {needed[0]}, or {needed[1]}",
         ])  # fmt: skip
 
 
@@ -242,7 +229,7 @@ def predicted_d_prime(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> Prediction:
-    """d' of a pair of materials for a simulated subject, with the expected score and the experiment's size.
+    """d' of a pair of materials for a simulated subject, with the expected score and its power.
 
     Parameters
     ----------
@@ -280,7 +267,6 @@ def predicted_d_prime(
     >>> print(predicted_d_prime(m["bone"], m["pvc"], "probing", subject, closed_form=True))
     same-different by probing, differencing: d' 2.84: stiffness 2.84 (ln ratio +1.024)
     expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
-    80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
     """
     one_of("mode", mode, MODES)
     for cue in subject.cues:
@@ -301,7 +287,6 @@ def predicted_d_prime(
     pair = felt(a), felt(b)
     taught = subject.taught(*pair)
     d_prime, rule = taught.d_prime, rule_of(task, subject.rule)
-    settings: dict[str, Any] = {"rule": subject.rule, "d_prime": d_prime, "lapse": subject.lapse}
     return Prediction(
         task=task,
         mode=mode,
@@ -319,8 +304,6 @@ def predicted_d_prime(
         power=design_power(
             task, trials=trials, subjects=subjects, rules=(subject.rule,), d_primes=(d_prime,), lapse=subject.lapse
         ),
-        trials_needed=trials_needed(task, **settings),
-        subjects_needed=subjects_needed(task, trials=trials, **settings),
     )  # fmt: skip
 
 
@@ -365,7 +348,7 @@ class TaskOneRow:
     high: float
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True)
 class TaskOneTable:
     """Expected scores of Task 1.
 
@@ -378,7 +361,7 @@ class TaskOneTable:
         (cue, decision) -> noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the
         probing cues, 9.6 for sinking speed and for all. None if no noise gives the mean.
     source : str
-        Source of the differences: "rendered", "closed form" or "given".
+        Source of the differences.
     lapse : float
     """
 
@@ -394,17 +377,6 @@ class TaskOneTable:
             if (row.cue, row.pair, row.decision) == (cue, pair, decision) and math.isclose(row.noise, noise):
                 return row
         raise ValueError(f"the table has no row {cue}, {pair}, {decision}, {noise!r}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON."""
-        return {
-            "rows": [vars(row) for row in self.rows], "ln_differences": self.differences, "lapse": self.lapse,
-            "noise_of_published": [
-                {"cue": cue, "decision": decision, "noise": noise}
-                for (cue, decision), noise in self.noise_of_published.items()
-            ],
-            "source": self.source, "trials": TRIALS, "subjects": SUBJECTS,
-        }  # fmt: skip
 
     def __str__(self) -> str:
         noises = sorted({row.noise for row in self.rows})
@@ -429,13 +401,10 @@ class TaskOneTable:
             )
         return "\n".join(lines)
 
-    def __repr__(self) -> str:
-        return f"TaskOneTable({len(self.rows)} rows, differences {self.source})"
-
 
 def task1_table(
     *,
-    differences: str | Mapping[str, Mapping[str, float]] = "rendered",
+    differences: Literal["rendered", "closed form"] = "rendered",
     noises: Sequence[float] = NOISES,
     lapse: float = LAPSE,
     burr: Burr | None = None,
@@ -445,9 +414,9 @@ def task1_table(
 
     Parameters
     ----------
-    differences : {"rendered", "closed form"} or mapping
-        Source of the differences of the cues' logarithms: intervals rendered with the simulated hands,
-        `closed_form_cues`, or a mapping pair -> cue -> value with pairs such as "bone-pvc".
+    differences : {"rendered", "closed form"}
+        Source of the differences of the cues' logarithms: intervals rendered with the simulated hands, or
+        `closed_form_cues`.
     noises : sequence of float
         Weber fractions, each for every cue.
     lapse : float
@@ -463,7 +432,7 @@ def task1_table(
     Raises
     ------
     ValueError
-        If `differences` is another string, or a noise is not positive.
+        If `differences` is another text, or a noise is not positive.
 
     Notes
     -----
@@ -488,8 +457,7 @@ def task1_table(
         for name, cues in _NAMES.items()
         for decision in DECISIONS
     }  # fmt: skip
-    source = differences if isinstance(differences, str) else "given"
-    return TaskOneTable(tuple(rows), cue_differences, published, source, lapse)
+    return TaskOneTable(tuple(rows), cue_differences, published, differences, lapse)
 
 
 def noise_for_score(
@@ -521,24 +489,17 @@ def noise_for_score(
     return float(abs(difference) / scipy.optimize.brentq(excess, low, high))
 
 
-def _differences(
-    source: str | Mapping[str, Mapping[str, float]], burr: Burr, bone: Block
-) -> dict[str, dict[str, float]]:
-    if not isinstance(source, str):
-        return {pair: dict(values) for pair, values in source.items()}
-    names = sorted({name for pair in PAIRS for name in pair})
-    if source == "closed form":
-        cues = {name: closed_form_cues(materials[name], burr=burr) for name in names}
-    elif source == "rendered":
+def _differences(source: str, burr: Burr, bone: Block) -> dict[str, dict[str, float]]:
+    one_of("differences", source, ("rendered", "closed form"))
+    cues = {name: closed_form_cues(materials[name], burr=burr) for pair in PAIRS for name in pair}
+    if source == "rendered":
         cues = {
             name: Cues(**{
                 cue: getattr(rendered_cues(materials[name], mode, burr=burr, bone=bone), cue)
                 for mode, cues_of_mode in CUES_OF.items() for cue in cues_of_mode
             })
-            for name in names
+            for name in cues
         }  # fmt: skip
-    else:
-        raise ValueError(f"differences must be 'rendered', 'closed form' or a mapping, got {source!r}")
     return {
         f"{a}-{b}": {cue: getattr(cues[a], cue) - getattr(cues[b], cue) for cue in CUES} for a, b in PAIRS
     }
@@ -572,7 +533,7 @@ class SimulatedSeat(Seat):
     ----------
     subject : SimulatedSubject
         Learns the two materials of a same-different or ABX task first.
-    design : Design
+    design : TaskDesign
     burr : Burr
     bone : Block
     seed : int
@@ -591,7 +552,7 @@ class SimulatedSeat(Seat):
     simulated = True
 
     def __init__(
-        self, subject: SimulatedSubject, design: Design, *, burr: Burr, bone: Block, seed: int, name: str,
+        self, subject: SimulatedSubject, design: TaskDesign, *, burr: Burr, bone: Block, seed: int, name: str,
         on_progress: Callable[[str], object] | None = None,
     ) -> None:  # fmt: skip
         self._on_progress = on_progress
@@ -603,7 +564,7 @@ class SimulatedSeat(Seat):
         return stood_in(self._design, interval)
 
     def ask(
-        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+        self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         cues = [Cues() if interval is None else interval_cues(interval) for interval in rendered]
         what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}

@@ -11,14 +11,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, erfc, erfcinv, erfinv, log_ndtr, ndtr, ndtri
 
 from burrlab.common.check import refuse
-from burrlab.common.records import Codec
 
 Floats: TypeAlias = NDArray[np.float64]
 TaskName: TypeAlias = Literal["same-different", "abx", "2ifc"]
@@ -40,18 +39,6 @@ _ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 _LARGEST = 75.0  # largest d' whose rates differ from 0 and 1 in double precision
 _HALVINGS = 100  # halvings of [0, _LARGEST] down to the last bit
 _FAR = 20.0  # distance of a criterion beyond both means at which one answer is always given [sd]
-_CODEC = Codec("null")
-
-
-class Result:
-    """Base of dataclasses that go into JSON."""
-
-    _derived: ClassVar[tuple[str, ...]] = ()  # properties that JSON holds too
-
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON, with null for values that are not finite."""
-        fields: dict[str, Any] = _CODEC.plain({**vars(self), **{x: getattr(self, x) for x in self._derived}})
-        return fields
 
 
 def one_of(name: str, value: str, choices: Sequence[Chosen]) -> Chosen:
@@ -342,8 +329,8 @@ class Counts:
     Examples
     --------
     >>> counts = Counts("same-different", hits=6, signals=8, false_alarms=2, noises=8)
-    >>> counts.score, counts.hit_rate, counts.false_alarm_rate
-    (12, 0.75, 0.25)
+    >>> counts.score, counts.trials
+    (12, 16)
     """
 
     task: TaskName
@@ -381,15 +368,6 @@ class Counts:
     def score(self) -> int:
         """Correct answers."""
         return self.hits + self.noises - self.false_alarms
-
-    @property
-    def hit_rate(self) -> float:
-        """Hits over signals; NaN without signals."""
-        return self.hits / self.signals if self.signals else float("nan")
-
-    @property
-    def false_alarm_rate(self) -> float:
-        return self.false_alarms / self.noises if self.noises else float("nan")
 
 
 def counts_of(task: TaskName, answered: Sequence[tuple[str, str, str]]) -> Counts:

@@ -1,6 +1,5 @@
 """The run of one subject through the tasks: intervals, question, answer on disk, next trial."""
 
-import functools
 import itertools
 import math
 import time
@@ -14,11 +13,12 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
+from burrlab.psychophysics.answers import AnswerFile
 from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.seat import Experimenter, Seat
-from burrlab.psychophysics.side_car import TOO_FAST, Answer
+from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
 from burrlab.psychophysics.trial import Interval, Mode, Order, Stimulus, Trial
 from burrlab.session.exchange import open_device, parse_device
 
@@ -74,30 +74,22 @@ class Runner:
     task : str
     order : Order
         Holds the earlier answers.
-    keep : callable
-        Puts an answer on disk before it returns.
+    file : AnswerFile
+        Puts an answer on disk before `append` returns; its times go on.
     seat : Seat
         The subject's seat.
     experimenter : Experimenter
     device : callable
         Called with a mode before an interval; returns a new device, or the same one if it serves several
         sessions.
-    start : float
-        Time of the run at the start, if only intervals take time [s].
-    elapsed : callable, optional
-        Returns the run's real time [s], such as `AnswerFile.elapsed`; replaces `start`.
     live : bool
         Whether the device is in a hand; intervals then wait until the burr is lifted.
-    trace : callable, optional
-        Returns the new trace file of a trial's interval, numbered from 1.
-    publish : int, optional
-        Port on which each interval is published over OpenIGTLink.
     render : callable, optional
         Replaces `burrlab.psychophysics.render`.
 
     Notes
     -----
-    An answer goes to `keep` first, then to the order; the next trial follows. So a run that is killed at any
+    An answer goes to the file first, then to the order; the next trial follows. So a run that is killed at any
     moment loses only its current, unanswered trial.
     """
 
@@ -106,23 +98,19 @@ class Runner:
         protocol: Protocol,
         task: str,
         order: Order,
-        keep: Callable[[Answer], None],
+        file: AnswerFile,
         seat: Seat,
         experimenter: Experimenter,
         device: Callable[[Mode], Device],
         *,
-        start: float = 0.0,
-        elapsed: Callable[[], float] | None = None,
         live: bool = False,
-        trace: Callable[[Trial, int], Path] | None = None,
-        publish: int | None = None,
         render: Callable[..., Rendered] = render,
     ) -> None:
-        self._protocol, self._design, self._order, self._keep = protocol, protocol.tasks[task], order, keep
+        self._protocol, self._design, self._order, self._file = protocol, protocol.tasks[task], order, file
         self._seat, self._experimenter, self._device = seat, experimenter, device
         seat.keys = protocol.keys
-        self._time, self._elapsed = start, elapsed
-        self._live, self._trace, self._publish, self._renderer = live, trace, publish, render
+        self._time = file.end  # on a virtual clock only intervals take time [s]
+        self._live, self._renderer = live, render
         self._heard: set[str] = set()  # messages of sessions that were already passed on
         self._silent = False
         self._before = len(order.answered)
@@ -148,14 +136,13 @@ class Runner:
                 self._design, trial, [interval.rendered for interval in felt]
             )
             onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
-            clipped = tuple(
-                None if interval.rendered is None else interval.rendered.clipped for interval in felt
-            )
-            self._keep(
-                Answer(
-                    trial, onset, felt[-1].over - onset, response, response_time, endings, repeats, clipped
+            clipped = [None if x.rendered is None else x.rendered.clipped for x in felt]
+            self._file.append(
+                AnswerRow.of(
+                    trial, onset=onset, duration=felt[-1].over - onset, response=response,
+                    response_time=response_time, endings=endings, repeats=repeats, clipped=clipped,
                 )
-            )
+            )  # fmt: skip
             self._order.answer(response)
             self._after(trial, response, response_time, endings)
         return len(self._order.answered) - self._before
@@ -241,7 +228,7 @@ class Runner:
         return felt
 
     def _now(self) -> float:
-        return self._time if self._elapsed is None else self._elapsed()
+        return self._file.elapsed() if self._seat.wall_clock else self._time
 
     def _real(self, interval: Interval) -> str:
         end = math.inf if interval.duration is None else time.monotonic() + interval.duration
@@ -263,8 +250,8 @@ class Runner:
             mode=self._design.mode,
             wall_clock=self._seat.wall_clock,
             limits=None if self._protocol.limits == "none" else self._protocol.limits,
-            record=None if self._trace is None else self._trace(trial, number),
-            publish=self._publish,
+            record=self._trace(trial, number) if self._protocol.trace else None,
+            publish=None if self._seat.simulated else self._protocol.publish,
             on_message=self._hear,
             stop=lambda: self._silent or (interval.duration is None and self._seat.done()),
         )
@@ -272,6 +259,17 @@ class Runner:
             raise self._lost(trial, "during an interval", rendered.reason)
         self._tell_of(rendered, number, trial)
         return rendered
+
+    def _trace(self, trial: Trial, number: int) -> Path:
+        """The path of a new trace; a repeated interval gets another name than its first attempt."""
+        car = self._file.side_car
+        first = self._protocol.data.trace(car.subject, car.name, trial.phase, trial.number, number)
+        first.parent.mkdir(parents=True, exist_ok=True)
+        again = (
+            first.with_name(first.name.replace("_trace", f"_attempt-{attempt}_trace"))
+            for attempt in itertools.count(2)
+        )
+        return next(path for path in itertools.chain([first], again) if not path.exists())
 
     def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
         """Tells the experimenter of a first tick in contact and of many late ticks."""
@@ -445,10 +443,7 @@ class Sitting:
                 seat.progress("")
                 seat.rest("That was one task. Take a break.", self.protocol.rest)
             runner = Runner(
-                self.protocol, task, order, file.append, seat, experimenter, self._device, start=file.end,
-                elapsed=None if seat.simulated else file.elapsed, live=self._live,
-                trace=functools.partial(self._trace, task) if self.protocol.trace else None,
-                publish=None if self._simulated else self.protocol.publish,
+                self.protocol, task, order, file, seat, experimenter, self._device, live=self._live,
                 render=_rendered_once() if self._once else render,
             )  # fmt: skip
             try:
@@ -464,16 +459,6 @@ class Sitting:
                     experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
             experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
             return answer_count
-
-    def _trace(self, task: str, trial: Trial, number: int) -> Path:
-        """The path of a new trace; a repeated interval gets another name than its first attempt."""
-        first = self.protocol.data.trace(self.subject, task, trial.phase, trial.number, number)
-        first.parent.mkdir(parents=True, exist_ok=True)
-        again = (
-            first.with_name(first.name.replace("_trace", f"_attempt-{attempt}_trace"))
-            for attempt in itertools.count(2)
-        )
-        return next(path for path in itertools.chain([first], again) if not path.exists())
 
     def _file(self, task: str) -> Path:
         return self.protocol.data.answers(self.subject, task)

@@ -5,10 +5,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeVar, cast
 
 import numpy as np
 import scipy
+from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from burrlab.common.check import refuse
@@ -27,10 +28,6 @@ from burrlab.psychophysics.sensitivity import (
     pair_checks,
     score_interval,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 #: Subject -> counts, or task -> subject -> counts.
 CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
@@ -88,7 +85,7 @@ class TaskData:
     task : {"same-different", "abx", "2ifc"}
     subjects : tuple of SubjectData
     design : mapping
-        `Design.to_dict`; empty for counts without a design.
+        `TaskDesign.to_dict`; empty for counts without a design.
     of : int
         Number of subjects from whom these were selected; 0 without selection.
     selected_by : str
@@ -266,7 +263,7 @@ class TaskResult(Generic[Subject]):
     ----------
     name : str
     design : mapping
-        `Design.to_dict`; empty for counts without a design.
+        `TaskDesign.to_dict`; empty for counts without a design.
     level : float
         Level of all intervals.
     subjects : tuple
@@ -406,11 +403,6 @@ class SubjectResult:
         refuse(rule not in d_primes, f"rule must be one of {', '.join(d_primes)}, got {rule!r}")
         return d_primes[rule]
 
-    def span(self, rule: str) -> tuple[float, float, float]:
-        """Lower end, estimate and upper end of d'."""
-        d = self.of_rule(rule)
-        return d.interval[0], d.estimate, d.interval[1]
-
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """Holm's corrected p values (1979): from the smallest up, times the number of remaining tests, monotone.
@@ -502,8 +494,8 @@ class ScoredTask(TaskResult[SubjectResult]):
 
     @drawing
     def plot_scores(
-        self, ax: "Axes | None" = None, *, published: PublishedScore | None = None, **style: Any
-    ) -> "Axes":
+        self, ax: Axes | None = None, *, published: PublishedScore | None = None, **style: Any
+    ) -> Axes:
         """Histogram of scores with the one expected at chance, and mean ± s.e.m. (the paper's Figs. 7 and 8).
 
         `style`: `label`, `color` and other properties of the bars.
@@ -555,39 +547,30 @@ class ScoredTask(TaskResult[SubjectResult]):
         return ax
 
     @drawing
-    def plot_intervals(self, ax: "Axes | None" = None, *, rule: str | None = None, **style: Any) -> "Axes":
+    def plot_intervals(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's proportion correct with its interval, and the chance line.
 
         `style`: `label`, `color` and other properties of the subjects' marks.
 
-        Parameters
-        ----------
-        rule : {"independent-observations", "differencing"}, optional
-            Draws d' under this rule instead; an interval that is open above is an arrow.
-
         Raises
         ------
         ValueError
-            If there is no subject, or the analysis lacks the rule.
+            If there is no subject.
         """
         self._some()
         ax = room_for(ax, len(self.subjects))
         names, rows = [subject.subject for subject in self.subjects], np.arange(float(len(self.subjects)))
-        if rule is None:
-            spans = [
-                (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
-                for subject in self.subjects
-            ]  # fmt: skip
-            draw(ax, spans, rows, 100.0, style, POSITION, "o")
-            ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
-            ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
-        else:
-            spans = [subject.span(rule) for subject in self.subjects]
-            draw_d_prime(ax, {rule: spans}, rows, self.level, style, named=False)
+        spans = [
+            (100 * subject.score_interval[0], 100 * subject.counts.score / subject.counts.trials, 100 * subject.score_interval[1])
+            for subject in self.subjects
+        ]  # fmt: skip
+        draw(ax, spans, rows, 100.0, style, POSITION, "o")
+        ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
+        ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
         return of_subjects(ax, names, rows, self.title)
 
     @drawing
-    def plot_d_prime(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
+    def plot_d_prime(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's d' under all rules, side by side, and the group's.
 
         `style`: `label`, `color` and other properties of the marks.
@@ -600,13 +583,15 @@ class ScoredTask(TaskResult[SubjectResult]):
         self._some()
         ax = room_for(ax, 1.5 * len(self.subjects))
         names, rows = [subject.subject for subject in self.subjects], np.arange(float(len(self.subjects)))
-        spans = {rule: [subject.span(rule) for subject in self.subjects] for rule in self.rules}
+        by_rule: dict[RuleName, list[DPrime | GroupDPrime]] = {
+            rule: [subject.of_rule(rule) for subject in self.subjects] for rule in self.rules
+        }
         for group in self.group_d_prime:
-            spans[group.rule].append((group.interval[0], group.estimate, group.interval[1]))
+            by_rule[group.rule].append(group)
         if self.group_d_prime:
             names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
             ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
-        draw_d_prime(ax, spans, rows, self.level, style, delta=self.delta)
+        draw_d_prime(ax, by_rule, rows, self.level, style, self.delta)
         return of_subjects(ax, names, rows, self.title)
 
     def _some(self) -> None:

@@ -19,7 +19,7 @@ from typing import TextIO
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.rules import KEYS
-from burrlab.psychophysics.trial import Design, Interval, Trial
+from burrlab.psychophysics.trial import Interval, TaskDesign, Trial
 
 
 class Seat(ABC):
@@ -64,7 +64,7 @@ class Seat(ABC):
 
     @abstractmethod
     def ask(
-        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+        self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         """(one of the design's answers, response time from the question [s] or None without a key)."""
 
@@ -237,7 +237,7 @@ class TerminalSeat(Seat):
         return self._keyboard.pressed(SPACE, 0.0) is not None
 
     def ask(
-        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+        self, design: TaskDesign, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         keys = dict(zip(self.keys, design.answers, strict=True))
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())

@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, gammaln, xlogy
 
 from burrlab.common.check import refuse
-from burrlab.common.provenance import provenance
 from burrlab.psychophysics.rules import (
     Counts,
     Floats,
-    Result,
     Rule,
     RuleName,
     TaskName,
@@ -260,7 +258,7 @@ _CRITERION_TEXTS = {
 
 
 @dataclass(frozen=True)
-class DPrime(Result):
+class DPrime:
     """d' of one subject under one rule.
 
     Attributes
@@ -291,8 +289,6 @@ class DPrime(Result):
     counts : Counts
     """
 
-    _derived = ("open_above",)
-
     task: TaskName
     rule: RuleName
     estimate: float
@@ -312,10 +308,6 @@ class DPrime(Result):
         """Whether the answers set no upper limit."""
         return math.isinf(self.interval[1])
 
-    @property
-    def excludes_zero(self) -> bool:
-        return self.interval[0] > 0.0
-
     def __str__(self) -> str:
         low, high = self.interval
         above = "open)" if self.open_above else f"{high:.2f}]"
@@ -332,12 +324,6 @@ class DPrime(Result):
             f"criterion {name} {self.criterion:.2f} {meaning}",
         ]
         return "\n".join(filter(None, lines))
-
-    def to_dict(self) -> dict[str, Any]:
-        """A dict for JSON with provenance; infinite values are None, `open_above` marks an open interval."""
-        values = super().to_dict()
-        del values["counts"]["task"]
-        return {**values, "infinite": math.isinf(self.estimate), "provenance": provenance()}
 
 
 _INTERVALS: Mapping[str, Callable[[Counts, Rule, float], tuple[Any, Any]]] = {

@@ -40,55 +40,8 @@ _NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings", "clippe
 
 
 @dataclass(frozen=True)
-class Answer:
-    """A subject's answer with its times.
-
-    Attributes
-    ----------
-    trial : Trial
-    onset : float
-        Start of the first interval, from the start of the run [s].
-    duration : float
-        From the onset to the end of the last interval [s].
-    response : str
-        One of the design's answers.
-    response_time : float or None
-        From the question to the answer [s]; None for a simulated subject.
-    endings : tuple of str
-        For each interval "time", "break-through", "wall", "subject" or "device".
-    repeats : int
-        How often the trial was repeated because the loop stalled.
-    clipped : tuple of float or None
-        For each interval the share of the ticks in contact whose force the limits shortened [1].
-
-    Notes
-    -----
-    Times are kept to the microsecond.
-    """
-
-    trial: Trial
-    onset: float
-    duration: float
-    response: str
-    response_time: float | None
-    endings: tuple[str, ...]
-    repeats: int = 0
-    clipped: tuple[float | None, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("onset", "duration", "response_time"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, round(float(value), 6))
-        object.__setattr__(self, "endings", tuple(self.endings))
-
-    @property
-    def correct(self) -> bool:
-        return self.response == self.trial.correct
-
-
-@dataclass(frozen=True)
-class Row:
-    """An answer in a file; None stands for n/a or a missing column.
+class AnswerRow:
+    """A subject's answer, as in a file; None stands for n/a or a missing column.
 
     Attributes
     ----------
@@ -134,15 +87,18 @@ class Row:
     clipped: tuple[float | None, ...] = ()
 
     @classmethod
-    def of(cls, answer: Answer) -> "Row":
-        """The row of an answer."""
-        trial = answer.trial
+    def of(
+        cls, trial: Trial, *, onset: float, duration: float, response: str, response_time: float | None,
+        endings: Sequence[str], repeats: int = 0, clipped: Sequence[float | None] = (),
+    ) -> "AnswerRow":  # fmt: skip
+        """The answer to a trial; times [s] are kept to the microsecond."""
         return cls(
-            answer.onset, answer.duration, trial.trial_type, answer.response, answer.correct, answer.response_time,
+            round(float(onset), 6), round(float(duration), 6), trial.trial_type, response, response == trial.correct,
+            None if response_time is None else round(float(response_time), 6),
             trial.number, trial.phase, trial.block, trial.level,
             tuple(interval.stimulus.name for interval in trial.intervals),
             tuple(interval.seed for interval in trial.intervals),
-            answer.endings, answer.repeats, answer.clipped,
+            tuple(endings), repeats, tuple(clipped),
         )  # fmt: skip
 
     def fields(self) -> dict[str, Any]:
@@ -171,7 +127,7 @@ def _unnumbered(column: str) -> str:
     return column.rstrip("_123")
 
 
-def as_text(row: Row, task: TaskName, columns: Sequence[str] = ()) -> bytes:
+def as_text(row: AnswerRow, task: TaskName, columns: Sequence[str] = ()) -> bytes:
     """The line of a row in a file with these columns, by default all."""
     fields = row.fields()
     values = [fields.get(column) for column in columns or columns_of(task)]
@@ -192,7 +148,7 @@ class RowReader:
 
     def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
         self.task = task
-        self._before: dict[tuple[str, int], tuple[int, Row]] = {}
+        self._before: dict[tuple[str, int], tuple[int, AnswerRow]] = {}
         answer_of_key = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
         self._read: Mapping[str, Callable[[str], Any]] = {
             **_READ,
@@ -201,15 +157,15 @@ class RowReader:
         }
 
     @property
-    def rows(self) -> list[tuple[int, Row]]:
+    def rows(self) -> list[tuple[int, AnswerRow]]:
         """Line numbers and rows that were added."""
         return list(self._before.values())
 
-    def add(self, line: int, row: Row) -> None:
+    def add(self, line: int, row: AnswerRow) -> None:
         """Adds a row, against which later rows are checked."""
         self._before[row.phase, row.trial] = line, row
 
-    def parse(self, fields: Mapping[str, str]) -> Row:
+    def parse(self, fields: Mapping[str, str]) -> AnswerRow:
         """The row of a line's fields, checked as the next row.
 
         Raises
@@ -228,7 +184,7 @@ class RowReader:
             columns = [f"{column}_{place}" for place in range(1, INTERVALS[self.task] + 1)]
             if fields_read.keys() & columns:
                 fields_read[name] = tuple(fields_read.pop(column_name, None) for column_name in columns)
-        row = Row(**fields_read)
+        row = AnswerRow(**fields_read)
         line = self._before.get((row.phase, row.trial), (None,))[0]
         refuse(line, f"column trial: {row.phase} trial {row.trial} is answered in line {line} already")
         _, before = next(reversed(self._before.values()), (0, replace(row, trial=0)))
@@ -236,7 +192,7 @@ class RowReader:
         self._check_correct(row)
         return row
 
-    def _check_correct(self, row: Row) -> None:
+    def _check_correct(self, row: AnswerRow) -> None:
         expected, answer = TYPES[self.task][row.trial_type], row.correct_answer(ANSWERS[self.task])
         claim = f"the response {row.response!r} is called {'correct' if row.correct else 'wrong'}"
         refuse(
@@ -251,7 +207,7 @@ class RowReader:
                 )
 
 
-def _side(row: Row, answer: str) -> bool | None:
+def _side(row: AnswerRow, answer: str) -> bool | None:
     """Whether the interval with more of the parameter is correct; None if the two intervals are equal."""
     if row.level is None or row.level == 1.0:
         return None
@@ -259,7 +215,7 @@ def _side(row: Row, answer: str) -> bool | None:
     return comparison == (row.level > 1.0)
 
 
-def _check_place(row: Row, before: Row) -> None:
+def _check_place(row: AnswerRow, before: AnswerRow) -> None:
     """Raises ValueError unless the row's trial follows the one before; the first follows trial 0."""
     refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
     in_main = row.phase == "main"

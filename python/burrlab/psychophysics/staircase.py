@@ -17,7 +17,7 @@ from burrlab._core import Material
 from burrlab.common.check import refuse, shown
 from burrlab.psychophysics.designs import (
     ABX,
-    Comparison,
+    ComparisonDesign,
     Draws,
     FixedOrder,
     SameDifferent,
@@ -31,13 +31,13 @@ from burrlab.psychophysics.psychometric import (
     ThresholdPosterior,
     threshold_of,
 )
-from burrlab.psychophysics.rules import Result, rule_of
-from burrlab.psychophysics.trial import Design, Order, Phase, Stimulus, Trial, key_of
+from burrlab.psychophysics.rules import rule_of
+from burrlab.psychophysics.trial import Order, Phase, Stimulus, TaskDesign, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
 
 
-class Staircased(Comparison):
+class Staircased(ComparisonDesign):
     """A comparison whose levels follow the answers."""
 
     trials: int
@@ -122,7 +122,7 @@ class Staircase(Staircased):
         p = (w/(1 + w))^(1/n),    w = up_weight:
 
     with equal steps 0.707 for n = 2, 0.794 for 3, 0.841 for 4 (Levitt 1971); with n = 1 and w = 3, 0.75
-    (Kaernbach 1991). `Comparison` explains what is asked, held and felt.
+    (Kaernbach 1991). `ComparisonDesign` explains what is asked, held and felt.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ class Staircase(Staircased):
     limit : float, optional
         Level farthest from 1; by default the square of `start`.
     mode, hold, interval, practice, blocks
-        As for `Comparison`.
+        As for `ComparisonDesign`.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class Staircase(Staircased):
     79.4 % correct at a ratio of 1.23 (8 reversals, 35 trials, pairs of reversals spread by a factor of 1.00)
     """
 
-    _kind, _derived = "staircase", (*Comparison._derived, "target")
+    _kind, _derived = "staircase", (*ComparisonDesign._derived, "target")
 
     _: KW_ONLY
     start: float = 2.0
@@ -319,7 +319,7 @@ class StaircaseTrack:
 
 
 @dataclass(frozen=True)
-class StaircaseThreshold(Result):
+class StaircaseThreshold:
     """The mean of a staircase's reversals.
 
     Attributes
@@ -366,11 +366,11 @@ class StaircaseThreshold(Result):
 
 
 @dataclass(frozen=True)
-class ConstantStimuli(Comparison):
+class ConstantStimuli(ComparisonDesign):
     """Comparisons at given levels of c_e or alpha, all equally frequent, in random order.
 
     At each level the reference comes first as often as second. The same holds in each block if its size
-    allows; otherwise frequencies differ by at most one. `Comparison` explains what is asked, held and felt.
+    allows; otherwise frequencies differ by at most one. `ComparisonDesign` explains what is asked, held and felt.
 
     Parameters
     ----------
@@ -381,7 +381,7 @@ class ConstantStimuli(Comparison):
     repeats : int
         Trials at each level, even; all trials together are a multiple of `blocks`.
     mode, hold, interval, practice, blocks
-        As for `Comparison`.
+        As for `ComparisonDesign`.
 
     Raises
     ------
@@ -452,7 +452,7 @@ class AdaptiveStaircase(Staircased):
 
     Each answer updates the posterior on a grid of threshold, slope and lapse rate. The next level is the one
     whose answer has the least expected entropy of the posterior (Kontsevich and Tyler 1999; with the lapse
-    rate as in Watson 2017). Nothing is random: the same answers give the same levels. `Comparison` explains
+    rate as in Watson 2017). Nothing is random: the same answers give the same levels. `ComparisonDesign` explains
     what is asked, held and felt; `ThresholdPosterior`, the prior.
 
     Parameters
@@ -464,7 +464,7 @@ class AdaptiveStaircase(Staircased):
     trials : int
         Without practice; a multiple of `blocks`.
     mode, hold, interval, practice, blocks
-        As for `Comparison`. Practice is at the farthest level.
+        As for `ComparisonDesign`. Practice is at the farthest level.
 
     Raises
     ------
@@ -639,13 +639,13 @@ def precision(
 
 
 #: Designs by their names in files.
-DESIGNS: Mapping[str, type[Design]] = {
+DESIGNS: Mapping[str, type[TaskDesign]] = {
     design._kind: design for design in (SameDifferent, ABX, ConstantStimuli, Staircase, AdaptiveStaircase)
 }
 
 
-def design_of_dict(values: Mapping[str, Any]) -> Design:
-    """The design that `Design.to_dict` described.
+def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
+    """The design that `TaskDesign.to_dict` described.
 
     Raises
     ------

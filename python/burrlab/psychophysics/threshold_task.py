@@ -2,10 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 import scipy
+from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, drawing, styled
@@ -19,11 +20,7 @@ from burrlab.psychophysics.staircase import (
     StaircaseThreshold,
     design_of_dict,
 )
-from burrlab.psychophysics.trial import Design
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
+from burrlab.psychophysics.trial import TaskDesign
 
 Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
 
@@ -109,9 +106,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return ratios[0], ratios[1], ratios[2]
 
     @drawing
-    def plot_psychometric(
-        self, ax: "Axes | None" = None, *, subject: str | None = None, **style: Any
-    ) -> "Axes":
+    def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None, **style: Any) -> Axes:
         """A subject's proportion correct over the ratio, with the fitted psychometric function.
 
         `style`: `label`, `color` and other properties of the curve.
@@ -138,7 +133,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return axes
 
     @drawing
-    def plot_thresholds(self, ax: "Axes | None" = None, **style: Any) -> "Axes":
+    def plot_thresholds(self, ax: Axes | None = None, **style: Any) -> Axes:
         """Each subject's threshold with any interval, and the group's.
 
         `style`: `label`, `color` and other properties of the subjects' marks.
@@ -180,7 +175,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         return f"ThresholdTask({self.name!r}, {self.design.get('design', self.task)}, {len(self.subjects)} {kind})"
 
 
-def _threshold(subject: SubjectData, design: Design | None, level: float) -> SubjectThreshold:
+def _threshold(subject: SubjectData, design: TaskDesign | None, level: float) -> SubjectThreshold:
     rows = [row for row in subject.answers.main if row.level is not None] if subject.answers else []
     levels, correct = [row.level or 1.0 for row in rows], [row.correct for row in rows]
     planned, text, threshold, interval = subject.planned, "", None, None
@@ -203,7 +198,9 @@ def _threshold(subject: SubjectData, design: Design | None, level: float) -> Sub
     )  # fmt: skip
 
 
-def _fitted(subject: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
+def _fitted(
+    subject: SubjectData, design: TaskDesign | None, level: float
+) -> tuple[PsychometricFit | None, str]:
     """The psychometric function and its text, or None and the reason."""
     known = {}
     if isinstance(design, ConstantStimuli):

@@ -94,7 +94,7 @@ def _plain(value: Any) -> Any:
     }  # fmt: skip
 
 
-class Design(ABC):
+class TaskDesign(ABC):
     """A task that one subject does in trials.
 
     Attributes

@@ -277,33 +277,24 @@ def test_a_result_that_never_arrives_from_a_closed_client():
         run_items(work, [Item(1)], executor=lost)
 
 
-def test_ctrl_c_ends_the_threads_and_keeps_what_is_done(tmp_path, when_reached):
-    """A real signal arrives while all cores work without end."""
+@pytest.mark.parametrize("chunk", [1, 4])
+def test_ctrl_c_ends_the_threads_and_keeps_what_is_done(tmp_path, when_reached, chunk):
+    """A real signal arrives while all cores work without end; of a chunk, what was done then is kept."""
     store, before = Store(tmp_path / "s.jsonl"), threading.active_count()
     when_reached(os.kill, os.getpid(), signal.SIGINT)
     with pytest.raises(KeyboardInterrupt):
-        run_items(wait_for_the_end, range(1000), store=store)
+        run_items(wait_for_the_end, range(1000), store=store, chunk=chunk)
     assert len(store) == 3
     assert threading.active_count() <= before + 1, "the threads made there are gone"
 
 
-@pytest.mark.parametrize("chunk", [1, 4])
-def test_cancel_does_as_ctrl_c(tmp_path, when_reached, chunk):
-    store, event = Store(tmp_path / "s.jsonl"), threading.Event()
-    when_reached(event.set)
-    with pytest.raises(KeyboardInterrupt):
-        run_items(wait_for_the_end, range(1000), store=store, cancel=event, chunk=chunk)
-    assert len(store) == 3, "of a chunk, what was done when it was ended"
-
-
 def test_threads_of_the_caller_are_told_to_end(when_reached):
-    event = threading.Event()
-    when_reached(event.set)
+    when_reached(os.kill, os.getpid(), signal.SIGINT)
     with (
         ThreadPoolExecutor(2) as threads,
         pytest.raises(KeyboardInterrupt),
     ):  # the executor's exit waits for its threads
-        run_items(wait_for_the_end, range(1000), executor=threads, cancel=event)
+        run_items(wait_for_the_end, range(1000), executor=threads)
 
 
 def test_ctrl_c_in_the_progress_keeps_what_is_done(tmp_path, pool):

@@ -293,7 +293,7 @@ class Store:
         return f"Store({str(self.path)!r}, {len(self)} results{torn})"
 
 
-_LOOK = 0.2  # time between looks at `cancel` while nothing arrives [s]
+_LOOK = 0.2  # time between looks at a dask client while nothing arrives [s]
 _AHEAD = 2048  # messages under way, or two a worker: more would only fill the memory of the scheduler
 # Shortest message [s], and for each worker among many: a dask scheduler needs 2 to 2.5 ms of CPU time for one
 # (docs/cluster.md).
@@ -373,7 +373,6 @@ class Study(Generic[Item, Result]):
         executor: Executor | None = None,
         store: StorePath | None = None,
         chunk: int | None = None,
-        cancel: threading.Event | None = None,
     ) -> None:
         if executor is not None and not isinstance(executor, Executor):
             raise TypeError(
@@ -386,7 +385,7 @@ class Study(Generic[Item, Result]):
         )
         self.results: dict[int, Result] = {}
         self._function, self._items = function, items
-        self._executor, self._chunk, self._cancel = executor, chunk, cancel
+        self._executor, self._chunk = executor, chunk
         self._store = store if store is None or isinstance(store, Store) else Store(store)
         self._keys = [] if self._store is None else [key_of(function, item) for item in items]
         self._open: dict[Future[Work], list[int]] = {}
@@ -412,8 +411,6 @@ class Study(Generic[Item, Result]):
         ended = False
         try:
             while missing or self._open:
-                if self._cancel is not None and self._cancel.is_set():
-                    raise KeyboardInterrupt
                 wait = not missing or len(self._open) >= max(_AHEAD, 2 * len(self._workers))
                 if not wait:
                     size = min(self._size(executor, most), len(missing))
@@ -524,7 +521,6 @@ def run_items(
     store: StorePath | None = None,
     progress: Callable[[int, int], object] | None = None,
     chunk: int | None = None,
-    cancel: threading.Event | None = None,
 ) -> list[Result]:
     """function(item) of every item, in the order of the items.
 
@@ -547,8 +543,6 @@ def run_items(
     chunk : int, optional
         Items sent at once. Default: one with threads; else what takes 50 ms, or 4 ms for each worker if that
         is longer, by the time that the first ones took, but at most a quarter of a worker's share.
-    cancel : threading.Event, optional
-        Ends the study like Ctrl-C.
 
     Returns
     -------
@@ -564,7 +558,7 @@ def run_items(
     StudyInterrupted
         If the executor died.
     KeyboardInterrupt
-        After Ctrl-C or `cancel`. No further item starts, and threads are told to end. Finished results are in
+        After Ctrl-C. No further item starts, and threads are told to end. Finished results are in
         the store, as after every error.
 
     Examples
@@ -572,7 +566,7 @@ def run_items(
     >>> run_items(abs, [-1, 2, -3])
     [1, 2, 3]
     """
-    study = Study(function, items, executor=executor, store=store, chunk=chunk, cancel=cancel)
+    study = Study(function, items, executor=executor, store=store, chunk=chunk)
     for done, _ in enumerate(study, start=1):
         if progress is not None:
             progress(done, len(items))

@@ -36,19 +36,13 @@ from burrlab.bone.tissues import (
     tissues_text,
 )
 from burrlab.cli.options import (
-    OF_LABELS,
-    PLACE,
     Options,
-    Recipe,
-    chosen_recipe,
     deliver,
     not_kept,
     refuse_options,
     require_options,
-    say_notes,
-    transposed,
-    unknown_colours,
 )
+from burrlab.cli.recipe import OF_LABELS, PLACE, Recipe, chosen_recipe, say_notes, transposed, unknown_colours
 from burrlab.common.check import refuse
 from burrlab.common.files import write_text
 

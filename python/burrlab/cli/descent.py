@@ -13,13 +13,13 @@ from burrlab.cli.commands import KINDS, data_kind
 from burrlab.cli.options import (
     Options,
     chosen_material,
-    chosen_specimen,
     deliver,
     on_terminal,
     plot,
     refuse_options,
     save_figure,
 )
+from burrlab.cli.recipe import chosen_specimen
 from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 

@@ -1,6 +1,6 @@
 """Shared by the commands: options and their types, refusals, output and the end by a signal.
 
-A mistyped option is named at once: the modules that make bones are imported later.
+A mistyped option is named at once: no module that makes bones is imported here.
 """
 
 from __future__ import annotations
@@ -15,16 +15,12 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeAlias, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import burrlab
-from burrlab._core import Burr, Material, Shape, shape_names
+from burrlab._core import Material, Shape, shape_names
 from burrlab.common.check import refuse
-from burrlab.common.face import Later
 from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import Progress, doing
 from burrlab.common.table import Column, Problem, Table, not_negative
@@ -32,22 +28,8 @@ from burrlab.common.table import Column, Problem, Table, not_negative
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from burrlab.bone import image as images
-    from burrlab.bone import recipe as recipes
-    from burrlab.bone import slices
-    from burrlab.bone import tissues as tissue_tables
-    from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
-    from burrlab.bone.specimen import Specimen
-    from burrlab.descent import descent as descents
-else:
-    images, recipes, slices, tissue_tables, descents = map(Later, (
-        "burrlab.bone.image", "burrlab.bone.recipe", "burrlab.bone.slices", "burrlab.bone.tissues",
-        "burrlab.descent.descent",
-    ))  # fmt: skip
-
 
 Options = argparse.Namespace
-Recipe: TypeAlias = "VolumeRecipe | LabelledRecipe"
 Numbers = tuple[float, float, float]
 Made = TypeVar("Made")
 
@@ -184,12 +166,6 @@ def chosen_material(options: Options) -> Material:
     for doubt in doubts:
         say(str(doubt.message))
     return modified
-
-
-#: Options that say where a descent begins.
-PLACE = ("entry", "axis")
-#: Options that apply to labels only.
-OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown", "smooth")
 
 
 def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
@@ -469,104 +445,3 @@ LABELS = OptionGroup(
         *STACK,
     ),
 )  # fmt: skip
-
-
-def unknown_colours(options: argparse.Namespace) -> str | int:
-    """The value of --unknown; the default refuses unknown colours."""
-    return "refuse" if options.unknown is None else options.unknown
-
-
-def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
-    """The value of --transpose; ValueError where none of the files is a stack."""
-    if not any(path is not None and slices.is_stack(path) for path in paths):
-        refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
-    transpose: bool | None = options.transpose
-    return transpose
-
-
-def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
-    """The recipe that the options describe; None without --volume and --labels.
-
-    ValueError for options that contradict one another, or a burr too small for the voxels.
-    """
-    transpose = transposed(options, options.volume, options.labels)
-    if options.labels is None:
-        refuse_options(options, OF_LABELS, "goes with --labels")
-    grey: VolumeRecipe | None = None
-    recipe: Recipe
-    if options.volume is not None:
-        refuse_options(options, ("smooth",), "goes without --volume")
-        refuse(options.map is None, "--volume needs --map")
-        recipe = grey = recipes.VolumeRecipe(
-            options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
-            transpose if slices.is_stack(options.volume) else None,
-        )  # fmt: skip
-    elif options.labels is None:
-        refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
-        return None
-    else:
-        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
-    if options.labels is not None:
-        stack = slices.is_stack(options.labels)
-        # Only --spacing gives the size of slices without a description.
-        sizeless = stack and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
-        of_labels: dict[str, Any] = {
-            "spacing": options.spacing if grey is None or sizeless else None, "unknown": unknown_colours(options),
-            "unit": options.unit, "transpose": transpose if stack else None,
-        }  # fmt: skip
-        settings = {"grey": grey, "fill": dict(options.fill), "onto": options.onto, "smooth": options.smooth}
-        if grey is None:
-            settings |= {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
-        if options.tissues is None:
-            recipe = recipes.usual_recipe(options.labels, material, of_labels, **settings)
-        else:
-            table = tissue_tables.read_tissues(options.tissues, material=material)
-            recipe = recipes.LabelledRecipe(options.labels, table, **of_labels, **settings)
-    if burr is not None:
-        recipe.check_burr(burr)
-    return recipe
-
-
-def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
-    """The specimen of a volume or labels, with --entry and --axis; None without a volume or labels."""
-    if options.volume is not None:
-        require_options(options, ("map", *PLACE), "--volume")
-    elif options.labels is not None:
-        require_options(options, PLACE, "--labels")
-    recipe = chosen_recipe(options, material, burr)
-    if recipe is None:
-        return None
-    recipe = _within_reach(recipe, options, burr)
-    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
-    say_notes(recipe)
-    return specimen
-
-
-def _within_reach(recipe: Recipe, options: argparse.Namespace, burr: Burr) -> Recipe:
-    """The recipe; cropped to what the descent can reach if the whole volume makes too many voxels."""
-    grey = recipe.grey if isinstance(recipe, recipes.LabelledRecipe) else recipe
-    if grey is None or grey.voxel is None or grey.crop is not None:
-        return recipe
-    volume, voxel = grey.grid(), np.array(grey.voxel)
-    if np.allclose(voxel, volume.spacing, rtol=1e-9, atol=0):
-        return recipe
-    with contextlib.suppress(ValueError):
-        images.resampled_shape(volume.shape, volume.spacing, voxel)
-        return recipe
-    whole = recipes.altered(grey, voxel=None).specimen(entry=options.entry, axis=options.axis)
-    stop = burr.radius / 3 if options.stop is None else options.stop
-    ends = [volume.patient_point(center) for center in descents.reach(whole, burr, stop)]
-    around = burr.radius + 2 * max(*volume.spacing, *voxel)
-    low, high = np.round([np.min(ends, axis=0) - around, np.max(ends, axis=0) + around], 2).tolist()
-    say(
-        f"at {voxel.min():g} mm the whole volume has too many voxels, so it is cropped to what the descent can "
-        f"reach (--crop={','.join(f'{x:g}' for x in low)}:{','.join(f'{x:g}' for x in high)})"
-    )
-    grey = recipes.altered(grey, crop=(low, high))
-    return grey if isinstance(recipe, recipes.VolumeRecipe) else replace(recipe, grey=grey)
-
-
-def say_notes(recipe: Recipe | DrilledRecipe) -> None:
-    """Prints the assumptions about the bone to standard error."""
-    for note in recipe.notes():
-        print(f"burrlab: {note}", file=sys.stderr)

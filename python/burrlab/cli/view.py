@@ -13,17 +13,15 @@ from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.cli.commands import FPS
 from burrlab.cli.options import (
-    OF_LABELS,
     Options,
-    chosen_recipe,
     deliver,
     ended_by_signals,
     on_terminal,
     refuse_options,
     save_figure,
-    say_notes,
     sentence,
 )
+from burrlab.cli.recipe import OF_LABELS, chosen_recipe, say_notes
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
 from burrlab.common.files import new_file

@@ -1,4 +1,4 @@
-"""Faces of packages: public names from a stub, and modules, imported at first use."""
+"""Faces of packages: public names from a stub, imported at first use."""
 
 import importlib
 import importlib.util
@@ -9,16 +9,6 @@ from pathlib import Path
 from typing import Any
 
 _LINE = re.compile(r"^from (\S+) import (\w+) as (\w+)$", re.MULTILINE)
-
-
-class Later:
-    """A module that is imported when a name in it is first used."""
-
-    def __init__(self, module: str) -> None:
-        self._module = module
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(importlib.import_module(self._module), name)
 
 
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:

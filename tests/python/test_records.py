@@ -15,8 +15,10 @@ import pytest
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, Shape
-from burrlab.common.records import Codec, plain, restored
+from burrlab.common.records import Codec
 from burrlab.psychophysics.rules import Counts
+
+SPELT = Codec("spelt")
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Outer:
 
 
 def through_json(thing: object) -> object:
-    return restored(type(thing), json.loads(json.dumps(plain(thing), allow_nan=False)))
+    return SPELT.made(type(thing), json.loads(json.dumps(SPELT.plain(thing), allow_nan=False)))
 
 
 @pytest.mark.parametrize(
@@ -58,7 +60,7 @@ def test_floats_and_numpy() -> None:
     back: Any = through_json(Inner("x", (math.nan, 1)))
     assert math.isnan(back.interval[0])
     assert [type(end) for end in back.interval] == [float, float]
-    assert plain({"a": np.arange(2), "b": np.float64(np.inf)}) == {"a": [0, 1], "b": "inf"}
+    assert SPELT.plain({"a": np.arange(2), "b": np.float64(np.inf)}) == {"a": [0, 1], "b": "inf"}
     counts = Counts("abx", 3, 5, 1, 5, {"AB": (3, 5), "BA": (1, 5)})
     assert through_json(counts) == counts
 

@@ -371,28 +371,3 @@ def _sentence(error: Exception) -> str:
     text, _, place = transform_error(error, "", said)[0].rpartition(" @ ")
     place = place.lstrip(".")
     return f"{place}{' ' if text.startswith('must') else ': '}{text}" if place else text
-
-
-_CODEC = Codec("spelt")
-
-
-def plain(value: Any) -> Any:
-    """Dataclasses as dicts of their fields, tuples and arrays as lists, infinity as the text "inf".
-
-    Examples
-    --------
-    >>> plain({"interval": (0.5, float("inf"))})
-    {'interval': [0.5, 'inf']}
-    """
-    return _CODEC.plain(value)
-
-
-def restored(kind: type[Made], values: Mapping[str, Any]) -> Made:
-    """The dataclass from the result of `plain`.
-
-    Raises
-    ------
-    ValueError
-        If a field is missing or holds a wrong value.
-    """
-    return _CODEC.made(kind, values)

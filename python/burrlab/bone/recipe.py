@@ -37,7 +37,7 @@ from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x, sta
 from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, checked_spacing
 from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_bone, placed_on
-from burrlab.common.cache import Entry, Kept
+from burrlab.common.cache import CachedParts, Entry
 from burrlab.common.check import refuse, require_type, scalar
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
@@ -202,7 +202,7 @@ class _CachedRecipe(_FileRecipe):
         """Where the bone is kept."""
 
     @cached_property
-    def _kept(self) -> Kept | None:
+    def _kept(self) -> CachedParts | None:
         return self._entry.find()
 
     def _kept_bone(self) -> VoxelBone | None:
@@ -210,7 +210,7 @@ class _CachedRecipe(_FileRecipe):
         if self._kept is None:
             return None
         try:
-            header, packed = self._kept.told["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
+            header, packed = self._kept.header["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
             table = None if header["tissues"] is None else tissues_from_json(header["tissues"])
             return unpack_bone(
                 header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1]
@@ -223,7 +223,7 @@ class _CachedRecipe(_FileRecipe):
         """Geometry of the volume; beside a kept bone its voxels are 0."""
         if self._kept is None:
             return self._on()
-        header = self._kept.told
+        header = self._kept.header
         values, notes = np.broadcast_to(np.uint8(0), header["shape"]), tuple(header["notes"])
         return Volume(values, header["spacing"], header["origin"], header["direction"], header["path"], notes)
 
@@ -640,7 +640,7 @@ def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **sett
     entry = _entry_of(["tissues", absolute(path), *bone, material.shape.name, dict(stack)], [absolute(path)])
     with contextlib.suppress(*UNREADABLE):
         if (cached := entry.find()) is not None:
-            tissues = tissues_from_json(cached.told["tissues"])
+            tissues = tissues_from_json(cached.header["tissues"])
             return LabelledRecipe(path, tissues, **stack, **settings)
     labels = labels_of(path, usual=True, **stack)
     tissues = default_tissues(labels, material=material)

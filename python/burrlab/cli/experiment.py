@@ -130,12 +130,12 @@ def _draw(analysis: Analysis, folder: Path) -> int:
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
     """The figures that a task's data allow."""
     if isinstance(task, ThresholdTask):
-        fitted = [one.subject for one in task.subjects if isinstance(one.estimate, PsychometricFit)]
+        fitted = [row.subject for row in task.subjects if isinstance(row.estimate, PsychometricFit)]
         drawn: dict[str, Callable[[], Axes]] = {
             f"psychometric_sub-{subject}": functools.partial(task.plot_psychometric, subject=subject)
             for subject in fitted
         }
-        with_thresholds = any(one.threshold is not None for one in task.subjects)
+        with_thresholds = any(row.threshold is not None for row in task.subjects)
         return {**drawn, "thresholds": task.plot_thresholds} if with_thresholds else drawn
     drawn = {"intervals": task.plot_intervals, "d_prime": task.plot_d_prime} if task.subjects else {}
     return drawn if task.trials is None else {"scores": task.plot_scores, **drawn}

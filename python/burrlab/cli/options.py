@@ -173,8 +173,8 @@ def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
     for name in names:
         value = getattr(options, name)
         # --no-transpose counts as given and is False; other flags are False where they are not given
-        given = value is not None and (value is not False or name == "transpose") and value != []
-        refuse(given, f"--{name} {why}")
+        is_set = value is not None and (value is not False or name == "transpose") and value != []
+        refuse(is_set, f"--{name} {why}")
 
 
 def require_options(options: Options, names: Sequence[str], what: str) -> None:

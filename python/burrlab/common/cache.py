@@ -22,10 +22,10 @@ _SETTLED = 2.0  # after a file's last change [s]: another one shows in its times
 _CHECK = 9  # bytes of the checksum of all that follows: eight digits and the end of a line
 
 
-class Kept(NamedTuple):
-    """What `Entry.keep` was given."""
+class CachedParts(NamedTuple):
+    """A result from the cache: what JSON holds, and arrays of bytes."""
 
-    told: dict[str, Any]
+    header: dict[str, Any]
     parts: list[memoryview]
 
 
@@ -55,7 +55,7 @@ class Entry:
         self._files = {name: known.get(name) or self._files.get(name) or _state(name) for name in self._names}
         return self
 
-    def find(self) -> Kept | None:
+    def find(self) -> CachedParts | None:
         """What was kept, mapped into memory; None unless it is whole and the files hold what they held."""
         try:
             if (path := self.look()._path) is None:
@@ -74,7 +74,9 @@ class Entry:
             ends = [sum(sizes[: k + 1]) + end + 1 for k in range(len(sizes))]
             with contextlib.suppress(OSError):
                 os.utime(path)  # it was used
-            return Kept(header, [whole[last - size : last] for last, size in zip(ends, sizes, strict=True)])
+            return CachedParts(
+                header, [whole[last - size : last] for last, size in zip(ends, sizes, strict=True)]
+            )
         except (OSError, *UNREADABLE):
             return None
 

@@ -281,8 +281,8 @@ if __name__ == "__main__":
         import resource
 
         for what, most in ((resource.RLIMIT_AS, _MEMORY), (resource.RLIMIT_CPU, _TIME)):
-            given = resource.getrlimit(what)[1]  # the hard limit
-            least = most if given == resource.RLIM_INFINITY else min(most, given)
+            hard = resource.getrlimit(what)[1]
+            least = most if hard == resource.RLIM_INFINITY else min(most, hard)
             resource.setrlimit(what, (least, least))
     with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader reports errors
         if link_elsewhere(file) is None:

@@ -109,9 +109,3 @@ def test_colours_in_no_table_are_told(run: Callable[..., str], capsys: pytest.Ca
     assert "were taken as Bone (EAC 3)" in text
     assert result("--unknown", "nearest:EAC")["labels"][-1]["voxels"] == 3
     assert result("--unknown", "10")["labels"][2]["voxels"] == 6339
-
-
-def test_known_structures_fit_a_terminal(run: Callable[..., str]) -> None:
-    lines = run().splitlines()
-    assert max(map(len, lines)) <= 80
-    assert any("vestibulocochlear" in line for line in lines)

@@ -116,10 +116,10 @@ def mastoidectomy_path(
     center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     length = np.linalg.norm(np.diff(center, axis=0), axis=1)
     # ScriptedDevice needs increasing times, even where a point comes twice.
-    taken = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
+    durations = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
     on[-1] = False
     flip = np.array([plan.sign, 1.0, 1.0])
-    return BurrPath(np.concatenate([[0.0], np.cumsum(taken)]), center * flip, on, layers)
+    return BurrPath(np.concatenate([[0.0], np.cumsum(durations)]), center * flip, on, layers)
 
 
 @dataclass(frozen=True)
@@ -193,15 +193,15 @@ class _Plan:
         z, y = np.asarray(at, dtype=float).T
         return np.asarray(self.origin + self.spacing * np.column_stack([np.full(len(z), k), y, z]))
 
-    def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
+    def approach(self, here: Floats | None, goal: Floats) -> list[tuple[Floats, bool]]:
         """Rows that bring the burr to a stroke: straight if the way is clear, else lifted and not turning."""
         if here is not None:  # straight, if all of the way is clear
-            count = int(np.max(np.abs(there - here) / self.spacing)) + 2
-            way = (here + t * (there - here) for t in np.linspace(0.0, 1.0, count))
+            count = int(np.max(np.abs(goal - here) / self.spacing)) + 2
+            way = (here + t * (goal - here) for t in np.linspace(0.0, 1.0, count))
             if all(self._room_at(place) > 0 for place in way):
                 return [(here, True)]
         top = self.first - self.radius - LIFT
-        over = [np.array([top, there[1], there[2]])]
+        over = [np.array([top, goal[1], goal[2]])]
         if here is not None:
             over = [here, np.array([top, here[1], here[2]]), *over]
         return [(place, False) for place in over]

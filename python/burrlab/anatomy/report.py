@@ -91,7 +91,7 @@ class Dose:
 def dose_table(doses: Sequence[Dose]) -> str:
     """Text with two lines for each burr and structure: distance and force, then times."""
     width = max([len(d.structure) for d in doses] + [9]) + 2
-    shown = WITHIN[1:]
+    edges = WITHIN[1:]
     lines = [
         f"{'burr beside':<{width + 5}}{'closest':>9}{'touching':>9}{'removed':>9}"
         f"{'mean/peak force [N] within':>{14 * len(NEAR)}}",
@@ -105,9 +105,9 @@ def dose_table(doses: Sequence[Dose]) -> str:
             for edge in NEAR
         )
         lines.append(f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{force}")
-    lines.append(f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in shown))
+    lines.append(f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in edges))
     for d in doses:
-        times = "".join(f"{d.time_within[edge]:9.2f}" for edge in shown)
+        times = "".join(f"{d.time_within[edge]:9.2f}" for edge in edges)
         lines.append(f"{d.burr:<5}{d.structure:<{width}}{times}")
     return "\n".join(lines)
 
@@ -268,8 +268,8 @@ class AnatomyReport:
             doses, others = self._shown
             lines += [dose_table(doses), *[others] * bool(others)]
             kinds = [event.kind for event in self.events]
-            said = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-            lines.append(f"events: {said or 'none'}" + ", each to the tick, however small" * bool(said))
+            counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+            lines.append(f"events: {counts or 'none'}" + ", each to the tick, however small" * bool(counts))
             lines += [f"  {event}" for event in self.events if event.kind in ("touch", "injury")][:20]
         w = self.watched
         if w.events_lost:

@@ -113,8 +113,8 @@ class TargetComparison:
         rows = np.arange(len(self.tissues))
         for k, (part, colour) in enumerate(zip(_PARTS, _COLOURS, strict=True)):
             look = {"color": colour if color is None else to_rgba(color, 1 - 0.35 * k), **style}
-            said = f"{label}, {part}" if label else part
-            bars = axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, label=said, **look)
+            name = f"{label}, {part}" if label else part
+            bars = axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, label=name, **look)
             axes.bar_label(bars, fmt=lambda v: f"{v:.1f}" if v else "", padding=2, fontsize=8)
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
@@ -128,10 +128,10 @@ _CODEC = Codec(
     keys={
         TargetComparison: {
             "target_mm3": "volume", "planned_mm3": "planned", "removed_mm3": "removed",
-            "overlap_mm3": lambda found: found.overlap.sum(), "missed_mm3": lambda found: found.missed.sum(),
-            "excess_mm3": lambda found: found.excess.sum(), "percent": "percent", "dice": "dice",
-            "tissues": lambda found: {
-                name: {f"{part}_mm3": getattr(found, part)[k] for part in _PARTS} for k, name in enumerate(found.tissues)
+            "overlap_mm3": lambda comparison: comparison.overlap.sum(), "missed_mm3": lambda comparison: comparison.missed.sum(),
+            "excess_mm3": lambda comparison: comparison.excess.sum(), "percent": "percent", "dice": "dice",
+            "tissues": lambda comparison: {
+                name: {f"{part}_mm3": getattr(comparison, part)[k] for part in _PARTS} for k, name in enumerate(comparison.tissues)
             },
         }
     }
@@ -202,10 +202,10 @@ def compare_with_target(
             sums[row] += counted.astype(np.int64)
     refuse(sums[:2].sum() == 0, "target must hold bone, got a region with none in it")
     volume = float(np.prod(bone.spacing))
-    shown = [k for k in range(len(names)) if sums[:, k].any()]
-    overlap, missed, excess = sums[:, shown] * (volume / 255.0)
+    used = [k for k in range(len(names)) if sums[:, k].any()]
+    overlap, missed, excess = sums[:, used] * (volume / 255.0)
     return TargetComparison(
-        tuple(names[k] for k in shown), overlap, missed, excess, int(np.count_nonzero(region)) * volume
+        tuple(names[k] for k in used), overlap, missed, excess, int(np.count_nonzero(region)) * volume
     )
 
 

@@ -250,10 +250,10 @@ class Watch:
         return self._distances[self.structures.index(structure)].of_sphere(at, scalar(radius, "radius"))
 
     def __repr__(self) -> str:
-        said = ", ".join(
+        limits = ", ".join(
             f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
         )
-        return f"Watch({said}, hysteresis={self.hysteresis:g})"
+        return f"Watch({limits}, hysteresis={self.hysteresis:g})"
 
 
 def options_of(settings: Mapping[str, Any]) -> dict[str, Any]:

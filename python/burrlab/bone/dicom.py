@@ -97,10 +97,7 @@ def read_dicom(
     columns, rows = slices[0].size
     spacing = np.array([*slices[0].spacing, apart])
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
-    planes = [_values(s, (rows, columns)) for s in slices]
-    values = np.empty((len(planes), rows, columns), np.result_type(*{plane.dtype for plane in planes}))
-    for k, plane in enumerate(planes):
-        values[k] = plane
+    values = np.stack([_values(s, (rows, columns)) for s in slices])
     notes = _notes(slices, others)
     files = tuple(s.name for s in slices)
     return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values

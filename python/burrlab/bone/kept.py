@@ -110,9 +110,8 @@ def sidecars(target: Path) -> list[Path]:
 def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     """Path and description of the exact state of a volume's present content; errors as `load_drilled`."""
     digest = content_digest(target)
-    beside = sidecar(target, digest)
-    if not beside.is_file():
-        beside = sidecar(followed(target), digest)
+    states = [sidecar(place, digest) for place in (target, followed(target))]
+    beside = next(filter(Path.is_file, states), states[-1])
     if not beside.is_file():
         others = ", ".join(other.name for other in sidecars(target))
         problem = (
@@ -251,12 +250,12 @@ def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     file_format = format_of(target.name)
     if file_format is None:
         return {}
-    header = None
+    fields, whole = dict[str, str](), False
     if file_format is format_of(like.path):
         with contextlib.suppress(ValueError, OSError):  # the file may have changed or gone
             header, _ = file_format.read(like.path)
-    fields = {} if header is None else {key: text for key, text in header.fields.items() if text}
-    whole = header is not None and header.shape == like.shape and header.layers <= 1
+            fields = {key: text for key, text in header.fields.items() if text}
+            whole = header.shape == like.shape and header.layers <= 1
     if file_format.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
         by_segment = segment_fields(like.labels, like.names, like.colours)
         fields = {key: text for key, text in fields.items() if not key.startswith("Segment")} | by_segment

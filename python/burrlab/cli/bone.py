@@ -8,7 +8,6 @@ import itertools
 import json
 import math
 import os
-import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,8 +27,9 @@ from burrlab.bone.specimen import MOST_VOXELS
 from burrlab.bone.tissues import (
     GREY,
     KNOWN,
-    MOST,
     UNLABELLED,
+    KnownTissue,
+    check_count,
     known_tissue,
     label_counts,
     read_tissues,
@@ -52,7 +52,7 @@ _OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "tra
 
 
 @dataclass(frozen=True)
-class Start:
+class BoneStart:
     """The bone at the start of a session, and how it is kept at the end.
 
     Attributes
@@ -102,18 +102,18 @@ def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
         ) from error
 
 
-def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:
+def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> BoneStart:
     """The start that the options describe; ValueError if they do not fit or the bone could not be saved."""
     recipe = _recipe(options, material)
     if recipe is None:
         refuse(options.axis is not None, "--axis goes with --volume, --labels or --bone")
         source = _block(options.voxel or 0.1)
-        like, mapping = _kept_as(options.save, None)
+        _kept_as(options.save, None)
         place: Mapping[str, Any] = {"start": (0.0, 0.0, burr.radius + _GAP)}
-        return Start(make_bone(source), 0, material, source, place, like, mapping)
+        return BoneStart(make_bone(source), 0, material, source, place)
     _check_place(options)
     recipe.check_burr(burr)
-    like, mapping = _kept_as(options.save, recipe)
+    like = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
     say_notes(recipe)
     source = {**recipe.plain(), "notes": list(recipe.notes())}
@@ -123,7 +123,8 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
             material = bone.tissues.material
     as_volume = not str(options.bone or "").lower().endswith(".h5")
-    return Start(bone, tick, material, source, place, like, mapping, recipe.grid() if as_volume else None)
+    grid = recipe.grid() if as_volume else None
+    return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:
@@ -167,15 +168,13 @@ def _placed(
     }  # fmt: skip
 
 
-def _kept_as(
-    path: str | None, recipe: Recipe | DrilledRecipe | None
-) -> tuple[Volume | LabelVolume | None, OccupancyMap | None]:
-    """The volume whose format is used to save the bone, and its map; errors as for `save_drilled`."""
+def _kept_as(path: str | None, recipe: Recipe | DrilledRecipe | None) -> Volume | LabelVolume | None:
+    """The volume whose format is used to save the bone; errors as for `save_drilled`."""
     if path is None:
-        return None, None
+        return None
     if Path(path).suffix.lower() == ".h5":
         check_bone_file(path)
-        return None, None
+        return None
     if recipe is None:
         raise ValueError(f"--save: a block has no volume: the file must end in .h5, got {path}")
     try:
@@ -183,14 +182,13 @@ def _kept_as(
         check_drilled(Path(path), like, recipe.mapping)
     except (ValueError, OSError) as error:
         raise ValueError(f"--save: {error}") from None
-    return like, recipe.mapping
+    return like
 
 
 #: Structures that show the side of an ear.
 _EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")
 #: Least cosine at which a direction counts as pointing to a side (ours).
 _SURE = 0.3
-_LAST = 26  # characters of the column of synonyms, for lines of 80
 
 
 def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
@@ -294,23 +292,19 @@ def template(labels: LabelVolume) -> Tissues:
     ValueError if there are more labels than a bone can have tissues.
     """
     counts = label_counts(labels.labels, labels.path)
-    refuse(
-        len(counts) > MOST,
-        f"{labels.path}: a bone has at most {MOST} tissues, and there are {len(counts)} labels",
-    )
+    check_count(counts, f"{labels.path}: ")
     bone = materials["bone"]
     rows: list[Tissue] = []
     for label in counts:
         name = labels.names.get(label, UNLABELLED if label == 0 else f"structure {label}").strip()
-        known = known_tissue(name)
+        known = known_tissue(name) or KnownTissue("", (), GREY, critical=False)
         if any(row.name == name for row in rows):
             name = f"{name} {label}"
         rows.append(
             Tissue(
                 name, label=label, c_e=bone.c_e, alpha=bone.alpha,
-                colour=labels.colours.get(label, GREY if known is None else known.colour),
-                critical=known is not None and known.critical, bleeds=known is not None and known.bleeds,
-                assumed=known is None or known.name != "bone",
+                colour=labels.colours.get(label, known.colour), critical=known.critical, bleeds=known.bleeds,
+                assumed=known.name != "bone",
             )
         )  # fmt: skip
     return Tissues(rows, bone)
@@ -388,8 +382,6 @@ def _hex(colour: tuple[int, int, int]) -> str:
 def _text(rows: list[dict[str, Any]]) -> str:
     """A table of the rows with a header."""
     texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
-    if isinstance(list(rows[0].values())[-1], list):  # a long last column is wrapped
-        texts = [line for text in texts for line in _wrapped(text)]
     widths = [max(len(line[i]) for line in texts) for i in range(len(texts[0]))]
     numeric = [not isinstance(value, (str, bool, list, type(None))) for value in rows[0].values()]
     return "\n".join(
@@ -399,11 +391,6 @@ def _text(rows: list[dict[str, Any]]) -> str:
         ).rstrip()
         for line in texts
     )
-
-
-def _wrapped(cells: list[str]) -> list[list[str]]:
-    first, *rest = textwrap.wrap(cells[-1], _LAST) or [""]
-    return [[*cells[:-1], first], *([""] * (len(cells) - 1) + [part] for part in rest)]
 
 
 def _cell(value: Any) -> str:

@@ -20,7 +20,7 @@ from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.formats import read_labels
 from burrlab.bone.snapshot import check_bone_file
-from burrlab.cli.bone import Start, chosen_start, rescued
+from burrlab.cli.bone import BoneStart, chosen_start, rescued
 from burrlab.cli.commands import LIMITS
 from burrlab.cli.options import (
     Options,
@@ -239,7 +239,7 @@ def _stop_at_enter(session: Session) -> None:
 
 
 @contextlib.contextmanager
-def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[None]:
+def _kept(options: Options, start: BoneStart, session: burrlab.Session) -> Iterator[None]:
     """Saves the bone after the session, also after an error."""
     try:
         yield
@@ -255,7 +255,7 @@ def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[
             say(f"the bone's exact state is {f'kept as {place}' if place else 'not kept either'}")
 
 
-def _device(text: str, options: Options, burr: Burr, start: Start, number: int) -> Device:
+def _device(text: str, options: Options, burr: Burr, start: BoneStart, number: int) -> Device:
     place = start.place
     try:
         device = parse_device(text)

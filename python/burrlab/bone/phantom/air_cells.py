@@ -144,19 +144,19 @@ class Honeycomb:
         for axis in range(3):
             offset = points[:, axis, None] - sites[None, :, axis]
             power = power + offset * offset
-        own = np.argmin(power, axis=1)
+        owner = np.argmin(power, axis=1)
         apart = np.sqrt(((sites[:, None, :] - sites[None, :, :]) ** 2).sum(axis=2))
         np.fill_diagonal(apart, 1.0)
-        gap = (power - power[np.arange(len(points)), own][:, None]) / (2.0 * apart[own])
-        gap[np.arange(len(points)), own] = np.inf
+        gap = (power - power[np.arange(len(points)), owner][:, None]) / (2.0 * apart[owner])
+        gap[np.arange(len(points)), owner] = np.inf
         return np.asarray(gap.min(axis=1, initial=FAR), dtype=np.float32)
 
     def _near(self, centre: Floats, half: float, reach: float) -> NDArray[np.int64]:
         """Sites whose cells, or walls within `reach`, can meet the ball around a centre."""
         power = ((centre - self.sites) ** 2).sum(axis=1) - self.weights
-        own = int(np.argmin(power))
-        excess = power - power[own]
-        apart = np.sqrt(((self.sites - self.sites[own]) ** 2).sum(axis=1))
+        owner = int(np.argmin(power))
+        excess = power - power[owner]
+        apart = np.sqrt(((self.sites - self.sites[owner]) ** 2).sum(axis=1))
         # The difference of two powers is linear, with twice the distance of the sites as its slope.
         owners = excess <= 2 * half * apart
         widest = float(apart[owners].max())
@@ -215,8 +215,8 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
         points = lattice(step)
         wanted = drawn**3 / (drawn**3).sum() * len(points)
         for k in range(rounds):
-            own = _owners(sites, weights, points)
-            count = np.bincount(own, minlength=len(sites))
+            owners = _owners(sites, weights, points)
+            count = np.bincount(owners, minlength=len(sites))
             # A weight's change moves a wall by the change over twice the distance to the neighbour.
             change = (wanted - count) * step**3 / (math.pi * drawn / 2)
             weights = weights + 0.8 * np.clip(change, -0.3 * drawn**2, 0.3 * drawn**2)
@@ -225,14 +225,16 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
             if k < 2 * rounds // 3:  # later the sites stay, and the volumes settle
                 full = count > 0
                 for axis in range(3):
-                    total = np.bincount(own, weights=points[:, axis], minlength=len(sites))
+                    total = np.bincount(owners, weights=points[:, axis], minlength=len(sites))
                     sites[full, axis] += 0.7 * (total[full] / count[full] - sites[full, axis])
     sites, weights = np.round(sites, 6), np.round(weights, 6)
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
     # A site without a lattice point may own a sliver between the points: such sites are removed.
-    there = count > 0
-    realised = np.cbrt(6 / math.pi * count[there] * step**3)
-    return Honeycomb(sites[there], weights[there], drawn[there], realised, int(np.count_nonzero(~there)))
+    populated = count > 0
+    realised = np.cbrt(6 / math.pi * count[populated] * step**3)
+    return Honeycomb(
+        sites[populated], weights[populated], drawn[populated], realised, int(np.count_nonzero(~populated))
+    )
 
 
 def _least_power(points: Floats, sites: Floats, weights: Floats) -> Floats:

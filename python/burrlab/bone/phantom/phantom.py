@@ -37,7 +37,7 @@ def paint(
     at: Structures, fields: Fields, cells: Honeycomb, grid: Grid, wall: float, width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.bool_]]:
     """Levels, tissue numbers and target of a slab in the frame of a right ear."""
-    one = np.float32(1.0)
+    full = np.float32(1.0)
     numbers = np.full(grid.shape, _CORTEX, dtype=np.uint8)
     part = fields.on("pneumatised", grid)
     rooms = fields.on("rooms", grid)
@@ -45,11 +45,11 @@ def paint(
     numbers[part < 0] = _MASTOID
     from_wall = cells.wall_distance(grid, inside, reach=wall / 2 + width)
     walls = share(from_wall - np.float32(wall / 2), width) - share(from_wall + np.float32(wall / 2), width)
-    held = one - share(part, width) * (one - walls)
-    held *= one - share(rooms, width)
+    held = full - share(part, width) * (full - walls)
+    held *= full - share(rooms, width)
     cranium = fields.on("cranium", grid)
     beyond, sheet = share(cranium, width), share(cranium + np.float32(DURA), width)
-    held *= one - beyond
+    held *= full - beyond
     held = _lay(held, beyond - sheet, _DURA, numbers)
     held *= share(fields.on("outside", grid), width)
     held = _lay(held, share(fields.on("sinus", grid), width), _SINUS, numbers, replace=True)
@@ -226,8 +226,8 @@ def temporal_bone(
         rows = slice(begin, begin + layers)
         part = Grid(painted.x, painted.y, painted.z[rows])
         slab = paint(at, fields, cells, part, air_cells.wall, width)
-        for whole, one in zip((levels, numbers, target), slab, strict=True):
-            whole[rows] = one[:, :, order]
+        for whole, painted_part in zip((levels, numbers, target), slab, strict=True):
+            whole[rows] = painted_part[:, :, order]
         report(min(1.0, (begin + layers) / grid.shape[0]))
     bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in (grid.x, grid.y, grid.z)])
     bone.set_tissues(phantom_tissues(material), numbers)

@@ -84,11 +84,11 @@ class Tube:
     def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> "Tube":
         """Torus: `radius` is that of its circle, `thickness` that of the tube [mm]."""
         n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-        one = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
-        one /= np.linalg.norm(one)
-        two = np.cross(n, one)
+        u = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
+        u /= np.linalg.norm(u)
+        v = np.cross(n, u)
         angle = np.linspace(0.0, 2 * np.pi, 33)[:, None]
-        circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * one + np.sin(angle) * two)
+        circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * u + np.sin(angle) * v)
         return cls(circle, np.full(len(circle), thickness))
 
     def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:

@@ -161,15 +161,13 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     # 2.5 turns, 9.2 mm across and 5.1 mm high; they narrow and rise towards the front and side.
     axis = np.array([-0.55, -0.8, -0.25])
     axis /= np.linalg.norm(axis)
-    one = np.cross(axis, [0.0, 0.0, 1.0])
-    one /= np.linalg.norm(one)
-    two = np.cross(axis, one)
+    u = np.cross(axis, [0.0, 0.0, 1.0])
+    u /= np.linalg.norm(u)
+    v = np.cross(axis, u)
     t = np.linspace(0.0, 1.0, 61)[:, None]
     angle = 2 * np.pi * 2.5 * t + 0.4
     radius = 3.9 * (1.0 - 0.75 * t)
-    spiral = (
-        shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * one + np.sin(angle) * two) + 3.4 * t * axis
-    )
+    spiral = shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * u + np.sin(angle) * v) + 3.4 * t * axis
     cochlea = Tube(np.round(spiral, 6), np.linspace(1.05, 0.6, 61))
     start = Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0))
     return (*rings, common, low, cochlea, start), (centre, np.array([1.9, 2.6, 2.4]))

@@ -62,9 +62,9 @@ from burrlab.foreign.volumetric_drilling import export_volumetric_drilling as ex
 from burrlab.foreign.volumetric_drilling import read_volumetric_drilling as read_volumetric_drilling
 from burrlab.foreign.vrpn_log import VrpnLog as VrpnLog
 from burrlab.foreign.vrpn_log import read_vrpn_log as read_vrpn_log
+from burrlab.measured.curve import Indentation as Indentation
 from burrlab.measured.curve import VelocityCurve as VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace as DepthTrace
-from burrlab.measured.indentation import Indentation as Indentation
 from burrlab.measured.synthetic import synthetic_curve as synthetic_curve
 from burrlab.measured.synthetic import synthetic_indentation as synthetic_indentation
 from burrlab.measured.synthetic import synthetic_trace as synthetic_trace

@@ -9,8 +9,7 @@ import numpy as np
 from burrlab._core import Burr
 from burrlab.bone.materials import materials
 from burrlab.fitting.fit import Fit, fit
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.indentation import Indentation
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 
 BURR, BONE = Burr(3.0), materials["bone"]

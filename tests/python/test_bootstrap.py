@@ -7,9 +7,7 @@ import pytest
 from fit_scenes import BONE, BURR, DATA, curve_of, fitted, with_sigma
 
 from burrlab.common.study import Store
-from burrlab.fitting.bootstrap import _runs
 from burrlab.fitting.fit import fit
-from burrlab.fitting.observations import Observations
 from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
 
 CURVE = curve_of(np.geomspace(0.3, 2.6, 8), repeats=3)
@@ -51,7 +49,6 @@ def test_on_the_ridge():
     assert found.intervals["c_e"]["95"].upper is None
     assert found.intervals["combination"]["95"].closed
     assert "open" in repr(found)
-    assert found.to_dict()["intervals"]["c_e"]["95"][1] is None
     result = fit([RIDGE, PRESSED])  # an indentation determines c_e there
     ours, theirs = result.bootstrap(80, seed=1).intervals["c_e"]["68"], result.intervals["c_e"]["68"]
     assert (ours.lower, ours.upper) == pytest.approx((theirs.lower, theirs.upper), rel=0.03)
@@ -68,12 +65,6 @@ def test_every_scatter_is_drawn(kind):
         assert np.isfinite(found.c_e).all()
         assert found.c_e.std() > 0
         assert found.alpha.std() > 0
-
-
-def test_segments_have_their_run_s_mean():
-    o, means = Observations.of(TRACES, None), np.array([0.1, -0.2, 0.3])
-    log = _runs(o, means, np.random.default_rng(1).standard_normal(15), np.array([0.5, 1, 2]))
-    np.testing.assert_allclose([log[o.run == i].mean() for i in range(3)], means, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,5 @@
 """Coverage studies agree with the fit, repeat and resume; intervals hold the truth as often as stated."""
 
-import json
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -15,9 +14,8 @@ from burrlab._core import Burr
 from burrlab.common.study import Store
 from burrlab.fitting.coverage import ExperimentPlan, Share, coverage_study
 from burrlab.fitting.fit import fit
-from burrlab.fitting.observations import Calibration, Scatter
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.indentation import Indentation
+from burrlab.fitting.observations import Calibration, RowScatter
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.theory.continuum import penetration_velocity
 
 BONE = materials["bone"]
@@ -88,7 +86,7 @@ class TestStudy:
 
     def test_goes_on_from_a_store(self, tmp_path, monkeypatch):
         def stop(done):
-            if done == 25 / 30:
+            if done == 5 / 30:
                 raise KeyboardInterrupt
 
         path, told = tmp_path / "study.jsonl", []
@@ -96,7 +94,7 @@ class TestStudy:
         with ThreadPoolExecutor(1) as executor, pytest.raises(KeyboardInterrupt):
             coverage_study(WIDE, BONE, n=30, seed=3, store=path, progress=stop, executor=executor)
         kept = len(Store(path))
-        assert 25 <= kept < 30
+        assert 5 <= kept < 30
         made = []
         draw = module.lowest
         monkeypatch.setattr(module, "lowest", lambda *given: made.append(1) or draw(*given))
@@ -187,10 +185,6 @@ class TestTable:
         assert str(study.coverage("alpha")) in text
         assert html.count("<tr>") == 5
         assert str(study.separately_identified) in html
-        plain = json.loads(json.dumps(study.to_dict(), allow_nan=False))
-        share = study.coverage("c_e", "68", among="closed")
-        assert plain["coverage"]["68"]["c_e"]["closed"] == [share.k, share.n]
-        assert plain["provenance"]["seed"] == 2
 
     def test_share(self):
         # Clopper and Pearson of 0 of 10: 1 - 0.025^(1/10)
@@ -201,7 +195,7 @@ class TestTable:
 
 def test_the_joint_limit_of_two_scatters():
     """Each scatter gives one parameter: sum of n log(1 + t^2/nu), whose 95 % point is 7.37 by simulation."""
-    scatters = (Scatter("velocity", 30, False, 1.0, 0.1), Scatter("force", 5, False, 1.0, 0.1))
+    scatters = (RowScatter("velocity", 30, False, 1.0, 0.1), RowScatter("force", 5, False, 1.0, 0.1))
     made = Calibration(scatters, np.eye(2), np.array([np.diag([0.0, 1.0]), np.diag([1.0, 0.0])]))
     random, N = np.random.default_rng(1), 200_000
     t2 = [random.standard_normal(N) ** 2 / random.chisquare(s.n - 1, N) for s in scatters]

@@ -1,6 +1,5 @@
 """The next measurement: candidates off the ridge come first, and simulations confirm the predictions."""
 
-import sys
 from dataclasses import replace
 from functools import partial
 
@@ -56,6 +55,7 @@ def ratios(result):
 class TestRanking:
     def test_off_the_ridge_first(self, result):
         found = ratios(result)
+        assert [row.area_ratio for row in result.rows] == sorted(found.values())
         assert result.best.kind == "static"
         assert result.best.probability == 1
         assert found[None, 0.2, 3.0] < 0.2
@@ -65,20 +65,6 @@ class TestRanking:
         again = next(one for one in result.rows if (one.force, one.radius) == (0.4, 3.0))
         assert (again.probability, again.c_e_ratio) == (0, np.inf)
         assert again.area_ratio == pytest.approx(np.sqrt(30 / 33), rel=0.02)
-
-    def test_rows_are_sorted_and_complete(self, ridge):
-        result = design(ridge, [0.4, 2.0], [1.5, 3.0], 2, static=[0.1, 0.3], static_radius=5.0)
-        assert len(result.rows) == 6
-        values = [one.area_ratio for one in result.rows]
-        assert values == sorted(values)
-        static = [(one.depth, one.radius) for one in result.rows if one.kind == "static"]
-        assert static == [(0.1, 5.0), (0.3, 5.0)]
-
-    def test_more_repeats_shrink_further(self, across):
-        areas = [design(across, 1.0, 3.0, n, static=0.2).rows for n in (2, 6, 24)]
-        for kind in ("velocity", "static"):
-            found = [one.area_ratio for rows in areas for one in rows if one.kind == kind]
-            assert found[0] > found[1] > found[2]
 
     def test_static_depth_and_radius_do_not_matter(self, across):
         one = design(across, [], [], 3, static=[0.05, 0.9], seed=0)
@@ -265,25 +251,10 @@ class TestResult:
             "Design: 13 candidates of 3 repeats; area of the joint 95 % region, now open, counted up to "
             "c_e = 34.64 N/mm^2, expected over 100 truths"
         )
-        assert lines[1].split()[:4] == ["kind", "force", "[N]", "depth"]
-        assert lines[2].split()[:3] == ["static", "0.2", "3"]
         assert lines[-1] == "and 5 more"
         assert result._repr_html_().count("<tr>") == 14
         assert "<th>force [N]</th>" in result._repr_html_()
-        closed = design(across, 1.0, 3.0, 1)
-        assert not closed.open_above
-        assert repr(closed).startswith(
-            "Design: 1 candidate of 1 repeat; area of the joint 95 % region, expected"
-        )
-
-    def test_to_dataframe(self, result, monkeypatch):
-        pytest.importorskip("pandas")
-        table = result.to_dataframe()
-        assert list(table)[:5] == ["kind", "force_N", "depth_mm", "radius_mm", "n"]
-        assert table.area_ratio.tolist() == [one.area_ratio for one in result.rows]
-        monkeypatch.setitem(sys.modules, "pandas", None)
-        with pytest.raises(ImportError, match="to_dataframe needs pandas: pip install"):
-            result.to_dataframe()
+        assert not design(across, 1.0, 3.0, 1).open_above
 
     def test_plot(self, result, across):
         ax = result.plot()

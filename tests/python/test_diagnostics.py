@@ -132,14 +132,6 @@ def test_rows_of_several_curves_keep_their_numbers():
     assert row.sentence.startswith("Row 8 of data set 2, 1.91 N, stands out")
 
 
-def test_the_verdict_names_rows():
-    bad = curve(forces=np.linspace(0.3, 2.6, 40), seed=2)
-    for row, said in ((8, ": 8."), (30, ": 30, 8."), (20, ", 1 more.")):
-        bad = with_outlier(bad, row)
-        assert fit(bad).verdict.startswith("Rows that stand out: ")
-        assert said in re.sub(r" \(\S+ sigma\)", "", fit(bad).verdict)
-
-
 def test_copies():
     """A block that follows itself is told; equal repeats by rounding are not, grouped or in cycles."""
     one = curve(repeats=3)
@@ -182,13 +174,6 @@ def test_half_the_radius():
     assert f"{said} (c_e would be {fit(curve()).c_e:.3g} N/mm^2" in fit(half).verdict
     pressed = burrlab.synthetic_indentation(Burr(1.5), BONE, [0.1, 0.2], scatter=0.5, seed=1)
     assert said not in fit([half, pressed]).verdict
-
-
-def test_a_sigma_that_is_not_used_is_told():
-    given = replace(curve(), sigma=0.05 * curve().velocity)
-    line = "The data's sigma is not used"
-    assert line in fit(given).report()
-    assert line not in fit(given, residuals="sigma").report()
 
 
 def test_student_bears_outliers():

@@ -76,7 +76,6 @@ class TestAgainstTheOracle:
         points = [(found.c_e, found.alpha), (1.02 * found.c_e, 0.9 * found.alpha)]
         heights = [float(found.likelihood.at(c_e).minus2(alpha)[0]) for c_e, alpha in points]
         assert heights == pytest.approx([oracle.minus2(*point) for point in points], abs=1e-8)
-        assert heights == pytest.approx([oracle.minus2_by_densities(*point) for point in points], abs=1e-6)
 
     def test_constants(self, name):
         found, oracle, _ = pair(name)

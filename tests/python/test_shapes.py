@@ -10,7 +10,7 @@ import pytest
 from fit_scenes import BONE, BURR, curve_of, with_sigma
 from scipy import stats
 
-from burrlab._core import Material, shape_kappa
+from burrlab._core import Material
 from burrlab.common.study import run_items
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, Threshold, bounds_of
@@ -149,15 +149,6 @@ class TestResult:
         assert low.error == pytest.approx(comparison.best.fit.evidence.scatters[0].value / 12**0.5)
         assert not any(part.clear for part in comparison.best.pattern)
 
-    def test_said_in_words(self, comparison):
-        report = comparison.report()
-        assert "quartic (p < 0.0001) and constant (p < 0.0001) are rejected" in report
-        assert "both have a simple zero at the burr's surface and cannot be told apart: delta AIC" in report
-        assert "times the prediction at 0.3..0.646 N" in report
-        assert "kappa alpha/c_e^(8/3)" in report
-        assert repr(comparison).splitlines()[0].startswith("f ")
-        assert ("p < 0.0001, rejected" in repr(comparison)) == ("<table>" in comparison._repr_html_())
-
     def test_open_ends_of_k_are_said(self):
         found = compare_shapes(made_of("constant", c_e=3.0), shapes=["constant"])
         assert found.power.intervals["95"].lower is None
@@ -187,12 +178,6 @@ class TestResult:
         assert row.alpha_ratio is None
         assert row.combination_ratio == pytest.approx(2.0, rel=0.01)
         assert "is open above" in found.report()
-
-    def test_kappa(self, comparison):
-        shapes = [*(member(k) for k in (1.0, 2.0)), comparison["linear"].shape]
-        assert [(shape.order, shape_kappa(shape)) for shape in shapes] == [(1.0, 2.0), (2.0, 4.0), (1.0, 1.0)]
-        for shape in shapes:  # f = kappa (1 - x)^order + ...
-            assert shape(1 - 1e-6) == pytest.approx(shape_kappa(shape) * 1e-6**shape.order, rel=1e-5)
 
     def test_without_the_family(self):
         found = compare_shapes(made_of(), free=False)

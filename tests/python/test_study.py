@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from burrlab.common.study import Store, Study, StudyInterrupted, cancel_event, run_items
+from burrlab.common.study import Store, StudyInterrupted, cancel_event, run_items
 
 
 @dataclass(frozen=True)
@@ -91,22 +91,6 @@ def when_reached():
     threads[0].join()
 
 
-class Backwards(ThreadPoolExecutor):
-    """Runs all items in reverse order, after the last one is submitted."""
-
-    def __init__(self, expected):
-        super().__init__(1)
-        self.expected, self.waiting = expected, []
-
-    def submit(self, function, /, *arguments):
-        future = Future()
-        self.waiting.append((future, function, arguments))
-        if len(self.waiting) == self.expected:
-            for future, function, arguments in reversed(self.waiting):
-                future.set_result(function(*arguments))
-        return self.waiting[-1][0]
-
-
 @pytest.mark.parametrize(("chunk", "workers"), [(1, None), (7, 3), (1000, 1)])
 def test_results_are_in_item_order_whatever_the_workers(chunk, workers):
     items = [Item(i) for i in range(40)]
@@ -116,13 +100,6 @@ def test_results_are_in_item_order_whatever_the_workers(chunk, workers):
         return
     with ThreadPoolExecutor(workers) as pool:
         assert run_items(work, items, executor=pool, chunk=chunk) == expected
-
-
-def test_order_of_completion_does_not_matter():
-    with Backwards(10) as pool:
-        study = Study(work, [Item(i) for i in range(10)], executor=pool)
-        assert list(study) == [8, 7, 6, 5, 4, 3, 2, 1, 0, 9], "the last is done before it is waited for"
-        assert [study.results[i][0] for i in range(10)] == list(range(10))
 
 
 class Here(Executor):
@@ -295,19 +272,6 @@ def test_threads_of_the_caller_are_told_to_end(when_reached):
         pytest.raises(KeyboardInterrupt),
     ):  # the executor's exit waits for its threads
         run_items(wait_for_the_end, range(1000), executor=threads)
-
-
-def test_ctrl_c_in_the_progress_keeps_what_is_done(tmp_path, pool):
-    def stop(done, total):
-        if done == 3:
-            raise KeyboardInterrupt
-
-    store = Store(tmp_path / "s.jsonl")
-    items = [Item(i, str(tmp_path)) for i in range(1000)]
-    with pytest.raises(KeyboardInterrupt):
-        run_items(slowly, items, executor=pool, store=store, progress=stop)
-    assert len(store) >= 3
-    assert len(calls(tmp_path)) < 1000, "what was not begun is not run"
 
 
 def slowly(item: Item) -> tuple[int, float]:

@@ -43,13 +43,6 @@ def test_a_seed_keeps_its_meaning():
     assert (item_seed(7, 1.5, 1), specimen_seed(7)) == (8615454696755746968, 17559002276220262541)
 
 
-def test_rows_without_a_window_keep_force_and_status():
-    curve = sweep(forces=(1.0, 5.0), repeats=1)
-    assert curve.status == ("ok", "overloaded")
-    assert np.isnan(curve.velocity[1])
-    assert list(curve.ok) == [True, False]
-
-
 def test_rig_sweep_and_specimen():
     specimen = burrlab.half_space(BURR, 0.4)
     before = specimen.bone.digest()

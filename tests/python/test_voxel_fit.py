@@ -166,11 +166,6 @@ def test_a_descent_is_a_small_picklable_item():
     assert sink(pickle.loads(pickle.dumps(item))) == sink(item)
 
 
-def test_a_store_needs_a_seed(tmp_path):
-    with pytest.raises(ValueError, match="seed must be given with a store"):
-        fit(CURVE, engine=VoxelEngine(**SPARSE, store=tmp_path / "s.jsonl"))
-
-
 def test_bounds_below_every_window_of_the_voxels_are_said():
     hard = fit(CURVE).bounds["c_e"][0]
     engine = VoxelEngine(**SPARSE, specimen=BoneField(mean=0.85, contrast=0.0))

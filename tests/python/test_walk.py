@@ -8,13 +8,11 @@ from fit_scenes import BONE, BURR
 
 import burrlab.fitting.fit as module
 from burrlab.fitting.fit import Fit, fit, minimise
-from burrlab.fitting.likelihood import MeanFieldModel
-from burrlab.fitting.observations import Box, Observations
+from burrlab.fitting.observations import Box
 from burrlab.fitting.profile import _valleys
 from burrlab.fitting.verdict import Start
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
-from burrlab.theory.continuum import penetration_velocity
 
 FORCES = {
     "wide": np.geomspace(0.3, 2.6, 6),
@@ -247,17 +245,3 @@ def test_the_best_point_is_kept_and_nan_never_is():
     assert (end.objective, end.end) == (np.inf, (1.0, 0.1))
     end, _ = searched(lambda c_e, alpha: -float(np.log(c_e * alpha)), (9.0, 0.9))
     assert end.end == pytest.approx((10.0, 1.0), rel=1e-5)
-
-
-def test_each_distinct_force_is_predicted_once_and_put_in_place():
-    rows = [(2.0, NAN, NAN), (1.0, 0.4, 0.8), (2.0, NAN, NAN), (0.5, 0.4, 0.8)]
-    force, start, end = zip(*rows, strict=True)
-    curve = VelocityCurve(force, [1, 1, 1, 1], window_start=start, window_end=end)
-    o = Observations.of([curve], BURR)
-    windows = [() if np.isnan(start) else (start, end) for _, start, end in rows]
-    expected = [penetration_velocity(BURR, BONE, F, *w) for F, w in zip(force, windows, strict=True)]
-    found = BONE.alpha * MeanFieldModel(o, BONE.shape).unit(BONE.c_e)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
-    # a row with its own window has its own bound
-    least = [F / (9 * (0.8 / 3 if w else 1 / 3) ** 1.5) for F, w in zip(force, windows, strict=True)]
-    np.testing.assert_allclose(o.c_e_bounds(), least)

@@ -8,9 +8,8 @@ from scipy import stats
 from scipy.optimize import brentq, minimize_scalar
 
 from burrlab._core import Burr, Material
-from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.measured.indentation import Indentation
 from burrlab.theory.continuum import penetration_velocity
 
 MODEL_ERROR = 2e-3  # of the master curve, added in quadrature to every residual of unknown scatter [1]
@@ -137,23 +136,6 @@ class Oracle:
         for r, n, known, error in self.residuals(c_e, alpha, unit):
             S = float(np.sum(r**2))
             total += S if known else n * math.log(S / n + error**2)
-        return total
-
-    def minus2_by_densities(self, c_e: float, alpha: float) -> float:
-        """`minus2` by normal densities, each scatter searched; runs have fewer free residuals than rows."""
-        total = 0.0
-        for r, n, known, error in self.residuals(c_e, alpha):
-            if known:
-                total -= 2 * float(stats.norm.logpdf(r).sum() - len(r) * stats.norm.logpdf(0))
-                continue
-            size = np.sqrt(r**2 + error**2 * n / len(r))
-
-            def deviance(log_scatter: float, size=size, n=n) -> float:
-                t = math.exp(log_scatter)
-                return float(-2 * stats.norm.logpdf(size, 0, t).sum()) + 2 * (len(size) - n) * -math.log(t)
-
-            found = minimize_scalar(deviance, bounds=(-15, 5), method="bounded", options={"xatol": 1e-9})
-            total += found.fun - n - len(r) * math.log(2 * math.pi)
         return total
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:

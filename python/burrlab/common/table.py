@@ -74,12 +74,12 @@ class Column:
     check: Callable[[Any, str], str | None] = lambda value, unit: None
     optional: bool = False
     due: str = ""  #: Content that an empty field lacks; "" if fields may be empty, and numbers NaN.
-    told: str = ""  #: Another heading than the one of name and unit.
+    label: str = ""  #: Another heading than the one of name and unit.
 
     @property
     def heading(self) -> str:
         """The column's name in the file."""
-        return self.told or (f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name)
+        return self.label or (f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name)
 
 
 @dataclass(frozen=True)
@@ -217,7 +217,7 @@ class Table:
         return [(heading, known.get(heading)) for heading in headings]
 
 
-_TOLD = 10  # faults that a message tells
+_MOST_FAULTS = 10  # faults that a message tells
 
 
 def listed(names: Iterable[str]) -> str:
@@ -231,8 +231,10 @@ def refuse_all(name: str, faults: Sequence[str], hint: str = "") -> None:
     if not faults:
         return
     faults = list(dict.fromkeys(faults))
-    first_faults = [fault.removeprefix(f"{name}, ").removeprefix(f"{name}: ") for fault in faults[:_TOLD]]
-    more = f"; and {len(faults) - _TOLD} more" if len(faults) > _TOLD else ""
+    first_faults = [
+        fault.removeprefix(f"{name}, ").removeprefix(f"{name}: ") for fault in faults[:_MOST_FAULTS]
+    ]
+    more = f"; and {len(faults) - _MOST_FAULTS} more" if len(faults) > _MOST_FAULTS else ""
     several = f"{name}: {len(faults)} faults: {'; '.join(first_faults)}{more}"
     raise ValueError((faults[0] if len(faults) == 1 else several) + hint)
 

@@ -1,9 +1,7 @@
 """The descent experiment: a burr sinks into bone at a force held exactly, or by a controller and a rig."""
 
 import threading
-import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,14 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
-from burrlab.bone.specimen import MOST_VOXELS, Border, Specimen, Vector, checked_spacing, half_space
+from burrlab.bone.specimen import Border, Specimen, Vector, checked_spacing, half_space
 from burrlab.common.check import check_positive, refuse, require_type, scalar, seed_or_new
-from burrlab.common.progress import LOG, LONG, Progress, duration, reporter
+from burrlab.common.progress import Progress, doing, reporter
 from burrlab.common.provenance import provenance
 from burrlab.descent.result import Descent, Series, evaluate
 from burrlab.descent.rig import Rig, RigReading, VirtualRig
 from burrlab.theory.closed_forms import contact_stiffness
-from burrlab.theory.continuum import mean_field_descent
 from burrlab.theory.tool import require_tool
 
 
@@ -146,8 +143,6 @@ def descend(
         specimen = _own_bone(specimen, burr, voxel, stop, seed)
         contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
         if ideal:
-            if min(specimen.bone.spacing) < burr.radius / _FINE:
-                _foretell_ticks(specimen, burr, material, force, stop, dt, scheme)
             series, ending = hold(contact, specimen, force, stop, dt, max_duration, interrupted)
         else:
             longest = 2e3 / LOOP_BANDWIDTH if controller is None else np.inf
@@ -218,8 +213,8 @@ def _own_bone(
     if specimen is None:
         spacing = checked_spacing(voxel, "voxel")
         place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
-        _foretell_block(burr, spacing, stop)
-        specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
+        with doing("the block of bone"):
+            specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
     return replace(specimen, bone=specimen.bone.copy())
 
 
@@ -231,35 +226,7 @@ LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
 LONGEST_APPROACH, RETREAT = 20.0, 5.0
 #: Fraction of the set-point from which the integral of the default gains acts (ours).
 ARRIVED = 0.95
-#: A voxel below R/180 is fine: a tick then takes long enough for a forecast (ours).
-_FINE = 180
 _CHUNK = 256  # ticks between looks at progress and interrupts
-
-
-def _foretell_block(burr: Burr, spacing: Vector, depth: float) -> None:
-    """Logs how long it takes to make a block of very fine voxels, from the time for one of coarser voxels."""
-    coarse = burr.radius / 60
-    if not 0 < np.min(spacing) < burr.radius / _FINE:
-        return
-    begun = time.perf_counter()
-    voxels = np.prod(half_space(burr, coarse, depth=depth).bone.shape)
-    times = float(np.prod(coarse / np.asarray(spacing)))
-    if (seconds := (time.perf_counter() - begun) * times) > LONG and voxels * times < MOST_VOXELS:
-        LOG.warning("the block of %.2g voxels takes about %s to make", voxels * times, duration(seconds))
-
-
-def _foretell_ticks(
-    specimen: Specimen, burr: Burr, material: Material, force: float, stop: float, dt: float, scheme: str
-) -> None:
-    """Logs how long all ticks take, from the time for four of them on a copy and the mean-field duration."""
-    with suppress(ValueError):  # static contact alone carries the force
-        ticks = mean_field_descent(burr, material, force, stop=stop).time[-1] * 1e3 / dt
-        trial = BurrContact(specimen.bone.copy(), burr, material, seed=0, scheme=scheme)
-        begun = time.perf_counter()
-        trial.hold(force, specimen.center(0.0, burr), specimen.axis, from_=-0.2, travel=stop, dt=dt, ticks=4)
-        seconds = (time.perf_counter() - begun) / 4 * ticks
-        if seconds > LONG:
-            LOG.warning("the descent, about %.2g ticks, takes about %s", ticks, duration(seconds))
 
 
 def reach(specimen: Specimen, burr: Burr, stop: float) -> NDArray[np.float64]:

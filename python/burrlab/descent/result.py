@@ -178,8 +178,10 @@ class Descent(Tabular):
         bottom.plot(self.time, self.velocity, **look)
         bottom.set(xlabel="time [s]", ylabel="velocity [mm/s]")
         if len(self.time):
-            shown = samples_between(self.immersion, *self.window) if self.window is not None else slice(None)
-            highest = float(self.velocity[shown].max(initial=0.0))
+            in_window = (
+                samples_between(self.immersion, *self.window) if self.window is not None else slice(None)
+            )
+            highest = float(self.velocity[in_window].max(initial=0.0))
             bottom.set_ylim(0, 1.2 * max(highest, 1e-6) if self.series.exact else None)
         if self.window is not None and self.penetration_velocity is not None:
             rows = samples_between(self.immersion, *self.window)
@@ -199,14 +201,14 @@ class Descent(Tabular):
                             textcoords="offset points", color=REFERENCE, fontsize=8)  # fmt: skip
         for phase, (begin, end) in self.phases.items():
             if end - begin > 0.04 * max(self.duration, 1e-9):
-                said = "window" if phase == "steady" else phase  # the velocity falls there, too
+                label = "window" if phase == "steady" else phase  # the velocity falls there, too
                 place = top.get_xaxis_transform()
-                top.text(0.5 * (begin + end), 0.97, said, transform=place, ha="center", va="top", fontsize=8)
+                top.text(0.5 * (begin + end), 0.97, label, transform=place, ha="center", va="top", fontsize=8)
             top.axvline(begin, color="0.75", linewidth=0.6)
-        said = "".join(f"; {text.split(':')[0]}" for text in self.warnings)
-        said += f"; {note}" if (note := assumed(told_notes(self.provenance.get("volume")))) else ""
+        notes = "".join(f"; {text.split(':')[0]}" for text in self.warnings)
+        notes += f"; {note}" if (note := assumed(told_notes(self.provenance.get("volume")))) else ""
         kind = "force held exactly" if self.series.exact else "controller and rig"
-        top.set_title(f"{name}, R = {self.burr.radius:g} mm, {kind}{said}")
+        top.set_title(f"{name}, R = {self.burr.radius:g} mm, {kind}{notes}")
         return [top, middle, bottom]
 
     def _repr_html_(self) -> str:
@@ -220,14 +222,14 @@ class Descent(Tabular):
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name
         head = f"Descent({name}, {self.setpoint:g} N, R = {self.burr.radius:g} mm: {self.status}"
-        said = "".join(f"; {text}" for text in self.warnings)
+        notes = "".join(f"; {text}" for text in self.warnings)
         if self.penetration_velocity is None or self.window is None:
-            return f"{head}, {self.reason}{said})"
+            return f"{head}, {self.reason}{notes})"
         return (
             f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and "
             f"{self.window[1]:.3f} mm, "
             f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its "
-            f"last{said})"
+            f"last{notes})"
         )
 
 
@@ -346,29 +348,29 @@ def _status(
 
 
 def _warnings(burr: Burr, series: Series, provenance: dict[str, Any], cut: int) -> tuple[str, ...]:
-    found = []
+    warnings = []
     if "spacing_mm" in provenance and burr.radius / max(provenance["spacing_mm"]) < 7.5:
-        found.append(
+        warnings.append(
             f"coarse: the radius is {burr.radius / max(provenance['spacing_mm']):.3g} voxels, below 7.5"
         )
     alone = (provenance.get("volume") or {}).get("labels_alone")
     if alone is not None:
         width, ratio = (length / alone["voxel_mm"] for length in (alone["smooth_mm"] or 0.0, burr.radius))
         smooth = width >= 1.95  # two voxels, as they are rounded by hand
-        told = f"{label_scatter(ratio, smooth)} (here {ratio:.3g}), as measured on made-up surfaces"
-        told += " without smoothing" if width and not smooth else ""
+        spread = f"{label_scatter(ratio, smooth)} (here {ratio:.3g}), as measured on made-up surfaces"
+        spread += " without smoothing" if width and not smooth else ""
         how = f", smoothed by {width:.3g} voxels" if width else ""
-        found.append(f"labels alone{how}: velocities at one place scatter by {told}")
+        warnings.append(f"labels alone{how}: velocities at one place scatter by {spread}")
     for name, text in (
         ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
         ("ambiguous", "no direction of contact"),
     ):
         ticks = getattr(series, name)
         if ticks:
-            found.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
+            warnings.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
     if cut:
-        found.append(f"{CUT} ({cut} of {len(series.time)} ticks)")
-    return tuple(found)
+        warnings.append(f"{CUT} ({cut} of {len(series.time)} ticks)")
+    return tuple(warnings)
 
 
 def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str, tuple[float, float]]:

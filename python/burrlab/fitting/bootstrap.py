@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -15,10 +14,9 @@ from burrlab.common.check import refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
-from burrlab.fitting.intervals import LEVELS, ByLevel, ByName, Interval, plain_ends
 from burrlab.fitting.likelihood import FREEDOM, Likelihood
 from burrlab.fitting.observations import Box, Floats, Observations, ResidualKind
-from burrlab.fitting.profile import Domain, lowest
+from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Domain, Interval, lowest
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelTable, model_of
@@ -164,17 +162,6 @@ class Bootstrap:
             f"Bootstrap({self.kind}, {len(self.c_e)} replicates, seed {self.seed}: 95 % percentiles {ends}; "
             f"{100 * self.on_ridge:.3g} % on the ridge)"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Kind, seed and intervals as plain objects, ready for JSON."""
-        return {
-            "kind": self.kind,
-            "seed": self.seed,
-            "n": len(self.c_e),
-            "exponent": self.exponent,
-            "on_ridge": self.on_ridge,
-            "intervals": plain_ends(self.intervals),
-        }
 
 
 def bootstrap(

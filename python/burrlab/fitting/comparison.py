@@ -15,10 +15,9 @@ from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styl
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
-from burrlab.fitting.hypotheses import HypothesisTest, judged, p_text
-from burrlab.fitting.intervals import Interval
+from burrlab.fitting.diagnostics import HypothesisTest, judged, p_text
 from burrlab.fitting.observations import Floats, Threshold, bounds_of
-from burrlab.fitting.profile import C_E, ENDLESS, Domain, close_walk
+from burrlab.fitting.profile import C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.verdict import span

@@ -18,14 +18,12 @@ from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
-from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import Domain, lowest, ranges
+from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import obstacle
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.indentation import Indentation
+from burrlab.measured.curve import Indentation, VelocityCurve
 
 Series: TypeAlias = tuple[float, tuple[float, ...], int]  # radius [mm], forces [N] or depths [mm], repeats
 
@@ -274,26 +272,6 @@ class Coverage:
             f"Coverage of 95 % intervals, {len(self)} data sets, {self.material.name}, scatter "
             f"{100 * self.scatter:g} %, seed {self.seed}: {self.experiment!r}"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Shares as [k, n], by quantity, level and selection, as plain objects, ready for JSON."""
-        levels: dict[str, Any] = {}
-        for level in LEVELS:
-            levels[level] = {}
-            for name in QUANTITIES:
-                shares = {among: self.coverage(name, level, among=among) for among in AMONG}
-                shares["open above"] = self.open_above(name, level)
-                ratio = self.ratio(name, level)
-                levels[level][name] = {key: [share.k, share.n] for key, share in shares.items()}
-                levels[level][name]["median ratio"] = None if np.isnan(ratio) else ratio
-            joint = self.coverage("joint", level)
-            levels[level]["joint"] = {"all": [joint.k, joint.n]}
-        return {
-            "n": len(self),
-            "coverage": levels,
-            "separately_identified": [self.separately_identified.k, len(self)],
-            "provenance": self.provenance,
-        }
 
 
 def _place(name: str, value: str, allowed: tuple[str, ...]) -> int:

@@ -2,7 +2,8 @@
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Literal, get_args
+from dataclasses import replace
+from typing import Any, Literal, get_args
 
 import nlopt
 import numpy as np
@@ -11,18 +12,43 @@ from burrlab._core import Burr, Shape
 from burrlab.common.check import nearest, real, refuse, require_type, seed_or_new, shown
 from burrlab.common.progress import doing
 from burrlab.common.provenance import provenance
-from burrlab.fitting.diagnostics import PLAUSIBLE
-from burrlab.fitting.hypotheses import Point
+from burrlab.fitting.diagnostics import (
+    PLAUSIBLE,
+    HypothesisTest,
+    Point,
+    doubts,
+    fall_with_depth,
+    goodness,
+    influence,
+    lack_of_fit,
+    plausibility,
+)
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Bounds, Box, Data, Floats, Observations, ResidualKind, bounds_of
-from burrlab.fitting.profile import FLAT, Domain, at_ridge, minima
-from burrlab.fitting.record import describe, weigh
+from burrlab.fitting.observations import (
+    Bounds,
+    Box,
+    Calibration,
+    Data,
+    Floats,
+    Observations,
+    ResidualKind,
+    bounds_of,
+)
+from burrlab.fitting.profile import FLAT, Domain, at_ridge, minima, profile
+from burrlab.fitting.record import Evidence
 from burrlab.fitting.result import Fit
-from burrlab.fitting.verdict import Start, bound_reached, equally_good, status_of
-from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel
-from burrlab.measured.curve import VelocityCurve
+from burrlab.fitting.verdict import (
+    Start,
+    at_windows,
+    bound_reached,
+    equally_good,
+    ridge_of,
+    sentence,
+    status_of,
+)
+from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel, VoxelTable, monte_carlo_share
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.measured.indentation import Indentation
 
 __all__ = ["Fit", "fit"]
 
@@ -141,8 +167,8 @@ def fit(
     None
     """
     begin = time.perf_counter()
-    sets, shape = _sets(data), Shape(shape)
-    voxels = _engine(engine)
+    # parse
+    sets, shape, voxels = _sets(data), Shape(shape), _engine(engine)
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
@@ -151,48 +177,41 @@ def fit(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
-    if seed is None and voxels is None:
-        seed = 0  # the mean field draws nothing
-    if seed is None and voxels is not None:
-        refuse(
-            voxels.store is not None, "seed must be given with a store, which finds results by it, got None"
-        )
-    seed = seed_or_new(seed)
-
+    refuse(
+        seed is None and voxels is not None and voxels.store is not None,
+        "seed must be given with a store, which finds results by it, got None",
+    )
+    seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
-    box = bounds_of(observations, bounds)
-    if "alpha" not in bounds:
-        # wide enough for the best alphas over the first decade of c_e
-        decade = np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)
-        alphas = likelihood.at(decade).best_alpha
-        low, high = min(box.lower[1], float(alphas.min()) / 3), max(box.upper[1], 3 * float(alphas.max()))
-        box = Box((box.lower[0], low), (box.upper[0], high))
+    box = _box(likelihood, bounds)
+    # walk
     domain = Domain.of(likelihood, box, bounds)
     starts, missed = _searched(likelihood, domain, box)
     table, failure = None, ""
     record: tuple[Point, ...] = ()
     if voxels is not None:
-        mean_field_end = starts[0].end
-        descents = Descents(observations, shape, voxels, seed).tabulate(likelihood, box, mean_field_end)
+        mean_field = starts[0].end
+        descents = Descents(observations, shape, voxels, seed).tabulate(likelihood, box, mean_field)
+        starts = (Start("from mean-field", mean_field, mean_field, np.inf, "FAILURE", 0),)
         if isinstance(descents, str):
             failure = descents
         else:
             table, record = descents
             likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table))
-            starts, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field_end))
-            failure = "" if starts else "No c_e within its bounds gave every row a velocity."
-        if failure:
-            starts = (Start("from mean-field", mean_field_end, mean_field_end, np.inf, "FAILURE", 0),)
-
-    radii = sorted(set(observations.radius.tolist()))
+            searches, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field))
+            starts = searches or starts
+            failure = "" if searches else "No c_e within its bounds gave every row a velocity."
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
-    evidence, status, reason = None, "not-converged", failure
+    # intervals and verdict
+    evidence, lack, status, reason = None, None, "not-converged", failure
     if not failure:
+        lack = lack_of_fit(likelihood, best.end)
         at = bound_reached(observations, box, best.end)
-        evidence = weigh(likelihood, shape, domain, best.end, table, sets, bounds, plausible, at)
+        evidence = _weighed(likelihood, shape, domain, best.end, table, sets, bounds, plausible, at, lack)
         status, reason = status_of(
             len(observations), at, starts, best, evidence.ridge, missed, evidence.doubt
         )
+    radii, name = sorted(set(observations.radius.tolist())), "mean-field" if voxels is None else "voxel"
     return Fit(
         c_e=best.end[0],
         alpha=best.end[1],
@@ -205,8 +224,9 @@ def fit(
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
         given_bounds=tuple(bounds),
         evidence=evidence,
-        **describe(likelihood, best.end, evidence is not None),
-        engine="mean-field" if voxels is None else "voxel",
+        lack_of_fit=lack,
+        **_described(likelihood, best.end, evidence is not None),
+        engine=name,
         table=table,
         seed=seed,
         evaluations=sum(start.evaluations for start in starts),
@@ -216,13 +236,24 @@ def fit(
         provenance=provenance(
             shape=shape.name,
             radius_mm=radii,
-            engine="mean-field" if voxels is None else "voxel",
+            engine=name,
             residuals=residuals,
             seed=seed,
             nlopt=nlopt.__version__,
             **({} if voxels is None else voxels._described()),
         ),
     )
+
+
+def _box(likelihood: Likelihood, bounds: Bounds) -> Box:
+    """The bounds of the search; alpha's reach over the best alphas of the first decade of c_e."""
+    box = bounds_of(likelihood.observations, bounds)
+    if "alpha" in bounds:
+        return box
+    decade = np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)
+    alphas = likelihood.at(decade).best_alpha
+    low, high = min(box.lower[1], float(alphas.min()) / 3), max(box.upper[1], 3 * float(alphas.max()))
+    return Box((box.lower[0], low), (box.upper[0], high))
 
 
 def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
@@ -351,3 +382,106 @@ def minimise(
     except nlopt.RoundoffLimited:
         result = "ROUNDOFF_LIMITED"
     return Start(origin, start, best[1], best[0], result, evaluations)
+
+
+def _weighed(
+    likelihood: Likelihood,
+    shape: Shape,
+    domain: Domain,
+    best: tuple[float, float],
+    table: VoxelTable | None,
+    data: Sequence[Data],
+    bounds: Bounds,
+    plausible: Bounds | None,
+    at: str,
+    lack: HypothesisTest | None,
+) -> Evidence:
+    """The evidence at a fit.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    shape : Shape
+    domain : Domain
+        Range of the intervals.
+    best : (float, float)
+        c_e [N/mm^2], alpha [1/ms].
+    table : VoxelTable or None
+        The voxel engine's table.
+    data : sequence of data sets
+    bounds : dict
+        Given bounds.
+    plausible : dict or None
+        Plausible range of c_e and alpha.
+    at : str
+        Sentence on the bound that the fit ended at, or empty.
+    lack : HypothesisTest or None
+        The test of lack of fit.
+    """
+    o = likelihood.observations
+    exponent = 4 * (shape.order + 1) / 3
+    total, scatters, shares = likelihood.information(*best)
+    calibration = Calibration(scatters, total, shares)
+    profiled = profile(likelihood, calibration, domain, best, exponent)
+    if table is not None:
+        is_open = profiled.intervals["c_e"]["95"].upper is None
+        monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
+        calibration = replace(calibration, monte_carlo=monte_carlo)
+        profiled = profile(likelihood, calibration, domain, best, exponent)
+    fits, unscaled = goodness(likelihood, best, lack), None
+    if fits.inflation > 1:
+        unscaled, calibration = profiled.intervals, replace(calibration, inflation=fits.inflation)
+        profiled = profile(likelihood, calibration, domain, best, exponent)
+    intervals, better, likely = profiled.intervals, None, None
+    if profiled.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
+        lowest = int(np.argmin(profiled.c_e_rise))
+        better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
+    if plausible is not None:
+        guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
+        likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
+    rows = influence(likelihood, best, data, bounds, every=False)
+    evidence = Evidence(
+        likelihood.log_likelihood(*best),
+        total,
+        scatters,
+        shares,
+        calibration.monte_carlo,
+        profiled,
+        ridge_of(likelihood, exponent, best, profiled),
+        "",
+        better,
+        fits,
+        unscaled,
+        likely,
+        rows,
+    )
+    status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
+    conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
+    texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion)
+    return replace(evidence, verdict=" ".join(text for text in texts if text))
+
+
+def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) -> dict[str, Any]:
+    """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if the fit failed."""
+    o = likelihood.observations
+    c_e, alpha = best if usable else (np.nan, np.nan)
+    unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
+    predicted = {"velocity": alpha * unit, "pressed": c_e * o.pressed_unit}
+    residuals = {name: np.log(getattr(o, name) / model) for name, model in predicted.items()}
+    if not likelihood.log:
+        residuals["velocity"] = likelihood.velocity_residuals(unit, alpha)
+    if likelihood.pressed_known:
+        residuals["pressed"] = likelihood.pressed_residuals(c_e)
+    r, chi2 = np.concatenate([residuals[kind][rows] for kind, rows in o.rows]), None
+    if o.has_sigma and usable:
+        chi2 = float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
+    return {
+        "predicted": np.concatenate([predicted[kind][rows] for kind, rows in o.rows]),
+        "residuals": r,
+        "residual_norm": float(np.sqrt(np.mean(r**2))),
+        "chi2_reduced": chi2,
+        "n_points": len(o),
+        "n_skipped": o.n_skipped,
+        "n_censored": o.n_censored,
+        "fall": fall_with_depth(likelihood, unit) if usable else None,
+    }

@@ -1,7 +1,12 @@
-"""The likelihood of c_e and alpha under the scaling law, and its information.
+"""The likelihood of c_e and alpha under the scaling law v = alpha R Psi(F/(c_e R^2)), and its information.
 
-Velocities of curves, and of the runs of traces, share one scatter. The segments within the runs have another,
-the rows of indentations a third. A scatter is estimated unless sigma is given.
+Three kinds of rows scatter independently of one another:
+
+* "velocity": rows of curves, and the mean of each run of a trace. They depend on c_e and alpha.
+* "segments": a run's segments about that mean. They depend on c_e alone, as alpha moves a run as a whole.
+* "force": rows of indentations. They depend on c_e alone (Eq. 3).
+
+A scatter is estimated, unless sigma is given: -2 log L is taken at the best scatters.
 """
 
 from collections.abc import Callable, Mapping
@@ -94,14 +99,14 @@ class Likelihood:
 
     Notes
     -----
-    v is alpha times the model's velocity at alpha = 1, so at given c_e the sum of squares of the velocities
-    is
+    v is alpha times the model's velocity at alpha = 1. So at each c_e the velocities are a linear model of one
+    parameter, g = log alpha (relative) or alpha (absolute, sigma). Their sum of squares is a parabola,
 
-        S = A + B (g - m)^2,   g = log alpha (relative) or alpha (absolute, sigma),
+        S = A + B (g - m)^2,
 
-    and -2 log L = n log(S/n + e^2), plus the same for the rows that depend on c_e alone; where sigma is
-    known it is S itself. e, the model's own error (0.2 %), keeps -2 log L finite for data without scatter.
-    Student's t has no such form: see `StudentSlices`.
+    which `AlphaSlices` holds for many c_e at once. Then -2 log L = n log(S/n + e^2), plus the same for segments
+    and forces; where sigma is known it is S itself. e, the model's own error (0.2 %), keeps -2 log L finite for
+    data without scatter. Student's t has no such form: see `StudentSlices`.
     """
 
     def __init__(self, observations: Observations, kind: ResidualKind, model: Model) -> None:
@@ -142,10 +147,10 @@ class Likelihood:
             mean = np.bincount(model.group, weights * y) / weight
             self._shared = model, weight, mean, float(np.sum(weights * (y - mean[model.group]) ** 2))
 
-    def own_rows(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
+    def about_curves(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
         """Derivatives, shape (n, 2), and residuals of the curves' rows about the best fit to these alone.
 
-        The model is taken as linear; the derivatives at the fit remove the pull of other rows.
+        The model is taken as linear there: so the pull of traces and indentations on the fit is removed.
         """
         _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
         J, r = J[: len(self._single)], r[: len(self._single)]
@@ -226,14 +231,19 @@ class Likelihood:
                 B = np.sum(u**2, axis=-1)
                 m = np.sum(u * v, axis=-1) / B
                 A = np.sum((v - m[:, None] * u) ** 2, axis=-1)
-            other = np.zeros(len(stiffness))
-            if self.n_within:
-                within = self.within_residuals(self.model.unit(stiffness))
-                other += self._minus2(np.sum(within**2, axis=-1), self.n_within)
-        if len(self.observations.pressed):
-            S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
-            other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
+            other = self._without_alpha(stiffness)
         return AlphaSlices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.log)
+
+    def _without_alpha(self, stiffness: Floats) -> Floats:
+        """-2 log L of the rows that depend on c_e alone: segments and forces."""
+        total, n_pressed = np.zeros(len(stiffness)), len(self.observations.pressed)
+        if self.n_within:
+            within = self.within_residuals(self.model.unit(stiffness))
+            total += self._minus2(np.sum(within**2, axis=-1), self.n_within)
+        if n_pressed:
+            S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
+            total += S if self.pressed_known else self._minus2(S, n_pressed)
+        return total
 
     def _of_shared(
         self, stiffness: Floats, model: MeanFieldModel, weight: Floats, mean: Floats, squares: float
@@ -345,7 +355,13 @@ class Likelihood:
             s = np.sqrt(_best_scale(tables[0][2], 1e-30)[1])
             total = float(np.sum(scipy.stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
         else:
-            total = sum(self._normal(r, n, known) for _, known, r, n in tables)
+            total = 0.0
+            for _, known, r, n in tables:
+                S = float(np.sum(r**2))
+                if known:
+                    total += -0.5 * (S + n * float(np.log(2 * np.pi)))
+                else:
+                    total += -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
         o = self.observations
         if self.log:  # the density is of v, not of log v
             total -= float(np.sum(np.log(o.velocity)))
@@ -359,26 +375,19 @@ class Likelihood:
             total -= float(np.sum(np.log(o.pressed_sigma if self.pressed_known else o.pressed)))
         return total
 
-    @staticmethod
-    def _normal(r: Floats, n: int, known: bool) -> float:
-        S = float(np.sum(r**2))
-        if known:
-            return -0.5 * (S + n * float(np.log(2 * np.pi)))
-        return -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
-
 
 @dataclass(frozen=True, eq=False)
 class AlphaSlices:
-    """-2 log L over alpha at each of several c_e; arrays of shape (m,)."""
+    """-2 log L over alpha at each of several c_e: a parabola in g for each; arrays of shape (len(c_e),)."""
 
-    c_e: Floats
-    A: Floats
-    B: Floats
-    m: Floats
-    other: Floats
-    n: int
-    known: bool
-    floor: float
+    c_e: Floats  #: [N/mm^2]
+    A: Floats  #: lowest sum of squares of the velocities, over alpha
+    B: Floats  #: half the second derivative of that sum by g
+    m: Floats  #: g of the lowest: log alpha, or alpha where `log` is False
+    other: Floats  #: -2 log L of segments and forces, for any alpha
+    n: int  #: velocities
+    known: bool  #: their sigma is given
+    floor: float  #: added to their squared scatter: the model's own error, squared
     log: bool
 
     def joined(self, others: "list[AlphaSlices]", places: Rows) -> "AlphaSlices":

@@ -10,9 +10,8 @@ from scipy import special
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
-from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.measured.indentation import Indentation
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -69,30 +68,30 @@ class Observations:
         ceiling, n_skipped, n_censored, n_runs = np.inf, 0, 0, 0
         for data_set in data:
             radius = _radius(data_set, burr)
-            found: dict[str, Any] = {"force": data_set.force, "radius": radius, "run": -1}
+            columns: dict[str, Any] = {"force": data_set.force, "radius": radius, "run": -1}
             if isinstance(data_set, Indentation):
                 unit = radius**2 * (data_set.depth / radius) ** 1.5
-                found = {"pressed": data_set.force, "pressed_sigma": data_set.sigma, "pressed_unit": unit}
+                columns = {"pressed": data_set.force, "pressed_sigma": data_set.sigma, "pressed_unit": unit}
             elif isinstance(data_set, DepthTrace):
                 segments = data_set.segments(SEGMENTS)
-                found |= {"velocity": segments.velocity, "log_sigma": segments.log_sigma, "run": n_runs}
-                found |= {"window_start": segments.start_mm, "window_end": segments.end_mm}
+                columns |= {"velocity": segments.velocity, "log_sigma": segments.log_sigma, "run": n_runs}
+                columns |= {"window_start": segments.start_mm, "window_end": segments.end_mm}
                 n_runs += 1
             else:
                 ok = data_set.ok
                 for name in ("force", "velocity", "sigma", "window_start", "window_end"):
                     column = getattr(data_set, name)
-                    found[name] = None if column is None else column[ok]
+                    columns[name] = None if column is None else column[ok]
                 over = np.array([s == "overloaded" for s in data_set.status or len(data_set) * ("",)])
                 end = np.full(len(data_set), np.nan) if data_set.window_end is None else data_set.window_end
                 ceiling = float(_static_c_e(data_set.force[over], end[over], radius).min(initial=ceiling))
                 n_skipped, n_censored = n_skipped + int((~ok).sum()), n_censored + int(over.sum())
-            kind, names = ("velocity", _VELOCITY) if "velocity" in found else ("pressed", _PRESSED)
-            begin, n = sum(map(len, parts[kind])), len(found[kind])
+            kind, names = ("velocity", _VELOCITY) if "velocity" in columns else ("pressed", _PRESSED)
+            begin, n = sum(map(len, parts[kind])), len(columns[kind])
             rows.append((kind, np.arange(begin, begin + n)))
             for name in names:  # missing columns are NaN
-                parts[name].append(np.broadcast_to(np.asarray(found.get(name), np.float64), n))
-        tables: dict[str, Any] = {name: np.concatenate(columns) for name, columns in parts.items()}
+                parts[name].append(np.broadcast_to(np.asarray(columns.get(name), np.float64), n))
+        tables: dict[str, Any] = {name: np.concatenate(pieces) for name, pieces in parts.items()}
         tables["run"] = tables["run"].astype(np.intp)
         observations = cls(
             **tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored

@@ -1,8 +1,8 @@
 """The record of a fit: parameters, evidence, residuals, data and provenance; and its JSON."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Self
 
@@ -12,9 +12,7 @@ from burrlab._core import Burr, Shape
 from burrlab.common.check import refuse
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
-from burrlab.fitting.diagnostics import Goodness, Plausibility, Row, doubts, goodness, influence, plausibility
-from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
-from burrlab.fitting.intervals import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
+from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, Row
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -25,12 +23,11 @@ from burrlab.fitting.observations import (
     ResidualKind,
     RowScatter,
 )
-from burrlab.fitting.profile import FLAT, Domain, profile
-from burrlab.fitting.verdict import Ridge, Start, at_windows, obstacle, ridge_of, sentence
-from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of, monte_carlo_share
-from burrlab.measured.curve import VelocityCurve
+from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
+from burrlab.fitting.verdict import Ridge, Start, obstacle
+from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.measured.indentation import Indentation
 
 _OPEN = Interval(None, None)
 
@@ -310,107 +307,6 @@ class Evidence:
         return Calibration(self.scatters, self.information, self.shares, self.monte_carlo, inflation)
 
 
-def weigh(
-    likelihood: Likelihood,
-    shape: Shape,
-    domain: Domain,
-    best: tuple[float, float],
-    table: VoxelTable | None,
-    data: Sequence[Data],
-    bounds: Bounds,
-    plausible: Bounds | None,
-    at: str,
-) -> Evidence:
-    """The evidence at a fit.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-    shape : Shape
-    domain : Domain
-        Range of the intervals.
-    best : (float, float)
-        c_e [N/mm^2], alpha [1/ms].
-    table : VoxelTable or None
-        The voxel engine's table.
-    data : sequence of data sets
-    bounds : dict
-        Given bounds.
-    plausible : dict or None
-        Plausible range of c_e and alpha.
-    at : str
-        Sentence on the bound that the fit ended at, or empty.
-    """
-    o = likelihood.observations
-    exponent = 4 * (shape.order + 1) / 3
-    total, scatters, shares = likelihood.information(*best)
-    calibration = Calibration(scatters, total, shares)
-    profiled = profile(likelihood, calibration, domain, best, exponent)
-    if table is not None:
-        is_open = profiled.intervals["c_e"]["95"].upper is None
-        monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
-        calibration = replace(calibration, monte_carlo=monte_carlo)
-        profiled = profile(likelihood, calibration, domain, best, exponent)
-    fits, unscaled = goodness(likelihood, best, lack_of_fit(likelihood, best)), None
-    if fits.inflation > 1:
-        unscaled, calibration = profiled.intervals, replace(calibration, inflation=fits.inflation)
-        profiled = profile(likelihood, calibration, domain, best, exponent)
-    intervals, better, likely = profiled.intervals, None, None
-    if profiled.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
-        lowest = int(np.argmin(profiled.c_e_rise))
-        better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
-    if plausible is not None:
-        guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
-        likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
-    rows = influence(likelihood, best, data, bounds, every=False)
-    evidence = Evidence(
-        likelihood.log_likelihood(*best),
-        total,
-        scatters,
-        shares,
-        calibration.monte_carlo,
-        profiled,
-        ridge_of(likelihood, exponent, best, profiled),
-        "",
-        better,
-        fits,
-        unscaled,
-        likely,
-        rows,
-    )
-    status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
-    conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
-    texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion)
-    return replace(evidence, verdict=" ".join(text for text in texts if text))
-
-
-def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) -> dict[str, Any]:
-    """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if the fit failed."""
-    o = likelihood.observations
-    c_e, alpha = best if usable else (np.nan, np.nan)
-    unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
-    predicted = {"velocity": alpha * unit, "pressed": c_e * o.pressed_unit}
-    residuals = {name: np.log(getattr(o, name) / model) for name, model in predicted.items()}
-    if not likelihood.log:
-        residuals["velocity"] = likelihood.velocity_residuals(unit, alpha)
-    if likelihood.pressed_known:
-        residuals["pressed"] = likelihood.pressed_residuals(c_e)
-    r, chi2 = np.concatenate([residuals[kind][rows] for kind, rows in o.rows]), None
-    if o.has_sigma and usable:
-        chi2 = float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
-    return {
-        "predicted": np.concatenate([predicted[kind][rows] for kind, rows in o.rows]),
-        "residuals": r,
-        "residual_norm": float(np.sqrt(np.mean(r**2))),
-        "chi2_reduced": chi2,
-        "n_points": len(o),
-        "n_skipped": o.n_skipped,
-        "n_censored": o.n_censored,
-        "lack_of_fit": lack_of_fit(likelihood, best) if usable else None,
-        "fall": fall_with_depth(likelihood, unit) if usable else None,
-    }
-
-
 FitRecord._codec = Codec(
     keys={
         FitRecord: {
@@ -420,11 +316,11 @@ FitRecord._codec = Codec(
         | {
             "intervals": lambda fit: plain_ends(fit.intervals),
             "identified": lambda fit: (
-                (one := fit.identified)
+                (combination := fit.identified)
                 and {
-                    "exponent": one.exponent,
-                    "value": one.value,
-                    "interval": [one.interval.lower, one.interval.upper],
+                    "exponent": combination.exponent,
+                    "value": combination.value,
+                    "interval": [combination.interval.lower, combination.interval.upper],
                 }
             ),
             "separately_identified": lambda fit: fit.separately_identified,

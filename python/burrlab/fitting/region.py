@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Box, Calibration, Floats, Rows, RowScatter
-from burrlab.fitting.profile import C_E, Domain, Walk
+from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
 from burrlab.fitting.record import FitRecord
 
 _STEP = 0.055  # between the alphas near the middle of a row, over the half width of the region

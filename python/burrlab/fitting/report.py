@@ -6,8 +6,7 @@ from html import escape
 import numpy as np
 
 import burrlab.fitting.verdict as verdict
-from burrlab.fitting.diagnostics import FEWEST
-from burrlab.fitting.hypotheses import indentation_tests
+from burrlab.fitting.diagnostics import FEWEST, indentation_tests
 from burrlab.fitting.observations import RowScatter
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import Ridge

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from numpy.typing import ArrayLike
 
-import burrlab.fitting.hypotheses as hypotheses
 import burrlab.fitting.report as report
 from burrlab._core import Material
 from burrlab.common.check import check_positive, refuse, require_type, scalar
@@ -33,11 +32,9 @@ from burrlab.common.progress import Progress
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.comparison import compare
-from burrlab.fitting.diagnostics import Row, influence, rows_limit
-from burrlab.fitting.hypotheses import HypothesisTest
-from burrlab.fitting.intervals import LEVELS, Region, level_name
+from burrlab.fitting.diagnostics import HypothesisTest, Row, given_values, influence, rows_limit
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import ALPHA, C_E
+from burrlab.fitting.profile import ALPHA, C_E, LEVELS, Region, level_name
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
@@ -86,7 +83,7 @@ class Fit(FitRecord):
         evidence = self._evidence()
         check_positive("c_e", c_e)
         check_positive("alpha", alpha)
-        return hypotheses.given_values(
+        return given_values(
             self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
         )
 

@@ -21,10 +21,10 @@ from burrlab.common.figures import (
     styled,
 )
 from burrlab.common.records import Codec
-from burrlab.fitting.hypotheses import p_text
-from burrlab.fitting.intervals import Interval, plain_ends
+from burrlab.fitting.diagnostics import p_text
 from burrlab.fitting.observations import Floats, Threshold
-from burrlab.fitting.report import columns, in_blocks
+from burrlab.fitting.profile import Interval, plain_ends
+from burrlab.fitting.report import columns, html_table, in_blocks
 from burrlab.fitting.result import Fit
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
@@ -357,11 +357,8 @@ class ShapeComparison:
         return "\n".join(columns(cells(self)))
 
     def _repr_html_(self) -> str:
-        head, *rows = cells(self)
-        lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)]
-        lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
         items = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences)
-        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table><ul>{items}</ul>"
+        return f"{html_table(cells(self))}<ul>{items}</ul>"
 
 
 _HEAD = (

@@ -14,7 +14,6 @@ from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.fitting.fit import fit
-from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -27,7 +26,7 @@ from burrlab.fitting.observations import (
     Threshold,
     bounds_of,
 )
-from burrlab.fitting.profile import Domain, Minimum, lowest
+from burrlab.fitting.profile import LEVELS, Domain, Interval, Minimum, lowest
 from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_comparison import NODES, ForceThird, Pair, PowerProfile, ShapeComparison, ShapeRow
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from burrlab.fitting.intervals import Combination, Interval, Profile
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Box, Observations
-from burrlab.fitting.profile import FLAT, ONE_PLACE
+from burrlab.fitting.profile import FLAT, ONE_PLACE, Combination, Interval, Profile
 
 _RIDGE_PHI = 0.7  # at the point taken on the ridge, largest phi over the phi where the ridge ends
 _AT_BOUND = 1e-3  # relative distance below which an end is at a bound

@@ -219,16 +219,16 @@ class DepthTrace(TableData):
         >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
-        found = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
+        layout = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file)
         start, end = None, None
-        if (window := found.comments.get("window_mm")) is not None:
+        if (window := layout.comments.get("window_mm")) is not None:
             try:
                 start, end = map(float, window.split())
             except ValueError:
                 raise ValueError(
-                    f"{found.name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
+                    f"{layout.name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
                 ) from None
-        return found.data(cls, cls._NUMBERS, force=force, radius=radius, start_mm=start, end_mm=end)
+        return layout.data(cls, cls._NUMBERS, force=force, radius=radius, start_mm=start, end_mm=end)
 
     def _comments(self) -> dict[str, Any]:
         return super()._comments() | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}
@@ -425,8 +425,8 @@ def slope_error(time: Floats, immersion: Floats) -> float:
     square = float(residual @ residual)
     if square == 0:
         return 0.0
-    found = float(residual[1:] @ residual[:-1]) / square
-    rho = min(max(found + (3 + 5 * found) / n, 0.0), 1 - _LONGEST_MEMORY / n)
+    lag_one = float(residual[1:] @ residual[:-1]) / square
+    rho = min(max(lag_one + (3 + 5 * lag_one) / n, 0.0), 1 - _LONGEST_MEMORY / n)
     variance = square / (n - sum(_form(column, rho) for column in basis.T))
     return math.sqrt(variance * _form(centred, rho)) / float(centred @ centred)
 

@@ -203,28 +203,40 @@ class TableLayout:
     def read(
         self, name: str, kind: str, headings: list[str], records: Iterable[tuple[int, list[str]]], head: str
     ) -> None:
-        """Fills `columns` and `others` from the records; ValueError with all faults."""
+        """Fills `columns` and `others` from the fields below the headings; ValueError with all faults.
+
+        Parameters
+        ----------
+        name : str
+            Of the file or frame, for messages; `head` says also where its headings are.
+        kind : {"line", "row"}
+            What `records` count.
+        headings : list of str
+        records : iterable of (number, fields)
+        """
+        # Where the table's columns are: at one index, or at one for each of several repeats side by side.
         keys, faults = list(map(_key, headings)), list[str]()
         present = {column: texts for column, texts in self.headings.items() if _key(texts[0]) in keys}
-        places = {column: [keys.index(_key(text)) for text in texts] for column, texts in present.items()}
+        indices = {column: [keys.index(_key(text)) for text in texts] for column, texts in present.items()}
         optional = {column.name for column in self.table.columns if column.optional}
-        repeats = max(len(indices) for column, indices in places.items() if column not in optional)
-        faults += (f"{head}: {fault}" for fault in self.faults_of_headings(headings, places, repeats))
-        labels = {column: ", ".join(headings[i] for i in indices) for column, indices in places.items()}
+        repeats = max(len(places) for column, places in indices.items() if column not in optional)
+        labels = {column: ", ".join(headings[i] for i in places) for column, places in indices.items()}
+        faults += (f"{head}: {fault}" for fault in self.faults_of_headings(headings, indices, repeats))
+        other = self.other_headings(headings, {i for places in indices.values() for i in places})
+        self.others |= {label: [] for label in other.values()}
+        # From here on a column reads numbers in the file's unit, and its faults name the file's heading.
         columns = (
-            replace(column, type=partial(self.number_in_our_unit, column), told=labels.get(column.name, ""))
+            replace(column, type=partial(self.number_in_our_unit, column), label=labels.get(column.name, ""))
             for column in self.table.named.values()
         )
         self.table = replace(self.table, columns=tuple(columns))
         faults += (f"{head}: {fault}" for fault in self.table.unpaired(labels.values()))
-        rest = self.other_headings(headings, {i for indices in places.values() for i in indices})
-        self.others |= {label: [] for label in rest.values()}
-
-        rows = self.rows_of_numbers(name, kind, keys, places, records, faults)
-        repeated = {column for column, indices in places.items() if len(indices) > 1} - optional
-        self.columns = self.table.checked(self.single_rows(rows, places, repeats, repeated, rest), faults)
+        # The rows: units and comments are passed over, then repeats are split, then the table checks them.
+        rows = self.rows_of_numbers(name, kind, keys, indices, records, faults)
+        repeated = {column for column, places in indices.items() if len(places) > 1} - optional
+        self.columns = self.table.checked(self.single_rows(rows, indices, repeats, repeated, other), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
-        refuse_all(name, faults, self.hint_of(faults, places.keys()))
+        refuse_all(name, faults, self.hint_of(faults, indices.keys()))
         self.others = {label: texts for label, texts in self.others.items() if label[0] != "(" or any(texts)}
 
     def other_headings(self, headings: list[str], used: Collection[int]) -> dict[int, str]:

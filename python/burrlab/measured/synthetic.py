@@ -10,9 +10,8 @@ from burrlab._core import Burr, Material
 from burrlab.common.check import real, refuse, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.common.table import Floats
-from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.measured.indentation import Indentation
 from burrlab.theory.continuum import mean_field_descent, penetration_velocity
 from burrlab.theory.tool import require_tool
 

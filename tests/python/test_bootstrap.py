@@ -1,6 +1,6 @@
 """The bootstrap: reproducible, resumable, and in agreement with the profile where the data are good."""
 
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 import pytest
@@ -19,9 +19,8 @@ TRACES = [synthetic_trace(BURR, BONE, F, seed=int(10 * F)) for F in (0.6, 1.1, 2
 def test_any_executor_gives_the_same(tmp_path):
     result = fitted("wide")
     expected = result.bootstrap(30, seed=4)
-    with ThreadPoolExecutor(3) as threads, ProcessPoolExecutor(2) as processes:
-        for executor in (threads, processes):
-            assert result.bootstrap(30, seed=4, executor=executor) == expected
+    with ProcessPoolExecutor(2) as executor:
+        assert result.bootstrap(30, seed=4, executor=executor) == expected
     assert not np.array_equal(result.bootstrap(30, seed=5).c_e, expected.c_e)
     # replicate k is the same in a longer study, which resumes a shorter one
     store = Store(tmp_path / "study.jsonl")

@@ -137,8 +137,3 @@ def test_a_closed_client_ends_the_study(client, tmp_path):
         with pytest.raises(StudyInterrupted, match=r"died after \d+ of 40 items \(ClosedClientError: "):
             run_items(slowly, ITEMS, executor=executor, store=store)
     assert len(store) >= 1
-
-
-def test_a_client_is_told_what_to_hand_in(client):
-    with pytest.raises(TypeError, match=r"of a dask client its client\.get_executor\(\), got <Client"):
-        run_items(work, ITEMS, executor=client)

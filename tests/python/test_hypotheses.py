@@ -8,7 +8,6 @@ import pytest
 from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, fitted, with_sigma
 from scipy import stats
 
-from burrlab.bone.materials import materials
 from burrlab.fitting.diagnostics import POOR, fall_with_depth, goodness, indentation_tests, lack_of_fit
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -164,18 +163,6 @@ class TestGivenValues:
 
 
 class TestOneMaterial:
-    def test_of_fits(self):
-        pvc = fit(curve_of(0.2 * FORCES, material=materials["pvc"]))
-        test = fitted("wide").differs_from(pvc)
-        assert test.p_value < 1e-6
-        assert str(test).startswith("The two differ")
-        assert pvc.differs_from(fitted("wide")).p_value == pytest.approx(test.p_value, rel=1e-3, abs=1e-12)
-        a, b = (fit(curve_of(f * FEW, repeats=1, scatter=0)) for f in (1.0, 0.93))
-        assert a.differs_from(b).p_value > 0.5
-        known = fitted("wide, sigma", residuals="sigma")
-        assert known.differs_from(known).freedom == (2.0,)
-        assert known.differs_from(known).p_value == pytest.approx(1.0, abs=1e-3)
-
     def test_windows_that_contradict(self):
         other = fit(VelocityCurve([1.0, 2.0, 5.0], [0.1, 0.5, 3.0], radius=3.0))
         test = fitted("overloaded").differs_from(other)

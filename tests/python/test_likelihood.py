@@ -17,7 +17,7 @@ from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Observations, RowScatter, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, Domain
 from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
+from burrlab.measured.synthetic import synthetic_trace
 from burrlab.theory.continuum import MasterCurve, penetration_velocity
 from reference.likelihood import Oracle
 
@@ -201,31 +201,6 @@ class TestCalibration:
                     1 - level, rel=1e-6, abs=1e-12
                 )
             assert calibration.probability(0.0, direction) == pytest.approx(1.0)
-
-    @pytest.mark.slow
-    def test_static_indentation_alone_gives_a_t(self):
-        """log c_e from five forces is a mean of normals; its interval is Student's with 4 degrees.
-
-        600 intervals of 95 and 68 %; a coverage beyond 4.9 standard errors has a probability of 1e-6.
-        """
-        depths, n = [0.05, 0.08, 0.12, 0.2, 0.3], 600
-        curve = curve_of([0.2, 0.3, 0.4, 0.5], repeats=1, scatter=0.5, seed=1)  # on the ridge, and noisy
-        covered = {"68": 0, "95": 0}
-        for seed in range(n):
-            pressed = synthetic_indentation(BURR, BONE, depths, scatter=0.03, seed=seed)
-            found = fit([curve, pressed])
-            estimates = np.log(pressed.force / (9 * (pressed.depth / 3) ** 1.5))
-            if seed < 20:
-                half = stats.t.ppf(0.975, 4) * estimates.std(ddof=1) / np.sqrt(5)
-                interval = found.intervals["c_e"]["95"]
-                ends = np.exp(estimates.mean() + np.array([-half, half]))
-                # the model's 0.2 % in quadrature, and what little velocities say
-                assert (interval.lower, interval.upper) == pytest.approx(ends, rel=6e-3)
-            for level in covered:
-                covered[level] += 2.145 in found.intervals["c_e"][level]
-        for level, count in covered.items():
-            p = float(level) / 100
-            assert abs(count - n * p) < 4.9 * np.sqrt(n * p * (1 - p)) + 0.002 * n
 
 
 class TestManyRows:

@@ -438,25 +438,11 @@ def autoregression(random: np.random.Generator, n: int, rho: float) -> np.ndarra
     return lfilter([math.sqrt(1 - rho**2)], [1, -rho], random.standard_normal(n), zi=start)[0]
 
 
-class TestFromDescent:
-    def test_force_held_exactly(self):
-        run = burrlab.descend(BURR, BONE, 1.0, voxel=0.3, ideal=True, seed=1)
-        trace = DepthTrace.from_descent(run)
-        assert (trace.force, trace.radius, (trace.start_mm, trace.end_mm)) == (1.0, 3.0, run.window)
-        assert np.array_equal(trace.time, run.time)
-        assert trace.provenance["seed"] == 1
-        assert trace.segments(1).velocity[0] == pytest.approx(run.penetration_velocity, rel=2e-3)
-
-    def test_controller_and_rig_begin_out_of_contact(self):
-        trace = DepthTrace.from_descent(burrlab.descend(BURR, BONE, 0.75, voxel=0.2, seed=1))
-        assert trace.immersion[0] < 0
-        np.testing.assert_allclose(trace.segments().velocity, by_the_model(trace), rtol=0.05)
-
-    def test_a_run_without_descent(self):
-        run = burrlab.descend(BURR, BONE, 5.0, voxel=0.4, ideal=True, seed=1)
-        assert run.status == "overloaded"
-        with pytest.raises(ValueError, match="a depth trace needs at least 10 samples: got 0"):
-            DepthTrace.from_descent(run)
+def test_a_record_of_controller_and_rig_begins_out_of_contact():
+    run = burrlab.descend(BURR, BONE, 0.75, voxel=0.2, seed=1)
+    trace = DepthTrace(run.time, run.immersion, run.setpoint, run.burr.radius, *run.window)
+    assert trace.immersion[0] < 0
+    np.testing.assert_allclose(trace.segments().velocity, by_the_model(trace), rtol=0.05)
 
 
 def by_the_model(trace: DepthTrace, n: int = 5, material: Any = BONE) -> list[Any]:

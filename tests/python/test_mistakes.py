@@ -127,8 +127,6 @@ curve.to_csv(None)
     TypeError: file must be a path or an open text file, got None
 curve.plot("a.png")
     TypeError: ax must be Axes of matplotlib, got 'a.png'; to save: plot().figure.savefig(file)
-burrlab.DepthTrace.from_descent(curve)
-    TypeError: run must be a Descent, such as descend(burr, bone, 2.0), got VelocityCurve(3 rows, ...
 descend(burr, bone, np.array([2.0]))
     TypeError: force must be a number, got array([2.])
 descend(burr, bone, 2, voxel=[0.1, 0.1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -243,8 +244,8 @@ def bootstrap(
         for k in range(n)
     ]
     report_progress = counter(progress, "fits")
-    with ThreadPoolExecutor(1) as alone:  # a fit holds the interpreter: more threads only wait
-        workers = alone if executor is None else executor
+    # a fit holds the interpreter: more threads than one only wait
+    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
         replicates = run_items(replicate, items, executor=workers, store=store, progress=report_progress)
     ends = np.array(replicates)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
@@ -428,8 +429,8 @@ def coverage_study(
         for k in range(n)
     ]
     report_progress = counter(progress, "fits")
-    with ThreadPoolExecutor(1) as alone:  # a fit holds the interpreter: more threads only wait
-        workers = alone if executor is None else executor
+    # a fit holds the interpreter: more threads than one only wait
+    with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
         outcomes = run_items(replicate, items, executor=workers, store=store, progress=report_progress)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)

@@ -1,7 +1,7 @@
 """The next measurement: which candidate is expected to shrink the joint region of c_e and alpha most."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from burrlab.common.check import refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
+from burrlab.common.records import Codec
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.region import NewData, NewRegion, RegionGrid
@@ -44,7 +45,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, repr=False)
-class Design(table.Tabular):
+class Design:
     """Candidates for the next measurement, the one that shrinks the joint region most first.
 
     Made by `burrlab.design`.
@@ -104,16 +105,8 @@ class Design(table.Tabular):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; an open interval's ratio is None."""
-        values = asdict(self)
-        values["rows"] = [
-            {name: None if value == np.inf else value for name, value in row.items()}
-            for row in values["rows"]
-        ]
-        return values
-
-    def _table(self) -> dict[str, list[Any]]:
-        rows = [asdict(candidate) for candidate in self.rows]
-        return {_COLUMNS.get(name, name): [row[name] for row in rows] for name in rows[0]}
+        plain: dict[str, Any] = Codec().plain(self)
+        return plain
 
     @drawing
     def plot(self, ax: "Axes | None" = None, *, label: str | None = None, **style: Any) -> "Axes":
@@ -169,7 +162,6 @@ class Design(table.Tabular):
         return ax
 
 
-_COLUMNS = {"force": "force_N", "depth": "depth_mm", "radius": "radius_mm"}  # where a unit is added
 _HEADS = (
     "kind",
     "force [N]",

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.measured.layout import TableLayout
@@ -144,39 +144,6 @@ class DepthTrace(TableData):
             f"a depth trace needs at least {FEWEST_TICKS} samples in its window, {start:.6g} to "
             f"{end:.6g} mm: got {samples}",
         )
-
-    @classmethod
-    def from_descent(cls, run: Any) -> "DepthTrace":
-        """The record of a descent, with its set-point, radius and (if it has one) window.
-
-        Parameters
-        ----------
-        run : Descent
-
-        Returns
-        -------
-        DepthTrace
-
-        Raises
-        ------
-        ValueError
-            If the descent did not rise through a window.
-
-        Examples
-        --------
-        >>> import burrlab
-        >>> run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0, voxel=0.4, ideal=True, seed=1)
-        >>> DepthTrace.from_descent(run)
-        DepthTrace(1022 samples, 1 N, R = 3 mm, 0.5..1 mm, 'descent, bone')
-        """
-        if not hasattr(run, "setpoint"):
-            raise TypeError(f"run must be a Descent, such as descend(burr, bone, 2.0), got {shown(run)}")
-        start, end = (None, None) if run.window is None else run.window
-        name = "unknown material" if run.material is None else run.material.name
-        return cls(
-            run.time, run.immersion, run.setpoint, run.burr.radius, start, end,
-            source=f"descent, {name}", provenance=run.provenance,
-        )  # fmt: skip
 
     @classmethod
     def from_csv(

@@ -262,7 +262,8 @@ def test_what_a_browser_can_call_and_change():
     assert [answer["code"] for answer in answers[: len(gone)]] == [-32601] * len(gone)
     assert answers[len(gone) :] == [None] * (len(idle) + len(done))
     assert last["state"] == {**first["state"], "slices": True, "speed": 2}
-    assert (page._drag.tolist(), page._wheel) == ([0.5, 0.25], 0.0)
+    camera = page.scene.plotter.camera
+    assert (camera.turned, camera.nearer) == ([-100.0, -50.0], 1.0)
 
 
 @pytest.mark.parametrize("name", ["pyvista", "trame"])

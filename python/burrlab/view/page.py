@@ -1,4 +1,4 @@
-"""The page of a scene: its texts, curves and cameras, a browser's wishes, and its Vuetify components."""
+"""The page of a scene: its texts, curves and cameras, and a browser's wishes; page.html lays it out."""
 
 import asyncio
 import base64
@@ -7,12 +7,14 @@ import io
 import math
 import time
 from collections.abc import Callable
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.view.actors import round_value
 from burrlab.view.camera import UNKNOWN_RADIUS, Viewpoint, approach_view, looking_at, surgeon_view
 from burrlab.view.page_source import PageSource
 from burrlab.view.scene import Scene
@@ -24,10 +26,7 @@ _COLUMNS = 500
 def top(values: NDArray[np.float64]) -> float:
     """End of an axis from 0 that holds the values: 1, 2 or 5 times a power of ten."""
     largest = float(np.nanmax(values, initial=0.0))
-    if largest <= 0.0:
-        return 1.0
-    power = 10.0 ** math.floor(math.log10(largest))
-    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if largest <= step * power * (1 + 1e-9))
+    return 1.0 / round_value(1.0 / largest) if largest > 0.0 else 1.0  # 1/2 and 1/5 are 5 and 2 tenths
 
 
 def polyline(
@@ -192,8 +191,6 @@ class Page:
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
         self._smooth, self._drawn = False, 0.0  # whether the newest picture is smooth, and its time
-        self._drag = np.zeros(2)
-        self._drag_moves, self._wheel = False, 0.0
         self._changed: list[NDArray[np.uint32]] = []  # bricks that are not drawn yet
         first, last = source.span
         self.state.update({
@@ -230,25 +227,35 @@ class Page:
     def step(self, ticks: int) -> None:
         """Goes forward by a number of ticks; negative is back."""
         period = self.source.span[1] / max(len(self.source.history.time), 1)
-        self._ask(self._wanted + ticks * period)
+        self.go(self._wanted + ticks * period)
 
     def seek(self, part: float) -> None:
         """Goes to a part of the charts' time axis, 0 to 1."""
         first, last = self.source.span
-        self._ask(first + min(max(float(part), 0.0), 1.0) * (last - first))
+        self.go(first + part * (last - first))
 
     def go(self, seconds: float) -> None:
-        """Goes to a moment [s]."""
-        self._ask(float(seconds))
+        """Goes to a moment [s], or to the end that is nearer."""
+        first, last = self.source.span
+        self._wanted = min(max(seconds, first), last)
+        with self.state as state:
+            state.wanted_s = self._wanted
 
     def drag(self, right: float, up: float, moves: bool) -> None:
         """Turns or moves the bone by a way of the mouse, in parts of the picture's height."""
-        self._drag += float(right), float(up)
-        self._drag_moves = bool(moves)
+        camera, right, up = self.scene.plotter.camera, float(right), float(up)
+        if moves:
+            move(camera, right, up)
+        else:  # around the focus, as if the bone were dragged
+            camera.Azimuth(-_TURN * right)
+            camera.Elevation(-_TURN * up)
+            camera.OrthogonalizeViewUp()
+        self._draw = True
 
     def wheel(self, steps: float) -> None:
         """Zooms by steps of the wheel; positive is nearer."""
-        self._wheel += float(steps)
+        self.scene.plotter.camera.Dolly(_ZOOM ** float(np.clip(steps, -20.0, 20.0)))
+        self._draw = True
 
     def shown(self, width: int = 0, height: int = 0) -> None:
         """Notes that a browser shows the newest picture, and its size if that has changed."""
@@ -275,49 +282,30 @@ class Page:
             await asyncio.sleep(max(0.005, _PERIOD - (time.monotonic() - begin)))
 
     def _turn(self, now: float) -> None:
-        source = self.source
-        prepared = round(100 * source.prepared)
-        if prepared != self.state.prepared:
-            with self.state as state:
+        source, state = self.source, self.state
+        with state:  # texts and picture of one moment arrive together
+            if (prepared := round(100 * source.prepared)) != state.prepared:
                 state.prepared = prepared
-            if prepared == 100:
-                self._switch()
-        if not self.state.distances and (rows := source.distances()):  # the fields are made in the background
-            with self.state as state:
-                state.distances = rows
-        if source.kind == "live":  # the curves need every moment, drawn or not
-            self._changed.append(source.go(now))
-        if now - self._on_way < _PATIENCE:
-            return
-        self._move_camera()
-        if source.kind == "replay" and self.state.playing:
-            self._wanted += (now - self._clock) * float(self.state.speed)
-            self._clock = now
-            if self._wanted >= source.span[1]:
-                self._ask(source.span[1])
-                self.state.playing = False
-        with self.state:  # texts and picture of one moment arrive together
+                if prepared == 100:
+                    self._switch()
+            if not state.distances:  # the fields are made in the background
+                state.distances = source.distances()
+            if source.kind == "live":  # the curves need every moment, drawn or not
+                self._changed.append(source.go(now))
+            if now - self._on_way < _PATIENCE:
+                return
+            if source.kind == "replay" and state.playing:
+                self._wanted += (now - self._clock) * float(state.speed)
+                self._clock = now
+                if self._wanted >= source.span[1]:
+                    self.go(source.span[1])
+                    state.playing = False
             if source.kind == "live" or self._wanted != self._sent:
                 self._advance(self._wanted)
                 self._draw = True
             if self._draw or not (self._smooth or now - self._drawn < _REST):
                 self._picture(smooth=not self._draw)
                 self._on_way = self._drawn = now
-
-    def _move_camera(self) -> None:
-        camera = self.scene.plotter.camera
-        if self._drag.any():
-            right, up = self._drag
-            if self._drag_moves:
-                move(camera, right, up)
-            else:  # around the focus, as if the bone were dragged
-                camera.Azimuth(-_TURN * right)
-                camera.Elevation(-_TURN * up)
-                camera.OrthogonalizeViewUp()
-            self._drag[:], self._draw = 0.0, True
-        if self._wheel:
-            camera.Dolly(_ZOOM ** float(np.clip(self._wheel, -20.0, 20.0)))
-            self._wheel, self._draw = 0.0, True
 
     def _advance(self, seconds: float) -> None:
         """Brings bone, burrs and texts to a moment."""
@@ -358,13 +346,7 @@ class Page:
     def _play(self, **_: Any) -> None:
         self._clock = time.monotonic()
         if self.state.playing and self._wanted >= self.source.span[1]:
-            self._ask(0.0)
-
-    def _ask(self, seconds: float) -> None:
-        first, last = self.source.span
-        self._wanted = min(max(seconds, first), last)
-        with self.state as state:
-            state.wanted_s = self._wanted
+            self.go(0.0)
 
     def _switch(self, **_: Any) -> None:
         self.scene.set_stereo(bool(self.state.stereo))
@@ -409,7 +391,7 @@ def restrict(handler: Any) -> None:
     def update(core: Any, changes: Any = (), *_: Any, **__: Any) -> None:
         with contextlib.suppress(TypeError, KeyError):
             change(
-                core, [one for one in changes if one["key"] in WISHES and WISHES[one["key"]](one["value"])]
+                core, [row for row in changes if row["key"] in WISHES and WISHES[row["key"]](row["value"])]
             )
 
     async def call(core: Any, name: Any = "", arguments: Any = (), *_: Any, **__: Any) -> None:
@@ -417,215 +399,26 @@ def restrict(handler: Any) -> None:
             if all(_number(value) or isinstance(value, bool | str) for value in arguments):
                 await trigger(core, name, arguments, {})
 
-    def none(*_: Any, **__: Any) -> None:
-        """Ignores the reports of trame's page on itself."""
-
+    ignored = core, lambda *_, **__: None  # reports of trame's page on itself
     handler.functionMap = {
         "trame.state.get": calls["trame.state.get"],
         "trame.state.update": (core, update),
         "trame.trigger": (core, call),
-        "trame.lifecycle.update": (core, none),
-        "trame.error.client": (core, none),
+        "trame.lifecycle.update": ignored,
+        "trame.error.client": ignored,
     }
-
-
-_STYLE = """
-html, body { overflow: hidden !important; }
-.burrlab-body { display: flex; flex-direction: column; height: 100%; background: #101418; color: #e3e7ea; }
-.burrlab-row { display: flex; flex: 1 1 auto; min-height: 0; }
-.burrlab-view { flex: 1 1 auto; min-width: 0; position: relative; overflow: hidden; }
-.burrlab-view img { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; touch-action: none; cursor: grab; }
-.burrlab-view img:active { cursor: grabbing; }
-.burrlab-side { flex: 0 0 330px; overflow-y: auto; padding: 12px 16px; background: #171c21; border-left: 1px solid #2a3138; }
-.burrlab-side h2 { font-size: 0.78rem; font-weight: 500; letter-spacing: 0.04em; color: #9fb0bd; margin: 16px 0 4px; }
-.burrlab-side > h2:first-child { margin-top: 0; }
-.burrlab-side table { width: 100%; border-collapse: collapse; font-size: 0.9rem; }
-.burrlab-side td { padding: 2px 0; vertical-align: baseline; }
-.burrlab-preset { min-width: 0 !important; padding-inline: 8px !important; }
-.burrlab-number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.burrlab-unit { width: 3em; padding-left: 6px !important; color: #9fb0bd; }
-.burrlab-mark { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin-right: 8px; }
-.burrlab-event { cursor: pointer; }
-.burrlab-event:hover { background: #222a31; }
-.burrlab-foot { flex: 0 0 auto; background: #171c21; border-top: 1px solid #2a3138; padding: 4px 16px 6px; }
-.burrlab-line { display: grid; grid-template-columns: 124px 1fr 216px; align-items: center; }
-.burrlab-chart { align-items: stretch; font-size: 0.78rem; }
-.burrlab-axis { display: flex; flex-direction: column; justify-content: space-between; text-align: right; padding-right: 8px; color: #9fb0bd; }
-.burrlab-chart svg { width: 100%; height: 54px; background: #101418; border: 1px solid #2a3138; cursor: crosshair; display: block; }
-.burrlab-value { align-self: center; padding-left: 12px; font-size: 1.05rem; font-variant-numeric: tabular-nums; }
-.burrlab-clock { min-width: 9em; padding-left: 12px; font-size: 0.9rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
-.burrlab-line .v-slider.v-input--horizontal { margin-inline: 0; }
-.burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
-.burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
-"""
-# Attributes that trame's widgets do not name. A drag is told in parts of the height, and the picture's size
-# when it changes.
-_PICTURE = [
-    ':src="picture"', ':data-number="picture_number"', 'alt="the bone and the burr"', 'draggable="false"',
-    """@pointerdown.prevent="$event.currentTarget.setPointerCapture($event.pointerId)" """,
-    """@pointermove="$event.buttons && trigger('drag', [$event.movementX / $event.currentTarget.clientHeight,
-        -$event.movementY / $event.currentTarget.clientHeight, $event.shiftKey || $event.buttons > 1])" """,
-    """@wheel.prevent="trigger('wheel', [-Math.sign($event.deltaY)])" """,
-    "@contextmenu.prevent",
-    """@load="trigger('shown', [$event.target.clientWidth, $event.target.clientHeight].join() === $event.target.dataset.size ? []
-        : [$event.target.clientWidth, $event.target.clientHeight]);
-        $event.target.dataset.size = [$event.target.clientWidth, $event.target.clientHeight].join()" """,
-]  # fmt: skip
-_COLOURS = ("#ffb454", "#6cb6ff")  # of the burrs' curves
 
 
 def build_layout(page: Page) -> None:
     """Makes the page's template, before the server is started."""
     from trame.ui.vuetify3 import VAppLayout
-    from trame.widgets import client, html
-    from trame.widgets import vuetify3 as v3
 
     config = {
         "theme": {"defaultTheme": "dark"},
         "defaults": {"VBtn": {"variant": "text", "density": "comfortable"}},
     }
     page.state.trame__title = f"burrlab: {page.source.title}"
+    for call in (page.look, page.step, page.seek, page.go):
+        page.server.trigger(call.__name__)(call)
     with VAppLayout(page.server, vuetify_config=config) as layout:
-        client.Style(_STYLE)
-        with v3.VMain(style="height: 100vh;"), html.Div(classes="burrlab-body"):
-            _head(page, html, v3)
-            with html.Div(classes="burrlab-row"):
-                with html.Div(classes="burrlab-view", raw_attrs=["v-resize.quiet=\"() => trigger('draw')\""]):
-                    html.Img(raw_attrs=_PICTURE)
-                with html.Div(classes="burrlab-side"):
-                    _side(page, html)
-            if page.source.kind != "still":
-                with html.Div(classes="burrlab-foot"):
-                    _charts(page, html)
-                    if page.source.kind == "replay":
-                        _transport(page, html, v3)
-    layout.flush_content()
-
-
-def _head(page: Page, html: Any, v3: Any) -> None:
-    with v3.VToolbar(density="compact", color="#171c21"):
-        v3.VToolbarTitle("{{ title }}", style="flex: 0 1 auto; min-width: 0;")
-        html.Div("{{ source_state }}", classes="text-body-2 ml-4 text-truncate", style="color: #9fb0bd;")
-        v3.VSpacer()
-        for preset in page.state.presets:
-            v3.VBtn(preset, click=(page.look, f"['{preset}']"), classes="burrlab-preset")
-        for name in ("slices", "stereo"):
-            v3.VSwitch(
-                v_model=(name,), label=name, hide_details=True, density="compact", color="#6cb6ff",
-                classes="ml-4", style="flex: 0 0 auto;",
-            )  # fmt: skip
-        v3.VSwitch(
-            v_if="has_effects", v_model=("effects",), label="dust, blood, water", hide_details=True, density="compact",
-            color="#6cb6ff", classes="mx-4", style="flex: 0 0 auto;",
-        )  # fmt: skip
-        v3.VProgressLinear(v_if="prepared < 100", model_value=("prepared",), absolute=True, location="bottom")
-    v3.VAlert("{{ problem }}", v_if="problem", type="error", density="compact", tile=True)
-
-
-def _side(page: Page, html: Any) -> None:
-    name, number, unit = "{{ row.name }}", {"classes": "burrlab-number"}, {"classes": "burrlab-unit"}
-    red, keyed = "row.{} ? 'color: #ff7b72' : ''", {"key": "row.name"}
-    near, hurt = ({**number, "style": (red.format(word),)} for word in ("near", "hurt"))
-    tables: tuple[tuple[str, str, dict[str, Any], dict[str, dict[str, Any] | None]], ...] = (
-        ("now", "numbers", keyed, {
-            name: {}, "{{ row.value }}": {**number, "colspan": ("row.unit ? 1 : 2",)},
-            "{{ row.unit }}": {**unit, "v_if": "row.unit"},
-        }),
-        ("burr's surface to structure", "distances", keyed, {
-            name: None, "{{ row.value }}": {**near, "colspan": ("row.value === 'far' ? 2 : 1",)},
-            "mm": {**unit, "v_if": "row.value !== 'far'"},
-        }),
-        ("removed by tissue", "tissues", keyed, {name: None, "{{ row.removed }}": hurt, "mm³": unit}),
-        ("events", "events", {"classes": "burrlab-event", "click": (page.go, "[row.time_s]")}, {
-            "{{ row.clock }}": {"style": "width: 5em;", "classes": "burrlab-number pr-3"}, "{{ row.text }}": None,
-        }),
-    )  # fmt: skip
-    for heading, rows, line, cells in tables:
-        with html.Div(v_if=f"{rows}.length") if rows != "numbers" else contextlib.nullcontext():
-            html.H2(heading)
-            with html.Table(), html.Tr(v_for=f"row in {rows}", **line):
-                for text, look in cells.items():
-                    if look is not None:
-                        html.Td(text, **look)
-                        continue
-                    with html.Td():  # after a mark in the row's colour
-                        html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                        html.Span(text)
-
-
-def _charts(page: Page, html: Any) -> None:
-    from trame_client.widgets.core import AbstractElement
-
-    class Svg(AbstractElement):  # type: ignore[misc]  # trame is untyped, and its html widgets end at HTML
-        def __init__(self, name: str, children: Any = None, **attributes: Any) -> None:
-            super().__init__(name, children, **attributes)
-            self._attr_names += [
-                ("view_box", "viewBox"), ("preserve", "preserveAspectRatio"), "points", "fill", "stroke",
-                ("stroke_width", "stroke-width"), ("vector_effect", "vector-effect"), "x1", "x2", "y1", "y2",
-                ("stroke_dasharray", "stroke-dasharray"),
-            ]  # fmt: skip
-
-    part = "(time_s - first_s) / Math.max(last_s - first_s, 1e-9)"
-    with html.Div(classes="burrlab-line burrlab-chart", v_for="(chart, n) in charts", key="chart.name"):
-        with html.Div(classes="burrlab-axis"):
-            html.Span("{{ chart.most }}")
-            html.Span("{{ chart.name }} [{{ chart.unit }}]", style="color: #e3e7ea;")
-            html.Span("0")
-        with Svg(
-            "svg", view_box=f"0 0 {WIDTH:g} {HEIGHT:g}", preserve="none",
-            click=(page.seek, "[$event.offsetX / $event.currentTarget.clientWidth]"),
-        ):  # fmt: skip
-            _line(
-                Svg,
-                "row.x",
-                "row.colour",
-                v_for="row in events",
-                key="row.time_s + row.text",
-                stroke_dasharray="3 3",
-            )
-            Svg(
-                "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
-                stroke=(f"{list(_COLOURS)!r}[i % "
-                        f"{len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
-            )  # fmt: skip
-            _line(Svg, f"{WIDTH:g} * {part}", "'#e3e7ea'")
-        with html.Div(classes="burrlab-value"):
-            html.Span(
-                "{{ value }}&ensp;", v_for="(value, i) in values[n]", key="i",
-                style=(f"'color: ' + {list(_COLOURS)!r}[i % {len(_COLOURS)}]",),
-            )  # fmt: skip
-            html.Span("{{ chart.unit }}")
-
-
-def _line(svg: Any, x: str, colour: str, **attributes: str) -> None:
-    """An upright line across a chart."""
-    svg(
-        "line", x1=(x,), x2=(x,), y1="0", y2=f"{HEIGHT:g}", stroke=(colour,), stroke_width="1",
-        vector_effect="non-scaling-stroke", **attributes,
-    )  # fmt: skip
-
-
-def _transport(page: Page, html: Any, v3: Any) -> None:
-    with html.Div(classes="burrlab-line"):
-        with html.Div():
-            v3.VBtn(
-                icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
-                raw_attrs=[""":aria-label="playing ? 'pause' : 'play'" """],
-            )  # fmt: skip
-            for icon, ticks, label in (("backward", -1, "one tick back"), ("forward", 1, "one tick on")):
-                v3.VBtn(
-                    icon=f"mdi-step-{icon}",
-                    click=(page.step, f"[{ticks}]"),
-                    raw_attrs=[f'aria-label="{label}"'],
-                )
-        v3.VSlider(
-            v_model=("wanted_s",), min=("first_s",), max=("last_s",), step=("step_s",), hide_details=True, color="#6cb6ff",
-            thumb_size=14, raw_attrs=['aria-label="time"'],
-        )  # fmt: skip
-        with html.Div(classes="d-flex align-center"):
-            html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
-            v3.VSelect(
-                v_model=("speed",), items=(
-                    "speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
-                hide_details=True, variant="plain", style="flex: 0 0 70px;", raw_attrs=['aria-label="speed"'],
-            )  # fmt: skip
+        layout.root.add_child((files("burrlab.view") / "page.html").read_text("utf-8"))

@@ -1,7 +1,6 @@
 """VTK actors of a scene: surface, burrs, parcels, legend, scale bar, curves, slices."""
 
 import functools
-import itertools
 from collections.abc import Iterable, Sequence, Set
 from typing import Any
 
@@ -11,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import refuse
-from burrlab.view.pictures import PLANES, SliceImage, slice_image
+from burrlab.view.pictures import PLANES, slice_image
 from burrlab.view.surface import Block, Surface, SurfaceBlock
 
 
@@ -43,6 +42,13 @@ def vtk_array(values: NDArray[Any], name: str | None = None, *, deep: bool = Tru
 
     array = numpy_to_vtk(np.ascontiguousarray(values), deep=deep)
     return array if name is None else configure(array, Name=name)
+
+
+def in_all(renderers: Sequence[Any], actor: Any) -> Any:
+    """The actor, which now belongs to all the renderers."""
+    for renderer in renderers:
+        renderer.AddViewProp(actor)
+    return actor
 
 
 def flat_actor(renderer: Any, mesh: Any, **look: Any) -> Any:
@@ -90,17 +96,17 @@ def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
 
 
 class BlockActors:
-    """The actors of a surface in a renderer, one a block, so that a changed block is one small upload. A
+    """The actors of a surface in some renderers, one a block, so that a changed block is one small upload. A
     block's actor is made when it is first seen.
 
     Parameters
     ----------
-    renderer : vtkRenderer
+    renderers : sequence of vtkRenderer
     palette : ndarray, shape (tissues, 3), uint8
     """
 
-    def __init__(self, renderer: Any, palette: NDArray[np.uint8]) -> None:
-        self.renderer, self.palette = renderer, palette
+    def __init__(self, renderers: Sequence[Any], palette: NDArray[np.uint8]) -> None:
+        self.renderers, self.palette = renderers, palette
         self.actors: dict[Block, Any] = {}
         self._stale: set[Block] = set()  # blocks whose actors are not those of the surface
         self.property = new(
@@ -119,13 +125,13 @@ class BlockActors:
     def show(self, surface: Surface, seen: Set[Block]) -> None:
         """Shows these blocks of the surface and hides the others."""
         for block in self._stale - surface.blocks.keys():
-            if block in self.actors:
-                self.renderer.RemoveActor(self.actors.pop(block))
+            if (actor := self.actors.pop(block, None)) is not None:
+                for renderer in self.renderers:
+                    renderer.RemoveActor(actor)
         for block in sorted(self._stale & seen):
             if block not in self.actors:
                 actor = new("vtkActor", Mapper=new("vtkPolyDataMapper"), Property=self.property)
-                self.actors[block] = actor
-                self.renderer.AddActor(actor)
+                self.actors[block] = in_all(self.renderers, actor)
             self.actors[block].GetMapper().SetInputData(polydata(surface.blocks[block], self.palette))
         self._stale = (self._stale & surface.blocks.keys()) - seen
         for block, actor in self.actors.items():
@@ -147,13 +153,17 @@ class BurrActors:
     plotter : pyvista.Plotter
     module : module
         pyvista.
+    renderers : sequence of vtkRenderer
+        Where they are drawn; the plotter's own is the first.
     radii : sequence of float
         [mm]; NaN: not known.
     outline : bool
         Draw the rim of each as a dashed line through everything in front of it; a cross if the radius is not known.
     """
 
-    def __init__(self, plotter: Any, module: Any, radii: Sequence[float], *, outline: bool) -> None:
+    def __init__(
+        self, plotter: Any, module: Any, renderers: Sequence[Any], radii: Sequence[float], *, outline: bool
+    ) -> None:
         self.plotter, self.radii, self.balls = plotter, radii, []
         self.centers = np.full((len(self.radii), 3), np.nan)
         for _ in self.radii:
@@ -162,8 +172,9 @@ class BurrActors:
                 sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
                 specular_power=40, render=False, reset_camera=False,
             )  # fmt: skip
-            self.balls.append(configure(ball, Visibility=False))  # hidden until its place is known
-        self.rims = [_Rim(plotter.renderer) for _ in self.radii] if outline else []
+            in_all(renderers[1:], configure(ball, Visibility=False))  # hidden until its place is known
+            self.balls.append(ball)
+        self.rims = [_Rim(renderers) for _ in self.radii] if outline else []
 
     def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None, radii: Sequence[float]) -> None:
         """Places the centres (burrs, 3) [mm]. Burrs that do not turn are darker."""
@@ -186,16 +197,15 @@ class BurrActors:
 class _Rim:
     """The rim of a ball as seen from the eye, a dashed circle in front of everything else; or a cross."""
 
-    def __init__(self, renderer: Any) -> None:
+    def __init__(self, renderers: Sequence[Any]) -> None:
         # three points a dash, and a gap of one step
         self.lines = Lines(range(4 * dash, 4 * dash + 3) for dash in range(_DASHES))
         mapper = new(
             "vtkPolyDataMapper", InputData=self.lines.mesh, ResolveCoincidentTopologyToPolygonOffset=(),
             RelativeCoincidentTopologyLineOffsetParameters=(0.0, _IN_FRONT),
         )  # fmt: skip
-        self.actor = new("vtkActor", Mapper=mapper, Visibility=False)
+        self.actor = in_all(renderers, new("vtkActor", Mapper=mapper, Visibility=False))
         configure(self.actor.GetProperty(), Lighting=False, Color=_OUTLINE, LineWidth=1.5)
-        renderer.AddActor(self.actor)
 
     def fit(self, eye: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> None:
         away = eye - center
@@ -253,7 +263,7 @@ diffuseColor *= facing;
 class ParcelActor:
     """Dust, blood and water as shaded discs that face the eye, so that 20 000 cost one upload."""
 
-    def __init__(self, renderer: Any) -> None:
+    def __init__(self, renderers: Sequence[Any]) -> None:
         self.mapper = new(
             "vtkPointGaussianMapper",
             ScaleArray="radius",
@@ -263,8 +273,8 @@ class ParcelActor:
         )
         # scale of the shape around a disc of radius 1; before VTK 9.6 a triangle
         bound = {"BoundScale": 1.0} if hasattr(self.mapper, "SetBoundScale") else {"TriangleScale": 2.0}
-        self.actor = new("vtkActor", Mapper=configure(self.mapper, **bound), Visibility=False)
-        renderer.AddActor(self.actor)
+        actor = new("vtkActor", Mapper=configure(self.mapper, **bound), Visibility=False)
+        self.actor = in_all(renderers, actor)
 
     def replace(self, parcels: NDArray[np.void] | None) -> None:
         """Draws these parcels instead; None or an empty array: nothing."""
@@ -459,109 +469,65 @@ def round_value(most: float) -> float:
     return float(power * max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)))
 
 
-_SHARE = 0.26  # of the panels in the window's width
-_BURR, _CROSS, _SLICE_TEXT = (0.2, 0.73, 0.93), (0.85, 0.87, 0.9), (0.92, 0.93, 0.95)
+_SHARE = 0.26  # of the slices in the window's width
+_BURR, _CROSS, _GROUND, _WORDS = (51, 186, 237), (217, 222, 230), (8, 9, 12), (235, 237, 242)
 
 
-class SlicePanels:
-    """Three renderers at the right of a plotter's window; the view makes room."""
+class SlicePanel:
+    """Slices along the three planes, one above the other at the right of a plotter's window; the view makes
+    room."""
 
     def __init__(self, plotter: Any) -> None:
-        self.plotter = plotter
-        self.point = np.zeros(3)
-        self.panels = [_Panel(plotter, plane, row) for row, plane in enumerate(PLANES)]
+        self.plotter, self.mapper = plotter, new("vtkImageMapper", ColorWindow=255.0, ColorLevel=127.5)
+        self.renderer = new("vtkRenderer", Viewport=(1 - _SHARE, 0.0, 1.0, 1.0))
+        self.renderer.InteractiveOff()
+        self.renderer.AddViewProp(new("vtkActor2D", Mapper=self.mapper))
+        plotter.render_window.AddRenderer(self.renderer)
         plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
+        self.point = np.zeros(3)  # that the planes go through [mm]
+        self.drawn: Any = None  # what the picture shows; None: something else
 
-    def cut(self, bone: VoxelBone, point: ArrayLike) -> None:
-        """Shows slices of the bone through a point [mm]."""
-        images = [slice_image(bone, point, plane) for plane in PLANES]
-        self.point = np.asarray(point, float)
-        for panel, image in zip(self.panels, images, strict=True):
-            panel.show(image, self.point)
+    def fit(self, bone: VoxelBone, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
+        """Follows the window's size, and shows burrs where they meet the planes."""
+        from PIL import Image, ImageDraw, ImageFont
 
-    def move_burrs(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
-        """Outlines the burrs where they meet the planes."""
-        for panel in self.panels:
-            panel.outline(centers, radii)
+        drawn = self.renderer.GetSize(), self.point.tobytes(), centers.tobytes(), tuple(radii)
+        if drawn == self.drawn:
+            return
+        self.drawn = drawn
+        width, height = (2 * n for n in self.renderer.GetSize())  # twice as fine, for smooth lines
+        sheet, pitch = Image.new("RGB", (width, height)), height // 3
+        font = ImageFont.truetype(findfont("DejaVu Sans"), max(20, height // 62))
+        for row, (plane, (across, right, up)) in enumerate(PLANES.items()):
+            image, panel = slice_image(bone, self.point, plane), Image.new("RGB", (width, pitch), _GROUND)
+            left, end, low, top = image.extent
+            room = pitch - 2 * font.size  # above the words
+            scale = 0.98 * min(width / (end - left), room / (top - low))  # [pixel/mm]
+            size = max(round(scale * (end - left)), 1), max(round(scale * (top - low)), 1)
+            corner = np.array([(width - size[0]) // 2, (room - size[1]) // 2])
+            voxels = Image.fromarray(image.pixels[::-1]).resize(size, Image.Resampling.NEAREST)
+            panel.paste(voxels, tuple(corner.tolist()))
+            places = corner + scale * (np.array([self.point, *centers])[:, [right, up]] - (left, top)) * (
+                1,
+                -1,
+            )
+            draw = ImageDraw.Draw(panel, "RGBA")
+            x, y = places[0].tolist()
+            for line in ((corner[0], y, corner[0] + size[0], y), (x, corner[1], x, corner[1] + size[1])):
+                draw.line(line, fill=(*_CROSS, 115), width=2)
+            for center, radius, middle in zip(centers, radii, places[1:], strict=True):
+                cut = scale * image.burr_radius(center, radius) if np.isfinite(center).all() else 0.0
+                if cut > 0:
+                    draw.ellipse([*(middle - cut), *(middle + cut)], outline=_BURR, width=4)
+            words = f"{'xyz'[across]} = {image.position:.1f} mm ({'xyz'[right]} right, {'xyz'[up]} up)"
+            draw.text((16, pitch - 1.6 * font.size), words, fill=_WORDS, font=font)
+            sheet.paste(panel, (0, row * pitch))
+        pixels = np.asarray(sheet.reduce(2))[::-1]
+        data = new("vtkImageData", Dimensions=(pixels.shape[1], pixels.shape[0], 1))
+        data.GetPointData().SetScalars(vtk_array(pixels.reshape(-1, 3)))
+        self.mapper.SetInputData(data)
 
     def remove(self) -> None:
         """Gives the view the whole window again."""
-        for panel in self.panels:
-            self.plotter.render_window.RemoveRenderer(panel.renderer)
+        self.plotter.render_window.RemoveRenderer(self.renderer)
         self.plotter.renderer.SetViewport(0.0, 0.0, 1.0, 1.0)
-
-
-class _Panel:
-    """One plane's slice, with a cross at its point and the burrs' circles."""
-
-    def __init__(self, plotter: Any, plane: str, row: int) -> None:
-        self.plane = plane
-        self.image: SliceImage | None = None
-        self.renderer = new(
-            "vtkRenderer",
-            Viewport=(1 - _SHARE, 1 - (row + 1) / 3, 1.0, 1 - row / 3),
-            Background=(0.03, 0.035, 0.045),
-        )
-        self.renderer.InteractiveOff()
-        self.picture, self.text = new("vtkImageActor"), new("vtkTextActor", Position=(8, 6))
-        self.lines, self.circles = (new("vtkActor", Mapper=new("vtkPolyDataMapper")) for _ in range(2))
-        configure(self.lines.GetProperty(), Color=_CROSS, Lighting=False, Opacity=0.45)
-        configure(self.circles.GetProperty(), Color=_BURR, Lighting=False, LineWidth=2.0)
-        for actor in (self.picture, self.lines, self.circles, self.text):
-            self.renderer.AddViewProp(actor)
-        self.picture.InterpolateOff()
-        self.picture.GetMapper().BorderOn()  # whole voxels at the rim, and slices of one row
-        size = max(11, plotter.window_size[1] // 56)
-        configure(self.text.GetTextProperty(), Color=_SLICE_TEXT, FontSize=size)
-        plotter.render_window.AddRenderer(self.renderer)
-
-    def show(self, image: SliceImage, point: NDArray[np.float64]) -> None:
-        self.image = image
-        left, right, bottom, top = image.extent
-        rows, columns = image.levels.shape
-        step = (right - left) / columns, (top - bottom) / rows
-        data = new(
-            "vtkImageData", Dimensions=(columns, rows, 1), Spacing=(*step, 1.0),
-            Origin=(left + step[0] / 2, bottom + step[1] / 2, 0.0),
-        )  # fmt: skip
-        data.GetPointData().SetScalars(vtk_array(image.pixels.reshape(-1, 3)))
-        self.picture.SetInputData(data)
-        across, along, up = PLANES[self.plane]
-        u, v = float(point[along]), float(point[up])
-        _draw_lines(self.lines, [np.array([[left, v], [right, v]]), np.array([[u, bottom], [u, top]])])
-        self.text.SetInput(
-            f"{'xyz'[across]} = {image.position:.1f} mm ({'xyz'[along]} right, {'xyz'[up]} up)"
-        )
-        width, height = self.renderer.GetSize()
-        aspect = width / height if height else 1.0
-        # the text has a strip of its own below
-        strip = min(2.2 * self.text.GetTextProperty().GetFontSize() / max(height, 1), 0.4)
-        scale = 0.51 * max((top - bottom) / (1 - strip), (right - left) / aspect)
-        middle, low = (left + right) / 2, (bottom + top) / 2 - scale * strip
-        configure(
-            self.renderer.GetActiveCamera(), ParallelProjection=True, ViewUp=(0.0, 1.0, 0.0), ParallelScale=scale,
-            FocalPoint=(middle, low, 0.0), Position=(middle, low, 100.0),
-        )  # fmt: skip
-        self.renderer.ResetCameraClippingRange()
-
-    def outline(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
-        if self.image is None:
-            return
-        _, along, up = PLANES[self.plane]
-        turn = np.linspace(0, 2 * np.pi, 65)
-        circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-        rings = []
-        for center, radius in zip(centers, radii, strict=True):
-            cut = self.image.burr_radius(center, radius) if np.isfinite(center).all() else 0.0
-            if cut > 0:
-                rings.append(np.array([center[along], center[up]]) + cut * circle)
-        _draw_lines(self.circles, rings)
-
-
-def _draw_lines(actor: Any, lines: Sequence[NDArray[np.float64]]) -> None:
-    """Draws lines of (x, y) just in front of a slice."""
-    ends = np.cumsum([0, *map(len, lines)])
-    drawn = Lines(range(first, last) for first, last in itertools.pairwise(ends))
-    points = np.concatenate([*lines, np.zeros((0, 2))])
-    drawn.place(np.column_stack([points, np.full(len(points), 0.1)]))
-    actor.GetMapper().SetInputData(drawn.mesh)

@@ -31,6 +31,16 @@ class Viewpoint:
         return float(np.linalg.norm(np.subtract(self.position, self.focus)))
 
 
+def finite_point(name: str, point: ArrayLike) -> NDArray[np.float64]:
+    """The point as an array; ValueError unless it is three finite numbers."""
+    values = np.asarray(point, float)
+    refuse(
+        values.shape != (3,) or not np.isfinite(values).all(),
+        f"{name} must be three finite numbers (x, y, z) [mm], got {point!r}",
+    )
+    return values
+
+
 def surgeon_view(
     bone: VoxelBone,
     entry: ArrayLike | None = None,
@@ -67,11 +77,7 @@ def surgeon_view(
         away = half / np.maximum(np.abs(into), 1e-9)
         focus = middle - (0.35 if width is None else 1.0) * into * away.min()
     else:
-        focus = np.asarray(entry, float)
-        refuse(
-            focus.shape != (3,) or not np.isfinite(focus).all(),
-            f"entry must be three finite numbers (x, y, z) [mm], got {entry!r}",
-        )
+        focus = finite_point("entry", entry)
         beyond = float(np.linalg.norm(np.maximum(np.abs(focus - middle) - half, 0)))
         refuse(
             beyond > 2 * np.linalg.norm(half),

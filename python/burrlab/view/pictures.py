@@ -15,6 +15,7 @@ import burrlab._core as _core
 from burrlab._core import VoxelBone
 from burrlab.common.check import refuse
 from burrlab.common.figures import Panels, axes_or_new, drawing, panels, styled
+from burrlab.view.camera import finite_point
 from burrlab.view.surface import BONE, tissue_palette
 
 if TYPE_CHECKING:
@@ -81,11 +82,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
         If the plane is another, or the point is not three finite numbers.
     """
     refuse(plane not in PLANES, f"plane must be one of {', '.join(PLANES)}, got '{plane}'")
-    at = np.asarray(point, float)
-    refuse(
-        at.shape != (3,) or not np.isfinite(at).all(),
-        f"point must be three finite numbers (x, y, z) [mm], got {point!r}",
-    )
+    at = finite_point("point", point)
     across, right, up = PLANES[plane]
     shape, spacing, origin = bone.shape[::-1], bone.spacing, bone.origin
     index = int(np.clip(np.rint((at[across] - origin[across]) / spacing[across]), 0, shape[across] - 1))

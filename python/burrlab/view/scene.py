@@ -23,11 +23,11 @@ from burrlab.view.actors import (
     ParcelActor,
     ScaleBar,
     SceneChart,
-    SlicePanels,
+    SlicePanel,
     configure,
     new,
 )
-from burrlab.view.camera import Viewpoint, eyes, surgeon_view
+from burrlab.view.camera import Viewpoint, eyes, finite_point, surgeon_view
 from burrlab.view.surface import Surface, blocks_in_sight, tissue_palette
 
 #: Debian packages for drawing without a screen; either choice is enough.
@@ -91,8 +91,7 @@ def viewpoint_of(plotter: Any) -> Viewpoint:
 class StereoEyes:
     """A renderer for each eye, drawn in place of a plotter's own renderer.
 
-    The plotter's renderer still holds the actors, the camera between the eyes, and the view's place in the
-    window.
+    The plotter's renderer still holds the camera between the eyes, and the view's place in the window.
 
     Legend and curves are left out: both eyes would see them in the plane of the focus, drawn over nearer
     bone. The scale bar stays, since it is true in that plane.
@@ -100,15 +99,13 @@ class StereoEyes:
     Parameters
     ----------
     plotter : pyvista.Plotter
+        With its lights and background.
     note : str
         As for `Scene`.
     """
 
     def __init__(self, plotter: Any, note: str = "") -> None:
-        self.plotter, self.separation, self.swap = plotter, 62.0, False
-        self._shared: dict[int, Any] = {}
-        self._shared_at = -1  # VTK's time of the main renderer's list
-        self._alone: int | None = None
+        self.plotter, self.separation, self.swap = plotter, 0.0, False
         main = plotter.renderer
         ground = {
             name: getattr(main, f"Get{name}")()
@@ -123,15 +120,6 @@ class StereoEyes:
         self.scales = [ScaleBar(renderer, note) for renderer in self.renderers]
         self.on = False
 
-    def set(self, separation: float, *, swap: bool = False) -> None:
-        """Sets the distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]. `swap` puts the
-        right eye on the left, for crossed eyes. ValueError if the separation is negative or not finite."""
-        refuse(
-            not (np.isfinite(separation) and separation >= 0),
-            f"separation must be zero or positive and finite, got {separation}",
-        )
-        self.separation, self.swap = separation, swap
-
     @property
     def on(self) -> bool:
         """Whether the two eyes are drawn instead of the view between them."""
@@ -140,59 +128,28 @@ class StereoEyes:
     @on.setter
     def on(self, on: bool) -> None:
         self.plotter.renderer.SetDraw(not on)
-        self._alone = None
         for renderer in self.renderers:
             renderer.SetDraw(on)
 
-    def one_by_one(self, separation: float, *, swap: bool = False) -> Iterator[None]:
-        """Shows each eye in turn over the whole view, then restores the view. ValueError as in `set`."""
-        before = self.on, self.separation, self.swap
-        try:
-            self.set(separation, swap=swap)
-            for half in (0, 1):
-                self.on, self._alone = True, half
-                self.renderers[1 - half].DrawOff()
-                yield
-        finally:
-            self.set(before[1], swap=before[2])
-            self.on = before[0]
-
     def follow(self) -> None:
-        """Takes over camera, place and actors before each drawing."""
-        if not self.on:
-            return
+        """Takes over camera and place before each drawing."""
         main = self.plotter.renderer
-        props = main.GetViewProps()
-        if props.GetMTime() != self._shared_at:
-            self._share(props)
         left, low, right, high = main.GetViewport()
         middle = (left + right) / 2
-        places = [(left, right)] * 2 if self._alone is not None else [(left, middle), (middle, right)]
         width, height = self.plotter.window_size
-        aspect = (places[0][1] - places[0][0]) * width / ((high - low) * height)
+        aspect = (middle - left) * width / ((high - low) * height)
         clipping = self.plotter.camera.clipping_range
         pair = eyes(viewpoint_of(self.plotter), self.separation, aspect)
-        for renderer, scale, place, (eye, shift) in zip(
-            self.renderers, self.scales, places, pair[::-1] if self.swap else pair, strict=True
-        ):
-            renderer.SetViewport(place[0], low, place[1], high)
+        for renderer, scale, half, (eye, shift) in zip(
+            self.renderers, self.scales, ((left, middle), (middle, right)), pair[::-1] if self.swap else pair, strict=True
+        ):  # fmt: skip
+            renderer.SetViewport(half[0], low, half[1], high)
             renderer.SetUseFXAA(main.GetUseFXAA())
             configure(
                 renderer.GetActiveCamera(), Position=eye.position, FocalPoint=eye.focus, ViewUp=eye.up, ViewAngle=eye.angle,
                 WindowCenter=(shift, 0.0), ClippingRange=clipping,
             )  # fmt: skip
             scale.fit(self.plotter)
-
-    def _share(self, props: Any) -> None:
-        """Takes over the main renderer's actors in space."""
-        self._shared_at = props.GetMTime()
-        now = {id(prop): prop for prop in props if prop.IsA("vtkProp3D")}
-        for renderer in self.renderers:
-            for key in self._shared.keys() - now.keys():
-                renderer.RemoveViewProp(self._shared[key])
-            for key in now.keys() - self._shared.keys():
-                renderer.AddViewProp(now[key])
-        self._shared = now
 
 
 _SLOW = 0.04  # time of a drawing from which on it is simplified [s]
@@ -342,21 +299,23 @@ class Scene:
             off_screen=off_screen, window_size=list(size), lighting="none", title="burrlab"
         )
         self.plotter.set_background(_GROUND, top=_SKY)
-        self.actors = BlockActors(self.plotter.renderer, tissue_palette(bone))
-        self.actors.replace(self.surface.blocks)
-        self._culls = off_screen
-        self._sight: tuple[bool, list[Viewpoint], tuple[int, int]] | None = None
-        self._burrs = BurrActors(self.plotter, module, self.radii, outline=outline)
-        self.parcels = ParcelActor(self.plotter.renderer)
-        self.panels: SlicePanels | None = None
-        self.chart = SceneChart(self.plotter, module) if chart else None
-        self.scale = ScaleBar(self.plotter.renderer, note)
-        self.legend = Legend(self.plotter.renderer, bone, self.surface) if legend else None
         # over the left shoulder, a fill from the right, and a weak one from the eye
         for place, strength in (((-0.7, 0.9, 1.0), 0.75), ((1.0, 0.2, 0.6), 0.28), ((0.0, 0.0, 1.0), 0.22)):
             light = module.Light(position=place, light_type="camera light", intensity=strength)
             self.plotter.add_light(light)
-        self._eyes: StereoEyes | None = None
+        main = self.plotter.renderer
+        self._eyes = StereoEyes(self.plotter, note)
+        renderers = [main, *self._eyes.renderers]
+        self.actors = BlockActors(renderers, tissue_palette(bone))
+        self.actors.replace(self.surface.blocks)
+        self._culls = off_screen
+        self._sight: tuple[bool, list[Viewpoint], tuple[int, int]] | None = None
+        self._burrs = BurrActors(self.plotter, module, renderers, self.radii, outline=outline)
+        self.parcels = ParcelActor(renderers)
+        self.panel: SlicePanel | None = None
+        self.chart = SceneChart(self.plotter, module) if chart else None
+        self.scale = ScaleBar(main, note)
+        self.legend = Legend(main, bone, self.surface) if legend else None
         self.look(surgeon_view(bone))
         if stereo:
             self.set_stereo(True)
@@ -396,9 +355,10 @@ class Scene:
         blocks = self.surface.update(bone, bricks)
         self.bone = bone
         self.actors.replace(blocks)
-        self._sight = None if blocks else self._sight
-        if self.panels is not None and blocks:
-            self.panels.cut(bone, self.panels.point)
+        if blocks:
+            self._sight = None
+            if self.panel is not None:
+                self.panel.drawn = None
         return len(blocks)
 
     def move_burrs(self, centers: ArrayLike, on: Sequence[bool] | None = None) -> None:
@@ -415,8 +375,6 @@ class Scene:
             f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}",
         )
         self._burrs.place(places, on, self.radii)
-        if self.panels is not None:
-            self.panels.move_burrs(places, self.radii)
 
     def set_parcels(self, parcels: NDArray[np.void] | None) -> None:
         """Shows dust, blood and water as the effects give them; None: nothing.
@@ -437,16 +395,15 @@ class Scene:
             If the point is not three finite numbers.
         """
         if point is not None:
-            self.panels = self.panels or SlicePanels(self.plotter)
-            self.panels.cut(self.bone, point)
-            self.panels.move_burrs(self._burrs.centers, self.radii)
-        elif self.panels is not None:
-            self.panels.remove()
-            self.panels = None
+            self.panel = self.panel or SlicePanel(self.plotter)
+            self.panel.point = finite_point("point", point)
+        elif self.panel is not None:
+            self.panel.remove()
+            self.panel = None
 
     def say(self, note: str) -> None:
         """Shows a few words above the scale bar, such as the time."""
-        for scale in (self.scale, *(self._eyes.scales if self._eyes else ())):
+        for scale in (self.scale, *self._eyes.scales):
             scale.note = note
 
     def set_curves(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
@@ -462,8 +419,10 @@ class Scene:
         self.scale.fit(self.plotter)
         if self.legend is not None:
             self.legend.fit()
-        if self._eyes is not None:
+        if self._eyes.on:
             self._eyes.follow()
+        if self.panel is not None:
+            self.panel.fit(self.bone, self._burrs.centers, self.radii)
         self.plotter.render_window.Render()
 
     def _take_sight(self) -> None:
@@ -471,7 +430,7 @@ class Scene:
         blocks = self.surface.blocks
         many = self._culls and sum(len(block.triangles) for block in blocks.values()) > _MANY
         views, size = [self.viewpoint], tuple(self.plotter.window_size)
-        if self._eyes is not None and self._eyes.on:
+        if self._eyes.on:
             views = [view for view, _ in eyes(views[0], self._eyes.separation, 1.0)]
         if self._sight == (many, views, size):
             return
@@ -483,23 +442,14 @@ class Scene:
             seen = set().union(*(blocks_in_sight(blocks, view, size, voxel) for view in views))
         self.actors.show(self.surface, seen)
 
-    @property
-    def stereo(self) -> bool:
-        """Whether both eyes are drawn side by side."""
-        return self._eyes is not None and self._eyes.on
-
     def set_stereo(self, on: bool, separation: float = 62.0, *, swap: bool = False) -> None:
         """Draws both eyes, each in its half of the view, without legend and curves. Parameters as for
         `stereo_picture`."""
-        if on:
-            self._stereo_eyes().set(separation, swap=swap)
-        if self._eyes is not None:
-            self._eyes.on = on
-
-    def _stereo_eyes(self) -> StereoEyes:
-        if self._eyes is None:
-            self._eyes = StereoEyes(self.plotter, self.scale.note)
-        return self._eyes
+        refuse(
+            not (np.isfinite(separation) and separation >= 0),
+            f"separation must be zero or positive and finite, got {separation}",
+        )
+        self._eyes.on, self._eyes.separation, self._eyes.swap = on, separation, swap
 
     def picture(self) -> NDArray[np.uint8]:
         """The present picture of the scene, (height, width, 3)."""
@@ -519,7 +469,8 @@ class Scene:
         _write_png(path, self.picture())
 
     def stereo_picture(self, separation: float = 62.0, *, swap: bool = False) -> NDArray[np.uint8]:
-        """Left and right eye's pictures side by side, (height, 2 width, 3), without legend and curves.
+        """Left and right eye's pictures side by side, (height, 2 width, 3), without legend and curves. Slices
+        stand beside both.
 
         The eyes look in parallel, with shifted frustums. Nothing is skewed, and the focus has no parallax.
 
@@ -535,9 +486,15 @@ class Scene:
         ValueError
             If the separation is negative or not finite.
         """
-        eyes = self._stereo_eyes()
-        pair = [self.picture() for _ in eyes.one_by_one(separation, swap=swap)]
-        return np.concatenate(pair, axis=1)
+        before = self._eyes.on, self._eyes.separation, self._eyes.swap
+        width, height = self.plotter.window_size
+        self.set_stereo(True, separation, swap=swap)
+        self.plotter.window_size = 2 * width, height
+        try:
+            return self.picture()
+        finally:
+            self.plotter.window_size = width, height
+            self._eyes.on, self._eyes.separation, self._eyes.swap = before
 
     def stereo_pair(
         self, path: str | os.PathLike[str], separation: float = 62.0, *, swap: bool = False

@@ -1,7 +1,7 @@
 """A page without a server and without a renderer, for quick tests."""
 
 from pathlib import Path
-from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 from anatomy_scenes import nerve_bone, straight, tool
@@ -60,60 +60,20 @@ class Server:
         return lambda call: self.triggers.setdefault(name, call)
 
 
-class Camera(SimpleNamespace):
-    def Azimuth(self, angle):  # VTK's names
-        self.turned[0] += angle
-
-    def Elevation(self, angle):
-        self.turned[1] += angle
-
-    def OrthogonalizeViewUp(self):
-        pass
-
-    def Dolly(self, factor):
-        self.nearer *= factor
-
-
-class Scene:
-    """A scene that notes its calls and draws grey pictures."""
-
-    def __init__(self, bone, radii):
-        camera = Camera(
-            position=(0.0, 0.0, 50.0), focal_point=(0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0), view_angle=30.0,
-            turned=[0.0, 0.0], nearer=1.0,
-        )  # fmt: skip
-        self.smooth = None
-        renderer = SimpleNamespace(
-            UseFXAAOn=lambda: setattr(self, "smooth", True), UseFXAAOff=lambda: setattr(self, "smooth", False)
-        )
-        self.plotter = SimpleNamespace(camera=camera, renderer=renderer, window_size=[1024, 768])
-        self.updated, self.pictures, self.looked, self.cuts, self.parcels = [], 0, [], [], None
-
-    def look(self, viewpoint):
-        self.looked.append(viewpoint)
-
-    def update(self, bone, bricks=None):
-        self.updated.append(np.asarray(bricks))
-
-    def move_burrs(self, centers, on):
-        self.centers, self.on = centers, on
-
-    def set_parcels(self, parcels):
-        self.parcels = parcels
-
-    def draw_fast(self):
-        pass
-
-    def set_stereo(self, on):
-        self.stereo = on
-
-    def set_slices(self, point):
-        self.cuts.append(point)
-
-    def picture(self):
-        self.pictures += 1
-        return np.full((8, 8, 3), 128, np.uint8)
+def make_scene():
+    """A scene that notes its calls and draws grey pictures, with a camera at 50 mm."""
+    scene = MagicMock()
+    scene.picture.return_value = np.full((8, 8, 3), 128, np.uint8)
+    scene.plotter.window_size = [1024, 768]
+    view = {
+        "position": (0.0, 0.0, 50.0),
+        "focal_point": (0.0, 0.0, 0.0),
+        "up": (0.0, 1.0, 0.0),
+        "view_angle": 30.0,
+    }
+    scene.plotter.camera.configure_mock(**view)
+    return scene
 
 
 def make_page(source):
-    return Page(Server(), source, Scene(source.bone, source.radii))
+    return Page(Server(), source, make_scene())

@@ -459,7 +459,7 @@ def test_what_was_not_recorded_is_not_shown(tmp_path):
     page = make_page(page_source(RecordingPlayer(back, bone)))
     page.look("burr")
     assert ([row["name"] for row in page.state.numbers], page.state.charts) == (["centre", "bone removed"], [])  # fmt: skip
-    assert (page.scene.on, np.isnan(page.scene.radii).all()) == (None, True)
+    assert (page.scene.move_burrs.call_args.args[1], np.isnan(page.scene.radii).all()) == (None, True)
     assert page.state.source_state.endswith("penetration, whether the burr turned, its radius, force")
     bare = RecordingPlayer(replace(back, volume_pose=None, removed=None, removed_time=None), bone)
     assert "removed voxels, the burr's place, its radius" in bare.note

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import VoxelBone
 from burrlab.common.check import refuse
 from burrlab.view.pictures import PLANES, slice_image
-from burrlab.view.surface import Block, Surface, SurfaceBlock
+from burrlab.view.surface import BlockPlace, Surface, SurfaceBlock
 
 
 def configure(thing: Any, **settings: Any) -> Any:
@@ -107,8 +107,8 @@ class BlockActors:
 
     def __init__(self, renderers: Sequence[Any], palette: NDArray[np.uint8]) -> None:
         self.renderers, self.palette = renderers, palette
-        self.actors: dict[Block, Any] = {}
-        self._stale: set[Block] = set()  # blocks whose actors are not those of the surface
+        self.actors: dict[BlockPlace, Any] = {}
+        self._stale: set[BlockPlace] = set()  # blocks whose actors are not those of the surface
         self.property = new(
             "vtkProperty",
             InterpolationToPhong=(),
@@ -118,11 +118,11 @@ class BlockActors:
             SpecularPower=18.0,
         )
 
-    def replace(self, blocks: Iterable[Block]) -> None:
+    def replace(self, blocks: Iterable[BlockPlace]) -> None:
         """Says which blocks changed, including those that are gone; `show` takes them over."""
         self._stale.update(blocks)
 
-    def show(self, surface: Surface, seen: Set[Block]) -> None:
+    def show(self, surface: Surface, seen: Set[BlockPlace]) -> None:
         """Shows these blocks of the surface and hides the others."""
         for block in self._stale - surface.blocks.keys():
             if (actor := self.actors.pop(block, None)) is not None:

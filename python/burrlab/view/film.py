@@ -1,6 +1,7 @@
 """A recorded session as a scene at any moment, and films of it: MP4 by ffmpeg, GIF by Pillow."""
 
 import contextlib
+import itertools
 import os
 import shutil
 import subprocess
@@ -203,36 +204,30 @@ def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uin
 
 
 def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
-    program, count = ffmpeg(), 0
-    encoder: subprocess.Popen[bytes] | None = None
+    rest, count = iter(frames), 0
+    first = next(rest, None)
+    if first is None:
+        return 0
+    height, width = (n // 2 * 2 for n in first.shape[:2])  # H.264 takes even sizes only
+    command = [
+        ffmpeg(), "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
+        "-r", f"{fps:g}", "-i", "-", "-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18",
+        "-movflags", "+faststart", str(path),
+    ]  # fmt: skip
+    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL}
     with tempfile.TemporaryFile() as messages:
-        try:
-            for frame in frames:
-                # H.264 takes even sizes only
-                even = np.ascontiguousarray(frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2])
-                if encoder is None:
-                    encoder = subprocess.Popen(
-                        [
-                            program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
-                            "-s", f"{even.shape[1]}x{even.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an",
-                            "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart", str(path),
-                        ],
-                        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=messages,
-                    )  # fmt: skip
-                assert encoder.stdin is not None
-                try:
-                    encoder.stdin.write(even.tobytes())
-                except BrokenPipeError:
-                    break  # its exit status and message follow
-                count += 1
-            if encoder is None:
-                return 0
-            encoder.communicate()
-        except BaseException:
-            if encoder is not None:
+        # a broken pipe is explained by the exit status and the last message
+        with (
+            contextlib.suppress(BrokenPipeError),
+            subprocess.Popen(command, stderr=messages, **pipes) as encoder,
+        ):
+            try:
+                for frame in itertools.chain([first], rest):
+                    encoder.stdin.write(np.ascontiguousarray(frame[:height, :width]))
+                    count += 1
+            except BaseException:
                 encoder.kill()
-                encoder.communicate()
-            raise
+                raise
         if encoder.returncode:
             messages.seek(0)
             words = messages.read().decode(errors="replace").strip().splitlines()

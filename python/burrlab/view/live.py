@@ -1,16 +1,13 @@
 """A scene that follows a running session or a replica, at no cost for the loop."""
 
 import time
-from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from burrlab._core import Replica
-from burrlab.common.check import check_positive, refuse
+from burrlab.common.check import check_positive
+from burrlab.effects.companion import Companion
 from burrlab.session.session import Session
-from burrlab.view.page_source import HasParcels, LiveSource
+from burrlab.view.page_source import LiveSource
 from burrlab.view.scene import Scene, SceneWindow
 
 
@@ -24,8 +21,8 @@ class LiveView:
     ----------
     source : Session or Replica
         A replica must have been started, and nothing else may take its changes.
-    effects : optional
-        Any object with `parcels`: dust, blood and water, drawn as they are at each step.
+    effects : Companion, optional
+        Dust, blood and water, drawn as they are at each step.
     slices : bool
         Show slices through the first burr's centre.
     **options
@@ -49,7 +46,7 @@ class LiveView:
         self,
         source: Session | Replica,
         *,
-        effects: HasParcels | None = None,
+        effects: Companion | None = None,
         slices: bool = False,
         **options: Any,
     ) -> None:
@@ -62,30 +59,6 @@ class LiveView:
         bricks = self._live.go(0.0)
         self.tick = self._live.tick
         return self._live.show_in(self.scene, bricks, slices=self.slices, curves=True)
-
-    def frames(self, seconds: float, *, fps: float = 20.0) -> Iterator[NDArray[np.uint8]]:
-        """Pictures at the wall clock's pace, for a film; ends early with the session.
-
-        Parameters
-        ----------
-        seconds : float
-            [s]
-        fps : float
-            [1/s]. After a late frame the next follows at once; no frame is made twice.
-
-        Raises
-        ------
-        ValueError
-            If fps or seconds are not positive.
-        """
-        refuse(not (seconds > 0 and fps > 0), f"seconds and fps must be positive, got {seconds} and {fps}")
-        begin = time.monotonic()
-        for k in range(max(int(seconds * fps), 1)):
-            time.sleep(max(begin + k / fps - time.monotonic(), 0.0))
-            self.step()
-            yield self.scene.picture()
-            if self._source.wait(0.0):
-                return
 
     def run(self, *, rate: float = 20.0) -> None:
         """Shows the scene in its window, in the main thread, until the session ends or the window is closed.

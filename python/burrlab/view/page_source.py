@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,12 +135,6 @@ class ParcelHistory:
         frames = self._duration * _RATE
         return min(1.0, self._made / frames) if frames else 1.0
 
-    @property
-    def bytes(self) -> int:
-        """Memory of the kept frames [bytes]."""
-        with self._lock:
-            return sum(frame.nbytes for frame in self._frames)
-
     def make(self, cancel: threading.Event | None = None, *, progress: Progress | None = None) -> bool:
         """Makes all frames; may run in a thread. Returns whether it came to the end. `progress` is called
         with the fraction done, 0 to 1; True shows a bar."""
@@ -186,13 +180,6 @@ def _drawn(parcels: NDArray[np.void]) -> NDArray[np.void]:
 Shown: TypeAlias = Trace | Player | Session | Replica | VoxelBone
 _SHOWN = 30.0  # time of a session in the charts [s]
 _CURVE_POINTS = 600  # of a scene's curves
-
-
-class HasParcels(Protocol):
-    """An object with parcels, such as `burrlab.effects.Effects` and `Companion`."""
-
-    @property
-    def parcels(self) -> NDArray[np.void]: ...
 
 
 class PageSource:
@@ -371,8 +358,7 @@ class LiveSource(PageSource):
     ----------
     source : Session or Replica
         A replica must have been started, and nothing else may take its changes.
-    effects : optional
-        Any object with `parcels`.
+    effects : Companion, optional
 
     Attributes
     ----------
@@ -387,7 +373,7 @@ class LiveSource(PageSource):
 
     kind = "live"
 
-    def __init__(self, source: Session | Replica, effects: HasParcels | None = None) -> None:
+    def __init__(self, source: Session | Replica, effects: Companion | None = None) -> None:
         if isinstance(source, Session):
             view, about = source.follower.view(), source.provenance
             self._take: Callable[[], Any] = lambda: source.follower.take(view)

@@ -17,7 +17,7 @@ _MARGIN = 2  # voxels around a block that its vertices and normals depend on
 _BRICK = 8
 _AT_A_TIME = 256  # blocks: Ctrl-C does not wait for all
 
-Block = tuple[int, int, int]  # (z, y, x)
+BlockPlace = tuple[int, int, int]  # (z, y, x)
 
 #: Colour mixed into a freshly cut surface, and its share where all is gone.
 _CUT, _CUT_SHARE = (255, 236, 214), 0.45
@@ -66,15 +66,15 @@ def tissue_palette(bone: VoxelBone) -> NDArray[np.uint8]:
     return np.array([tissue.colour for tissue in bone.tissues], np.uint8)
 
 
-def block_counts(bone: VoxelBone) -> Block:
+def block_counts(bone: VoxelBone) -> BlockPlace:
     """Number of blocks (z, y, x)."""
     nz, ny, nx = (-(-n // BLOCK) for n in bone.shape)
     return nz, ny, nx
 
 
 def surface_blocks(
-    bone: VoxelBone, blocks: Iterable[Block] | None = None, *, level: int = 128
-) -> dict[Block, SurfaceBlock]:
+    bone: VoxelBone, blocks: Iterable[BlockPlace] | None = None, *, level: int = 128
+) -> dict[BlockPlace, SurfaceBlock]:
     """The surface where the level passes from below `level` to at least `level`, by surface nets.
 
     A cell is a cube of eight voxel centres. A vertex lies in the middle of the surface's crossings of a
@@ -159,7 +159,7 @@ def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
     return numbers
 
 
-def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
+def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[BlockPlace]:
     """Sorted blocks whose surface depends on a voxel of these bricks.
 
     Parameters
@@ -176,7 +176,7 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
     places = brick_places(bricks, bone)
     low = np.maximum((places * _BRICK - _MARGIN) // BLOCK, 0)
     high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(block_counts(bone)) - 1)
-    blocks: set[Block] = set()
+    blocks: set[BlockPlace] = set()
     for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist():
         blocks.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
     return sorted(blocks)
@@ -186,8 +186,8 @@ _FACING = 0.3  # cosine up to which a vertex faces the eye: its triangles turn l
 
 
 def blocks_in_sight(
-    blocks: Mapping[Block, SurfaceBlock], viewpoint: Viewpoint, size: tuple[int, int], voxel: float
-) -> set[Block]:
+    blocks: Mapping[BlockPlace, SurfaceBlock], viewpoint: Viewpoint, size: tuple[int, int], voxel: float
+) -> set[BlockPlace]:
     """Blocks that a viewpoint sees or may see.
 
     The vertices that face the eye are put into a buffer of depths. Its pixels are a quarter wider than a voxel
@@ -255,7 +255,7 @@ class Surface:
         self.counts = block_counts(bone)
         self.blocks = surface_blocks(bone, level=level)
 
-    def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> list[Block]:
+    def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> list[BlockPlace]:
         """Renews the blocks that depend on changed bricks; None: all.
 
         Parameters

@@ -9,7 +9,6 @@ import signal
 import socket
 import sys
 import uuid
-import webbrowser
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -30,7 +29,6 @@ def serve(
     effects: Effects | Companion | None = None,
     host: str = "127.0.0.1",
     port: int = 0,
-    open_browser: bool = False,
     size: tuple[int, int] = (1024, 768),
     level: int = 128,
     viewpoint: Viewpoint | None = None,
@@ -56,8 +54,6 @@ def serve(
         Address to listen on.
     port : int
         0 for any free one.
-    open_browser : bool
-        Open the page in the system's browser.
     size : (width, height)
         Size of the picture until a browser tells its own [pixel].
     level : int
@@ -89,7 +85,7 @@ def serve(
     refuse(not 0 <= port <= 65535, f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
     settings = {"size": size, "level": level, "note": note or page.note, "outline": page.kind == "replay"}
-    asyncio.run(_serve(page, host, port, open_browser, viewpoint, stereo, on_ready, settings))
+    asyncio.run(_serve(page, host, port, viewpoint, stereo, on_ready, settings))
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -118,7 +114,7 @@ def warning(address: str) -> str:
 
 
 async def _serve(
-    source: PageSource, host: str, port: int, open_browser: bool, viewpoint: Viewpoint | None, stereo: bool,
+    source: PageSource, host: str, port: int, viewpoint: Viewpoint | None, stereo: bool,
     on_ready: Callable[[str], object] | None, settings: dict[str, Any],
 ) -> None:  # fmt: skip
     scene = Scene(source.bone, source.radii, off_screen=True, chart=False, **settings)
@@ -141,8 +137,6 @@ async def _serve(
                 print(warning(address), flush=True)
             else:
                 on_ready(address)
-            if open_browser:
-                webbrowser.open(address)
             source.open()
             work = asyncio.create_task(page.run())
             await end.wait()

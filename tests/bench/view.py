@@ -36,7 +36,12 @@ def drawn_pictures(seconds: float, side: int, size: tuple[int, int]) -> None:
             view.step()
             view.scene.picture()
         begin, busy = time.monotonic(), time.process_time()
-        drawn = sum(1 for _ in view.frames(seconds, fps=20.0))
+        drawn = 0
+        while time.monotonic() < begin + seconds:
+            time.sleep(max(begin + drawn / 20.0 - time.monotonic(), 0.0))
+            view.step()
+            view.scene.picture()
+            drawn += 1
         wall, busy = time.monotonic() - begin, time.process_time() - busy
         triangles = sum(len(block.triangles) for block in view.scene.surface.blocks.values())
         renderer = view.scene.plotter.render_window.ReportCapabilities()

@@ -216,24 +216,21 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
 def test_a_live_view_ends_with_the_bone_of_the_session():
     need_drawing()
     device = burrlab.HandDevice(start=(0.0, 0.0, 2.2), strokes_after=0.0)
-    session = burrlab.Session(small_bone(), tools(1)[0], device, seed=1, duration=4.0)
+    session = burrlab.Session(small_bone(), tools(1)[0], device, seed=1, duration=2.0)
     view = LiveView(session, off_screen=True, size=SIZE, slices=True)
+    first = view.scene.picture()
     with session:
-        frames = list(view.frames(60.0, fps=10.0))
+        while not session.wait(0.3):
+            view.step()
     view.step()
-    assert len(frames) > 2
-    assert differing(frames[0], frames[-1]).any()
+    assert differing(first, view.scene.picture()).any()
     bone, tick = session.snapshot()
     assert (view.bone.digest(), view.tick) == (bone.digest(), tick)
     assert bone.removed > 0
     assert holds(view.scene, bone)
     assert view.scene._burrs.balls[0].GetVisibility()
-    for call, sentence in (
-        (lambda: next(view.frames(0)), r"seconds and fps must be positive, got 0 and 20\.0"),
-        (lambda: view.run(rate=0), "rate must be positive and finite, got 0"),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            call()
+    with pytest.raises(ValueError, match="rate must be positive and finite, got 0"):
+        view.run(rate=0)
     view.close()
     with pytest.raises(TypeError, match="source must be a Session or a Replica, got VoxelBone"):
         LiveView(small_bone(), off_screen=True)

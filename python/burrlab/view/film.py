@@ -221,6 +221,7 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
             contextlib.suppress(BrokenPipeError),
             subprocess.Popen(command, stderr=messages, **pipes) as encoder,
         ):
+            assert encoder.stdin is not None
             try:
                 for frame in itertools.chain([first], rest):
                     encoder.stdin.write(np.ascontiguousarray(frame[:height, :width]))

@@ -14,7 +14,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -287,21 +286,6 @@ if __name__ == "__main__":
     with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader reports errors
         if link_elsewhere(file) is None:
             walk(file)
-
-
-def lock_run(file: int, path: Path, *, wait: bool = False) -> None:
-    """Takes the lock of a run's open file; BlockingIOError if another process has it and `wait` is False."""
-    lock(file, f"{path}: another process has this run open", wait=wait)
-
-
-@contextmanager
-def locked(file: int, path: Path, *, wait: bool = False) -> Iterator[None]:
-    """Holds the lock of an open file within the block, then closes the file."""
-    try:
-        lock_run(file, path, wait=wait)
-        yield
-    finally:
-        os.close(file)
 
 
 def synced_write(file: int, path: Path, text: bytes) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse
-from burrlab.common.files import lock_run, locked, new_part, sync_folder, synced_write, write_synced
+from burrlab.common.files import lock, new_part, sync_folder, synced_write, write_synced
 from burrlab.common.records import in_one_line
 from burrlab.common.table import Tabular, by_value, html_table
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
@@ -583,13 +583,14 @@ def _opened(path: Path, more: int, otherwise: OSError) -> Iterator[int]:
     except type(otherwise):
         raise otherwise from None
     try:
-        lock_run(file, path)
+        lock(file, _IS_OPEN.format(path))
         yield file
     except BaseException:
         os.close(file)
         raise
 
 
+_IS_OPEN = "{}: another process has this run open"
 BIDS_VERSION = "1.10.0"
 
 _COLUMNS = ("participant_id", "simulated", "selected_by")
@@ -677,7 +678,9 @@ class ExperimentFolder:
         path, kind = self.path / "participants.tsv", "yes" if simulated else "no"
         row = dict(zip(_COLUMNS, (f"sub-{subject}", kind, selected_by or table.NOTHING), strict=True))
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
-        with locked(file, path, wait=True):
+        with contextlib.ExitStack() as closing:
+            closing.callback(os.close, file)
+            lock(file, _IS_OPEN.format(path), wait=True)
             columns = _mend(file, path, row)
             entered = self.participants()
             for other, entry in entered.items():

@@ -87,6 +87,10 @@ class SessionReport:
     ) -> "SessionReport":
         """The present report of these parts."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
+        models = [
+            {} if x.stiffness is None else {"model": x.model, "model_stiffness_N_per_mm": x.stiffness}
+            for x in limits
+        ]
         histograms: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
         recording = {} if writer is None else {
             "file": str(writer.path), "ticks": writer.recorded,
@@ -105,7 +109,7 @@ class SessionReport:
             histograms={name: h.counts for name, h in histograms.items()},
             edges=histograms["jitter"].edges,
             follower=follower.status,
-            stability=[{**follower.stability(burr), **_against(burr, limits)} for burr in burrs],
+            stability=[{**follower.stability(burr), **(models[burr] if models else {})} for burr in burrs],
             energy=[loop.energy(burr) for burr in burrs],
             network={} if publisher is None else publisher.status,
             recording=recording,
@@ -206,13 +210,6 @@ class SessionReport:
                 axes.text(0.5, 0.5, "not measured", ha="center", transform=axes.transAxes)
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
         return all_axes
-
-
-def _against(burr: int, limits: Sequence[DeviceLimits]) -> dict[str, Any]:
-    """The stiffness that the burr's device renders, if it is known."""
-    if burr >= len(limits) or limits[burr].stiffness is None:
-        return {}
-    return {"model": limits[burr].model, "model_stiffness_N_per_mm": limits[burr].stiffness}
 
 
 def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:

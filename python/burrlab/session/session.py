@@ -170,7 +170,11 @@ class Session:
 
         # What the housekeeping thread looks for, and what it has told already.
         self._stop_within = safety.stop_within
-        self._first_messages = [*self._limits.sentences, *safety.rules()]
+        voxels = [burr.radius / max(start.bone.spacing) for burr, _ in self.tools]
+        self._first_messages = [
+            *self._limits.sentences, *safety.rules(),
+            *(f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE),
+        ]  # fmt: skip
         self._borders = {burr: Border(start.bone) for burr in range(len(self.tools))}
         self._warned_of_stiffness: set[int] = set()
         self._digests_written = 0
@@ -265,21 +269,15 @@ class Session:
                 self._writer.start()
             self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
-            for text in (*self._first_messages, *self._missing_rights(), *self._coarse_voxels()):
+            rights = [
+                note for note in self.loop.realtime_notes if "not granted" in note or "not available" in note
+            ]
+            for text in (*self._first_messages, *rights):
                 self._say(text)
         except BaseException as error:  # Ctrl-C too: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise
         return self
-
-    def _missing_rights(self) -> list[str]:
-        return [note for note in self.loop.realtime_notes if "not granted" in note or "not available" in note]
-
-    def _coarse_voxels(self) -> list[str]:
-        voxels = [burr.radius / max(self._executor.bone.spacing) for burr, _ in self.tools]
-        return [
-            f"coarse: the radius of burr {i} is {x:.3g} voxels, below {_COARSE}" for i, x in enumerate(voxels) if x < _COARSE
-        ]  # fmt: skip
 
     def wait(self, seconds: float | None = None) -> bool:
         """Waits at most `seconds` [s] for the session's end and its whole trace; returns whether they came.

@@ -15,12 +15,11 @@ from burrlab.bone.specimen import (
     MOST_VOXELS,
     Specimen,
     Vector,
-    check_bone,
     checked_spacing,
     surface_along,
     unit_vector,
 )
-from burrlab.common.check import check_memory, real, refuse, require_type, scalar
+from burrlab.common.check import check_bone, check_memory, real, refuse, require_type, scalar
 from burrlab.common.progress import doing
 from burrlab.common.table import object_html
 

@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.common.check import check_memory, real, refuse, scalar
+from burrlab.common.check import check_bone, real, refuse, scalar
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 from burrlab.theory.tool import require_tool
@@ -18,11 +18,6 @@ from burrlab.theory.tool import require_tool
 MOST_VOXELS = 2e8
 
 Vector = Sequence[float] | NDArray[np.float64]
-
-
-def check_bone(voxels: float, each: float) -> None:
-    """ValueError if memory is too small for a bone of `voxels` voxels of `each` bytes. C++ checks it too."""
-    check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
 
 
 def unit_vector(axis: Vector) -> NDArray[np.float64]:

@@ -15,9 +15,8 @@ from burrlab.bone.materials import materials
 from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
 from burrlab.bone.phantom.shapes import Grid, Singles, distance_to, ellipsoid, lattice_around, share
 from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
-from burrlab.bone.specimen import check_bone
 from burrlab.bone.tissues import default_tissues
-from burrlab.common.check import real, refuse
+from burrlab.common.check import check_bone, real, refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.table import by_value
 

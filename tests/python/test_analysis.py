@@ -10,7 +10,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.text import Annotation
 from scipy import stats
 
-from burrlab.common.figures import new_figure
 from burrlab.psychophysics.analysis import Analysis, analyse
 from burrlab.psychophysics.psychometric import PsychometricFit
 from burrlab.psychophysics.published import SelectionEffect, group_score_from
@@ -310,16 +309,6 @@ def test_d_prime_of_both_rules_and_the_group(task):
         x for one in task.subjects for d in one.d_prime for x in (*d.interval, d.estimate) if math.isfinite(x)
     ]
     assert max(finite) < axes.get_xlim()[1]
-
-
-def test_given_axes_are_used_and_other_figures_stay(task):
-    figure = new_figure()
-    axes = figure.subplots()
-    assert task.plot_scores(axes) is axes
-    before, many = figure.get_figheight(), only({f"{i:02d}": FOUR["01"] for i in range(40)})
-    many.plot_d_prime(axes)
-    assert figure.get_figheight() == before
-    assert many.plot_d_prime().get_figure().get_figheight() > 2 * 3.6
 
 
 def test_simulated_subjects_and_selection_stand_in_every_title():

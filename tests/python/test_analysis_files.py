@@ -74,9 +74,9 @@ def protocol(folder, tables, more="", subjects=3):
     return read(folder, HEAD.format(more=more, subjects=subjects) + tables)
 
 
-def run(protocol, subject, task, right, *, stop=math.inf, simulated=None):
+def run(protocol, subject, task, right, *, stop=math.inf):
     """Answers a run, correctly where `right` is True."""
-    file, order = protocol.begin(subject, task, simulated=simulated)
+    file, order = protocol.begin(subject, task)
     with file:
         while len(order.answered) < stop and (trial := order.next()) is not None:
             (other,) = {*protocol.tasks[task].answers} - {trial.correct}
@@ -158,18 +158,6 @@ def test_incomplete_runs_are_listed(tmp_path):
         assert ([one.subject for one in task.subjects], task.left_out) == (subjects, left_out)
         assert told in analysis.report()
         assert not task.selected
-
-
-def test_simulated_and_selected_in_the_files(tmp_path):
-    by = "best 2 of 20 in an earlier experiment"
-    made = protocol(tmp_path, PROBING, more=f'selected_by = "{by}"')
-    for subject in ("01", "02"):
-        run(made, subject, "probing", wrong_in(1), simulated={"weber": 0.1})
-    analysis = analyse(made)
-    task = analysis["probing"]
-    assert (task.simulated, task.of, task.selected_by) == (True, 20, by)
-    assert f"SELECTED ({by}): 2 of 20 subjects." in analysis.report()
-    assert "(simulated subjects; 2 selected of 20)" in task.title
 
 
 @pytest.mark.parametrize(

@@ -528,15 +528,6 @@ def test_the_level_leaves_the_least_expected_entropy():
         posterior.update(chosen, bool(draws.random() < 0.7))
 
 
-def test_it_goes_where_the_threshold_is():
-    trials = run(adaptive(trials=60), lambda level: level > 1.25)
-    found = adaptive().threshold(levels(trials), [level > 1.25 for level in levels(trials)])
-    assert found.interval[0] < 1.25 < found.interval[1]
-    assert not found.open_below
-    assert not found.open_above
-    assert np.median([abs(math.log(level / 1.25)) for level in levels(trials[30:])]) < 0.1
-
-
 def test_no_answer_and_answers_that_bound_nothing():
     prior = adaptive().threshold([], [])
     assert (prior.trials, prior.open_below, prior.open_above) == (0, True, True)

@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import runpy
 import socket
 import socketserver
 import threading
@@ -221,14 +220,3 @@ def test_the_example_runs_an_experiment_on_its_driver(tmp_path):
             subject.screens.append(terminal.text)
     subject.check()
     assert subject.file.with_suffix(".json").read_text().count('"driver"') == 1
-
-
-def test_the_example_s_driver_feels_a_force_in_an_interval_only():
-    example = runpy.run_path(str(EXAMPLE))
-    hardware, box = example["Hardware"](3.0), burrlab.MailboxDevice()
-    with example["driven"](hardware, box, True):
-        time.sleep(0.05)
-        assert not hardware.force.any()
-        render(FELT, box, burr=BURR, bone=BLOCK, mode="probing", stop=lambda: hardware.force[2] > 0.1)
-        time.sleep(0.05)
-        assert not hardware.force.any()

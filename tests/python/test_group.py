@@ -119,7 +119,7 @@ class TestTails:
 class TestGroupDPrime:
     def test_ends_are_where_the_tests_reject(self):
         group = [same(5, 2), same(4, 2), same(3, 1), same(6, 3), same(2, 2)] * 2
-        result, tests = group_d_prime(group, rule="differencing"), GroupAnswers(group, "differencing")
+        result, tests = group_d_prime(group, rule="differencing"), GroupAnswers.of(group, "differencing")
         low, high = result.interval
         assert tests.tails(high - 1e-3)[0] > 0.025 >= tests.tails(high + 1e-3)[0]
         assert tests.tails(low + 1e-3)[1] > 0.025 >= tests.tails(low - 1e-3)[1]
@@ -136,7 +136,7 @@ class TestGroupDPrime:
         for rate in (0.1, 0.25, 0.5):
             hit, alarm = decision.rates(1.7, decision.criterion_of(1.7, rate))
             counts.append(Counts(task, round(float(hit) * 150), 150, round(float(alarm) * 150), 150))
-        assert GroupAnswers(counts, rule).estimate() == pytest.approx(1.7, abs=0.05)
+        assert GroupAnswers.of(counts, rule).estimate() == pytest.approx(1.7, abs=0.05)
 
     def test_who_gives_one_answer_counts_for_nothing(self):
         group = [same(5, 2), same(4, 2), same(3, 1)]
@@ -184,7 +184,7 @@ class TestErrorRates:
                 assert max(np.sum(chance[p <= 0.05]) for p in tails) <= 0.05
 
     @pytest.mark.slow
-    @pytest.mark.parametrize(("subjects", "trials"), [(2, 12), (5, 10), (12, 12), (20, 12), (20, 48)])
+    @pytest.mark.parametrize(("subjects", "trials"), [(2, 12), (12, 12), (20, 48)])
     @pytest.mark.parametrize(("task", "rule"), DECISIONS)
     @pytest.mark.parametrize("kind", SAME_D_PRIME)
     def test_any_criteria(self, task, rule, kind, subjects, trials):

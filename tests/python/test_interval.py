@@ -1,7 +1,6 @@
 """One interval: its rendering and its end."""
 
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -125,15 +124,6 @@ def test_a_lost_device_is_a_failure():
     assert found.reason in said
 
 
-def test_the_wall_clock_keeps_the_time():
-    begun = time.perf_counter()
-    found = play(drilling_hand(BURR), interval(duration=0.3), wall_clock=True)
-    assert time.perf_counter() - begun >= 0.29
-    assert found.ended == "time"
-    assert found.ticks["time"][-1] < 0.3
-    assert found.ticks["periods"].sum() <= 310
-
-
 def test_the_trace_holds_the_interval(tmp_path):
     file = tmp_path / "interval.h5"
     found = play(**THROUGH, record=file)
@@ -200,11 +190,3 @@ def test_lost_records_are_not_passed_over():
 def test_refusals(ask, sentence):
     with pytest.raises(ValueError, match=sentence):
         ask()
-
-
-def test_a_block_has_its_top_at_zero_and_the_middle_below_the_burr():
-    block = Block((3, 2, 1), 0.1)
-    bone = block.fresh()
-    assert (bone.shape, block.recipe()["size_mm"]) == ((10, 20, 30), [3.0, 2.0, 1.0])
-    assert np.array(bone.origin) - 0.05 == pytest.approx([-1.5, -1.0, -1.0])
-    assert block == Block((3.0, 2.0, 1.0), 0.1)

@@ -159,7 +159,7 @@ class TestDecision:
         for _ in range(150):
             hits = [rng.hypergeometric(6, 6, c.hits + c.false_alarms) for c in group]
             again = [same(h, c.hits + c.false_alarms - h) for h, c in zip(hits, group, strict=True)]
-            decided += GroupAnswers(again, "differencing").tails(1.5)[0] <= 0.05
+            decided += GroupAnswers.of(again, "differencing").tails(1.5)[0] <= 0.05
         assert stats.binomtest(decided, 150, stated).pvalue > 1e-6
 
     def test_decision_in_words(self):

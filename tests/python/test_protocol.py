@@ -2,13 +2,10 @@
 
 import inspect
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from answer_scenes import SMALL, protocol
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import burrlab
 from burrlab.psychophysics.designs import ABX, SameDifferent
@@ -260,23 +257,6 @@ def test_not_text(tmp_path):
         Protocol.read(tmp_path / "none.toml")
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_designs_survive_the_file(tmp_path, data):
-    """Any valid design comes back from a table of its values."""
-    bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
-    blocks = data.draw(st.integers(1, 3))
-    design = SameDifferent(
-        bone, pvc, trials=4 * blocks * data.draw(st.integers(1, 5)), blocks=blocks, practice=data.draw(st.integers(0, 9)),
-        mode=data.draw(st.sampled_from(["probing", "drilling"])),
-        interval=data.draw(st.floats(1e-3, 86400.0)),
-    )  # fmt: skip
-    values = {key: value for key, value in design.to_dict().items() if not isinstance(value, dict)}
-    table = "".join(f"{key} = {value!r}\n" for key, value in values.items())
-    one = protocol(tmp_path, f"{_HEAD}[tasks.x]\na = 'bone'\nb = 'pvc'\n{table}")
-    assert one.tasks["x"] == design
-
-
 def test_the_page_has_every_key_and_column():
     page = (Path(__file__).parents[2] / "docs" / "experiment_files.md").read_text(encoding="utf-8")
     for key in re.findall(r"^#?(\w+) =", template(), flags=re.MULTILINE):
@@ -308,10 +288,3 @@ def test_devices_in_words():
 def test_devices_that_are_none(ask, text, sentence):
     with pytest.raises(ValueError, match=sentence):
         ask(text)
-
-
-def test_a_protocol_is_frozen(tmp_path):
-    one = protocol(tmp_path)
-    with pytest.raises(TypeError):
-        one.tasks["x"] = one.tasks["match"]
-    assert replace(one, seed=8).digest != one.digest

@@ -47,14 +47,6 @@ def test_many_trials_return_the_observer():
     assert found.at_bounds == ()
 
 
-def test_it_finds_a_gaussian_observer():
-    """Expected numbers, 60 trials per level: ln threshold is within 8 % (runs: psychophysics_tables.py)."""
-    correct = [round(60 * gaussian_correct(math.log(level), THRESHOLD)) for level in LEVELS]
-    found = made(correct=correct, trials=[60] * 5)
-    assert math.log(found.threshold) == pytest.approx(THRESHOLD, rel=0.08)
-    assert found.interval[0] < math.exp(THRESHOLD) < found.interval[1]
-
-
 def test_what_is_said(fitted):
     assert (fitted.guess_rate, fitted.proportion, fitted.level) == (0.5, 0.75, 0.95)
     assert fitted.ratios == LEVELS

@@ -17,7 +17,6 @@ from burrlab._core import __version__
 from burrlab.common.check import refuse
 from burrlab.common.files import lock, new_part, sync_folder, synced_write, write_synced
 from burrlab.common.records import in_one_line
-from burrlab.common.table import Tabular, by_value, html_table
 from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
     REQUIRED,
@@ -29,15 +28,15 @@ from burrlab.psychophysics.side_car import (
     read_side_car,
     side_car_path,
 )
-from burrlab.psychophysics.trial import Order, Trial
+from burrlab.psychophysics.trial import Order
 
 if TYPE_CHECKING:
     import pandas
 
 
-@by_value
+@table.by_value
 @dataclass(frozen=True, eq=False, repr=False)
-class Answers(Tabular):
+class Answers(table.Tabular):
     """The answers of one subject in one task.
 
     Attributes
@@ -118,13 +117,15 @@ class Answers(Tabular):
 
     def _repr_html_(self) -> str:
         columns = self._table().items()
-        return html_table(
+        return table.html_table(
             repr(self), {name: ["" if x is None else x for x in values] for name, values in columns}
         )
 
 
 _LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
 _PARTICIPANT = "participant_id"
+#: Columns that the order of the trials decides, besides those of each interval.
+_PLANNED = ("phase", "trial", "block", "trial_type", "level", "correct")
 
 
 def read_answers(
@@ -307,33 +308,25 @@ def replay(file: str, rows: Sequence[tuple[int, AnswerRow]], order: Order) -> No
         trial = order.next()
         if trial is None:
             raise ValueError(f"{file}, line {line}: the run has no trial left that this could answer")
-        for column, recorded, expected in _compared(row, trial):
+        planned = AnswerRow.of(
+            trial, onset=0.0, duration=0.0, response=row.response, response_time=None, endings=()
+        ).fields()
+        recorded = row.fields()
+        for column in (*_PLANNED, *(name for name in planned if name.startswith(("stimulus", "seed")))):
             refuse(
-                recorded != expected,
-                f"{file}, line {line}, column {column}: {recorded!r} where {row.phase} trial {row.trial} has "
-                f"{expected!r}: made with another seed or protocol",
+                recorded.get(column) != planned[column],
+                f"{file}, line {line}, column {column}: {recorded.get(column)!r} where {row.phase} trial "
+                f"{row.trial} has {planned[column]!r}: made with another seed or protocol",
             )
         order.answer(row.response)
 
 
-def _compared(row: AnswerRow, trial: Trial) -> Iterator[tuple[str, object, object]]:
-    for column in ("phase", "number", "block", "trial_type", "level"):
-        name = "trial" if column == "number" else column
-        yield name, getattr(row, name), getattr(trial, column)
-    yield "correct", row.correct, row.response == trial.correct
-    names = tuple(interval.stimulus.name for interval in trial.intervals)
-    seeds = tuple(interval.seed for interval in trial.intervals)
-    for name, recorded, planned in (("stimulus", row.stimuli, names), ("seed", row.seeds, seeds)):
-        for place, expected in enumerate(planned, start=1):
-            yield f"{name}_{place}", recorded[place - 1] if len(recorded) == len(planned) else None, expected
-
-
-def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
-    """Subject, name and task as given, or from the side-car, or from the name of another program's file."""
+def _labels(file: str, car: SideCar | None, options: Mapping[str, str | None]) -> dict[str, Any]:
+    """Subject, name and task by the options, or from the side-car, or from the name of another program's file."""
     match = _LABELS.fullmatch(os.path.basename(file))
     named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
     labels: dict[str, Any] = {}
-    for key, value in given.items():
+    for key, value in options.items():
         known = named.get(key) if car is None else getattr(car, key)
         refuse(
             None not in (value, known) and value != known,

@@ -422,14 +422,33 @@ class GroupDPrime:
         return f"group d' ({self.rule}): {self.estimate:.2f}, {100 * self.level:.4g} % interval {low:.2f} to {end}, {count}"
 
 
+@dataclass(frozen=True, eq=False)
 class GroupAnswers:
-    """Hits and answers of a group, and its tests at any d'."""
+    """Hits and answers of a group, in one experiment or in many simulated ones, and its tests at any d'.
 
-    def __init__(self, counts: Sequence[Counts], rule: str) -> None:
-        self.decision = rule_of(task_of_all(counts), rule)
-        self.sizes = [(c.signals, c.noises) for c in counts]
-        self.hits = np.array([[c.hits for c in counts]])
-        self.answers = np.array([[c.hits + c.false_alarms for c in counts]])
+    Attributes
+    ----------
+    decision : Rule
+    sizes : sequence of (int, int)
+        Signals and noises of each subject.
+    hits, answers : ndarray of int, shape (experiments, subjects)
+        `answers` may have one row for all experiments.
+    """
+
+    decision: Rule
+    sizes: Sequence[tuple[int, int]]
+    hits: Integers
+    answers: Integers
+
+    @classmethod
+    def of(cls, counts: Sequence[Counts], rule: str) -> "GroupAnswers":
+        """The one experiment of these subjects."""
+        return cls(
+            rule_of(task_of_all(counts), rule),
+            [(c.signals, c.noises) for c in counts],
+            np.array([[c.hits for c in counts]]),
+            np.array([[c.hits + c.false_alarms for c in counts]]),
+        )
 
     def at(self, d_prime: float) -> list[ConditionalHits]:
         """The distribution of each subject's hits at this d'."""
@@ -448,6 +467,10 @@ class GroupAnswers:
         """p values of so few and of so many hits at this d'."""
         few, many = group_tails(self.hits, self.answers, self.at(d_prime))
         return float(few[0]), float(many[0])
+
+    def share_below(self, d_prime: float, error: float) -> float:
+        """Share of experiments that reject this d' as too high."""
+        return float(np.mean(rejected_as_few(self.hits, self.answers, self.at(d_prime), error)))
 
     def estimate(self) -> float:
         if not self.informative:
@@ -505,7 +528,7 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
     group d' (differencing): 2.42, 95 % interval 1.82 to 3.01, 12 of 12 subjects informative
     """
     check_level(level)
-    group = GroupAnswers(counts, rule)
+    group = GroupAnswers.of(counts, rule)
     error = 0.5 * (1.0 - level)
     return GroupDPrime(
         task=group.decision.task,

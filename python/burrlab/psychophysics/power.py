@@ -6,7 +6,7 @@ Observers are unbiased, with lapses.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -16,11 +16,8 @@ from burrlab.common.check import refuse
 from burrlab.psychophysics.group import (
     GRID,
     GroupAnswers,
-    Integers,
     check_level,
-    conditional_hits,
     probability_text,
-    rejected_as_few,
 )
 from burrlab.psychophysics.rules import (
     RULES,
@@ -193,15 +190,12 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     """
     check_level(level)
     refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
-    group = GroupAnswers(counts, rule)
+    group = GroupAnswers.of(counts, rule)
     error = 1.0 - level
     # The least favourable d' >= Delta: the p value falls with d', except for the scatter in t.
     p_value = max(group.tails(d)[0] for d in (delta, *(d for d in GRID if d > delta)))
     sizes = [c.trials for c in counts]
-    hits = guessed_hits(group)
-    power, decidable = equivalence_power(
-        Simulated(group.decision, hits, group.answers, group.sizes), delta, error
-    )
+    power, decidable = equivalence_power(guessed(group), delta, error)
     return Equivalence(
         task=group.decision.task,
         rule=group.decision.name,
@@ -219,51 +213,26 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     )
 
 
-def guessed_hits(group: GroupAnswers) -> Integers:
-    """Hits of subjects with d' = 0 and these numbers of answers, shape (experiments, subjects)."""
+def guessed(group: GroupAnswers) -> GroupAnswers:
+    """Simulated experiments of subjects with d' = 0 and these numbers of answers."""
     rng = np.random.default_rng(SEED)
     columns = [
         rng.hypergeometric(signals, noises, int(answers), EXPERIMENTS) if signals * noises else
         np.full(EXPERIMENTS, hits)
         for (signals, noises), answers, hits in zip(group.sizes, group.answers[0], group.hits[0], strict=True)
     ]  # fmt: skip
-    return np.stack(columns, axis=1)
+    return replace(group, hits=np.stack(columns, axis=1))
 
 
-@dataclass(frozen=True, eq=False)
-class Simulated:
-    """Simulated experiments of subjects with d' = 0.
-
-    Attributes
-    ----------
-    decision : Rule
-    hits, answers : ndarray of int, shape (experiments, subjects)
-        `answers` may have one row for all experiments.
-    sizes : sequence of (int, int)
-        Signals and noises of each subject.
-    """
-
-    decision: Rule
-    hits: Integers
-    answers: Integers
-    sizes: Sequence[tuple[int, int]]
-
-    def share_below(self, d_prime: float, error: float) -> float:
-        """Share of experiments that reject this d' as too high."""
-        task, rule = self.decision.task, self.decision.name
-        subjects = [conditional_hits(task, rule, float(d_prime), *size) for size in self.sizes]
-        return float(np.mean(rejected_as_few(self.hits, self.answers, subjects, error)))
-
-
-def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> Simulated:
+def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> GroupAnswers:
     """Simulated experiments of unbiased subjects with d' = 0."""
     observer, rng = Observer(decision, 0.0, trials, lapse), np.random.default_rng(SEED)
     hits = rng.binomial(observer.half, observer.hit, (EXPERIMENTS, subjects))
     answers = hits + rng.binomial(observer.half, observer.false_alarm, hits.shape)
-    return Simulated(decision, hits, answers, [(observer.half, observer.half)] * subjects)
+    return GroupAnswers(decision, [(observer.half, observer.half)] * subjects, hits, answers)
 
 
-def equivalence_power(simulated: Simulated, delta: float, error: float) -> tuple[float, float]:
+def equivalence_power(simulated: GroupAnswers, delta: float, error: float) -> tuple[float, float]:
     """Share of experiments that reject d' >= Delta, and the smallest Delta that 80 % of them reject."""
 
     def enough(d_prime: float) -> bool:

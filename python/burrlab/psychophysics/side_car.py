@@ -17,7 +17,6 @@ import burrlab.common.table as table
 from burrlab._core import __version__
 from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
-from burrlab.common.table import json_mapping
 from burrlab.psychophysics.interval import ENDINGS
 from burrlab.psychophysics.rules import ANSWERS, KEYS, TASKS, TaskName
 from burrlab.psychophysics.staircase import design_of_dict
@@ -364,12 +363,12 @@ class SideCar:
     trials: int
     simulated: Mapping[str, Any] | None = None
     started: str = field(default_factory=lambda: datetime.now(UTC).isoformat())
-    provenance: Mapping[str, Any] = field(default_factory=lambda: json_mapping(provenance()))
+    provenance: Mapping[str, Any] = field(default_factory=lambda: table.json_mapping(provenance()))
 
     def __post_init__(self) -> None:
         for name in ("design", "protocol", "provenance", "simulated"):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, json_mapping(value))
+                object.__setattr__(self, name, table.json_mapping(value))
 
     @property
     def digest(self) -> str:
@@ -508,7 +507,7 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
 
 def digest(protocol: Mapping[str, Any]) -> str:
     """SHA-256 of a protocol's JSON with sorted keys."""
-    text = json.dumps(json_mapping(protocol), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(table.json_mapping(protocol), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -615,7 +615,7 @@ def precision(
         for _ in range(_RUNS)
     ]
     sought = threshold if target is None else gaussian_difference(target, threshold)
-    logs = [math.log(found / sought) for found, _ in runs if found is not None]
+    logs = [math.log(difference / sought) for difference, _ in runs if difference is not None]
     trials = np.mean([number for _, number in runs])
     lines = [
         f"{_RUNS} simulated runs ({trials:.0f} trials on average) of an observer with Gaussian noise, "

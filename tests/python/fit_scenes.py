@@ -38,3 +38,8 @@ DATA |= {f"{name}, sigma": with_sigma(DATA[name]) for name in ("wide", "pressed"
 @cache
 def fitted(*names: str, **options: Any) -> Fit:
     return fit([DATA[name] for name in names], **options)
+
+
+def plain(result: Fit) -> dict[str, Any]:
+    """What two equal fits have in common: all but the time they took."""
+    return {key: value for key, value in result.to_dict().items() if key != "seconds"}

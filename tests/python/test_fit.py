@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from fit_scenes import BONE, BURR, DATA, curve_of, fitted
+from fit_scenes import BONE, BURR, DATA, curve_of, fitted, plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,10 +27,6 @@ ACROSS = np.geomspace(0.015, 0.15, 8) * 9  # phi = 0.015 to 0.15 at c_e = 1: acr
 EXACT = {"seed": 1, "scatter": 0.0, "repeats": 1}
 CURVE, NOISY = (curve_of(BONE.c_e * ACROSS, **options) for options in (EXACT, {"seed": 1, "repeats": 3}))
 STEEP = Material("m", c_e=1.2, alpha=0.15, shape="quartic")
-
-
-def plain(result: Fit) -> dict:
-    return {key: value for key, value in result.to_dict().items() if key != "seconds"}
 
 
 class TestRecovery:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fit_scenes import BURR, curve_of
+from fit_scenes import BURR, curve_of, plain
 
 from burrlab.bone.materials import materials
 from burrlab.bone.specimen import half_space
@@ -28,10 +28,6 @@ SPARSE = {"voxel": 0.4, "replicates": 2}
 
 def voxel_fit(curve, **options):
     return fit(curve, engine=VoxelEngine(**SPARSE | options), seed=0)
-
-
-def plain(result):
-    return {key: value for key, value in result.to_dict().items() if key != "seconds"}
 
 
 @pytest.fixture(scope="module")

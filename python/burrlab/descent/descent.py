@@ -315,7 +315,15 @@ def control(
         rig.command(loop.command)
         for tick in range(int(np.ceil(max_duration * 1e3 / rig.period))):
             reading = rig.read()
-            _check_reading(reading, tick, force)
+            refuse(
+                not np.isfinite(reading).all(),
+                f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped",
+            )
+            refuse(
+                reading.force < -max(0.5 * force, 0.1),
+                f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at "
+                f"sample {tick}; it was stopped",
+            )
             reason = loop.answer(reading)
             if reason is None and tick % 64 == 0 and interrupted(max(loop.immersion, 0.0)):
                 reason = "interrupted"
@@ -394,19 +402,6 @@ class _ForceLoop:
             self.pid.set_gains(kp, kp / INTEGRAL_TIME if self.arrived else 0.0)
         self.command = self.pid.update(self.force, measured, self.rig.period)
         self.rig.command(self.command)
-
-
-def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
-    """ValueError on a reading that no command may follow; the caller stops the rig."""
-    refuse(
-        not np.isfinite(reading).all(),
-        f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped",
-    )
-    refuse(
-        reading.force < -max(0.5 * setpoint, 0.1),
-        f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at "
-        f"sample {tick}; it was stopped",
-    )
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:

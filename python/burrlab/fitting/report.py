@@ -59,8 +59,11 @@ def columns(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def html_table(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of cells as a table of HTML."""
-    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
+    """Rows of cells, the heads first, as a table of HTML."""
+    tags = ["th", *["td"] * (len(rows) - 1)]
+    lines = (
+        "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) for tag, row in zip(tags, rows, strict=True)
+    )
     return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 

@@ -9,11 +9,6 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, shape_kappa
 
 
-def relative_force(burr: Burr, material: Material, force: float) -> float:
-    """phi = F/(c_e R^2), the force without units."""
-    return force / (material.c_e * burr.radius**2)
-
-
 def static_immersion(burr: Burr, material: Material, force: float) -> float:
     """Depth of the tip where intact bone alone carries the force, R phi^(2/3) (Eqs. 2, 3) [mm].
 
@@ -23,7 +18,7 @@ def static_immersion(burr: Burr, material: Material, force: float) -> float:
     >>> round(static_immersion(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0), 4)
     0.4169
     """
-    return float(burr.radius * relative_force(burr, material, force) ** (2 / 3))
+    return float(burr.radius * (force / (material.c_e * burr.radius**2)) ** (2 / 3))
 
 
 def contact_stiffness(c_e: float, radius: float, force: float, immersion: float) -> float:

@@ -156,14 +156,6 @@ def test_velocity_in_one_bone_does_not_depend_on_the_voxel(burr, bone, length):
     assert fine.std(ddof=1) > 0.025
 
 
-def test_field_is_small_frozen_and_pickles():
-    field = BoneField(0.7, 0.2, 0.3)
-    assert pickle.loads(pickle.dumps(field)) == field
-    assert len(pickle.dumps(field)) < 300
-    with pytest.raises(AttributeError):
-        field.mean = 0.5
-
-
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [

@@ -81,12 +81,6 @@ def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, se
     assert "nothing is watched" not in session("--tissues", folder / "plain.csv", "--watch", "none")
 
 
-def test_a_session_without_a_watch_counts_its_tissues(session) -> None:
-    out = session("--watch", "none")
-    assert "removed [mm^3]: bone " in out
-    assert "burr beside" not in out
-
-
 def test_options_are_checked(capsys) -> None:
     plain = burrlab.VoxelBone.block((2, 2, 2), 0.2)
     assert chosen_watch(options([]), plain) is None

@@ -121,6 +121,8 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "second" if path.is_dir() else path
     save_drilled(path, later, volume, mapping=kept.mapping, tick=tick)
     seen(later, 900)
+    if kind == "segmentation":
+        assert format_of(name).read(str(path))[0].fields == FIELDS
 
 
 def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
@@ -145,12 +147,7 @@ def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray |
     return values, turn * spacing, origin
 
 
-def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> None:
-    made, name = recipe("segmentation", tmp_path)
-    bone, tick = drill(made.bone(), 0, 300)
-    save_drilled(tmp_path / name, bone, made.like(), tick=tick)
-    assert read_labels(tmp_path / name).names == {1: "Bone", 4: "Facial_Nerve"}
-    assert format_of(name).read(str(tmp_path / name))[0].fields == FIELDS
+def test_layers_of_a_segmentation_become_labels(tmp_path: Path) -> None:
     two = np.stack([labels() == 1, labels() == 4], axis=-1)
     fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
     layered = read_labels(seg_nrrd(tmp_path / "b.seg.nrrd", two, fields))

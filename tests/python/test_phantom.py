@@ -137,13 +137,10 @@ def test_the_plan_can_be_written_and_read(phantom, tmp_path):
     assert again.to_dict() == compare_with_target(phantom.bone, phantom.target).to_dict()
 
 
-def test_progress_and_description(phantom):
+def test_progress():
     done: list[float] = []
-    small = temporal_bone(0.25, seed=3, size=(10, 40, 40), progress=done.append)
+    temporal_bone(0.25, seed=3, size=(10, 40, 40), progress=done.append)
     assert (done[-1], done) == (1, sorted(done))
-    about = small.to_dict()
-    assert (about["seed"], about["digest"]) == (3, small.bone.digest())
-    assert set(about["landmarks_mm"]) == set(phantom.landmarks)
 
 
 @pytest.mark.parametrize(

@@ -63,18 +63,6 @@ def test_slabs_change_nothing_nor_labels_for_an_array(monkeypatch):
     assert compare_with_target(bone, region).to_dict() == whole
 
 
-def test_all_and_nothing():
-    bone = VoxelBone.block((2, 2, 2), 0.5)
-    region = np.zeros(bone.shape, bool)
-    region[:2] = True
-    untouched = compare_with_target(bone, region)
-    assert (untouched.percent, untouched.dice, untouched.removed) == (0, 0, 0)
-    bone.restore(np.where(region, 0, 255).astype(np.uint8))
-    done = compare_with_target(bone, region)
-    assert (done.percent, done.dice) == (100, 1)
-    assert done.tissues == ("bone",)
-
-
 BONE, REGION, _ = carved()
 LABELS = labels_on(BONE, REGION)
 SCAN = replace(LABELS, labels=LABELS.labels.astype(np.int16) - 1000, path="ct.nrrd")

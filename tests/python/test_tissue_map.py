@@ -3,9 +3,7 @@
 import copy
 import pickle
 from collections.abc import Callable
-from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from tick_scenes import assert_same_sums
@@ -13,7 +11,6 @@ from tick_scenes import assert_same_sums
 import burrlab._core as _core
 from burrlab import materials
 from burrlab._core import Burr, BurrContact, Material, Tissue, Tissues, VoxelBone
-from burrlab.bone.snapshot import load_bone, save_bone
 
 BONE = materials["bone"]
 
@@ -71,19 +68,6 @@ def test_digest_tells_numbers_and_table_apart() -> None:
         plain.set_tissues(tissues, given)
         digests.add(plain.digest())
     assert len(digests) == 5
-
-
-def test_a_file_keeps_tissues(tmp_path: Path) -> None:
-    bone, numbers = tissue_bone()
-    bone.restore((bone.density // 3).astype(np.uint8))
-    save_bone(tmp_path / "bone.h5", bone, 12)
-    again, tick = load_bone(tmp_path / "bone.h5")
-    assert (again.digest(), tick, again.tissues) == (bone.digest(), 12, bone.tissues)
-    assert_same_sums(again, numbers)
-    with h5py.File(tmp_path / "bone.h5", "r+") as file:  # a changed label is damage
-        file["tissue"][3, 3, 3] = (file["tissue"][3, 3, 3] + 1) % 3
-    with pytest.raises(ValueError, match="is damaged: the bone has digest"):
-        load_bone(tmp_path / "bone.h5")
 
 
 def row(name: str = "a", label: int = 0, c_e: float = 1, alpha: float = 0) -> Tissue:

@@ -4,7 +4,7 @@ import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,14 +143,6 @@ class Phantom:
         origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
         labels = self.target.astype(np.uint8)
         return LabelVolume(labels, spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"})
-
-    def to_dict(self) -> dict[str, Any]:
-        """Parameters, digest and landmarks [mm], ready for JSON."""
-        return {
-            "seed": self.seed, "side": self.side, "spacing_mm": list(self.bone.spacing),
-            "shape": list(self.bone.shape), "origin_mm": list(self.bone.origin), "digest": self.bone.digest(),
-            "landmarks_mm": {name: point.tolist() for name, point in self.landmarks.items()},
-        }  # fmt: skip
 
 
 def temporal_bone(

@@ -297,7 +297,6 @@ def near(**distances):
             ({"peak_force": math.nan}, "peak_force must be positive and finite, or None, got nan"),
             ({"workspace": (1.0, "2")}, "workspace must be positive and finite, or None, got '2'"),
         ]),
-        (lambda: device_limits("xx"), ValueError, "model must be one of touch, .*, got 'xx'"),
         (lambda: near(sinus=1.0), ValueError, "structure must be one of nerve, got 'sinus'"),
         (lambda: near(nerve=-1.0), ValueError, r"stop_within of nerve must be from 0 to 15 mm, got -1\.0"),
     ],

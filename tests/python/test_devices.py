@@ -36,26 +36,6 @@ def test_hand_pushes_with_the_asked_force():
     assert (hand.name, list(hand.force)) == ("simulated hand", [0, 0, 0])  # the session is over
 
 
-@pytest.mark.parametrize("material", ["bone", "pvc"])
-def test_hand_presses_as_hard_as_asked(material):
-    hand = _core.HandDevice(start=(0, 0, 2.3), push=0.8, presses=0.5, strokes=0, on=False)
-    records, _, _ = play(hand, 8200, material=material)
-    force = records["burr"]["force"][:, 0, 2]
-    first = int(np.argmax(force > 0))
-    presses = force[first : first + 8000].reshape(4, 2000)
-    assert presses.max(axis=1) == pytest.approx([0.8] * 4, rel=0.03)
-    assert presses[:, -1].max() < 0.06
-
-
-def test_hand_velocity_is_the_difference_of_its_readings():
-    records, _, _ = play(_core.HandDevice(start=(0, 0, 2.3), encoder_step=0.02), 500)
-    first = records["burr"][:, 0]
-    moved = np.diff(first["device_position"], axis=0) / 1e-3
-    assert np.allclose(first["device_velocity"][1:], moved, atol=1e-9)
-    steps = first["device_position"] / 0.02
-    assert np.allclose(steps, np.rint(steps), atol=1e-9)
-
-
 def test_hand_moves_the_same_at_any_rate():
     ends = []
     for period in (1.0, 0.25, 0.1):

@@ -22,7 +22,6 @@ from test_servo_devices import session, wait_for
 
 import burrlab
 from burrlab import _core
-from burrlab.session.exchange import parse_device
 from haply_service import HaplyService
 
 DEEP = 0.0028  # in contact [m]
@@ -315,14 +314,7 @@ def test_commands(service, capsys, monkeypatch):
     assert "a Haply device needs websockets: pip install 'burrlab[haply]'" in refusal(capsys, *words, "haply")
 
 
-def test_texts():
-    assert (parse_device("haply").host, parse_device("haply").port) == ("localhost", 10001)
-    assert (parse_device("haply:[::1]:7").host, parse_device("haply:[::1]:7").port) == ("::1", 7)
-    for text in ("haply:", "haply:host", "haply:host:0", "haply:host:x"):
-        with pytest.raises(
-            ValueError, match=r"must be (HOST:PORT|hand, .* haply\[:HOST:PORT\] or vrpn.*), got"
-        ):
-            parse_device(text)
+def test_hosts_that_are_refused():
     for host in ("", "a/b", "a b"):
         with pytest.raises(ValueError, match="host must be a name or an address, got"):
             burrlab.HaplyDevice(host)

@@ -270,19 +270,31 @@ def test_the_page_has_every_key_and_column():
         assert f"`{column}`" in page or column[-1] in "23", column
 
 
-def test_devices_in_words():
-    assert parse_device("hand") == DeviceText("hand")
-    assert parse_device("scripted:a:b.csv") == DeviceText("scripted", file="a:b.csv")
-    assert parse_device("igtl:[::1]:1") == DeviceText("igtl", host="::1", port=1)
+@pytest.mark.parametrize(
+    ("text", "device"),
+    [
+        ("hand", DeviceText("hand")), ("scripted:a:b.csv", DeviceText("scripted", file="a:b.csv")),
+        ("igtl:[::1]:1", DeviceText("igtl", host="::1", port=1)), ("touch", DeviceText("touch")),
+        ("touch:Left Hand", DeviceText("touch", name="Left Hand")), ("omega", DeviceText("omega")),
+        ("omega:1", DeviceText("omega", index=1)), ("haply", DeviceText("haply", host="localhost", port=10001)),
+        ("haply:[::1]:7", DeviceText("haply", host="::1", port=7)),
+        ("vrpn:T@host", DeviceText("vrpn", name="T", host="host", port=3883)),
+        ("vrpn:T@tcp://host:1", DeviceText("vrpn", name="T", host="host", port=1, tcp=True)),
+    ],
+)  # fmt: skip
+def test_devices_in_words(text, device):
+    assert parse_device(text) == device
 
 
 @pytest.mark.parametrize(
     ("ask", "text", "sentence"),
     [
         *((parse_device, text, "must be hand, scripted:FILE, "
-                               "igtl:HOST:PORT, touch") for text in ("", "hands", "hand:1", "scripted:", "igtl:")),
+                               "igtl:HOST:PORT, touch") for text in (
+            "", "hands", "hand:1", "scripted:", "igtl:", "touch:", "omega:", "omega:x", "omega:-1", "haply:")),
         *((parse_address, text, "must be HOST:PORT, got") for text in ("x", "x:0", "x:65536", ":1", "x:y")),
-        (parse_device, "igtl:x", "igtl: must be HOST:PORT, got"),
+        *((parse_device, text, "^[a-z]*: must be HOST:PORT, got")
+          for text in ("igtl:x", "haply:host", "haply:host:0", "haply:host:x")),
     ],
 )  # fmt: skip
 def test_devices_that_are_none(ask, text, sentence):

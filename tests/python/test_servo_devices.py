@@ -18,7 +18,6 @@ from session_scenes import session_of
 
 import burrlab
 from burrlab.session.devices import limits_of_hardware
-from burrlab.session.exchange import parse_device
 from stubs.stub import Stub, compiled
 
 pytestmark = pytest.mark.skipif(
@@ -247,13 +246,3 @@ def test_libraries_that_cannot_be_used(built, tmp_path, monkeypatch, capsys):
     rows = result(capsys, "devices")["devices"][:-1]
     assert [row["device"] for row in rows] == ["touch", "omega:0"]
     assert all(f"no_{LIBRARIES[row['device'][:5]]}.so" in row["why_not"] for row in rows)
-
-
-def test_texts():
-    assert [parse_device(text).name for text in ("touch", "touch:Left Hand")] == ["", "Left Hand"]
-    assert [parse_device(text).index for text in ("omega", "omega:1")] == [0, 1]
-    for text in ("touch:", "omega:", "omega:x", "omega:-1"):
-        with pytest.raises(
-            ValueError, match=r"must be hand, .* omega\[:N\], haply\[:HOST:PORT\] or vrpn.*, got"
-        ):
-            parse_device(text)

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -203,27 +203,11 @@ def _of_row(row: str) -> DeviceLimits:
     return DeviceLimits(model, **values, sources={name: _SOURCES[cell[-1]] for name, cell in known.items()})
 
 
-class KnownLimits(Mapping[str, DeviceLimits]):
-    """Limits by model, read-only; printed as the table of docs/stability.md."""
+class KnownLimits(dict[str, DeviceLimits]):
+    """Limits by model, printed as the table of docs/stability.md."""
 
-    def __init__(self) -> None:
-        self._models = {limits.model: limits for limits in map(_of_row, _TABLE.strip().splitlines())}
-
-    def __getitem__(self, model: str) -> DeviceLimits:
-        if model not in self._models:
-            raise ValueError(f"model must be one of {', '.join(self)}, got {model!r}{nearest(model, self)}")
-        return self._models[model]
-
-    __call__ = __getitem__
-
-    def __contains__(self, model: object) -> bool:
-        return model in self._models
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._models)
-
-    def __len__(self) -> int:
-        return len(self._models)
+    def __missing__(self, model: str) -> DeviceLimits:
+        raise ValueError(f"model must be one of {', '.join(self)}, got {model!r}{nearest(model, self)}")
 
     def __repr__(self) -> str:
         heads = (f"{name} [{_UNITS[name]}]".replace("_per_", "/").replace("_", " ") for name in _COLUMNS)
@@ -240,7 +224,7 @@ class KnownLimits(Mapping[str, DeviceLimits]):
 
 
 #: Limits of haptic devices by model, each number with its source; ValueError for an unknown model.
-device_limits = KnownLimits()
+device_limits = KnownLimits({limits.model: limits for limits in map(_of_row, _TABLE.strip().splitlines())})
 
 
 def limits_of_hardware(hardware: str) -> DeviceLimits:

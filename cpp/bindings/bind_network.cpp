@@ -168,9 +168,7 @@ void bind_replica(py::module_& m) {
           },
           "Changes since the last call, as `Follower.take`.")
       .def("watched", &watched_by<Replica>, "known"_a = 0,
-           "As `AnatomyWatch.seen`. ValueError without a watch.")
-      .def("flip", &Replica::flip, "voxel"_a, no_gil,
-           "Changes one voxel (z, y, x); for tests of the repair.");
+           "As `AnatomyWatch.seen`. ValueError without a watch.");
 }
 
 void bind_force_watchdog(py::module_& m) {

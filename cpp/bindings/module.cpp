@@ -37,7 +37,7 @@ PYBIND11_MODULE(_core, m) {
   bind_follower(m);
   bind_device(m);  // after the base class
   bind_stability(m);
-  bind_openigtlink(m);
+  bind_network_devices(m);
   bind_network(m);
   bind_effect_parameters(m);
   bind_effects(m);

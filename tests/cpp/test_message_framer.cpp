@@ -110,12 +110,10 @@ Drop reason_of(Bytes bytes) {
   Drop reason = Drop::none;
   framer.feed({bytes.data(), bytes.size()}, [&](const Message& message) {
     Transform transform;
-    Sensor sensor;
-    Ndarray array;
+    std::vector<double> values;
     ByteView text;
     reason = decode_transform(message, transform);
-    if (reason == Drop::wrong_type) reason = decode_sensor(message, sensor);
-    if (reason == Drop::wrong_type) reason = decode_ndarray_float64(message, array);
+    if (reason == Drop::wrong_type) reason = decode_ndarray_float64(message, values);
     if (reason == Drop::bad_scalar) reason = decode_ndarray_uint8(message, text);
   });
   for (std::size_t i = 0; i < drop_reasons; ++i)
@@ -134,26 +132,22 @@ void test_hostile_bodies() {
   CHECK(reason_of(changed(two, 58, 255)) == Drop::bad_extended_header);
   CHECK(reason_of(changed(two, 60, 255)) == Drop::bad_extended_header);
   CHECK(reason_of(changed(two, 62, 255)) == Drop::bad_extended_header);
-  CHECK(reason_of(changed(two, 119, 1)) == Drop::bad_metadata);
-  CHECK(reason_of(changed(two, 61, 1)) == Drop::bad_metadata);  // less than a count
-  CHECK(reason_of(changed(two, 59, 13)) == Drop::bad_length);   // content one byte short
+  CHECK(reason_of(changed(two, 59, 13)) == Drop::bad_length);  // content one byte short
 
-  const std::vector<MetadataEntry> metadata{{"key", "value"}};
-  Bytes bytes;
-  encode_transform(bytes, {"burr", 0, 2, 1, &metadata}, {});
-  CHECK(reason_of(bytes) == Drop::none);
-  CHECK(reason_of(changed(bytes, 121, 2)) == Drop::none);  // a byte to spare
-  CHECK(reason_of(changed(bytes, 121, 4)) == Drop::bad_metadata);
-  CHECK(reason_of(changed(bytes, 124, 255)) == Drop::bad_metadata);
+  Bytes metadata = two;  // of 10 bytes for lengths and 8 for "key" and "value"; it is passed over
+  metadata[61] = 10;
+  metadata[65] = 8;
+  metadata.resize(metadata.size() + 16);
+  set_body_size(metadata, 78);
+  CHECK(reason_of(metadata) == Drop::none);
+  CHECK(reason_of(changed(metadata, 65, 9)) == Drop::bad_length);  // taken from the content
+  CHECK(reason_of(changed(metadata, 65, 70)) == Drop::bad_extended_header);
 
   CHECK(reason_of(changed(changed(transform_message(1), 94, 0x7F), 95, 0xC0)) == Drop::not_finite);
   const double values[] = {1, 2};
-  Bytes sensor;
-  encode_sensor(sensor, {"force"}, values, 2);
-  CHECK(reason_of(changed(sensor, 58, 3)) == Drop::bad_length);
-  CHECK(reason_of(changed(changed(sensor, 68, 0x7F), 69, 0xF0)) == Drop::not_finite);
+  const std::uint16_t two_values = 2;
   Bytes array;
-  encode_ndarray_float64(array, {"tick"}, values, 2);
+  encode_ndarray_float64(array, {"tick"}, values, 2, &two_values, 1);
   CHECK(reason_of(changed(array, 61, 3)) == Drop::bad_length);
   CHECK(reason_of(changed(array, 59, 0)) == Drop::bad_length);
   CHECK(reason_of(changed(array, 59, 255)) == Drop::bad_length);
@@ -164,7 +158,7 @@ void test_hostile_bodies() {
   CHECK(reason_of(wrapped) == Drop::none);
   CHECK(reason_of(changed(wrapped, 68, 0x80)) == Drop::bad_length);
   Bytes text;
-  encode_ndarray_uint8(text, {"digest"}, {sensor.data(), 5});
+  encode_ndarray_uint8(text, {"digest"}, {array.data(), 5});
   CHECK(reason_of(changed(text, 69, 6)) == Drop::bad_length);
   CHECK(reason_of(changed(text, 62, 255)) == Drop::bad_length);
 }
@@ -181,6 +175,7 @@ void test_no_allocation() {
     poses += decode_ndarray_uint8(message, text) == Drop::none;
   };
   const double values[40] = {};
+  const std::uint16_t count = 40;
   const std::uint8_t text[32] = {};
   long before = 0;
   for (int i = 0; i < 100; ++i) {
@@ -190,7 +185,7 @@ void test_no_allocation() {
       const Envelope envelope{"a device of 20 bytes", 0, version};
       encode_transform(bytes, envelope, {});
       encode_sensor(bytes, envelope, values, 3);
-      encode_ndarray_float64(bytes, envelope, values, 40);
+      encode_ndarray_float64(bytes, envelope, values, 40, &count, 1);
       encode_ndarray_uint8(bytes, envelope, {text, sizeof text});
     }
     framer.feed({bytes.data(), bytes.size()}, receive);

@@ -218,7 +218,11 @@ void test_replica_follows() {
   loop->start();
   follower.start();
   for (int look = 0; !loop->wait(0.002); ++look) {  // others look on meanwhile
-    if (look == 20) replica.flip({0, 0, 0});
+    if (look == 20)
+      replica.visit([](FollowedBone& bone) {
+        const std::uint8_t level = 0;
+        bone.bone().write({0, 0, 0}, {1, 1, 1}, &level);
+      });
     replica.take_changed();
     CHECK(publisher->status().tick <= 3000 && replica.status().tick <= 3000);
   }

@@ -43,14 +43,7 @@ class Mutator {
   }
 
   Bytes valid() {
-    std::vector<MetadataEntry> metadata;
-    Envelope envelope{device_names[below(4)], random_(), int(1 + below(2)), std::uint32_t(random_())};
-    if (envelope.version == 2 && below(2)) {
-      for (std::uint64_t left = below(4); left > 0; --left)
-        metadata.push_back(
-            {std::string(below(20), 'k'), std::string(below(200), 'v'), std::uint16_t(below(120))});
-      envelope.metadata = &metadata;
-    }
+    const Envelope envelope{device_names[below(4)], random_(), int(1 + below(2))};
     Bytes bytes;
     switch (below(5)) {
       case 4:
@@ -70,7 +63,17 @@ class Mutator {
         encode_ndarray_uint8(bytes, envelope, {text.data(), text.size()});
       }
     }
+    if (envelope.version == 2 && below(2)) add_metadata(bytes);
     return bytes;
+  }
+
+  /// Keys and values in the place of none, with their lengths in the extended header.
+  void add_metadata(Bytes& bytes) {
+    const std::uint64_t size = below(800);
+    bytes[header_size + 6] = std::uint8_t(size >> 8);
+    bytes[header_size + 7] = std::uint8_t(size);
+    bytes.resize(bytes.size() + size, 'v');
+    sign(bytes);
   }
 
   /// Messages between leaders and replicas.
@@ -119,7 +122,7 @@ class Mutator {
   void encode_some_values(Bytes& bytes, const Envelope& envelope, bool sensor) {
     std::vector<double> values(below(30));
     for (double& value : values) value = number();
-    if (sensor) return encode_sensor(bytes, envelope, values.data(), values.size(), random_());
+    if (sensor) return encode_sensor(bytes, envelope, values.data(), values.size());
     const std::uint16_t shape[] = {1, std::uint16_t(values.size()), 1};
     encode_ndarray_float64(bytes, envelope, values.data(), values.size(), shape + below(2), 2);
   }

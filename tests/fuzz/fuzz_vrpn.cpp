@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <random>
 
-#include "burrlab/network/vrpn.hpp"
+#include "burrlab/network/vrpn_log.hpp"
 #include "fuzz_run.hpp"
 
 namespace {
@@ -24,15 +24,20 @@ class Mutator {
   explicit Mutator(std::uint64_t seed) : random_(seed) {}
   std::uint64_t below(std::uint64_t n) { return random_() % n; }
 
-  /// A cookie, descriptions and up to eight messages; mostly something in them is changed.
-  Bytes stream(bool greeting) {
+  /// A cookie, descriptions and up to eight messages.
+  Bytes valid(bool greeting) {
     Bytes bytes;
     if (greeting) {
       encode_cookie(bytes);
-      if (below(16) == 0) flip(bytes, 0);
       encode_descriptions(bytes, senders);
     }
     for (std::uint64_t left = below(8); left > 0; --left) append(bytes);
+    return bytes;
+  }
+
+  /// Mostly something in the bytes is changed.
+  Bytes changed(Bytes bytes, bool greeting) {
+    if (greeting && below(16) == 0) flip(bytes, 0);
     const std::size_t from = greeting && below(8) ? header_size : 0;
     for (std::uint64_t left = below(4); left > 0; --left) below(2) ? flip(bytes, from) : lie(bytes, from);
     if (below(8) == 0) cut(bytes);
@@ -94,6 +99,34 @@ class Mutator {
   std::mt19937_64 random_;
 };
 
+/// The messages of a valid stream as a log file holds them.
+Bytes log_of(const Bytes& stream) {
+  Bytes log(stream.begin(), stream.begin() + header_size);
+  for (auto at = stream.begin() + header_size; at < stream.end();) {
+    const std::size_t size = std::size_t(at[2]) << 8 | at[3], payload = size - header_size;
+    log.insert(log.end(), at + 16, at + 20);  // type
+    log.insert(log.end(), at + 12, at + 16);  // sender
+    log.insert(log.end(), at + 4, at + 12);   // time
+    log.insert(log.end(), {0, 0, std::uint8_t(payload >> 8), std::uint8_t(payload), 0, 0, 0, 0});
+    log.insert(log.end(), at + header_size, at + std::ptrdiff_t(size));
+    at += std::ptrdiff_t((size + 7) / 8 * 8);
+  }
+  return log;
+}
+
+/// Whether a log is read, not refused; its columns have a row for each message.
+bool reads(const Bytes& bytes) {
+  try {
+    for (const LoggedMessages& messages : read_log({bytes.data(), bytes.size()}).messages) {
+      REQUIRE(messages.numbers.size() == messages.times.size());
+      REQUIRE(messages.times.empty() || messages.values.size() % messages.times.size() == 0);
+    }
+    return true;
+  } catch (const std::invalid_argument&) {
+    return false;
+  }
+}
+
 /// What a message holds must be usable, and encoded again it must decode to the same.
 void check(const Message& message) {
   REQUIRE(message.sender < senders.size() && message.text.size() < 100);
@@ -120,6 +153,7 @@ int main(int count, char** argument) {
   FuzzRun run(count, argument);
   Mutator mutator(run.seed);
   Counters total;
+  std::uint64_t logs_read = 0;
   Reader whole(senders, largest), pieces(senders, largest);
   const auto add = [&](Reader& reader) {
     total.messages += reader.counters().messages;
@@ -127,7 +161,9 @@ int main(int count, char** argument) {
       total.dropped[i] += reader.counters().dropped[i];
   };
   for (; run.more(); ++run.done) {
-    const Bytes bytes = mutator.stream(true), packet = mutator.stream(false);
+    const Bytes stream = mutator.valid(true), log = log_of(stream);
+    logs_read += reads(log) + reads(mutator.changed(log, true));
+    const Bytes bytes = mutator.changed(stream, true), packet = mutator.changed(mutator.valid(false), false);
     const bool checked = run.done % 16 == 0;
     std::size_t heard = 0, heard_in_pieces = 0;
     const auto once = [&](const Message& message) {
@@ -150,6 +186,8 @@ int main(int count, char** argument) {
   }
   add(whole);
   run.say(total.messages);
+  std::printf("%10llu of %llu logs read\n", (unsigned long long)logs_read, 2 * (unsigned long long)run.done);
+  REQUIRE(run.done < 10000 || (logs_read > run.done / 4 && logs_read < 2 * run.done));
   for (const Drop reason : {Drop::bad_version, Drop::implausible_size, Drop::truncated, Drop::bad_length,
                             Drop::not_finite, Drop::out_of_range}) {
     std::printf("%10llu %s\n", (unsigned long long)total[reason], drop_name(reason));

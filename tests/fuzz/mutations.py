@@ -13,8 +13,8 @@ from typing import Any
 
 import h5py
 import numpy as np
+from wire import crc64
 
-from burrlab._core import crc64
 from burrlab.psychophysics.side_car import digest
 
 Files = dict[str, bytes]  # contents by names in the folder of an input

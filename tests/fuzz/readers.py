@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import SimpleITK as sitk
+import wire
 from anatomy_scenes import nerve_bone, straight, tool
 from answer_scenes import TASKS, begun, protocol
 from dicom_series import write_series
@@ -25,7 +26,6 @@ from test_openigtlink import serve
 from test_segments import FIELDS, layered, seg_nrrd
 
 import burrlab
-import burrlab._core as _core
 from burrlab import materials
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.formats import write_volume
@@ -83,7 +83,7 @@ def _hello(name: str) -> object:
     content = Path(name).read_bytes()
     digest = re.search(rb'"digest": "(\w{32})"', content) or [b"", b"0" * 32]
     hello = struct.pack(">IQQ32s", 2, 5, 0, digest[1]) + content
-    with serve([_core.encode_ndarray_uint8("burrlab_hello", hello)]) as port:
+    with serve([wire.byte_string("burrlab_hello", hello)]) as port:
         return follow("127.0.0.1", port, timeout=0.1).stop()
 
 
@@ -155,8 +155,8 @@ def _recipe(recipe: Mapping[str, Any]) -> Seed:
 
 
 def _poses(version: int) -> Seed:
-    poses = [_core.encode_transform("burr", (k, 2.0, 3.0), version=version, timestamp=k) for k in (1.0, 2.0)]
-    others = _core.encode_sensor("burr", [1.0, 2.0]), _core.encode_ndarray_uint8("x", b"text" * 30)
+    poses = [wire.transform("burr", (k, 2.0, 3.0), version=version, timestamp=k) for k in (1.0, 2.0)]
+    others = wire.sensor("burr", [1.0, 2.0]), wire.byte_string("x", b"text" * 30)
     return lambda at: (at / "in.igtl").write_bytes(b"".join([*poses, *others, poses[0]]))
 
 

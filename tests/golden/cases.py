@@ -23,7 +23,6 @@ import h5py
 import numpy as np
 
 import burrlab
-import burrlab._core as _core
 
 sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "python")]  # golden, page_scenes
 from page_scenes import make_page
@@ -378,23 +377,6 @@ def read(_: Path) -> Any:
 
 def _digest(values: np.ndarray) -> str:
     return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()[:16]
-
-
-@case
-def messages(_: Path) -> Any:
-    """Bytes of each OpenIGTLink message, in both versions of the header."""
-    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    found = {}
-    for version in (1, 2):
-        options = {"timestamp": 1.75e9, "version": version}
-        made = {
-            "TRANSFORM": _core.encode_transform("burr", (1.5, -2.5, 0.1), rotation=turn, **options),
-            "SENSOR": _core.encode_sensor("force", [0.1, np.pi, -3e300], **options),
-            "NDARRAY 64": _core.encode_ndarray_float64("tick", np.arange(6.0).reshape(2, 3), **options),
-            "NDARRAY 8": _core.encode_ndarray_uint8("digest", b"0123", **options),
-        }
-        found |= {f"{name} {version}": content.hex() for name, content in made.items()}
-    return found
 
 
 @case

@@ -12,6 +12,8 @@ import threading
 import time
 from dataclasses import fields
 
+import wire
+
 import burrlab
 import burrlab._core as _core
 from burrlab.session.network import block_recipe, make_bone, open_publisher
@@ -171,6 +173,21 @@ class Dropper:
         for message in messages_of(source):
             if self.random.random() >= self.probability:
                 sink.sendall(message)
+
+
+class TickEditor:
+    """Changes the numbers of the first tick that `change` returns True for (docs/wire.md)."""
+
+    def __init__(self, change):
+        self.change = change
+
+    def __call__(self, source, sink):
+        for message in messages_of(source):
+            if self.change and name_of(message) == "burrlab_tick":
+                numbers = wire.decoded(message).value.copy()
+                if self.change(numbers):
+                    self.change, message = None, wire.numbers("burrlab_tick", numbers)
+            sink.sendall(message)
 
 
 def cutter(source, sink):

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import wire
 from pseudo_terminal import _ADOPT, PseudoTerminal
 from test_experiment_terminal import SUBJECT, TASK, Subject
 
 import burrlab
-import burrlab._core as _core
 from burrlab.psychophysics.interval import Block, render, wait_until_lifted
 from burrlab.psychophysics.run import Sitting
 from burrlab.psychophysics.trial import Interval, Stimulus
@@ -44,7 +44,7 @@ class Poses(socketserver.TCPServer):
                 if not peer.recv(1):
                     return
             if sent < self.most:
-                peer.sendall(_core.encode_transform("burr", (0.0, 0.0, self.z)))
+                peer.sendall(wire.transform("burr", (0.0, 0.0, self.z)))
                 sent += 1
 
     def handle_error(self, peer, address):
@@ -168,11 +168,12 @@ def test_poses_over_the_network_lost_then_resumed_and_replayed(tmp_path):
 
 def published(port, seconds=10.0):
     """The first force above 0 along z from a port [N]; None after this time [s]."""
-    framer, end = _core.MessageFramer(), time.monotonic() + seconds
+    end = time.monotonic() + seconds
     while time.monotonic() < end:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1) as peer:
-            while got := peer.recv(4096):
-                for message in framer.feed(got):
+            stream = wire.Stream()
+            while data := peer.recv(4096):
+                for message in stream.feed(data):
                     if message.type == "SENSOR" and message.value[2] > 0:
                         return message.value[2]
     return None

@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import pytest
+import wire
 from replica_scenes import BLOCK, TOOL, soon
 
 import burrlab
@@ -21,7 +22,7 @@ COUNT = 8 * 10 * 15  # bricks; of 30 x 80 x 120 voxels 4 x 10 x 15
 
 
 def say(kind, data):
-    return _core.encode_ndarray_uint8(f"burrlab_{kind}", data)
+    return wire.byte_string(f"burrlab_{kind}", data)
 
 
 def hello(version=2, session=5, digest=DIGEST):
@@ -31,7 +32,7 @@ def hello(version=2, session=5, digest=DIGEST):
 def tick(index=0, k=1, burrs=1, x=0.0, radius=TOOL["radius_mm"], material=0, on=1, removed=0, last=0):
     values = [index, k, burrs, 0.0, last, x, 0.0, 9.0, radius, material, on, 0.0, 0.0, 0.0, 0.0, removed]
     values += [1.0, 0.0, 0.0, 0.0, 0]  # orientation, buttons
-    return _core.encode_ndarray_float64("burrlab_tick", np.array(values, dtype=float))
+    return wire.numbers("burrlab_tick", np.array(values, dtype=float))
 
 
 def brick(number, q, p):
@@ -124,7 +125,7 @@ def test_a_leader_that_behaves():
         ([hello(), bricks(2, 0, brick(0, 0, 0)), say("idle", struct.pack(">Q", 0))], "ticks were lost"),
         ([hello(), tick()[:-1] + b"\7"], "a message had to be dropped"),
         ([hello(), b"\xff" * 58], "the framing was lost"),
-        ([_core.encode_transform("burr", (1, 2, 3))], "the connection ended, or nothing came for 1 s"),
+        ([wire.transform("burr", (1, 2, 3))], "the connection ended, or nothing came for 1 s"),
     ],
 )  # fmt: skip
 def test_reason(messages, reason):
@@ -135,7 +136,7 @@ def test_reason(messages, reason):
 
 
 def test_poses_without_an_end_are_no_hello():
-    with following(*[_core.encode_transform("burr", (1, 2, 3))] * 200, pause=0.01) as replica:
+    with following(*[wire.transform("burr", (1, 2, 3))] * 200, pause=0.01) as replica:
         assert soon(lambda: replica.status["faults"] >= 1)
         assert replica.status["last_faults"][0][2] == "no hello came"
 

@@ -6,7 +6,17 @@ The tests take two seconds each; those marked slow take half a minute.
 import random
 
 import pytest
-from replica_scenes import Dropper, Leader, Proxy, ReplicaProcess, Slower, cutter, mangler, soon
+from replica_scenes import (
+    Dropper,
+    Leader,
+    Proxy,
+    ReplicaProcess,
+    Slower,
+    TickEditor,
+    cutter,
+    mangler,
+    soon,
+)
 
 import burrlab._core as _core
 from burrlab.session.anatomy import status_text
@@ -80,35 +90,53 @@ def test_proxy_that_breaks_the_stream(pump, least, ticks):
     assert status["most_missed"] <= 100
 
 
+def switch_off(tick):
+    """Changes the last burr's tick just before a digest: its results are then those of a burr that is off."""
+    burr = tick[-16:]
+    on, removed = 5, 10  # places in a burr's numbers (docs/wire.md)
+    if tick[0] < 500 or tick[0] % 100 != 99 or burr[removed] == 0:
+        return False
+    burr[[on, removed]] = 0
+    return True
+
+
 @pytest.mark.parametrize("burrs", [1, 2])
 def test_corrupted_brick_is_named_and_repaired(burrs):
-    with Leader(burrs=burrs) as leader:
-        replica = follow("127.0.0.1", leader.port)
+    """A proxy changes a tick so that its results are right, but not the bone."""
+    with Leader(burrs=burrs) as leader, Proxy(leader.port, TickEditor(switch_off)) as proxy:
+        replica = follow("127.0.0.1", proxy.port)
         leader.run_to(500)
-        replica.flip((2, 3, 117))  # far from the burr
         assert soon(lambda: replica.status["divergences"])
         leader.run_to(1500)
         leader.end()
         assert replica.wait(5)
     status = replica.status
     (found,) = status["divergences"]
-    assert (found["what"], found["bricks"], found["exact"]) == ("digest", [(0, 0, 14)], True)
-    assert found["tick"] in range(500, leader.tick, 100)
+    assert (found["what"], found["exact"], found["tick"] % 100) == ("digest", True, 0)
+    assert 0 < len(found["bricks"]) < 30
     assert (status["digests_different"], status["differing_ticks"], status["by_bricks"]) == (1, 0, 1)
     assert status["tick"] == leader.tick
     assert replica.digest() == leader.digest
     told = status_text({**status, "digest": leader.digest}).splitlines()
     assert told[0] == f"ended (done): tick {leader.tick}, digest {leader.digest}"
     assert told[1].endswith("equal, 1 different; ticks with another result: 0")
-    assert told[-1] == f"  bone not the leader's at tick {found['tick']}: digest, 1 bricks replaced"
+    count = f"{len(found['bricks'])} bricks replaced"
+    assert told[-1] == f"  bone not the leader's at tick {found['tick']}: digest, {count}"
+
+
+def lift(tick):
+    if tick[0] < 1000:
+        return False
+    tick[7] += 0.01  # z of burr 0 [mm]
+    return True
 
 
 def test_corruption_under_the_burr_is_found_by_its_force():
-    with Leader(digest_every=1_000_000) as leader:
-        replica = follow("127.0.0.1", leader.port)
-        leader.run_to(1000)
-        for voxel in ((28, 40, x) for x in range(40, 80)):
-            replica.flip(voxel)
+    with (
+        Leader(digest_every=1_000_000) as leader,
+        Proxy(leader.port, TickEditor(lift)) as proxy,
+    ):
+        replica = follow("127.0.0.1", proxy.port)
         assert soon(lambda: replica.status["divergences"])
         leader.end()
         assert replica.wait(5)
@@ -116,7 +144,6 @@ def test_corruption_under_the_burr_is_found_by_its_force():
     found = status["divergences"][0]
     assert found["what"].endswith("of burr 0")
     assert status["differing_ticks"] >= 1
-    assert (3, 5, 7) in found["bricks"] or not found["exact"]
     assert replica.digest() == leader.digest
 
 

@@ -37,7 +37,7 @@ IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& dev
                        int on_button)
     : NetworkDevice("igtl:" + host + ":" + std::to_string(port), host, port, lost_after, on_button),
       device_name_(checked_name(device_name)) {
-  begin();
+  start_thread();
 }
 
 void IgtlDevice::take(const Message& message) {
@@ -91,7 +91,7 @@ void IgtlDevice::encode_force(const Vec3& force) {
   encode_transform(unsent_, envelope, openigtlink::to_ras(force));
 }
 
-void IgtlDevice::leave() {
+void IgtlDevice::before_close() {
   if (stylus_.empty()) return;
   encode_force(Vec3::Zero());
   client_.close_after(unsent_.data(), unsent_.size());

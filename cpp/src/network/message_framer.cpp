@@ -29,7 +29,7 @@ bool StreamCutter::fill(ByteView& bytes, std::size_t target) {
 }
 
 void StreamCutter::restart() {
-  if (held_) drop(Drop::truncated);
+  if (held_) count_drop(Drop::truncated);
   held_ = body_ = 0;
   skip_ = 0;
   in_body_ = broken_ = false;
@@ -42,20 +42,20 @@ MessageFramer::MessageFramer(std::size_t largest_body) : StreamCutter(header_siz
 
 void MessageFramer::begin_body(ByteView head) {
   const Drop reason = decode_header(head, header_);
-  if (reason != Drop::none) return lose(reason);
+  if (reason != Drop::none) return break_off(reason);
   const std::string_view type = header_.type.view();
   if (type != transform_type && type != sensor_type && type != ndarray_type && type != get_string_type)
-    skip(Drop::unknown_type, header_.body_size);
+    skip_body(Drop::unknown_type, header_.body_size);
   else if (header_.body_size > largest_body())
-    skip(Drop::oversized, header_.body_size);
+    skip_body(Drop::oversized, header_.body_size);
   else
-    expect(std::size_t(header_.body_size));
+    await_body(std::size_t(header_.body_size));
 }
 
 void MessageFramer::finish(ByteView body, const Receive& receive) {
   Message message;
   const Drop reason = crc64(body) == header_.crc ? decode_body(header_, body, message) : Drop::bad_crc;
-  if (reason != Drop::none) return drop(reason);
+  if (reason != Drop::none) return count_drop(reason);
   ++counters_.messages;
   receive(message);
 }

@@ -34,7 +34,7 @@ std::string NetworkDevice::fault() const {
   return given.empty() && counters().connections == 0 ? "no server answers at " + server_ : given;
 }
 
-void NetworkDevice::begin() {
+void NetworkDevice::start_thread() {
   thread_ = std::thread([this] { run(); });
 }
 
@@ -75,9 +75,9 @@ void NetworkDevice::read_connection() {
     publish_counters();
     if (!whole) break;
   }
-  leave();
+  before_close();
   client_.close();
-  restart();
+  after_close();
   connected_.store(false, std::memory_order_relaxed);
   publish_counters();
 }
@@ -92,15 +92,15 @@ void NetworkDevice::publish_counters() {
 }
 
 /// Whether a tick can use it; counted if not.
-bool NetworkDevice::fits(const Vec3& vector) {
-  const bool fits = openigtlink::is_plausible(vector);
-  if (!fits) ++counters_.messages.dropped[std::size_t(openigtlink::Drop::out_of_range)];
-  return fits;
+bool NetworkDevice::is_usable(const Vec3& vector) {
+  const bool usable = openigtlink::is_plausible(vector);
+  if (!usable) ++counters_.messages.dropped[std::size_t(openigtlink::Drop::out_of_range)];
+  return usable;
 }
 
 void NetworkDevice::put_pose(const Vec3& position, const Quaternion& orientation, std::uint64_t timestamp,
                              bool on) {
-  if (!fits(position)) return;
+  if (!is_usable(position)) return;
   const auto arrival = std::uint64_t(steady_now());
   if (!has_velocity_) estimate_velocity(position, timestamp, arrival);
   position_ = position;
@@ -123,7 +123,7 @@ void NetworkDevice::estimate_velocity(const Vec3& position, std::uint64_t timest
 }
 
 void NetworkDevice::put_velocity(const Vec3& velocity) {
-  if (!fits(velocity)) return;
+  if (!is_usable(velocity)) return;
   has_velocity_ = true;
   velocity_ = velocity;
   put_all();

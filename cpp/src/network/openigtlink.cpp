@@ -41,53 +41,10 @@ bool printable(std::string_view text) {
   return !text.empty();
 }
 
-void require_text(const char* name, std::string_view text, std::size_t longest) {
-  if (text.size() > longest)
-    refuse(std::string("length of ") + name, "at most " + std::to_string(longest), double(text.size()));
-  if (text.find('\0') != std::string_view::npos) {
-    const std::string begin(text.substr(0, text.find('\0')));
-    throw std::invalid_argument(std::string(name) + " must hold no zero byte, got one after '" + begin + "'");
-  }
-}
-
 template <class Float>
 void require_all_finite(const char* name, const Float* values, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i)  // require_finite would make a string of the name each time
     if (!std::isfinite(values[i])) refuse(name, "finite", double(values[i]));
-}
-
-struct MetadataSizes {
-  std::size_t header = 0, body = 0;
-};
-
-MetadataSizes metadata_sizes(const Envelope& envelope) {
-  if (envelope.version == 1) return {};
-  MetadataSizes sizes{metadata_count_size, 0};
-  if (!envelope.metadata) return sizes;
-  for (const MetadataEntry& entry : *envelope.metadata) {
-    if (entry.key.size() > 65535)
-      refuse("length of a metadata key", "at most 65535", double(entry.key.size()));
-    sizes.header += metadata_entry_size;
-    sizes.body += entry.key.size() + entry.value.size();
-  }
-  if (sizes.header > 65535)
-    refuse("number of metadata entries", "at most 8191", double(envelope.metadata->size()));
-  if (sizes.body >> 32) refuse("length of the metadata", "below 4 GiB", double(sizes.body));
-  return sizes;
-}
-
-void put_metadata(std::uint8_t* at, const std::vector<MetadataEntry>& entries) {
-  put(at, std::uint16_t(entries.size()));
-  std::uint8_t* lengths = at + metadata_count_size;
-  std::uint8_t* text = lengths + metadata_entry_size * entries.size();
-  for (const MetadataEntry& entry : entries) {
-    put(lengths, std::uint16_t(entry.key.size()));
-    put(lengths + 2, entry.encoding);
-    put(lengths + 4, std::uint32_t(entry.value.size()));
-    lengths += metadata_entry_size;
-    text = std::copy(entry.key.begin(), entry.key.end(), text);
-    text = std::copy(entry.value.begin(), entry.value.end(), text);
-  }
 }
 
 /// Writes all but the content, which `write(at)` writes, then the checksum.
@@ -95,23 +52,19 @@ template <class Write>
 void append(Bytes& out, const Envelope& envelope, std::string_view type, std::size_t content_size,
             Write&& write) {
   if (envelope.version != 1 && envelope.version != 2) refuse("version", "1 or 2", envelope.version);
-  require_text("device_name", envelope.device_name, device_name_size);
-  if (envelope.version == 1 && envelope.metadata && !envelope.metadata->empty())
-    refuse("version", "2 for a message with metadata", envelope.version);
+  if (envelope.device_name.size() > device_name_size)
+    refuse("length of device_name", "at most 20", double(envelope.device_name.size()));
   const std::size_t extended = envelope.version == 2 ? extended_header_size : 0;
-  const MetadataSizes metadata = metadata_sizes(envelope);
-  const std::size_t body_size = extended + content_size + metadata.header + metadata.body;
+  const std::size_t metadata = envelope.version == 2 ? metadata_count_size : 0;  // of no entries
+  const std::size_t body_size = extended + content_size + metadata;
   const std::size_t begin = out.size();
-  out.resize(begin + header_size + body_size);  // new bytes are zero: the padding of texts
+  out.resize(begin + header_size + body_size);  // new bytes are zero: padding, and lengths of no metadata
 
   std::uint8_t* const head = out.data() + begin;
   std::uint8_t* const body = head + header_size;
   if (envelope.version == 2) {
     put(body, std::uint16_t(extended_header_size));
-    put(body + 2, std::uint16_t(metadata.header));
-    put(body + 4, std::uint32_t(metadata.body));
-    put(body + 8, envelope.message_id);
-    if (envelope.metadata) put_metadata(body + extended + content_size, *envelope.metadata);
+    put(body + 2, std::uint16_t(metadata));
   }
   write(body + extended);
 
@@ -131,27 +84,6 @@ std::uint8_t* put_array_head(std::uint8_t* at, std::uint8_t scalar, const std::u
   for (std::size_t i = 0; i < dimensions; ++i, at += 2) put(at, shape[i]);
   return at;
 }
-
-/// Calls `entry(key, encoding, value)` for each pair; false if the lengths do not fit.
-template <class Entry>
-bool each_metadata(ByteView header, ByteView texts, Entry&& entry) {
-  if (header.size == 0) return texts.size == 0;
-  if (header.size < metadata_count_size) return false;
-  const std::size_t count = get<std::uint16_t>(header.data);
-  if (metadata_count_size + metadata_entry_size * count > header.size) return false;
-  const std::uint8_t* lengths = header.data + metadata_count_size;
-  std::size_t used = 0;
-  for (std::size_t i = 0; i < count; ++i, lengths += metadata_entry_size) {
-    const std::size_t key = get<std::uint16_t>(lengths), value = get<std::uint32_t>(lengths + 4);
-    if (key > texts.size - used || value > texts.size - used - key) return false;
-    entry(ByteView{texts.data + used, key}, get<std::uint16_t>(lengths + 2),
-          ByteView{texts.data + used + key, value});
-    used += key + value;
-  }
-  return true;
-}
-
-std::string text_of(ByteView bytes) { return {reinterpret_cast<const char*>(bytes.data), bytes.size}; }
 
 bool is(const Message& message, std::string_view type) { return message.header.type.view() == type; }
 
@@ -182,10 +114,10 @@ Drop decode_array_head(const Message& message, std::uint8_t scalar, std::size_t 
 }  // namespace
 
 const char* drop_name(Drop reason) {
-  static constexpr const char* names[] = {
-      "none",       "bad_version",         "bad_type",     "implausible_size", "oversized",  "unknown_type",
-      "bad_crc",    "bad_extended_header", "bad_metadata", "truncated",        "wrong_type", "bad_length",
-      "bad_scalar", "not_finite",          "out_of_range"};
+  static constexpr const char* names[] = {"none",       "bad_version",  "bad_type",   "implausible_size",
+                                          "oversized",  "unknown_type", "bad_crc",    "bad_extended_header",
+                                          "truncated",  "wrong_type",   "bad_length", "bad_scalar",
+                                          "not_finite", "out_of_range"};
   static_assert(sizeof names / sizeof names[0] == drop_reasons);
   return reason < Drop::count_ ? names[std::size_t(reason)] : "unknown";
 }
@@ -195,8 +127,6 @@ std::uint64_t timestamp_now() {
   const auto now = duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count();
   return timestamp_of(std::uint32_t(now / 1000000000), std::uint32_t(now % 1000000000));
 }
-
-double timestamp_seconds(std::uint64_t timestamp) { return double(timestamp) / 4294967296.0; }
 
 std::uint64_t crc64(ByteView bytes, std::uint64_t crc) {
   for (std::size_t i = 0; i < bytes.size; ++i)
@@ -230,14 +160,13 @@ void encode_transform(Bytes& out, const Envelope& envelope, const Transform& tra
   });
 }
 
-void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
-                   std::uint64_t unit) {
+void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count) {
   if (count > 255) refuse("number of values", "at most 255", double(count));
   require_all_finite("every value", values, count);
   append(out, envelope, sensor_type, sensor_head_size + 8 * count, [&](std::uint8_t* at) {
     at[0] = std::uint8_t(count);
     at[1] = 0;
-    put(at + 2, unit);
+    put(at + 2, newton);
     at += sensor_head_size;
     for (std::size_t i = 0; i < count; ++i, at += 8) put_float(at, values[i]);
   });
@@ -262,12 +191,6 @@ void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* 
   });
 }
 
-void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count) {
-  if (count > 65535) refuse("number of values in one dimension", "at most 65535", double(count));
-  const auto length = std::uint16_t(count);
-  encode_ndarray_float64(out, envelope, values, count, &length, 1);
-}
-
 void encode_ndarray_uint8(Bytes& out, const Envelope& envelope, ByteView bytes) {
   if (bytes.size > longest_byte_string) refuse("length of bytes", "at most 4294836217", double(bytes.size));
   const std::size_t used = byte_string_prefix + bytes.size;
@@ -283,7 +206,7 @@ void encode_ndarray_uint8(Bytes& out, const Envelope& envelope, ByteView bytes) 
 }
 
 Drop decode_body(const Header& header, ByteView body, Message& message) {
-  message = Message{header, 0, body, {}, {}};
+  message = Message{header, body};
   if (body.size != header.body_size) return Drop::bad_length;
   if (header.version == 1) return Drop::none;
   if (body.size < extended_header_size) return Drop::bad_extended_header;
@@ -291,23 +214,8 @@ Drop decode_body(const Header& header, ByteView body, Message& message) {
   const std::size_t keys = get<std::uint16_t>(body.data + 2), values = get<std::uint32_t>(body.data + 4);
   if (extended < extended_header_size || extended > body.size) return Drop::bad_extended_header;
   if (keys > body.size - extended || values > body.size - extended - keys) return Drop::bad_extended_header;
-  const std::size_t content = body.size - extended - keys - values;
-  message.message_id = get<std::uint32_t>(body.data + 8);
-  message.content = {body.data + extended, content};
-  message.metadata_header = {body.data + extended + content, keys};
-  message.metadata = {body.data + extended + content + keys, values};
-  const bool fits =
-      each_metadata(message.metadata_header, message.metadata, [](ByteView, std::uint16_t, ByteView) {});
-  return fits ? Drop::none : Drop::bad_metadata;
-}
-
-Drop read_metadata(const Message& message, std::vector<MetadataEntry>& entries) {
-  entries.clear();
-  const bool fits = each_metadata(message.metadata_header, message.metadata,
-                                  [&](ByteView key, std::uint16_t encoding, ByteView value) {
-                                    entries.push_back({text_of(key), text_of(value), encoding});
-                                  });
-  return fits ? Drop::none : Drop::bad_metadata;
+  message.content = {body.data + extended, body.size - extended - keys - values};
+  return Drop::none;
 }
 
 Drop decode_transform(const Message& message, Transform& transform) {
@@ -325,29 +233,12 @@ Drop decode_transform(const Message& message, Transform& transform) {
   return finite ? Drop::none : Drop::not_finite;
 }
 
-Drop decode_sensor(const Message& message, Sensor& sensor) {
-  if (!is(message, sensor_type)) return Drop::wrong_type;
-  const ByteView content = message.content;
-  if (content.size < sensor_head_size || content.size != sensor_head_size + 8 * std::size_t(content.data[0]))
-    return Drop::bad_length;
-  sensor.unit = get<std::uint64_t>(content.data + 2);
-  sensor.values.resize(content.data[0]);
-  bool finite = true;
-  for (std::size_t i = 0; i < sensor.values.size(); ++i) {
-    sensor.values[i] = get_float<double>(content.data + sensor_head_size + 8 * i);
-    finite = finite && std::isfinite(sensor.values[i]);
-  }
-  return finite ? Drop::none : Drop::not_finite;
-}
-
-Drop decode_ndarray_float64(const Message& message, Ndarray& array) {
+Drop decode_ndarray_float64(const Message& message, std::vector<double>& values) {
   ArrayHead head;
   const Drop reason = decode_array_head(message, scalar_float64, 8, head);
   if (reason != Drop::none) return reason;
-  array.shape.assign(head.shape.begin(), head.shape.begin() + head.dimensions);
-  array.values.resize(head.data.size / 8);
-  for (std::size_t i = 0; i < array.values.size(); ++i)
-    array.values[i] = get_float<double>(head.data.data + 8 * i);
+  values.resize(head.data.size / 8);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = get_float<double>(head.data.data + 8 * i);
   return Drop::none;
 }
 

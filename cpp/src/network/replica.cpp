@@ -107,7 +107,7 @@ void Replica::run() {
   double pause = first_pause;
   for (;;) {
     progress_ = false;
-    if (client_.connect() && !follow()) say_word(Holds::all);
+    if (client_.connect() && !follow()) send_word(Holds::all);
     client_.close();
     framer_.restart();
     {
@@ -122,7 +122,7 @@ void Replica::run() {
   }
 }
 
-bool Replica::say_word(Holds holds) {
+bool Replica::send_word(Holds holds) {
   Word word{holds, hello_.session, 0, hello_.digest};
   {
     const std::lock_guard<std::mutex> lock(mutex_);
@@ -138,10 +138,10 @@ bool Replica::say_word(Holds holds) {
 bool Replica::follow() {
   stage_ = Stage::hello;
   broken_ = any_digest_ = false;
-  first_ = true;
+  only_hello_ = true;
   numbers_.clear();
   levels_.clear();
-  if (!say_word(Holds::ticks)) return true;
+  if (!send_word(Holds::ticks)) return true;
   std::vector<std::uint8_t> bytes(65536);
   const std::int64_t begin = steady_now();
   const openigtlink::MessageFramer::Receive receive = [this](const Message& message) { take(message); };
@@ -150,7 +150,7 @@ bool Replica::follow() {
     const std::lock_guard<std::mutex> lock(mutex_);
     if (status_.ended || client_.stopped()) return false;
     if (got == 0) {
-      fault("the connection ended, or nothing came for 1 s");
+      give_up("the connection ended, or nothing came for 1 s");
       break;
     }
     const std::uint64_t dropped = framer_.counters().all_dropped();
@@ -158,14 +158,14 @@ bool Replica::follow() {
     status_.received = framer_.counters();
     if (status_.ended) return false;
     if (!broken_ && (!whole || framer_.counters().all_dropped() > dropped))
-      fault(whole ? "a message had to be dropped" : "the framing was lost");
+      give_up(whole ? "a message had to be dropped" : "the framing was lost");
     if (!broken_ && stage_ == Stage::hello && 1e-9 * double(steady_now() - begin) > until_hello)
-      fault("no hello came");
+      give_up("no hello came");
   }
   return true;
 }
 
-void Replica::fault(const std::string& reason, std::uint64_t seen) {
+void Replica::give_up(const std::string& reason, std::uint64_t seen) {
   if (broken_) return;
   broken_ = true;
   ++status_.faults;
@@ -212,33 +212,33 @@ void Replica::take(const Message& message) {
     if (decode(message, content))
       (this->*handle)(content);
     else
-      fault("a message could not be read");
+      give_up("a message could not be read");
   };
   const Kind kind = replica_protocol::kind_of(message);
   if (kind == Kind::other) return;  // poses and forces, sent before the leader knew this is a replica
   if (kind == Kind::hello) return read(replica_protocol::Hello{}, &Replica::take_hello);
-  if (stage_ == Stage::hello) return fault("the hello was lost");
+  if (stage_ == Stage::hello) return give_up("the hello was lost");
   if (kind == Kind::idle) {
     replica_protocol::Idle idle;
-    if (!decode(message, idle)) return fault("a message could not be read");
-    if (idle.tick != bone_->tick() || !numbers_.empty()) fault("ticks were lost", idle.tick);
+    if (!decode(message, idle)) return give_up("a message could not be read");
+    if (idle.tick != bone_->tick() || !numbers_.empty()) give_up("ticks were lost", idle.tick);
     return;
   }
-  if (!numbers_.empty() && kind != Kind::bricks) return fault("bricks were lost");
-  if (first_ && status_.connections > 1 && kind != Kind::bricks && !suspect_) ++status_.by_ticks;
-  first_ = false;
+  if (!numbers_.empty() && kind != Kind::bricks) return give_up("bricks were lost");
+  if (only_hello_ && status_.connections > 1 && kind != Kind::bricks && !suspect_) ++status_.by_ticks;
+  only_hello_ = false;
   if (kind == Kind::tick) return read(replica_protocol::TickMessage{}, &Replica::take_tick);
   if (kind == Kind::digest) return read(replica_protocol::Digest{}, &Replica::take_digest);
   if (kind == Kind::bricks) return read(replica_protocol::Bricks{}, &Replica::take_bricks);
   if (kind == Kind::end) return read(replica_protocol::End{}, &Replica::take_end);
-  fault("a message came that only replicas send");
+  give_up("a message came that only replicas send");
 }
 
 void Replica::take_hello(const replica_protocol::Hello& hello) {
   if (hello.session != hello_.session) return end("the leader has begun another session", true);
   if (hello.version != hello_.version || hello.digest != hello_.digest ||
       hello.first_tick != hello_.first_tick)
-    return fault("the hello is not that of this session");
+    return give_up("the hello is not that of this session");
   stage_ = Stage::following;
   status_.connected = true;
   ++status_.connections;
@@ -246,18 +246,18 @@ void Replica::take_hello(const replica_protocol::Hello& hello) {
 
 void Replica::take_tick(const replica_protocol::TickMessage& tick) {
   const TickRecord& record = tick.record;
-  if (record.index != bone_->tick()) return fault("ticks were lost", record.index);
+  if (record.index != bone_->tick()) return give_up("ticks were lost", record.index);
   const std::vector<Tool>& tools = bone_->executor().setup().tools;
   bool fits = record.burrs == tools.size();
   for (std::size_t i = 0; fits && i < tools.size(); ++i)
     fits = record.burr[i].radius == tools[i].burr.radius && record.burr[i].material == i;
-  if (!fits) return fault("a tick is not of these burrs");
-  if (any_digest_ && tick.digest_tick != digest_tick_) return fault("a digest was lost", record.index);
+  if (!fits) return give_up("a tick is not of these burrs");
+  if (any_digest_ && tick.digest_tick != digest_tick_) return give_up("a digest was lost", record.index);
   any_digest_ = true;
   digest_tick_ = tick.digest_tick;
   const Difference difference = bone_->execute(record);
   newest_ = record;
-  any_ = progress_ = true;
+  any_tick_ = progress_ = true;
   status_.tick = bone_->tick();
   if (suspect_) return;  // known to differ: bricks are on their way
   if (difference) {
@@ -267,7 +267,7 @@ void Replica::take_tick(const replica_protocol::TickMessage& tick) {
 }
 
 void Replica::take_digest(const replica_protocol::Digest& digest) {
-  if (digest.tick != bone_->tick()) return fault("ticks were lost", digest.tick);
+  if (digest.tick != bone_->tick()) return give_up("ticks were lost", digest.tick);
   any_digest_ = true;
   digest_tick_ = digest.tick;
   if (suspect_) return;
@@ -285,7 +285,7 @@ void Replica::diverge(const std::string& what) {
   divergence_ = {};
   divergence_.tick = bone_->tick();
   divergence_.what = what;
-  fault("the bone is not the leader's: another " + what);
+  give_up("the bone is not the leader's: another " + what);
 }
 
 void Replica::take_bricks(const replica_protocol::Bricks& bricks) {
@@ -293,13 +293,13 @@ void Replica::take_bricks(const replica_protocol::Bricks& bricks) {
   const bool begins = bricks.first == 0 && numbers_.empty();
   const bool goes_on = bricks.first == numbers_.size() && bricks.tick == incoming_.tick &&
                        bricks.total == incoming_.total && bricks.digest == incoming_.digest;
-  if (bricks.total > count || !(begins || goes_on)) return fault("bricks were lost");
+  if (bricks.total > count || !(begins || goes_on)) return give_up("bricks were lost");
   incoming_ = bricks;
   const openigtlink::ByteView& view = bricks.bricks;
   for (std::size_t at = 0; at < view.size; at += replica_protocol::brick_bytes) {
     const std::uint32_t number = openigtlink::get<std::uint32_t>(view.data + at);
     if (number >= count || (!numbers_.empty() && number <= numbers_.back()))
-      return fault("a message could not be read");
+      return give_up("a message could not be read");
     numbers_.push_back(number);
     levels_.insert(levels_.end(), view.data + at + 4, view.data + at + replica_protocol::brick_bytes);
   }
@@ -309,21 +309,21 @@ void Replica::take_bricks(const replica_protocol::Bricks& bricks) {
 /// Sets the bone to the initial volume with the received bricks, and notes the bricks that differed.
 void Replica::put_bricks() {
   VoxelBone& bone = bone_->bone();
-  std::uint8_t mine[2 * brick_voxels], theirs[2 * brick_voxels];
+  std::uint8_t present[2 * brick_voxels], received[2 * brick_voxels];
   std::vector<std::uint32_t> differing;
   std::size_t next = 0;
   for (std::size_t brick = 0; brick < bone.brick_count(); ++brick) {
-    bone.read_brick(brick, mine, mine + brick_voxels);
+    bone.read_brick(brick, present, present + brick_voxels);
     if (next < numbers_.size() && numbers_[next] == brick)
-      std::memcpy(theirs, levels_.data() + 2 * brick_voxels * next++, sizeof theirs);
+      std::memcpy(received, levels_.data() + 2 * brick_voxels * next++, sizeof received);
     else
-      initial_->read_brick(brick, theirs, theirs + brick_voxels);
-    if (std::memcmp(mine, theirs, sizeof mine) == 0) continue;
+      initial_->read_brick(brick, received, received + brick_voxels);
+    if (std::memcmp(present, received, sizeof present) == 0) continue;
     try {
-      bone.write_brick(brick, theirs, theirs + brick_voxels);
+      bone.write_brick(brick, received, received + brick_voxels);
     } catch (const std::invalid_argument&) {  // levels no bone has
       suspect_ = true;
-      return fault("a message could not be read");
+      return give_up("a message could not be read");
     }
     differing.push_back(std::uint32_t(brick));
   }
@@ -346,7 +346,7 @@ void Replica::put_bricks() {
 }
 
 void Replica::take_end(const replica_protocol::End& last) {
-  if (last.tick != bone_->tick()) return fault("ticks were lost", last.tick);
+  if (last.tick != bone_->tick()) return give_up("ticks were lost", last.tick);
   if (bone_->digest().text() != last.digest) {
     ++status_.digests_different;
     return diverge("digest");
@@ -366,7 +366,7 @@ BoneUpdate Replica::update_of(UnseenBricks& unseen) {
   BoneUpdate update;
   update.tick = bone_->tick();
   update.newest = newest_;
-  update.any = any_;
+  update.any = any_tick_;
   unseen.take(bone_->bone(), update);
   return update;
 }
@@ -391,15 +391,6 @@ std::shared_ptr<UnseenBricks> Replica::unseen() {
   auto unseen = std::make_shared<UnseenBricks>(bone_->bone().brick_count());
   consumers_.push_back(unseen);
   return unseen;
-}
-
-void Replica::flip(const Index3& voxel) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  std::uint8_t level = 0;
-  VoxelBone& bone = followed().bone();
-  bone.read(voxel, {1, 1, 1}, false, &level);
-  level = std::uint8_t(level ^ 0xFF);
-  bone.write(voxel, {1, 1, 1}, &level);
 }
 
 }  // namespace burrlab

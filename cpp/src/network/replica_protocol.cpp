@@ -35,19 +35,58 @@ openigtlink::Envelope envelope(Kind kind, int header_version) {
   return envelope;
 }
 
-template <class Write>
-void append(Bytes& out, Kind kind, int header_version, Write&& write) {
-  Bytes content;
-  ByteWriter writer(content);
-  write(writer);
-  openigtlink::encode_ndarray_uint8(out, envelope(kind, header_version), {content.data(), content.size()});
+// The fields of each message in their order, for a writer or a reader.
+template <class Stream>
+void pass_fields(Stream& stream, Word& word) {
+  auto holds = std::uint32_t(word.holds);
+  stream.number(word.version).number(holds).number(word.session).number(word.tick);
+  stream.text(word.digest, digest_digits);
+  word.holds = Holds(holds);
 }
 
-/// Has no first number if the message is no intact one of this kind.
-ByteReader open(const Message& message, Kind kind) {
+template <class Stream>
+void pass_fields(Stream& stream, Hello& hello) {
+  stream.number(hello.version).number(hello.session).number(hello.first_tick);
+  stream.text(hello.digest, digest_digits).rest(hello.text);
+}
+
+template <class Stream>
+void pass_fields(Stream& stream, Digest& digest) {
+  stream.number(digest.tick).text(digest.digest, digest_digits);
+}
+
+template <class Stream>
+void pass_fields(Stream& stream, Bricks& bricks) {
+  stream.number(bricks.tick).text(bricks.digest, digest_digits);
+  stream.number(bricks.total).number(bricks.first).rest(bricks.bricks);
+}
+
+template <class Stream>
+void pass_fields(Stream& stream, Idle& idle) {
+  stream.number(idle.tick);
+}
+
+template <class Stream>
+void pass_fields(Stream& stream, End& end) {
+  stream.number(end.tick).text(end.digest, digest_digits).number(end.failed).rest(end.reason);
+}
+
+template <class Content>
+void append(Bytes& out, int header_version, Kind kind, Content content) {
+  Bytes bytes;
+  ByteWriter writer(bytes);
+  pass_fields(writer, content);
+  openigtlink::encode_ndarray_uint8(out, envelope(kind, header_version), {bytes.data(), bytes.size()});
+}
+
+/// False if the message is of another kind, or its length is wrong.
+template <class Content>
+bool read(const Message& message, Kind kind, Content& content) {
   ByteView bytes;
   if (kind_of(message) == kind) openigtlink::decode_ndarray_uint8(message, bytes);
-  return ByteReader(bytes);
+  ByteReader reader(bytes);
+  pass_fields(reader, content);
+  return reader.ended();
 }
 
 bool is_digest(const std::string& text) {
@@ -71,34 +110,33 @@ Kind kind_of(const Message& message) {
   return Kind::other;
 }
 
-void encode(Bytes& out, int header_version, const Word& word) {
-  append(out, Kind::word, header_version, [&](ByteWriter& writer) {
-    writer.number(version).number(std::uint32_t(word.holds)).number(word.session);
-    writer.number(word.tick).text(word.digest);
-  });
-}
+void encode(Bytes& out, int version, const Word& word) { append(out, version, Kind::word, word); }
+void encode(Bytes& out, int version, const Hello& hello) { append(out, version, Kind::hello, hello); }
+void encode(Bytes& out, int version, const Digest& digest) { append(out, version, Kind::digest, digest); }
+void encode(Bytes& out, int version, const Bricks& bricks) { append(out, version, Kind::bricks, bricks); }
+void encode(Bytes& out, int version, const Idle& idle) { append(out, version, Kind::idle, idle); }
+void encode(Bytes& out, int version, const End& end) { append(out, version, Kind::end, end); }
 
 bool decode(const Message& message, Word& word) {
-  std::uint32_t theirs = 0, holds = 0;
-  ByteReader reader = open(message, Kind::word);
-  reader.number(theirs).number(holds).number(word.session).number(word.tick).text(digest_digits, word.digest);
-  word.holds = Holds(holds);
-  return reader.ended() && theirs == version && holds <= std::uint32_t(Holds::all);
-}
-
-void encode(Bytes& out, int header_version, const Hello& hello) {
-  append(out, Kind::hello, header_version, [&](ByteWriter& writer) {
-    writer.number(hello.version).number(hello.session).number(hello.first_tick);
-    writer.text(hello.digest).text(hello.text);
-  });
+  return read(message, Kind::word, word) && word.version == version && word.holds <= Holds::all;
 }
 
 bool decode(const Message& message, Hello& hello) {
-  ByteReader reader = open(message, Kind::hello);
-  reader.number(hello.version).number(hello.session).number(hello.first_tick);
-  reader.text(digest_digits, hello.digest).rest(hello.text);
-  return reader.ended() && hello.session != 0 && is_digest(hello.digest);
+  return read(message, Kind::hello, hello) && hello.session != 0 && is_digest(hello.digest);
 }
+
+bool decode(const Message& message, Digest& digest) { return read(message, Kind::digest, digest); }
+
+bool decode(const Message& message, Bricks& bricks) {
+  if (!read(message, Kind::bricks, bricks) || bricks.bricks.size % brick_bytes) return false;
+  const std::size_t count = bricks.bricks.size / brick_bytes;
+  return bricks.first <= bricks.total && count <= bricks.total - bricks.first &&
+         (count > 0 || bricks.total == 0);
+}
+
+bool decode(const Message& message, Idle& idle) { return read(message, Kind::idle, idle); }
+
+bool decode(const Message& message, End& end) { return read(message, Kind::end, end) && end.failed <= 1; }
 
 void encode(Bytes& out, int header_version, const TickMessage& tick) {
   const TickRecord& record = tick.record;
@@ -117,15 +155,14 @@ void encode(Bytes& out, int header_version, const TickMessage& tick) {
     for (const double q : burr.orientation) *at++ = q;
     *at++ = double(burr.buttons);
   }
-  openigtlink::encode_ndarray_float64(out, envelope(Kind::tick, header_version), values,
-                                      std::size_t(at - values));
+  const auto count = std::uint16_t(at - values);
+  openigtlink::encode_ndarray_float64(out, envelope(Kind::tick, header_version), values, count, &count, 1);
 }
 
 bool decode(const Message& message, TickMessage& tick) {
   if (kind_of(message) != Kind::tick) return false;
-  openigtlink::Ndarray array;
-  if (openigtlink::decode_ndarray_float64(message, array) != Drop::none) return false;
-  const std::vector<double>& values = array.values;
+  std::vector<double> values;
+  if (openigtlink::decode_ndarray_float64(message, values) != Drop::none) return false;
   TickRecord& record = tick.record;
   record = TickRecord{};
   if (values.size() < tick_head) return false;
@@ -149,52 +186,6 @@ bool decode(const Message& message, TickMessage& tick) {
     if (!whole(*at++, 255.0, burr.buttons)) return false;
   }
   return true;
-}
-
-void encode(Bytes& out, int header_version, const Digest& digest) {
-  append(out, Kind::digest, header_version,
-         [&](ByteWriter& writer) { writer.number(digest.tick).text(digest.digest); });
-}
-
-bool decode(const Message& message, Digest& digest) {
-  return open(message, Kind::digest).number(digest.tick).text(digest_digits, digest.digest).ended();
-}
-
-void encode(Bytes& out, int header_version, const Bricks& bricks) {
-  append(out, Kind::bricks, header_version, [&](ByteWriter& writer) {
-    writer.number(bricks.tick).text(bricks.digest).number(bricks.total).number(bricks.first);
-    writer.bytes(bricks.bricks.data, bricks.bricks.size);
-  });
-}
-
-bool decode(const Message& message, Bricks& bricks) {
-  ByteReader reader = open(message, Kind::bricks);
-  reader.number(bricks.tick).text(digest_digits, bricks.digest).number(bricks.total).number(bricks.first);
-  if (!reader.ok() || reader.left() % brick_bytes) return false;
-  const std::size_t here = reader.left() / brick_bytes;
-  reader.bytes(reader.left(), bricks.bricks);
-  return bricks.first <= bricks.total && here <= bricks.total - bricks.first &&
-         (here > 0 || bricks.total == 0);
-}
-
-void encode(Bytes& out, int header_version, const Idle& idle) {
-  append(out, Kind::idle, header_version, [&](ByteWriter& writer) { writer.number(idle.tick); });
-}
-
-bool decode(const Message& message, Idle& idle) {
-  return open(message, Kind::idle).number(idle.tick).ended();
-}
-
-void encode(Bytes& out, int header_version, const End& end) {
-  append(out, Kind::end, header_version, [&](ByteWriter& writer) {
-    writer.number(end.tick).text(end.digest).number(end.failed).text(end.reason);
-  });
-}
-
-bool decode(const Message& message, End& end) {
-  ByteReader reader = open(message, Kind::end);
-  reader.number(end.tick).text(digest_digits, end.digest).number(end.failed).rest(end.reason);
-  return reader.ended() && end.failed <= 1;
 }
 
 }  // namespace burrlab::replica_protocol

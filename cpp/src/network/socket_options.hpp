@@ -14,10 +14,14 @@
 #include <unistd.h>
 #endif
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
+#include <cstring>
 #include <string>
 #include <system_error>
+
+#include "burrlab/network/peer_address.hpp"
 
 #ifndef MSG_NOSIGNAL
 #define MSG_NOSIGNAL 0  // macOS has SO_NOSIGPIPE instead, and Windows no signals
@@ -93,6 +97,34 @@ inline void set_flags(int descriptor) {
 }
 
 #endif
+
+/// Calls `use(family, sockaddr*, length)`.
+template <class Use>
+auto with_sockaddr(const PeerAddress& address, Use&& use) {
+  sockaddr_storage storage{};
+  std::memcpy(&storage, address.bytes.data(), address.size);
+  return use(storage.ss_family, reinterpret_cast<const sockaddr*>(&storage), socklen_t(address.size));
+}
+
+/// The address that `fill(sockaddr*, socklen_t*)` writes; returns what it returns.
+template <class Fill>
+auto fill_address(PeerAddress& address, Fill&& fill) {
+  sockaddr_storage storage{};
+  socklen_t size = sizeof storage;
+  const auto status = fill(reinterpret_cast<sockaddr*>(&storage), &size);
+  address.size = std::min<std::size_t>(size, address.bytes.size());
+  std::memcpy(address.bytes.data(), &storage, address.size);
+  return status;
+}
+
+/// The address of one end of a socket: `name` is getsockname or getpeername.
+template <class Name>
+PeerAddress address_of(int socket, Name name) {
+  PeerAddress address;
+  const int error =
+      fill_address(address, [&](sockaddr* at, socklen_t* size) { return name(socket, at, size); });
+  return error ? PeerAddress{} : address;
+}
 
 inline std::string text_of(int error) { return std::system_category().message(error); }
 inline pollfd polled_for(int socket, short events) { return {decltype(pollfd::fd)(socket), events, 0}; }

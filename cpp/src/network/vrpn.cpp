@@ -10,7 +10,6 @@ namespace burrlab::vrpn {
 using openigtlink::ByteReader;
 using openigtlink::ByteWriter;
 using openigtlink::get;
-using openigtlink::get_float;
 using openigtlink::put;
 
 namespace {
@@ -18,8 +17,7 @@ namespace {
 constexpr std::string_view cookie = "vrpn: ver. 07.38  0";
 constexpr std::size_t cookie_major = 14;  // characters that must agree: up to the last point
 constexpr std::size_t cookie_minor = 16;  // that should
-constexpr std::int32_t sender_description = -1, type_description = -2, udp_description = -3;
-constexpr std::uint32_t longest_name = 100;
+constexpr std::size_t longest_name = 99;
 constexpr std::uint32_t longest_gap = 1000000;  // between numbers; a message with another one came too late
 constexpr std::string_view names[named_kinds] = {
     "vrpn_Tracker Pos_Quat",  "vrpn_Tracker Velocity",  "vrpn_Button Change",    "vrpn_Button States",
@@ -106,6 +104,49 @@ void number_messages(std::uint8_t* bytes, std::size_t size, std::uint32_t& next)
     put(bytes + at + 20, next++);
 }
 
+bool decode_name(ByteView payload, std::string_view& name) {
+  std::uint32_t size = 0;
+  ByteView text;
+  if (!ByteReader(payload).number(size).rest(text).ok() || text.size != size) return false;
+  name = {reinterpret_cast<const char*>(text.data), size};
+  return true;
+}
+
+Kind kind_of_type(std::string_view name) {
+  const auto* at = std::find(names, names + named_kinds, name);
+  return at < names + named_kinds ? Kind(at - names) : Kind::none;
+}
+
+bool is_pressed(ByteView states, std::size_t button) {
+  return 4 * button + 4 <= states.size && get<std::uint32_t>(states.data + 4 * button) != 0;
+}
+
+Drop decode_payload(Kind kind, ByteView payload, Message& message) {
+  std::uint32_t number = 0, pressed = 0;
+  ByteView padding;
+  ByteReader reader(payload);
+  if (kind >= Kind::ping) return Drop::none;
+  if (kind != Kind::force) reader.number(number);
+  message.number = std::int32_t(number);
+  if (kind == Kind::button) {
+    if (!reader.number(pressed).ended()) return Drop::bad_length;
+    message.pressed = pressed != 0;
+    return Drop::none;
+  }
+  if (kind == Kind::buttons) {
+    const bool whole = reader.rest(message.states).ok() && message.states.size == 4 * std::uint64_t(number);
+    return whole ? Drop::none : Drop::bad_length;
+  }
+  if (kind != Kind::force) reader.bytes(4, padding);
+  bool finite = true;
+  for (std::size_t i = 0; i < reals_of[std::size_t(kind)]; ++i) {
+    reader.real(message.values[i]);
+    finite = finite && std::isfinite(message.values[i]);
+  }
+  if (!reader.ended()) return Drop::bad_length;
+  return finite ? Drop::none : Drop::not_finite;
+}
+
 Reader::Reader(std::vector<std::string> senders, std::size_t largest_payload)
     : StreamCutter(header_size, padded(largest_payload)),  // with its padding
       senders_(std::move(senders)),
@@ -133,7 +174,7 @@ bool Reader::decode_head(ByteView bytes, Head& head, std::size_t largest) {
   return head.size >= header_size && head.size - header_size <= largest;
 }
 
-void Reader::begin(ByteView bytes, const Receive& receive) {
+void Reader::begin_message(ByteView bytes, const Receive& receive) {
   if (!greeted_) {
     const std::string_view text(reinterpret_cast<const char*>(bytes.data), cookie.size());
     Message message;
@@ -141,18 +182,18 @@ void Reader::begin(ByteView bytes, const Receive& receive) {
     message.text = text;
     message.number = text.substr(0, cookie_minor) != cookie.substr(0, cookie_minor);
     greeted_ = text.substr(0, cookie_major) == cookie.substr(0, cookie_major);
-    if (!greeted_) lose(Drop::bad_version);
+    if (!greeted_) break_off(Drop::bad_version);
     receive(message);
   } else if (!decode_head(bytes, head_, largest_body())) {
-    lose(Drop::implausible_size);
+    break_off(Drop::implausible_size);
   } else {
-    expect(padded(head_.size) - header_size);
+    await_body(padded(head_.size) - header_size);
   }
 }
 
 bool Reader::feed(ByteView bytes, const Receive& receive) {
   return cut(
-      bytes, [&](ByteView head) { begin(head, receive); },
+      bytes, [&](ByteView head) { begin_message(head, receive); },
       [&](ByteView body) { finish(head_, body, receive); });
 }
 
@@ -161,7 +202,7 @@ void Reader::feed_datagram(ByteView bytes, const Receive& receive) {
   while (greeted_ && bytes.size > 0) {
     if (bytes.size < header_size || !decode_head(bytes, head, bytes.size - header_size) ||
         padded(head.size) > bytes.size)
-      return drop(Drop::truncated);
+      return count_drop(Drop::truncated);
     const std::uint32_t gap = head.sequence - next_;
     if (numbered_ && gap < longest_gap) lost_ += gap;
     if (!numbered_ || gap < longest_gap) next_ = head.sequence + 1;
@@ -175,7 +216,7 @@ void Reader::finish(const Head& head, ByteView body, const Receive& receive) {
   Message message;
   message.timestamp = openigtlink::timestamp_of(head.seconds, std::min(head.microseconds, 999999u) * 1000);
   const Drop reason = decode(head, {body.data, head.size - header_size}, message);
-  if (reason != Drop::none) return drop(reason);
+  if (reason != Drop::none) return count_drop(reason);
   if (message.kind == Kind::none) return;
   ++counters_.messages;
   receive(message);
@@ -183,18 +224,13 @@ void Reader::finish(const Head& head, ByteView body, const Receive& receive) {
 
 /// A sender's or a type's name.
 Drop Reader::describe(const Head& head, ByteView payload, Message& message) {
-  std::uint32_t size = 0;
-  ByteView text;
-  ByteReader reader(payload);
-  reader.number(size);
-  if (size < 1 || size > longest_name || !reader.bytes(size, text).ended() || text.data[size - 1] != 0 ||
+  std::string_view name;
+  if (!decode_name(payload, name) || name.empty() || name.back() != 0 || name.size() > longest_name + 1 ||
       head.sender < 0 || std::size_t(head.sender) >= most_numbers)
     return Drop::bad_length;
-  message.text = {reinterpret_cast<const char*>(text.data), size - 1};
+  message.text = name.substr(0, name.size() - 1);
   if (head.type == type_description) {
-    const auto* at = std::find(names, names + named_kinds, message.text);
-    kind_of_[std::size_t(head.sender)] =
-        std::uint8_t(at < names + named_kinds ? Kind(at - names) : Kind::none);
+    kind_of_[std::size_t(head.sender)] = std::uint8_t(kind_of_type(message.text));
     return Drop::none;
   }
   message.kind = Kind::sender;
@@ -221,30 +257,9 @@ Drop Reader::decode(const Head& head, ByteView payload, Message& message) {
     ++other_sender_;
     return Drop::none;
   }
-  const Kind kind = Kind(kind_of_[std::size_t(head.type)]);
+  message.kind = Kind(kind_of_[std::size_t(head.type)]);
   message.sender = std::size_t(sender_of_[std::size_t(head.sender)] - 1);
-  message.kind = kind;
-  if (kind == Kind::button) {
-    if (payload.size != 8) return Drop::bad_length;
-    message.number = std::int32_t(get<std::uint32_t>(payload.data));
-    message.pressed = get<std::uint32_t>(payload.data + 4) != 0;
-  } else if (kind == Kind::buttons) {
-    if (payload.size < 4 || (payload.size - 4) / 4 != get<std::uint32_t>(payload.data))
-      return Drop::bad_length;
-    for (std::size_t i = 0; i < 32 && 8 + 4 * i <= payload.size; ++i)
-      if (get<std::uint32_t>(payload.data + 4 + 4 * i)) message.pressed |= 1u << i;
-  } else if (const std::size_t reals = reals_of[std::size_t(kind)]) {
-    const std::size_t ahead = kind == Kind::force ? 0 : 8;
-    if (payload.size != ahead + 8 * reals) return Drop::bad_length;
-    if (ahead) message.number = std::int32_t(get<std::uint32_t>(payload.data));
-    bool finite = true;
-    for (std::size_t i = 0; i < reals; ++i) {
-      message.values[i] = get_float<double>(payload.data + ahead + 8 * i);
-      finite = finite && std::isfinite(message.values[i]);
-    }
-    return finite ? Drop::none : Drop::not_finite;
-  }
-  return Drop::none;
+  return decode_payload(message.kind, payload, message);
 }
 
 }  // namespace burrlab::vrpn

@@ -30,18 +30,18 @@ VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const V
       settings_(settings),
       tracker_(checked_tracker(name)),
       reader_({name}) {
-  begin();
+  start_thread();
 }
 
-void VrpnDevice::say(const std::string& fault) {
+void VrpnDevice::set_fault(const std::string& fault) {
   const std::lock_guard<std::mutex> lock(fault_mutex_);
   fault_ = fault;
 }
 
 std::string VrpnDevice::fault() const {
   const std::lock_guard<std::mutex> lock(fault_mutex_);
-  if (fault_.empty() && connected() && !found_ && !heard_.empty())
-    return server_ + " has no sender '" + tracker_ + "', it has " + heard_;
+  if (fault_.empty() && connected() && !has_tracker_ && !senders_.empty())
+    return server_ + " has no sender '" + tracker_ + "', it has " + senders_;
   return fault_.empty() ? NetworkDevice::fault() : fault_;
 }
 
@@ -53,11 +53,11 @@ std::string VrpnDevice::note() const {
 bool VrpnDevice::open() {
   {
     const std::lock_guard<std::mutex> lock(fault_mutex_);
-    heard_.clear();
-    found_ = false;
+    senders_.clear();
+    has_tracker_ = false;
   }
   newest_ = 0;
-  if (!(settings_.tcp ? client_.connect() : client_.be_called())) return false;
+  if (!(settings_.tcp ? client_.connect() : client_.ask_for_connection())) return false;
   vrpn::Bytes hello;
   vrpn::encode_cookie(hello);
   std::string address;
@@ -73,20 +73,21 @@ bool VrpnDevice::feed(openigtlink::ByteView bytes, bool datagram) {
     ++counters_.datagrams;
     reader_.feed_datagram(bytes, receive);
   } else if (!reader_.feed(bytes, receive)) {
-    if (reader_.greeted()) say(server_ + " sent a message whose length cannot be");
+    if (reader_.greeted()) set_fault(server_ + " sent a message whose length cannot be");
     return false;
   }
-  if (reader_.counters()[Drop::not_finite] > refused) say("a message of '" + tracker_ + "' is not finite");
+  if (reader_.counters()[Drop::not_finite] > refused)
+    set_fault("a message of '" + tracker_ + "' is not finite");
   return true;
 }
 
-void VrpnDevice::restart() {
+void VrpnDevice::after_close() {
   const auto before = reader_.counters()[Drop::truncated];
   const bool broken = reader_.broken();
   reader_.restart();
   const bool within = reader_.counters()[Drop::truncated] > before;
   if (!broken && !client_.stopped())
-    say("the connection to " + server_ + " ended" + (within ? " within a message" : ""));
+    set_fault("the connection to " + server_ + " ended" + (within ? " within a message" : ""));
 }
 
 void VrpnDevice::count(ReaderCounters& counters) const {
@@ -100,9 +101,9 @@ void VrpnDevice::take(const vrpn::Message& message) {
   switch (message.kind) {
     case Kind::cookie:
       if (!reader_.greeted())
-        return say(server_ + " must be a VRPN server of version 07, it says '" + printable(message.text) +
-                   "'");
-      say("");
+        return set_fault(server_ + " must be a VRPN server of version 07, it says '" +
+                         printable(message.text) + "'");
+      set_fault("");
       if (message.number && note_.empty()) {  // only this thread writes it
         const std::lock_guard<std::mutex> lock(fault_mutex_);
         note_ = server_ + " says '" + printable(message.text) + "', its minor version is not 38";
@@ -110,9 +111,9 @@ void VrpnDevice::take(const vrpn::Message& message) {
       return;
     case Kind::sender: {
       const std::lock_guard<std::mutex> lock(fault_mutex_);
-      found_ = found_ || message.text == tracker_;
-      if (message.text != "VRPN Control" && heard_.size() < longest_list)
-        heard_ += (heard_.empty() ? "" : ", ") + printable(message.text);
+      has_tracker_ = has_tracker_ || message.text == tracker_;
+      if (message.text != "VRPN Control" && senders_.size() < longest_list)
+        senders_ += (senders_.empty() ? "" : ", ") + printable(message.text);
       return;
     }
     case Kind::pose:
@@ -122,10 +123,13 @@ void VrpnDevice::take(const vrpn::Message& message) {
       return;
     case Kind::button:
       if (message.number >= 0 && message.number <= 7)
-        put_buttons((buttons() & ~(1u << message.number)) | message.pressed << message.number);
+        put_buttons((buttons() & ~(1u << message.number)) | std::uint32_t(message.pressed) << message.number);
       return;
-    case Kind::buttons:
-      return put_buttons(message.pressed & 255u);
+    case Kind::buttons: {
+      std::uint32_t pressed = 0;
+      for (std::size_t i = 0; i < 8; ++i) pressed |= std::uint32_t(vrpn::is_pressed(message.states, i)) << i;
+      return put_buttons(pressed);
+    }
     default:
       return;
   }
@@ -140,10 +144,10 @@ void VrpnDevice::take_pose(const vrpn::Message& message) {
   const auto& v = message.values;
   const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
   const bool is_rotation = std::abs(q.norm() - 1.0) <= 1e-2;
-  const Eigen::Quaterniond one = is_rotation ? q.normalized() : Eigen::Quaterniond::Identity();
-  const double sign = one.w() < 0.0 ? -1.0 : 1.0;
-  if (!fault_.empty()) say("");  // only this thread writes it
-  put_pose(1e3 * Vec3(v.data()), {sign * one.w(), sign * one.x(), sign * one.y(), sign * one.z()},
+  const Eigen::Quaterniond unit = is_rotation ? q.normalized() : Eigen::Quaterniond::Identity();
+  const double sign = unit.w() < 0.0 ? -1.0 : 1.0;
+  if (!fault_.empty()) set_fault("");  // only this thread writes it
+  put_pose(1e3 * Vec3(v.data()), {sign * unit.w(), sign * unit.x(), sign * unit.y(), sign * unit.z()},
            message.timestamp, true);
 }
 

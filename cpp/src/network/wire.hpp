@@ -17,7 +17,7 @@ constexpr std::string_view string_type = "STRING", get_string_type = "GET_STRING
 // The document of version 3 draws 14 bytes; its library, 3D Slicer and pyigtl send 12: two lengths of 16
 // bits, the metadata's of 32, the message's id.
 constexpr std::size_t extended_header_size = 12;
-constexpr std::size_t metadata_count_size = 2, metadata_entry_size = 8;
+constexpr std::size_t metadata_count_size = 2;
 constexpr std::size_t transform_size = 48, sensor_head_size = 10, byte_string_prefix = 8;
 constexpr std::uint16_t us_ascii = 3;  // IANA
 constexpr std::uint8_t scalar_uint8 = 3, scalar_float64 = 11;
@@ -85,9 +85,11 @@ class ByteWriter {
     out_.insert(out_.end(), data, data + size);
     return *this;
   }
-  ByteWriter& text(std::string_view text) {
+  ByteWriter& text(std::string_view text, std::size_t = 0) {
     return bytes(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
   }
+  ByteWriter& rest(std::string_view text) { return this->text(text); }
+  ByteWriter& rest(ByteView view) { return bytes(view.data, view.size); }
 
  private:
   Bytes& out_;
@@ -104,6 +106,11 @@ class ByteReader {
     if (bytes(sizeof value, view).ok_) value = get<Unsigned>(view.data);
     return *this;
   }
+  ByteReader& real(double& value) {
+    ByteView view;
+    if (bytes(sizeof value, view).ok_) value = get_float<double>(view.data);
+    return *this;
+  }
   ByteReader& bytes(std::size_t size, ByteView& view) {
     ok_ = ok_ && size <= left_.size;
     if (!ok_) return *this;
@@ -111,12 +118,13 @@ class ByteReader {
     left_ = {left_.data + size, left_.size - size};
     return *this;
   }
-  ByteReader& text(std::size_t size, std::string& text) {
+  ByteReader& text(std::string& text, std::size_t size) {
     ByteView view;
     if (bytes(size, view).ok_) text.assign(reinterpret_cast<const char*>(view.data), size);
     return *this;
   }
-  ByteReader& rest(std::string& text) { return this->text(left_.size, text); }
+  ByteReader& rest(std::string& text) { return this->text(text, left_.size); }
+  ByteReader& rest(ByteView& view) { return bytes(left_.size, view); }
   std::size_t left() const { return left_.size; }
   bool ok() const { return ok_; }
   bool ended() const { return ok_ && left_.size == 0; }

@@ -33,8 +33,8 @@ class StreamCutter {
  protected:
   StreamCutter(std::size_t head, std::size_t largest_body) : head_(head), largest_body_(largest_body) {}
 
-  /// Calls `begin` with each head, which calls `expect`, `skip` or `lose`, or lets another head follow; then
-  /// `finish` with the body. False if the stream is broken.
+  /// Calls `begin` with each head, which calls `await_body`, `skip_body` or `break_off`, or lets another head
+  /// follow; then `finish` with the body. False if the stream is broken.
   template <class Begin, class Finish>
   bool cut(ByteView bytes, Begin&& begin, Finish&& finish) {
     while (!broken_) {
@@ -51,10 +51,10 @@ class StreamCutter {
     }
     return !broken_;
   }
-  void expect(std::size_t body) { in_body_ = true, body_ = body; }
-  void skip(Drop reason, std::uint64_t body) { drop(reason), skip_ = body; }
-  void lose(Drop reason) { drop(reason), broken_ = true; }
-  void drop(Drop reason) { ++counters_.dropped[std::size_t(reason)]; }
+  void await_body(std::size_t body) { in_body_ = true, body_ = body; }
+  void skip_body(Drop reason, std::uint64_t body) { count_drop(reason), skip_ = body; }
+  void break_off(Drop reason) { count_drop(reason), broken_ = true; }
+  void count_drop(Drop reason) { ++counters_.dropped[std::size_t(reason)]; }
   std::size_t largest_body() const { return largest_body_; }
 
   Counters counters_;

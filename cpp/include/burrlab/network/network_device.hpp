@@ -36,12 +36,12 @@ class NetworkDevice : public MailboxDevice {
  protected:
   /// `on_button`: 0 to 7, the burr turns while it is pressed; -1: as the sender says.
   NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after, int on_button);
-  void begin();  // the last line of a constructor; the destructor must call `stop`
+  void start_thread();  // the last line of a constructor; the destructor must call `stop`
 
   virtual bool open() { return client_.connect(); }
   virtual bool feed(openigtlink::ByteView bytes, bool datagram) = 0;  // false: the framing is lost
-  virtual void leave() {}                                             // before the connection is closed
-  virtual void restart() = 0;                                         // it is closed
+  virtual void before_close() {}                                      // before the connection is closed
+  virtual void after_close() = 0;                                     // it is closed
   virtual void count(ReaderCounters&) const {}                        // what only the derived class knows
   virtual const openigtlink::StreamCutter& cutter() const = 0;
 
@@ -61,7 +61,7 @@ class NetworkDevice : public MailboxDevice {
   void run();
   void read_connection();
   void publish_counters();
-  bool fits(const Vec3& vector);
+  bool is_usable(const Vec3& vector);
   void estimate_velocity(const Vec3& position, std::uint64_t timestamp, std::uint64_t arrival);
   void put_all();
 
@@ -96,8 +96,8 @@ class IgtlDevice : public NetworkDevice {
 
  private:
   bool feed(openigtlink::ByteView bytes, bool) override { return framer_.feed(bytes, on_message_); }
-  void leave() override;
-  void restart() override { framer_.restart(); }
+  void before_close() override;
+  void after_close() override { framer_.restart(); }
   const openigtlink::StreamCutter& cutter() const override { return framer_; }
   void take(const openigtlink::Message& message);
   void encode_force(const Vec3& force);
@@ -131,21 +131,21 @@ class VrpnDevice : public NetworkDevice {
  private:
   bool open() override;
   bool feed(openigtlink::ByteView bytes, bool datagram) override;
-  void restart() override;
+  void after_close() override;
   void count(ReaderCounters& counters) const override;
   const openigtlink::StreamCutter& cutter() const override { return reader_; }
   void take(const vrpn::Message& message);
   void take_pose(const vrpn::Message& message);
-  void say(const std::string& fault);
+  void set_fault(const std::string& fault);
 
   VrpnSettings settings_;
   std::string tracker_;
   vrpn::Reader reader_;
   std::uint64_t newest_ = 0;        // time stamp of the newest pose
   mutable std::mutex fault_mutex_;  // the haptic loop takes it only when the device is lost
-  std::string fault_, heard_;       // and the senders that the server has
+  std::string fault_, senders_;     // and the senders that the server has
   std::string note_;
-  bool found_ = false;
+  bool has_tracker_ = false;
 };
 
 }  // namespace burrlab

@@ -36,7 +36,6 @@ enum class Drop : std::uint8_t {
   unknown_type,         // none of TRANSFORM, SENSOR, NDARRAY, GET_STRING
   bad_crc,              // the body differs from the sent one
   bad_extended_header,  // version 2: lengths that do not fit the body
-  bad_metadata,         // version 2: keys and values that do not fit their lengths
   truncated,            // the connection ended within the message
   wrong_type,           // a decoder was given another type
   bad_length,           // content that disagrees with its lengths
@@ -65,27 +64,18 @@ struct Header {
   std::uint64_t crc = 0;        ///< of the body
 };
 
-struct MetadataEntry {
-  std::string key;
-  std::string value;
-  std::uint16_t encoding = 3;  ///< IANA character set: 3 is US-ASCII, 106 is UTF-8
-};
-
-/// An intact message. The views are of the framer's buffer, valid until its next call.
+/// An intact message, without its metadata. The content is a view of the framer's buffer, valid until its
+/// next call.
 struct Message {
   Header header;
-  std::uint32_t message_id = 0;  ///< version 2
   ByteView content;
-  ByteView metadata_header, metadata;  ///< version 2; for `read_metadata`
 };
 
 /// The header of a message to be sent.
 struct Envelope {
-  std::string_view device_name;                          ///< at most 20 bytes
-  std::uint64_t timestamp = 0;                           ///< 32.32 fixed point
-  int version = 1;                                       ///< 1 or 2
-  std::uint32_t message_id = 0;                          ///< version 2 only
-  const std::vector<MetadataEntry>* metadata = nullptr;  ///< version 2 only; null is empty
+  std::string_view device_name;  ///< at most 20 bytes
+  std::uint64_t timestamp = 0;   ///< 32.32 fixed point
+  int version = 1;               ///< 1 or 2; 2 is sent without metadata
 };
 
 /// Rotation (row by row) and position [mm] as in the message: RAS.
@@ -94,24 +84,12 @@ struct Transform {
   std::array<float, 3> position{};
 };
 
-struct Sensor {
-  std::uint64_t unit = 0;
-  std::vector<double> values;
-};
-
-struct Ndarray {
-  std::vector<std::uint16_t> shape;
-  std::vector<double> values;
-};
-
 /// 32.32 fixed point of seconds and nanoseconds (below 1e9) since 1970.
 constexpr std::uint64_t timestamp_of(std::uint32_t seconds, std::uint32_t nanoseconds) {
   return (std::uint64_t(seconds) << 32) | ((std::uint64_t(nanoseconds) << 32) / 1000000000u);
 }
 /// The time of day as a timestamp.
 std::uint64_t timestamp_now();
-/// Seconds since 1970, rounded to double.
-double timestamp_seconds(std::uint64_t timestamp);
 
 /// CRC-64 of ECMA-182 as OpenIGTLink uses it: starts at 0, most significant bit first, nothing inverted.
 std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
@@ -119,27 +97,22 @@ std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
 // Each appends a whole message to `out`, and allocates nothing if `out` has room. The data must not lie in
 // `out`. Throws std::invalid_argument if the message cannot hold the data; `out` is then unchanged.
 void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform);
-void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
-                   std::uint64_t unit = newton);
+void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count);  ///< [N]
 /// US-ASCII, at most 65535 bytes.
 void encode_string(Bytes& out, const Envelope& envelope, std::string_view text);
 /// Values in C order; their number is the product of `shape` (1 to 255 dimensions).
 void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                             const std::uint16_t* shape, std::size_t dimensions);
-/// One dimension.
-void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count);
 /// A byte string of at most `longest_byte_string`: its length in 8 bytes (ours), the bytes, and zeros up to a
 /// whole number of rows. One dimension up to 65535 bytes, then two.
 void encode_ndarray_uint8(Bytes& out, const Envelope& envelope, ByteView bytes);
 
 // Decoders. They return Drop::none, or the reason; the result is then meaningless.
 Drop decode_header(ByteView bytes, Header& header);
-/// Splits the body of a version 1 or 2 message into content and metadata; checks every length, not the CRC.
+/// Finds the content in the body of a version 1 or 2 message; checks every length, not the CRC.
 Drop decode_body(const Header& header, ByteView body, Message& message);
-Drop read_metadata(const Message& message, std::vector<MetadataEntry>& entries);
 Drop decode_transform(const Message& message, Transform& transform);
-Drop decode_sensor(const Message& message, Sensor& sensor);
-Drop decode_ndarray_float64(const Message& message, Ndarray& array);
+Drop decode_ndarray_float64(const Message& message, std::vector<double>& values);
 /// The byte string of `encode_ndarray_uint8`, a view into the message.
 Drop decode_ndarray_uint8(const Message& message, ByteView& bytes);
 

@@ -79,15 +79,13 @@ class Replica {
   /// Calls with the bone between two ticks; none is executed meanwhile.
   void visit(const std::function<void(FollowedBone&)>& function);
   const VoxelBone& bone() const;  ///< for its constant properties, such as its shape
-  /// Changes one voxel (z, y, x). For tests of the repair.
-  void flip(const Index3& voxel);
 
  private:
   enum class Stage { hello, following };
 
   void run();
   bool follow();
-  bool say_word(replica_protocol::Holds holds);
+  bool send_word(replica_protocol::Holds holds);
   void mark_changed();
   BoneUpdate update_of(UnseenBricks& unseen);
   void take(const openigtlink::Message& message);
@@ -98,8 +96,8 @@ class Replica {
   void take_end(const replica_protocol::End& end);
   void put_bricks();
   void diverge(const std::string& what);
-  void fault(const std::string& reason, std::uint64_t seen);
-  void fault(const std::string& reason) { fault(reason, bone_->tick()); }
+  void give_up(const std::string& reason, std::uint64_t seen);
+  void give_up(const std::string& reason) { give_up(reason, bone_->tick()); }
   void end(const std::string& reason, bool failed);
   FollowedBone& followed() const;  // throws before `start`
 
@@ -107,9 +105,9 @@ class Replica {
   replica_protocol::Hello hello_;
   openigtlink::MessageFramer framer_;
   Stage stage_ = Stage::hello;
-  bool broken_ = false;    // this connection is given up
-  bool progress_ = false;  // this connection was of use, or showed a difference: connect again at once
-  bool first_ = true;      // nothing followed the hello yet
+  bool broken_ = false;     // this connection is given up
+  bool progress_ = false;   // this connection was of use, or showed a difference: connect again at once
+  bool only_hello_ = true;  // nothing followed the hello yet
   bool any_digest_ = false;
   std::uint64_t digest_tick_ = 0;       // of the last digest
   std::vector<std::uint32_t> numbers_;  // bricks received so far
@@ -124,7 +122,7 @@ class Replica {
   bool suspect_ = false;
   Divergence divergence_;  // found; its bricks are not known yet
   TickRecord newest_;
-  bool any_ = false;
+  bool any_tick_ = false;
   std::shared_ptr<UnseenBricks> unseen_;  // of `take_changed` without arguments
   std::vector<std::weak_ptr<UnseenBricks>> consumers_;
   ReplicaStatus status_;

@@ -33,6 +33,7 @@ struct Word {
   std::uint64_t session = 0;                             ///< number of the followed session; 0: none yet
   std::uint64_t tick = 0;                                ///< ticks executed
   std::string digest = std::string(digest_digits, '0');  ///< of its initial volume
+  std::uint32_t version = replica_protocol::version;
 };
 
 struct Hello {

@@ -17,14 +17,14 @@ class TcpClient {
  public:
   /// Looks `host` up. Throws std::invalid_argument if it has no address or `port` is not 1 to 65535.
   TcpClient(const std::string& host, int port);
-  ~TcpClient();
+  ~TcpClient() { close(); }
   TcpClient(const TcpClient&) = delete;
   TcpClient& operator=(const TcpClient&) = delete;
 
   /// Tries each address for `timeout` [s]; false if none answers or the client was stopped.
   bool connect(double timeout = 1.0);
   /// Asks a VRPN server by UDP to connect to this machine, and waits for it; only that server is let in.
-  bool be_called(double timeout = 1.0);
+  bool ask_for_connection(double timeout = 1.0);
   /// Awaits UDP packets of the server, at the address of the connection; returns the port, 0 if there is
   /// none.
   int open_datagrams(std::string& address);
@@ -53,7 +53,7 @@ class TcpClient {
 
   std::vector<PeerAddress> addresses_;
   int socket_ = -1, datagrams_ = -1;
-  int wake_[2] = {-1, -1};  // a pipe; a byte in it means stopped
+  WakePipe pipe_;  // woken: stopped
   std::atomic<bool> stopped_{false};
 };
 

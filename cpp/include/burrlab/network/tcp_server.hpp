@@ -1,21 +1,14 @@
 // A listening TCP socket, operations on its connections, and a UDP socket beside it. Only `wait` waits.
 #pragma once
 
-#include <array>
-#include <cstddef>
-#include <cstdint>
-#include <string>
 #include <utility>
-#include <vector>
+
+#include "burrlab/network/peer_address.hpp"
 
 namespace burrlab {
 
-/// Of a peer, for one of these sockets.
-struct PeerAddress {
-  std::array<std::uint8_t, 28> bytes{};  // a sockaddr_in or sockaddr_in6
-  std::size_t size = 0;
-  PeerAddress with_port(int port) const;
-};
+/// A socket of this type (SOCK_STREAM, SOCK_DGRAM) that is bound to an address; -1 if it cannot be.
+int bound_socket(const PeerAddress& address, int type) noexcept;
 
 class TcpServer {
  public:
@@ -29,19 +22,19 @@ class TcpServer {
   /// Listens; port 0 is any free one, -1 none at all. `send_buffer`: the system's, for each connection
   /// [bytes]. Throws std::invalid_argument if the address cannot be used.
   TcpServer(const std::string& host, int port, int send_buffer);
-  ~TcpServer();
+  ~TcpServer() { stop_listening(); }
   TcpServer(const TcpServer&) = delete;
   TcpServer& operator=(const TcpServer&) = delete;
 
-  int port() const { return port_; }
+  int port() const { return port_; }  ///< 0: none
   int socket() const { return socket_; }
-  void stop_listening() noexcept;  ///< frees the port
+  void stop_listening() noexcept { close(std::exchange(socket_, -1)); }  ///< frees the port
 
   /// Waits at most `milliseconds` for one of these, for `wake`, or, if `accepting`, for a connection. Returns
   /// whether there may be a connection to accept.
   bool wait(std::vector<Interest>& interests, bool accepting, int milliseconds);
   /// Makes `wait` return; from any thread.
-  void wake() noexcept;
+  void wake() noexcept { pipe_.wake(); }
 
   enum class Accepted { connection, none, exhausted };
   /// `exhausted`: the system has no room for another.
@@ -62,15 +55,14 @@ class TcpServer {
   void listen(const std::string& host, int port, int send_buffer);
 
   int socket_ = -1, port_ = 0;
-  int wake_[2] = {-1, -1};  // a pipe
+  WakePipe pipe_;
   std::vector<unsigned char> polled_;
 };
 
 /// A UDP socket at the address and port of a listening TCP socket.
 class UdpSocket {
  public:
-  /// Throws std::invalid_argument if the port is taken.
-  explicit UdpSocket(const TcpServer& beside);
+  explicit UdpSocket(const TcpServer& beside);  ///< throws std::invalid_argument if the port is taken
   ~UdpSocket() { close(); }
   UdpSocket(const UdpSocket&) = delete;
   UdpSocket& operator=(const UdpSocket&) = delete;

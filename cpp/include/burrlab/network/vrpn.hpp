@@ -20,6 +20,8 @@ constexpr int default_port = 3883;
 constexpr std::size_t header_size = 24;  // a cookie, with which each side begins, is as long
 constexpr std::size_t pose_size = header_size + 64, velocity_size = header_size + 72;  // of messages [bytes]
 constexpr std::size_t force_size = header_size + 24;
+/// Types that give a number its name, and the one that tells a UDP port.
+constexpr std::int32_t sender_description = -1, type_description = -2, udp_description = -3;
 
 /// What a message is. The first are types by name; ours have the number of their place, from 0.
 enum class Kind : std::uint8_t {
@@ -42,11 +44,22 @@ struct Message {
   Kind kind = Kind::none;
   std::size_t sender = 0;          ///< place in the reader's `senders`
   std::int32_t number = 0;         ///< sensor, button, UDP port; of a cookie: 1 if its version is not ours
-  std::uint32_t pressed = 0;       ///< of a button: 0 or 1; of `buttons`: bit i is button i
+  bool pressed = false;            ///< of a button
+  ByteView states;                 ///< of `buttons`: of each an int32, not 0 if it is pressed
   std::array<double, 8> values{};  ///< position [m] or velocity [m/s], x, y, z, w, time step [s]; force [N]
   std::uint64_t timestamp = 0;     ///< 32.32 fixed point [s]
   std::string_view text;           ///< a sender's name, or a cookie
 };
+
+/// Reads the payload of a message of this kind into `message`: number, states, values. Drop::none, or why it
+/// is damaged.
+Drop decode_payload(Kind kind, ByteView payload, Message& message);
+/// The text of a sender's or a type's description; false if it is damaged.
+bool decode_name(ByteView payload, std::string_view& name);
+/// The kind of a type with this name, Kind::none if it is not one of ours.
+Kind kind_of_type(std::string_view name);
+/// Whether button i is pressed, by `Message::states`; not beyond their end.
+bool is_pressed(ByteView states, std::size_t button);
 
 /// Reads what one peer sends: its cookie, then messages. The peer describes its senders and types by name
 /// before it uses their numbers. Messages of other senders and of other types are passed over.
@@ -77,7 +90,7 @@ class Reader : public openigtlink::StreamCutter {
   };
 
   static bool decode_head(ByteView bytes, Head& head, std::size_t largest);
-  void begin(ByteView bytes, const Receive& receive);
+  void begin_message(ByteView bytes, const Receive& receive);
   void finish(const Head& head, ByteView body, const Receive& receive);
   Drop describe(const Head& head, ByteView payload, Message& message);
   Drop decode(const Head& head, ByteView payload, Message& message);

@@ -7,7 +7,7 @@ from PIL import Image
 from burrlab.view.film import write_video
 
 
-@pytest.mark.parametrize("fps", [1.0, 7.0, 24.0, 29.97, 35.0, 45.0, 50.0])
+@pytest.mark.parametrize("fps", [1.0, 29.97, 35.0, 50.0])
 def test_a_gif_lasts_as_long_as_its_frames(tmp_path, fps):
     """Each frame lasts whole hundredths of a second, none less than browsers show it."""
     frames = [np.full((16, 16, 3), 50 * (i % 4), np.uint8) for i in range(60)]

@@ -1,4 +1,4 @@
-"""The page in a real headless Chromium, served as by a user, with and without WebGL."""
+"""The page in a real headless Chromium without WebGL, served as by a user."""
 
 import re
 import shutil
@@ -20,7 +20,6 @@ pytestmark = pytest.mark.slow
 
 _IMAGE = "document.querySelector('.burrlab-view img')"
 _SWITCHES = "[...document.querySelectorAll('.v-switch input')].map(input => input.checked)"
-_WEBGL = ("--enable-unsafe-swiftshader",)
 _NO_WEBGL = ("--disable-gpu", "--disable-3d-apis")
 
 
@@ -66,11 +65,18 @@ class Served:
             self.process.communicate()
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def served(trace):
-    one = Served("view", trace)
-    yield one
-    one.kill()
+    server = Served("view", trace)
+    yield server
+    server.kill()
+
+
+@pytest.fixture(scope="module")
+def page(served, tmp_path_factory):
+    with Chromium(tmp_path_factory.mktemp("profile"), *_NO_WEBGL) as browser:
+        opened(browser, served.address)
+        yield browser
 
 
 def settled(page):
@@ -132,87 +138,74 @@ def nothing_amiss(page):
     assert [entry for entry in page.console if entry[0] in ("error", "warning", "assert")] == []
 
 
-@pytest.mark.parametrize("flags", [_WEBGL, _NO_WEBGL], ids=["WebGL", "no WebGL"])
-def test_load_orbit_scrub_and_play(served, trace, tmp_path, flags):
-    with Chromium(tmp_path / "profile", *flags) as page:
-        opened(page, served.address)
-        has_webgl = page.value("!!document.createElement('canvas').getContext('webgl')")
-        assert has_webgl == (flags == _WEBGL)
-        first = bone_part(page)
-        assert first.std() > 10
+def test_orbit_scrub_and_play(page, trace):
+    assert not page.value("!!document.createElement('canvas').getContext('webgl')")
+    first = bone_part(page)
+    assert first.std() > 10
+    x, y = middle(page)
+    page.drag((x, y), (x + 150, y - 60))
+    settled(page)
+    assert np.abs(bone_part(page) - first).mean() > 3
 
-        x, y = middle(page)
-        page.drag((x, y), (x + 150, y - 60))
+    press(page, "SURGEON")
+    settled(page)
+    player, seen = TracePlayer(burrlab.load_trace(trace)), []
+    for part in (0.3, 0.9, 0.3):
+        at = to_time(page, part)
+        assert at == pytest.approx(part * 4.0, abs=0.05)
+        player.seek(at)
+        rows = numbers(page)
+        assert rows["bone removed"] == f"{player.bone.removed:.2f}"
+        assert rows["penetration"] == f"{player.depth[0]:.3f}"
+        seen.append(bone_part(page))
+    assert np.abs(seen[1] - seen[0]).mean() > 0.3
+    assert np.abs(seen[2] - seen[0]).mean() < 0.5
+
+    to_time(page, 0.9)
+    page.value("document.querySelector('[aria-label=play]').click()")
+    page.wait("document.querySelector('[aria-label=pause]')")
+    page.wait("document.querySelector('[aria-label=play]')", 120)  # at the end it stops
+    settled(page)
+    assert clock(page) == pytest.approx(player.duration, abs=1e-3)
+    nothing_amiss(page)
+
+
+def test_events_slices_wheel_and_presets(page, trace):
+    events = burrlab.load_trace(trace).events
+    shown = page.value("[...document.querySelectorAll('.burrlab-event')].map(row => row.innerText)")
+    assert len(shown) == len(events) >= 3
+    assert "approach to nerve, 0.50 mm" in shown[0]
+    page.wait("document.querySelector('.burrlab-side').innerText.includes(\"burr's surface to structure\")")
+    page.value("document.querySelector('.burrlab-event').click()")
+    settled(page)
+    assert clock(page) == pytest.approx(float(re.match(r"[\d.]+", shown[0])[0]), abs=0.02)
+    assert float(numbers(page)["nerve"]) == pytest.approx(0.5, abs=0.02)
+
+    last = bone_part(page)
+    x, y = middle(page)
+    actions = {
+        "wheel": lambda: page.mouse("Wheel", x, y, buttons=0, deltaX=0, deltaY=-240),
+        "preset": lambda: press(page, "BURR"),
+        "slices": lambda: page.value("document.querySelector('.v-switch input').click()"),
+    }  # fmt: skip
+    for name, action in actions.items():
+        action()
         settled(page)
-        assert np.abs(bone_part(page) - first).mean() > 3
-
-        press(page, "SURGEON")
-        settled(page)
-        player, seen = TracePlayer(burrlab.load_trace(trace)), {}
-        for place, part in enumerate((0.3, 0.9, 0.3)):
-            at = to_time(page, part)
-            assert at == pytest.approx(part * 4.0, abs=0.05)
-            player.seek(at)
-            said = numbers(page)
-            assert said["bone removed"] == f"{player.bone.removed:.2f}"
-            assert said["penetration"] == f"{player.depth[0]:.3f}"
-            seen[place] = bone_part(page)
-        assert np.abs(seen[1] - seen[0]).mean() > 0.3
-        assert np.abs(seen[2] - seen[0]).mean() < 0.5
-
-        to_time(page, 0.1)
-        page.value("document.querySelector('[aria-label=play]').click()")
-        page.wait("document.querySelector('[aria-label=pause]')")
-        page.wait("document.querySelector('[aria-label=play]')", 120)  # at the end it stops
-        settled(page)
-        assert clock(page) == pytest.approx(player.duration, abs=1e-3)
-        nothing_amiss(page)
-    assert served.end() == (0, "")
+        now = bone_part(page)
+        assert np.abs(now - last).mean() > 2, name
+        last = now
+    nothing_amiss(page)
 
 
-def test_events_slices_wheel_and_presets(served, trace, tmp_path):
-    with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
-        opened(page, served.address)
-        events = burrlab.load_trace(trace).events
-        assert len(events) >= 3
-        shown = page.value("[...document.querySelectorAll('.burrlab-event')].map(row => row.innerText)")
-        assert len(shown) == len(events)
-        assert "approach to nerve, 0.50 mm" in shown[0]
-        page.wait(
-            "document.querySelector('.burrlab-side').innerText.includes(\"burr's surface to structure\")"
-        )
-        page.value("document.querySelector('.burrlab-event').click()")
-        settled(page)
-        assert clock(page) == pytest.approx(float(re.match(r"[\d.]+", shown[0])[0]), abs=0.02)
-        assert float(numbers(page)["nerve"]) == pytest.approx(0.5, abs=0.02)
-
-        last = bone_part(page)
-        x, y = middle(page)
-        actions = {
-            "wheel": lambda: page.mouse("Wheel", x, y, buttons=0, deltaX=0, deltaY=-240),
-            "preset": lambda: press(page, "BURR"),
-            "slices": lambda: page.value("document.querySelector('.v-switch input').click()"),
-        }  # fmt: skip
-        for name, action in actions.items():
-            action()
-            settled(page)
-            now = bone_part(page)
-            assert np.abs(now - last).mean() > 2, name
-            last = now
-        nothing_amiss(page)
-        assert served.end(signal.SIGTERM) == (0, "")  # while a browser still shows the page
+def test_two_browsers_and_a_server_that_ends(page, served, tmp_path):
+    with Chromium(tmp_path / "two", *_NO_WEBGL) as other:
+        opened(other, served.address)
+        at = to_time(other, 0.5)
+        assert clock(page) == at  # one page for all browsers
+    assert to_time(page, 0.8) > at
+    nothing_amiss(page)
+    assert served.end(signal.SIGTERM) == (0, "")  # while a browser still shows the page
     assert shutil.which("ps") is None or not children(served.process.pid)
-
-
-def test_two_browsers_and_one_that_goes(served, tmp_path):
-    with Chromium(tmp_path / "one", *_NO_WEBGL) as one:
-        opened(one, served.address)
-        with Chromium(tmp_path / "two", *_NO_WEBGL) as two:
-            opened(two, served.address)
-            at = to_time(two, 0.5)
-            assert clock(one) == at  # one page for all browsers
-        assert to_time(one, 0.8) > at
-        nothing_amiss(one)
 
 
 def test_beside_a_session_and_a_replica(tmp_path):

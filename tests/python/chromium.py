@@ -1,28 +1,20 @@
-"""A headless Chromium, driven through its DevTools pipe, without a port or a package."""
+"""A headless Chromium, driven through its DevTools socket."""
 
 import base64
 import io
+import itertools
 import json
-import os
-import select
 import shutil
 import subprocess
-import sys
 import time
+from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
-# Chromium reads descriptor 3 and writes 4.
-_LAUNCH = """
-import fcntl, os, sys
-ends = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
-for number, end in zip((3, 4), ends):
-    os.dup2(end, number)
-os.execv(sys.argv[3], sys.argv[3:])
-"""
 _FLAGS = [
-    "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--no-sandbox", "--disable-extensions",
+    "--headless=new", "--remote-debugging-port=0", "--no-first-run", "--no-sandbox", "--disable-extensions",
     "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
     # no other machine can be reached, and the page must still work
     "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
@@ -38,18 +30,18 @@ class Chromium:
     """One page. `console` keeps its log with all failed loads, such as requests to other machines."""
 
     def __init__(self, folder, *flags, size=(1280, 800)):
-        self.console = []
-        read, chromium_write = os.pipe()
-        chromium_read, write = os.pipe()
-        self._read, self._write = read, write
+        connect = pytest.importorskip("websockets.sync.client", reason="needs the extra haply").connect
+        self.console, self._numbers, self._session = [], itertools.count(1), None
         self._process = subprocess.Popen(
-            [sys.executable, "-c", _LAUNCH, str(chromium_read), str(chromium_write), chromium_path(), *_FLAGS,
-             f"--user-data-dir={folder}", f"--window-size={size[0]},{size[1]}", *flags, "about:blank"],
-            pass_fds=(chromium_read, chromium_write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [chromium_path(), *_FLAGS, f"--user-data-dir={folder}", f"--window-size={size[0]},{size[1]}", *flags, "about:blank"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        os.close(chromium_read)
-        os.close(chromium_write)
-        self._bytes, self._number, self._session = b"", 0, None
+        file, until = Path(folder) / "DevToolsActivePort", time.monotonic() + 60.0
+        while not (file.exists() and len(address := file.read_text().split()) == 2):
+            assert time.monotonic() < until, "Chromium does not start"
+            time.sleep(0.05)
+        self._connection = connect(f"ws://127.0.0.1:{address[0]}{address[1]}", max_size=None)
+        self._socket = self._connection.__enter__()
         targets = self.call("Target.getTargets")["targetInfos"]
         page = next(target for target in targets if target["type"] == "page")
         attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
@@ -68,65 +60,39 @@ class Chromium:
         return self
 
     def __exit__(self, *_):
-        self.close()
-
-    def close(self):
-        self._session = None
-        try:
-            self.call("Browser.close")
-            self._process.wait(10)
-        except (OSError, EOFError, subprocess.TimeoutExpired):
-            self._process.kill()
-            self._process.wait()
-        os.close(self._read)
-        os.close(self._write)
+        self._connection.__exit__(None, None, None)
+        self._process.terminate()
+        self._process.wait(20)
 
     def call(self, method, seconds=60.0, **parameters):
-        self._number += 1
-        message = {"id": self._number, "method": method, "params": parameters}
+        number, until = next(self._numbers), time.monotonic() + seconds
+        message = {"id": number, "method": method, "params": parameters}
         if self._session is not None:
             message["sessionId"] = self._session
-        data = json.dumps(message).encode() + b"\0"
-        while data:
-            data = data[os.write(self._write, data) :]
-        until = time.monotonic() + seconds
-        while True:
-            answer = self._receive(until)
-            if answer.get("id") == self._number:
-                assert "error" not in answer, (method, answer)
-                return answer["result"]
+        self._socket.send(json.dumps(message))
+        while (answer := json.loads(self._socket.recv(until - time.monotonic()))).get("id") != number:
             self._hear(answer)
-
-    def _receive(self, until):
-        while b"\0" not in self._bytes:
-            left = until - time.monotonic()
-            if left <= 0 or not select.select([self._read], [], [], left)[0]:
-                raise TimeoutError("Chromium does not answer")
-            more = os.read(self._read, 1 << 20)
-            if not more:
-                raise EOFError("Chromium has ended")
-            self._bytes += more
-        one, self._bytes = self._bytes.split(b"\0", 1)
-        return json.loads(one)
+        assert "error" not in answer, (method, answer)
+        return answer["result"]
 
     def _hear(self, event):
-        told, of = event.get("params", {}), event.get("method")
-        if of == "Runtime.consoleAPICalled":
-            words = [str(part.get("value", part.get("description"))) for part in told["args"]]
-            self.console.append((told["type"], " ".join(words)))
-        elif of == "Log.entryAdded":
-            self.console.append((told["entry"]["level"], told["entry"]["text"]))
-        elif of == "Runtime.exceptionThrown":
-            self.console.append(("error", str(told["exceptionDetails"])))
+        details, name = event.get("params", {}), event.get("method")
+        if name == "Runtime.consoleAPICalled":
+            words = [str(part.get("value", part.get("description"))) for part in details["args"]]
+            self.console.append((details["type"], " ".join(words)))
+        elif name == "Log.entryAdded":
+            self.console.append((details["entry"]["level"], details["entry"]["text"]))
+        elif name == "Runtime.exceptionThrown":
+            self.console.append(("error", str(details["exceptionDetails"])))
 
     def load(self, url):
         self.call("Page.navigate", url=url)
 
     def value(self, expression):
         """Value of JavaScript in the page."""
-        got = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
-        assert "exceptionDetails" not in got, got
-        return got["result"].get("value")
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
 
     def wait(self, expression, seconds=60.0):
         """Waits until an expression is true; returns its value."""

@@ -9,7 +9,7 @@ import pytest
 from rendering_probe import need_drawing
 from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone, tools
-from view_scenes import carve, parcels, read, write_trace
+from view_scenes import carve, parcels, write_trace
 
 import burrlab
 import burrlab.view.scene as scene_module
@@ -146,15 +146,6 @@ def test_a_chart_appears_with_its_values():
         changed = differing(scene.picture(), plain)
     assert changed[160:, :100].any()
     assert not changed[:120].any()
-
-
-def test_files_are_pictures(scene, tmp_path):
-    scene.screenshot(tmp_path / "a.png")
-    scene.stereo_pair(tmp_path / "b.png")
-    assert read(tmp_path / "a.png").shape == (240, 320, 3)
-    assert read(tmp_path / "b.png").shape == (240, 640, 3)
-    with pytest.raises(OSError, match="folder must exist"):
-        scene.screenshot(tmp_path / "no" / "a.png")
 
 
 def test_refused_by_the_scene(scene):

@@ -189,7 +189,9 @@ def test_events_slices_wheel_and_presets(page, trace):
         "slices": lambda: page.value("document.querySelector('.v-switch input').click()"),
     }  # fmt: skip
     for name, action in actions.items():
+        number = page.value(f"{_IMAGE}.dataset.number")
         action()
+        page.wait(f"{_IMAGE}.dataset.number > {number}")
         settled(page)
         now = bone_part(page)
         assert np.abs(now - last).mean() > 2, name

@@ -379,7 +379,7 @@ class ScaleBar:
         width, height = self.renderer.GetSize()
         camera = plotter.camera
         seen = 2 * camera.distance * np.tan(np.deg2rad(camera.view_angle) / 2)  # [mm] from bottom to top
-        length = scale_length(0.22 * width * seen / max(height, 1))
+        length = float(np.clip(round_value(0.22 * width * seen / max(height, 1)), 0.1, 100.0))
         right, low, tick = 0.97 * width, 0.045 * height, 0.008 * height
         left, size = right - length * height / seen, font_size(height)
         ends = [(x, y) for x in (left, right) for y in (low - tick, low + tick)]
@@ -393,11 +393,6 @@ class ScaleBar:
         self.ground.place(
             left - size, low - 2.4 * tick, right + size, low + 2.4 * tick + (2.6 if self.note else 1.3) * size
         )
-
-
-def scale_length(most: float) -> float:
-    """The longest of the round lengths, 0.1 to 100 mm, that is at most `most` [mm]."""
-    return float(np.clip(round_value(most), 0.1, 100.0))
 
 
 _SPAN = 10.0  # of the time axis [s]

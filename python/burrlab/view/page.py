@@ -115,11 +115,8 @@ def values(source: PageSource) -> list[list[str]]:
 def events(source: PageSource) -> list[dict[str, Any]]:
     """Rows of the events, with the place of each mark in the charts."""
     first, last = source.span
-    return [
-        {"time_s": event.time, "clock": f"{event.time:.2f} s", "text": event.text, "colour": event.colour,
-         "x": round(WIDTH * (event.time - first) / max(last - first, 1e-9), 1)}
-        for event in source.events
-    ]  # fmt: skip
+    scale = WIDTH / max(last - first, 1e-9)
+    return [{**event, "x": round(scale * (event["time_s"] - first), 1)} for event in source.events]
 
 
 _TURN = 200.0  # across the picture [degree]

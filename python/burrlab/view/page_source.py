@@ -5,7 +5,6 @@ import json
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -31,15 +30,6 @@ _KINDS = {  # text and colour of an event
     "injury": ("injury of", "#ff7b72"),
     "away": ("away from", "#7a8791"),
 }
-
-
-@dataclass(frozen=True)
-class PageEvent:
-    """An event: its time [s], its text, and the colour of its mark."""
-
-    time: float
-    text: str
-    colour: str
 
 
 class StructureDistances:
@@ -95,13 +85,14 @@ class StructureDistances:
             self._watch = Watch.of_settings(self._bone, settings) if settings else Watch(self._bone)
 
 
-def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
-    """The page's event of a row of a trace's or a watch's events."""
-    kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
+def event_row(time: float, event: np.void, structures: Sequence[str]) -> dict[str, Any]:
+    """The page's row of a trace's or a watch's event: its time [s], its text, and the colour of its mark."""
+    kind, distance = KINDS[int(event["kind"])], float(event["distance_mm"])
     what, colour = _KINDS[kind]
-    text = f"{what} {structures[int(row['structure'])]}"
-    with_distance = kind in ("approach", "away") and np.isfinite(distance)
-    return PageEvent(time, f"{text}, {distance:.2f} mm" if with_distance else text, colour)
+    text = f"{what} {structures[int(event['structure'])]}"
+    if kind in ("approach", "away") and np.isfinite(distance):
+        text += f", {distance:.2f} mm"
+    return {"time_s": time, "clock": f"{time:.2f} s", "text": text, "colour": colour}
 
 
 #: Drawn fields of a parcel, as precise as the eye can see: within 0.03 mm, and shares of 255.
@@ -211,7 +202,7 @@ class PageSource:
         self.time, self.span = 0.0, (0.0, 0.0)
         self.burrs, n = unknown_burrs(self.radii), len(self.radii)
         self.force, self.depth = np.zeros((n, 3)), np.zeros(n)
-        self.events: list[PageEvent] = []
+        self.events: list[dict[str, Any]] = []
         self.has_effects = False
         self._distances = StructureDistances(bone, watch)
 
@@ -302,7 +293,7 @@ class ReplaySource(PageSource):
             for event in player.events:
                 names = [row["name"] for row in trace.watch["structures"]]
                 at = min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1)
-                self.events.append(page_event(float(player.history.time[at]), event, names))
+                self.events.append(event_row(float(player.history.time[at]), event, names))
             self.past = None if effects is None else ParcelHistory(trace, effects)
         self.has_effects = effects is not None
         self._cancel = threading.Event()
@@ -440,7 +431,7 @@ class LiveSource(PageSource):
             follower = self._source.follower if isinstance(self._source, Session) else self._source
             for row in Watched.of(follower.watched(len(self.events)), np.zeros(0, np.int64)).events:
                 at = max(self.time - (tick - int(row["tick"])) * self._period, 0.0)
-                self.events.append(page_event(at, row, self._structures))
+                self.events.append(event_row(at, row, self._structures))
 
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:

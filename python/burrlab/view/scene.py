@@ -80,14 +80,6 @@ def check_screen() -> None:
 SIZE = (1536, 768)  # of a window for both eyes, unless asked for [pixel]
 
 
-def viewpoint_of(plotter: Any) -> Viewpoint:
-    """The viewpoint of a plotter's camera."""
-    camera = plotter.camera
-    return Viewpoint(
-        tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
-    )
-
-
 class StereoEyes:
     """A renderer for each eye, drawn in place of a plotter's own renderer.
 
@@ -131,15 +123,15 @@ class StereoEyes:
         for renderer in self.renderers:
             renderer.SetDraw(on)
 
-    def follow(self) -> None:
-        """Takes over camera and place before each drawing."""
+    def follow(self, viewpoint: Viewpoint) -> None:
+        """Takes over the viewpoint between the eyes and the view's place before each drawing."""
         main = self.plotter.renderer
         left, low, right, high = main.GetViewport()
         middle = (left + right) / 2
         width, height = self.plotter.window_size
         aspect = (middle - left) * width / ((high - low) * height)
         clipping = self.plotter.camera.clipping_range
-        pair = eyes(viewpoint_of(self.plotter), self.separation, aspect)
+        pair = eyes(viewpoint, self.separation, aspect)
         for renderer, scale, half, (eye, shift) in zip(
             self.renderers, self.scales, ((left, middle), (middle, right)), pair[::-1] if self.swap else pair, strict=True
         ):  # fmt: skip
@@ -330,7 +322,10 @@ class Scene:
     @property
     def viewpoint(self) -> Viewpoint:
         """Present viewpoint of the camera."""
-        return viewpoint_of(self.plotter)
+        camera = self.plotter.camera
+        return Viewpoint(
+            tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
+        )
 
     def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> int:
         """Takes over the changes of a bone; the next picture or `render` draws them.
@@ -420,7 +415,7 @@ class Scene:
         if self.legend is not None:
             self.legend.fit()
         if self._eyes.on:
-            self._eyes.follow()
+            self._eyes.follow(self.viewpoint)
         if self.panel is not None:
             self.panel.fit(self.bone, self._burrs.centers, self.radii)
         self.plotter.render_window.Render()

@@ -1,10 +1,10 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
-#include "burrlab/session/hand_device.hpp"
-#include "burrlab/session/scripted_device.hpp"
-#include "burrlab/session/servo_device.hpp"
+#include "require.hpp"
+#include "session/hand_device.hpp"
+#include "session/scripted_device.hpp"
+#include "session/servo_device.hpp"
 
 namespace {
 

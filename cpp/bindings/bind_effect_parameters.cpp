@@ -1,7 +1,7 @@
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
-#include "burrlab/effects/effect_parameters.hpp"
-#include "burrlab/effects/instruments.hpp"
+#include "effects/effect_parameters.hpp"
+#include "effects/instruments.hpp"
+#include "require.hpp"
 
 namespace {
 

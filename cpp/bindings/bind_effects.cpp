@@ -5,9 +5,9 @@
 #include <memory>
 
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
-#include "burrlab/effects/companion.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "effects/companion.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace {
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "burrlab/session/follower.hpp"
+#include "session/follower.hpp"
 
 py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
   const auto n = static_cast<py::ssize_t>(update.bricks.size());

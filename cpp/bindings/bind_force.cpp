@@ -1,7 +1,7 @@
 #include "bindings.hpp"
 #include "burrlab/force.hpp"
 #include "burrlab/material.hpp"
-#include "burrlab/tick.hpp"
+#include "tick.hpp"
 
 void bind_force(py::module_& m) {
   m.def(

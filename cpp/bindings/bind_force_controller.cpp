@@ -1,5 +1,5 @@
 #include "bindings.hpp"
-#include "burrlab/force_controller.hpp"
+#include "force_controller.hpp"
 
 void bind_force_controller(py::module_& m) {
   py::class_<ForceController>(m, "ForceController",

@@ -1,8 +1,8 @@
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
-#include "burrlab/depth_table.hpp"
 #include "burrlab/material.hpp"
 #include "burrlab/shape.hpp"
+#include "depth_table.hpp"
+#include "require.hpp"
 
 namespace {
 

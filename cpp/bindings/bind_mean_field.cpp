@@ -1,6 +1,6 @@
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
 #include "burrlab/mean_field.hpp"
+#include "require.hpp"
 
 namespace {
 

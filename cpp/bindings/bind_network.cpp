@@ -1,3 +1,4 @@
+#include "anatomy/anatomy_watch.hpp"
 #include "bindings.hpp"
 #include "burrlab/network/force_watchdog.hpp"
 #include "burrlab/network/publisher.hpp"

@@ -2,10 +2,10 @@
 #include <optional>
 
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
 #include "burrlab/session/haptic_loop.hpp"
-#include "burrlab/session/mailbox_device.hpp"
 #include "burrlab/session/tick_executor.hpp"
+#include "require.hpp"
+#include "session/mailbox_device.hpp"
 
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme) {
   SessionSetup setup{{}, seed, period, parse_scheme(scheme)};

@@ -1,6 +1,6 @@
 #include "bindings.hpp"
-#include "burrlab/session/contact_stiffness.hpp"
-#include "burrlab/session/passivity_observer.hpp"
+#include "session/contact_stiffness.hpp"
+#include "session/passivity_observer.hpp"
 
 namespace {
 

@@ -2,9 +2,9 @@
 #include <vector>
 
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
-#include "burrlab/surface.hpp"
 #include "burrlab/voxel_bone.hpp"
+#include "require.hpp"
+#include "surface.hpp"
 
 namespace {
 

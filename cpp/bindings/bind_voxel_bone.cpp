@@ -5,7 +5,7 @@
 #include <variant>
 
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace {
 

@@ -13,10 +13,11 @@
 #include <variant>
 #include <vector>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/follower.hpp"
+#include "anatomy/anatomy_watch.hpp"
 #include "burrlab/shape.hpp"
 #include "real_numbers.hpp"
+#include "require.hpp"
+#include "session/follower.hpp"
 
 namespace py = pybind11;
 using namespace py::literals;

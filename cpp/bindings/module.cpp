@@ -1,7 +1,7 @@
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
-#include "burrlab/cpu_path.hpp"
-#include "burrlab/tick.hpp"
+#include "cpu_path.hpp"
+#include "require.hpp"
+#include "tick.hpp"
 
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The C++ core of burrlab; private: import from burrlab.";

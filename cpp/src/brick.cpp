@@ -1,4 +1,4 @@
-#include "burrlab/brick.hpp"
+#include "brick_levels.hpp"
 
 #include <algorithm>
 #include <new>

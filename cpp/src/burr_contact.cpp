@@ -4,6 +4,10 @@
 #include <cmath>
 #include <utility>
 
+#include "erosion_steps.hpp"
+#include "require.hpp"
+#include "tick.hpp"
+
 namespace burrlab {
 namespace {
 
@@ -22,10 +26,13 @@ BurrContact::BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, cons
       seed_(seed),
       index_(index),
       scheme_(scheme),
-      tick_(*bone_, burr.radius, scheme, material.shape, seed, index),
-      steps_(0.0) {
+      tick_(std::make_unique<Tick>(*bone_, burr.radius, scheme, material.shape, seed, index)),
+      steps_(std::make_unique<ErosionSteps>(0.0)) {
   check_tissues();
 }
+
+BurrContact::BurrContact(BurrContact&&) noexcept = default;
+BurrContact::~BurrContact() = default;
 
 // A sum of K M must fit in 63 bits, and a bone's tissues have one material.
 void BurrContact::check_tissues() const {
@@ -35,17 +42,17 @@ void BurrContact::check_tissues() const {
   const double most = 4.18879020478639098 * reach.prod() * 65280.0;
   if (!(most * bone_->tissues()->table().largest_stiffness() < 0x1p63))
     refuse("radius over the voxel", "small enough for c_e of the tissues (200 at 1000 N/mm^2)",
-           tick_.resolution());
+           tick_->resolution());
 }
 
 // Makes new constants if dt differs from the last one, or the bone has other tissues.
 const ErosionSteps& BurrContact::steps_of(double dt) {
-  if (dt == dt_ && tissues_ == bone_->tissues()) return steps_;
+  if (dt == dt_ && tissues_ == bone_->tissues()) return *steps_;
   check_tissues();
-  steps_ = ErosionSteps(*bone_, material_, dt);
+  *steps_ = ErosionSteps(*bone_, material_, dt);
   tissues_ = bone_->tissues();
   dt_ = dt;
-  return steps_;
+  return *steps_;
 }
 
 Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
@@ -66,14 +73,14 @@ Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
   contact.tick = tick;
   contact.touching = sums.mass > 0;
   contact.ambiguous = elastic.ambiguous;
-  contact.coarse = tick_.resolution() < Tick::coarse;
+  contact.coarse = tick_->resolution() < Tick::coarse;
   contact.faint = scheme_ == Scheme::layer && sums.faint * 20 > sums.mass;
   return contact;
 }
 
 Contact BurrContact::probe(const Vec3& center) const {
   TickSums sums;
-  const Moments moments = tick_.moments(*bone_, center, &sums);
+  const Moments moments = tick_->moments(*bone_, center, &sums);
   return felt(moments, sums);
 }
 
@@ -85,8 +92,8 @@ Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
 
 Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
   TickSums sums;
-  const Moments moments = steps ? tick_.moments_and_erode(*bone_, center, *steps, tick, &sums)
-                                : tick_.moments(*bone_, center, &sums);
+  const Moments moments = steps ? tick_->moments_and_erode(*bone_, center, *steps, tick, &sums)
+                                : tick_->moments(*bone_, center, &sums);
   const Contact contact = felt(moments, sums);
   ++tick;
   return contact;
@@ -96,7 +103,7 @@ double BurrContact::erode(const Vec3& center, double dt) {
   require_positive("dt", dt);
   const VoxelBone::Changing changing(*bone_);
   TickSums sums;
-  tick_.erode(*bone_, center, steps_of(dt), tick, &sums);
+  tick_->erode(*bone_, center, steps_of(dt), tick, &sums);
   ++tick;
   return static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
 }
@@ -165,7 +172,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
       return descent;
     }
     TickSums sums;  // of the erosion alone: s was probed last
-    tick_.erode(*bone_, start + s * axis, steps_of(dt), tick++, &sums);
+    tick_->erode(*bone_, start + s * axis, steps_of(dt), tick++, &sums);
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
     descent.force.push_back(-felt_there.force.dot(axis));

@@ -1,4 +1,4 @@
-#include "burrlab/cpu_path.hpp"
+#include "cpu_path.hpp"
 
 #include <atomic>
 #include <cstdlib>

@@ -1,10 +1,10 @@
-#include "burrlab/depth_table.hpp"
+#include "depth_table.hpp"
 
 #include <map>
 #include <mutex>
 
-#include "burrlab/check.hpp"
-#include "burrlab/portable_math.hpp"
+#include "portable_math.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,9 +1,9 @@
 // A tick's random numbers before they meet a voxel, and as a field over a volume.
 #include <algorithm>
 
-#include "burrlab/philox.hpp"
-#include "burrlab/tick.hpp"
 #include "kernel/kernel.hpp"
+#include "philox.hpp"
+#include "tick.hpp"
 
 namespace burrlab {
 

@@ -1,9 +1,9 @@
-#include "burrlab/erosion_steps.hpp"
+#include "erosion_steps.hpp"
 
 #include <algorithm>
 #include <sstream>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -9,7 +9,7 @@
 #include <array>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -8,7 +8,8 @@
 #include <sstream>
 #include <stdexcept>
 
-#include "burrlab/check.hpp"
+#include "portable_math.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 
@@ -165,6 +166,28 @@ double Shape::Table::at(double delta) const {
   const std::size_t i =
       static_cast<std::size_t>(std::upper_bound(depth.begin() + 1, depth.end(), delta) - depth.begin()) - 1;
   return value[i] + (delta - depth[i]) * slope[i];
+}
+
+Shape::Shape(Kind kind, double order)
+    : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
+
+double Shape::at_depth(double delta) const {
+  if (kind_ == Kind::constant) return 1.0;
+  if (kind_ == Kind::table) return order_ == 0.0 ? table_->at(delta) : to_order(table_->at(delta));
+  return to_order(kind_ == Kind::linear ? delta : delta * (2.0 - delta));
+}
+
+double Shape::at_radius(double x) const {
+  if (x > 1.0) return 0.0;
+  if (kind_ == Kind::constant || kind_ == Kind::table) return at_depth(1.0 - x);
+  return to_order(1.0 - (kind_ == Kind::linear ? x : x * x));
+}
+
+double Shape::to_order(double y) const {
+  if (whole_ == 0) return portable::pow(y, order_);
+  double power = y;
+  for (int i = 1; i < whole_; ++i) power *= y;
+  return power;
 }
 
 double Shape::kappa() const {

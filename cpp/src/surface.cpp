@@ -2,14 +2,14 @@
 // cube of eight voxel centres, that the surface passes has one vertex: the mean of its crossings of the
 // cell's edges. Each edge between two voxel centres that it crosses has one quad about it. Vertex and normal
 // depend only on the levels of 4^3 voxels, in a fixed order, so blocks agree to the bit.
-#include "burrlab/surface.hpp"
+#include "surface.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cstring>
 #include <string>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -3,16 +3,18 @@
 // row (kernel/brick_visit.hpp). Budget: 1 ms with the largest burr on the finest volume, measured by `make
 // bench`. Design: docs/hierarchy.md. Lines that decide a bit follow docs/tick.md: change both or neither.
 
-#include "burrlab/tick.hpp"
+#include "tick.hpp"
 
 #include <algorithm>
 #include <bitset>
 #include <cmath>
 #include <cstring>
+#include <sstream>
 
 #include "brick_walk.hpp"
-#include "burrlab/check.hpp"
 #include "kernel/kernel.hpp"
+#include "portable_math.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 
@@ -20,12 +22,6 @@ static_assert(kernel::depth_row == kernel::depth_cell * (DepthTable::columns - 1
               kernel::depth_rows_per_voxel == DepthTable::rows_per_voxel &&
               kernel::depth_columns_per_unit == DepthTable::columns_per_unit &&
               kernel::most_tissues == Tissues::most);
-
-Scheme parse_scheme(const std::string& name) {
-  if (name == "layer") return Scheme::layer;
-  if (name == "cell") return Scheme::cell;
-  throw std::invalid_argument("scheme must be layer or cell, got '" + name + "'");
-}
 
 // Whether a brick holds more tissues than are summed one by one in the time of a visit.
 static bool many(std::uint64_t tissues) { return std::bitset<64>(tissues).count() > 6; }

@@ -5,9 +5,10 @@
 #include <cstring>
 #include <set>
 
+#include "brick_levels.hpp"
 #include "brick_walk.hpp"
-#include "burrlab/check.hpp"
 #include "kernel/kernel.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 
@@ -132,8 +133,7 @@ void TissueMap::by_tissue(std::size_t brick, const std::uint8_t* levels, std::in
 
 void TissueMap::add(std::size_t brick, const std::uint8_t* levels, std::int64_t sum, int sign,
                     Sums& sums) const {
-  by_tissue(brick, levels, sum,
-            [&](std::size_t number, std::int64_t here) { sums[number] += sign * here; });
+  by_tissue(brick, levels, sum, [&](std::size_t number, std::int64_t here) { sums[number] += sign * here; });
 }
 
 std::int64_t TissueMap::weigh(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const {

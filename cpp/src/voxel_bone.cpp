@@ -6,8 +6,9 @@
 #include <stdexcept>
 #include <utility>
 
-#include "burrlab/check.hpp"
+#include "brick_levels.hpp"
 #include "kernel/shared_rows.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {
@@ -46,6 +47,19 @@ void each_row(const Index3& at, const Index3& start, const Index3& shape, Visit 
 }
 
 }  // namespace
+
+template <class Visit>
+void VoxelBone::each_brick(const Index3& start, const Index3& shape, Visit visit) const {
+  if (shape[0] == 0 || shape[1] == 0 || shape[2] == 0) return;
+  Index3 first, last;
+  for (int axis = 0; axis < 3; ++axis) {
+    first[axis] = start[axis] / brick_side;
+    last[axis] = (start[axis] + shape[axis] - 1) / brick_side;
+  }
+  for (std::int64_t z = first[0]; z <= last[0]; ++z)
+    for (std::int64_t y = first[1]; y <= last[1]; ++y)
+      for (std::int64_t x = first[2]; x <= last[2]; ++x) visit(Index3{z, y, x}, brick_number(z, y, x));
+}
 
 VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin)
     : shape_(checked(shape, spacing, origin)),
@@ -121,6 +135,8 @@ void VoxelBone::refuse_use(int users) {
   throw std::invalid_argument(rule + (users < 0 ? "changes it" : "reads it"));
 }
 
+double VoxelBone::voxel_volume() const { return spacing_.prod(); }
+double VoxelBone::mass() const { return double(level_sum_) * (voxel_volume() / 255.0); }
 double VoxelBone::removed() const { return double(pristine_sum_ - level_sum_) * (voxel_volume() / 255.0); }
 
 std::size_t VoxelBone::hierarchy_bytes() const {

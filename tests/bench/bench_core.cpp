@@ -6,11 +6,11 @@
 #include <utility>
 #include <vector>
 
+#include "anatomy/anatomy_watch.hpp"
 #include "bench_lib.hpp"
-#include "burrlab/anatomy/anatomy_watch.hpp"
 #include "burrlab/burr_contact.hpp"
-#include "burrlab/cpu_path.hpp"
 #include "burrlab/voxel_bone.hpp"
+#include "cpu_path.hpp"
 
 using namespace burrlab;
 using namespace burrlab::bench;
@@ -56,7 +56,8 @@ WatchedStructure watched(const VoxelBone& bone, std::size_t tissue) {
   const StructureSearch search(bone, tissue);
   const std::vector<float> unknown(count, 0.0f);
   return {std::make_shared<StructureDistance>(
-              DistanceField(search, nodes, unknown.data(), spacing, bone.origin(), 1e3)), {}};
+              DistanceField(search, nodes, unknown.data(), spacing, bone.origin(), 1e3)),
+          {}};
 }
 
 }  // namespace
@@ -88,14 +89,15 @@ Core* core_clone(const Core* core, const char* path) {
 
 void core_free(Core* core) { delete core; }
 
-// Gives the bone `count` tissues of different c_e and its material's alpha, so that it is carved as without. The
-// first `critical` are watched.
+// Gives the bone `count` tissues of different c_e and its material's alpha, so that it is carved as without.
+// The first `critical` are watched.
 int core_set_tissues(Core* core, const std::uint8_t* numbers, int count, int critical) {
   return guarded([&] {
     const Material& material = core->contact->material();
     std::vector<Tissue> rows;
     for (int i = 0; i < count; ++i)
-      rows.push_back({std::to_string(i), i, material.c_e + i, material.alpha, {}, i < critical, false, false});
+      rows.push_back(
+          {std::to_string(i), i, material.c_e + i, material.alpha, {}, i < critical, false, false});
     core->bone->set_tissues(
         std::make_shared<TissueMap>(core->bone->shape(), numbers, Tissues(rows, material)));
     core->watch.reset();

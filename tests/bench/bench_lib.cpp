@@ -8,7 +8,7 @@
 #include <numeric>
 #include <vector>
 
-#include "burrlab/cpu_path.hpp"
+#include "cpu_path.hpp"
 #include "plain_tick.hpp"
 
 namespace burrlab::bench {

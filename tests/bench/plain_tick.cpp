@@ -4,7 +4,7 @@
 #include <cmath>
 #include <vector>
 
-#include "burrlab/philox.hpp"
+#include "philox.hpp"
 
 namespace burrlab::bench {
 

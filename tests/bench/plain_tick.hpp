@@ -4,9 +4,9 @@
 #include <cstdint>
 #include <memory>
 
-#include "burrlab/depth_table.hpp"
-#include "burrlab/tick.hpp"
 #include "burrlab/types.hpp"
+#include "depth_table.hpp"
+#include "tick.hpp"
 
 namespace burrlab::bench {
 

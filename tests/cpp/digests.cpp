@@ -5,7 +5,7 @@
 #include <cstring>
 
 #include "burrlab/session/haptic_loop.hpp"
-#include "burrlab/session/scripted_device.hpp"
+#include "session/scripted_device.hpp"
 
 using namespace burrlab;
 

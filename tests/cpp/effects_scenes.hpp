@@ -4,8 +4,8 @@
 #include <memory>
 #include <vector>
 
-#include "burrlab/effects/effects.hpp"
 #include "check.hpp"
+#include "effects/effects.hpp"
 
 namespace scenes {
 

@@ -3,6 +3,7 @@
 #include <memory>
 #include <random>
 
+#include "anatomy/anatomy_watch.hpp"
 #include "burrlab/session/tick_executor.hpp"
 #include "check.hpp"
 #include "count_allocations.hpp"

@@ -3,8 +3,8 @@
 #include <vector>
 
 #include "burrlab/burr_contact.hpp"
-#include "burrlab/cpu_path.hpp"
 #include "check.hpp"
+#include "cpu_path.hpp"
 
 using namespace burrlab;
 

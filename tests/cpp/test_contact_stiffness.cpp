@@ -1,5 +1,5 @@
 // Contact stiffness, closed form against voxels; the limits; the force at the limit.
-#include "burrlab/session/contact_stiffness.hpp"
+#include "session/contact_stiffness.hpp"
 
 #include "check.hpp"
 #include "session_scenes.hpp"

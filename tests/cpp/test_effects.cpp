@@ -1,5 +1,5 @@
 // Blood of one wound, merged parcels, refusals; tests/python/test_effects.py has balance, limit, equal runs.
-#include "burrlab/effects/effects.hpp"
+#include "effects/effects.hpp"
 
 #include <limits>
 

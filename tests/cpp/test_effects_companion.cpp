@@ -1,5 +1,5 @@
 // Effects in a thread beside a loop and its follower: rebuilds, changing instruments, the end.
-#include "burrlab/effects/companion.hpp"
+#include "effects/companion.hpp"
 
 #include <cmath>
 

@@ -1,8 +1,8 @@
 // Motion of parcels: free fall and drag against their formulas, bone that stops them, thin walls, slopes.
 #include <cmath>
 
-#include "burrlab/philox.hpp"
 #include "effects_scenes.hpp"
+#include "philox.hpp"
 
 using namespace burrlab;
 using namespace scenes;

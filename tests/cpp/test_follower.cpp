@@ -1,9 +1,9 @@
 // The follower carves the loop's bone again, also after a rebuild.
-#include "burrlab/session/follower.hpp"
+#include "session/follower.hpp"
 
 #include <cmath>
 
-#include "burrlab/cpu_path.hpp"
+#include "cpu_path.hpp"
 #include "loop_scenes.hpp"
 
 using namespace burrlab;

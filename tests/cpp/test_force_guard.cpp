@@ -1,10 +1,10 @@
 // Force limit, slew limit, and the observer's energy.
-#include "burrlab/session/force_guard.hpp"
+#include "session/force_guard.hpp"
 
 #include <random>
 
-#include "burrlab/session/passivity_observer.hpp"
 #include "check.hpp"
+#include "session/passivity_observer.hpp"
 
 using namespace burrlab;
 

@@ -1,5 +1,5 @@
 // The simulated hand's mechanics against closed forms; tests/python/test_devices.py has its push.
-#include "burrlab/session/hand_device.hpp"
+#include "session/hand_device.hpp"
 
 #include <array>
 #include <cmath>

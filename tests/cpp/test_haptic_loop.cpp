@@ -5,6 +5,8 @@
 
 #include "count_allocations.hpp"
 #include "loop_scenes.hpp"
+#include "session/device_frame.hpp"
+#include "session/realtime.hpp"
 
 using namespace burrlab;
 using namespace scenes;

@@ -3,8 +3,9 @@
 
 #include <cmath>
 
-#include "burrlab/session/follower.hpp"
 #include "loop_scenes.hpp"
+#include "session/follower.hpp"
+#include "session/realtime.hpp"
 
 using namespace burrlab;
 using namespace scenes;

@@ -1,5 +1,5 @@
 // The part of the burr that parcels hide, in cases with a known answer.
-#include "burrlab/effects/hidden_fraction.hpp"
+#include "effects/hidden_fraction.hpp"
 
 #include <cmath>
 

@@ -2,10 +2,11 @@
 #include <algorithm>
 #include <random>
 
+#include "brick_levels.hpp"
 #include "burrlab/brick.hpp"
-#include "burrlab/cpu_path.hpp"
-#include "burrlab/tick.hpp"
 #include "check.hpp"
+#include "cpu_path.hpp"
+#include "tick.hpp"
 
 using namespace burrlab;
 

@@ -5,9 +5,9 @@
 #include <random>
 
 #include "burrlab/burr_contact.hpp"
-#include "burrlab/cpu_path.hpp"
 #include "check.hpp"
 #include "count_allocations.hpp"
+#include "cpu_path.hpp"
 
 using namespace burrlab;
 

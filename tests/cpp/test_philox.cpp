@@ -1,5 +1,5 @@
 // Philox4x32 of 7 and of 10 rounds against the known-answer vectors published with Random123.
-#include "burrlab/philox.hpp"
+#include "philox.hpp"
 
 #include "check.hpp"
 

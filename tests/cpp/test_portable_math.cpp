@@ -1,5 +1,5 @@
 // exp, log and pow from + - * / against the C library.
-#include "burrlab/portable_math.hpp"
+#include "portable_math.hpp"
 
 #include "check.hpp"
 

@@ -6,8 +6,8 @@
 #include <thread>
 
 #include "burrlab/session/histogram.hpp"
-#include "burrlab/session/latest.hpp"
 #include "check.hpp"
+#include "session/latest.hpp"
 
 using namespace burrlab;
 

@@ -8,8 +8,8 @@
 
 #include "burrlab/network/publisher.hpp"
 #include "burrlab/network/tick_log.hpp"
-#include "burrlab/session/hand_device.hpp"
 #include "check.hpp"
+#include "session/hand_device.hpp"
 #include "session_scenes.hpp"
 
 using namespace burrlab;

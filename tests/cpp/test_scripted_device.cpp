@@ -1,5 +1,5 @@
 // Scripts and recordings, reproduced exactly.
-#include "burrlab/session/scripted_device.hpp"
+#include "session/scripted_device.hpp"
 
 #include <cmath>
 

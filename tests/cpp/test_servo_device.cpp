@@ -1,5 +1,5 @@
 // A Touch and an Omega over stubs of libHD and libdhd (tests/stubs): what they read, send and refuse.
-#include "burrlab/session/servo_device.hpp"
+#include "session/servo_device.hpp"
 
 #include <dlfcn.h>
 #include <unistd.h>
@@ -230,7 +230,8 @@ void refusals() {
   dhd.set("error", 0);
   const auto omega = std::make_shared<OmegaDevice>(0, ServoSettings{}, dhd.file);
   dhd.set("error", 2);
-  CHECK_THROWS(omega->start(1e-3), "omega:0 must let its force be switched on: communication error (error 2)");
+  CHECK_THROWS(omega->start(1e-3),
+               "omega:0 must let its force be switched on: communication error (error 2)");
   CHECK(dhd.get("force_on") == 0.0);
   dhd.set("error", 0), dhd.set("size", -1);
   CHECK_THROWS(omega->start(1e-3),

@@ -1,9 +1,9 @@
 // Parts of the tick; tests/python/test_tick_reference.py has the whole, bit for bit, on every CPU path.
 #include <cmath>
 
-#include "burrlab/depth_table.hpp"
-#include "burrlab/eroded_fraction.hpp"
 #include "check.hpp"
+#include "depth_table.hpp"
+#include "eroded_fraction.hpp"
 
 using namespace burrlab;
 

@@ -1,5 +1,5 @@
 // The virtual coupling: balance, its error, continuity, the stiffness at the hand, free space.
-#include "burrlab/session/virtual_coupling.hpp"
+#include "session/virtual_coupling.hpp"
 
 #include <algorithm>
 

@@ -1,6 +1,7 @@
 // Voxel bone: construction, assignment, digest; test_hierarchy.cpp and tests/python have what changes it.
 #include "burrlab/voxel_bone.hpp"
 
+#include "brick_levels.hpp"
 #include "check.hpp"
 
 using burrlab::Index3;

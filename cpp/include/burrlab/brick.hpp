@@ -18,9 +18,6 @@ struct BrickSums {
   std::uint32_t mass = 0, x = 0, y = 0, z = 0;
 };
 
-/// The sums of a tile: levels (z, y, x), aligned to a cache line.
-BrickSums sum_brick(const std::uint8_t* tile);
-
 /// Tiles of zeros, aligned to cache lines. A page takes memory only when it is written to.
 class Tiles {
  public:
@@ -37,14 +34,6 @@ class Tiles {
   std::unique_ptr<void, Free> memory_;
   std::uint8_t* first_ = nullptr;
 };
-
-/// Bricks in few bytes: the level of each, whether it has a tile, and these tiles.
-std::vector<std::uint8_t> pack(const std::vector<std::uint8_t>& level,
-                               const std::vector<const std::uint8_t*>& tile);
-/// Where each brick's tile lies among packed bytes; null for a uniform brick, whose level is packed[brick].
-/// Throws unless these are the bytes of so many bricks.
-std::vector<const std::uint8_t*> packed_tiles(const std::uint8_t* packed, std::size_t size,
-                                              std::size_t bricks);
 
 /// Which bricks hold bone: one bit per brick in 64-bit words of 4^3 bricks (a block), and one bit per block
 /// in words of 4^3 blocks. A walk skips empty space in steps of 32 and of 128 voxels.

@@ -5,10 +5,15 @@
 #include <memory>
 #include <vector>
 
+#include "burrlab/force.hpp"
 #include "burrlab/material.hpp"
-#include "burrlab/tick.hpp"
+#include "burrlab/voxel_bone.hpp"
 
 namespace burrlab {
+
+struct ErosionSteps;
+class Tick;
+struct TickSums;
 
 /// The contact of one tick. The force is that before the tick's erosion.
 struct Contact {
@@ -41,6 +46,8 @@ class BurrContact {
  public:
   BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
               std::uint32_t index, Scheme scheme);
+  BurrContact(BurrContact&&) noexcept;
+  ~BurrContact();
 
   /// The contact at `center` [mm], without erosion or a tick.
   Contact probe(const Vec3& center) const;
@@ -79,11 +86,11 @@ class BurrContact {
   std::uint64_t seed_;
   std::uint32_t index_;
   Scheme scheme_;
-  Tick tick_;
+  std::unique_ptr<const Tick> tick_;
   // The constants of the last dt [ms], and the tissues they belong to.
   double dt_ = 0.0;
   std::shared_ptr<const TissueMap> tissues_;
-  ErosionSteps steps_;
+  std::unique_ptr<ErosionSteps> steps_;
 };
 
 }  // namespace burrlab

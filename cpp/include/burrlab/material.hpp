@@ -1,10 +1,9 @@
-// A spherical burr, and a material: its elastic constant, erosion rate and erosion shape.
+// A spherical burr, a material (its elastic constant, erosion rate and erosion shape), and how a voxel holds
+// it.
 #pragma once
 
 #include <string>
-#include <utility>
 
-#include "burrlab/check.hpp"
 #include "burrlab/shape.hpp"
 
 namespace burrlab {
@@ -12,7 +11,7 @@ namespace burrlab {
 struct Burr {
   double radius;  ///< [mm]
 
-  explicit Burr(double radius_mm) : radius(radius_mm) { require_positive("radius", radius); }
+  explicit Burr(double radius);  ///< throws unless the radius is positive and finite
   bool operator==(const Burr& other) const { return radius == other.radius; }
 };
 
@@ -23,14 +22,14 @@ struct Material {
   Shape shape;         ///< erosion shape function f of Eq. 4
   std::string source;  ///< source of the numbers
 
-  Material(std::string name_, double c_e_, double alpha_, Shape shape_, std::string source_)
-      : name(std::move(name_)), c_e(c_e_), alpha(alpha_), shape(shape_), source(std::move(source_)) {
-    require_positive("c_e", c_e);
-    require_not_negative("alpha", alpha);
-  }
-  bool operator==(const Material& o) const {
-    return name == o.name && c_e == o.c_e && alpha == o.alpha && shape == o.shape && source == o.source;
-  }
+  /// Throws unless c_e is positive and alpha zero or positive, both finite.
+  Material(std::string name, double c_e, double alpha, Shape shape, std::string source);
+  bool operator==(const Material& other) const;
 };
+
+/// What is assumed inside a voxel. `cell`: it is uniform and erodes as a whole, as in the paper. `layer`
+/// resolves the layer in which a burr cuts, so that results do not depend on voxel size.
+enum class Scheme { layer, cell };
+Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
 
 }  // namespace burrlab

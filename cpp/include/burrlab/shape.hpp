@@ -6,8 +6,6 @@
 #include <string>
 #include <vector>
 
-#include "burrlab/portable_math.hpp"
-
 namespace burrlab {
 
 class Shape {
@@ -46,40 +44,17 @@ class Shape {
   std::string name() const;   ///< `parse` gives the same shape to the bit: that of a table holds its numbers
   std::string label() const;  ///< the name, or for a table a short one with a digest
 
-  /// f at the depth delta = d/R = 1 - x in [0, 1] below the sphere's surface. In the tick Real is float.
-  template <class Real>
-  Real at_depth(Real delta) const {
-    if (kind_ == Kind::constant) return Real(1);
-    if (kind_ == Kind::table) {
-      const Real y = static_cast<Real>(table_->at(static_cast<double>(delta)));
-      return order_ == 0.0 ? y : raise(y);
-    }
-    return raise(kind_ == Kind::linear ? delta : delta * (Real(2) - delta));
-  }
-
-  /// f at radius x = r/R >= 0; zero beyond 1.
-  template <class Real>
-  Real at_radius(Real x) const {
-    if (x > Real(1)) return Real(0);
-    if (kind_ == Kind::constant || kind_ == Kind::table) return at_depth(Real(1) - x);
-    return raise(Real(1) - (kind_ == Kind::linear ? x : x * x));
-  }
+  /// f at the depth delta = d/R = 1 - x in [0, 1] below the sphere's surface.
+  double at_depth(double delta) const;
+  double at_radius(double x) const;  ///< f at x = r/R >= 0; zero beyond 1
 
   bool operator==(const Shape& other) const {
     return kind_ == other.kind_ && order_ == other.order_ && (!table_ || table_->name == other.table_->name);
   }
 
  private:
-  Shape(Kind kind, double order)
-      : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
-
-  template <class Real>
-  Real raise(Real y) const {  // y^order
-    if (whole_ == 0) return static_cast<Real>(portable::pow(static_cast<double>(y), order_));
-    Real result = y;
-    for (int i = 1; i < whole_; ++i) result *= y;
-    return result;
-  }
+  Shape(Kind kind, double order);
+  double to_order(double y) const;  // y^order
 
   Kind kind_;
   double order_;

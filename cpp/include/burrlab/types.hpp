@@ -9,6 +9,7 @@ namespace burrlab {
 
 using Vec3 = Eigen::Vector3d;                ///< (x, y, z)
 using Index3 = std::array<std::int64_t, 3>;  ///< (z, y, x), as arrays are indexed
+using Quaternion = std::array<double, 4>;    ///< (w, x, y, z)
 
 constexpr double pi = 3.14159265358979323846;
 

@@ -55,9 +55,9 @@ class VoxelBone {
   const Index3& shape() const { return shape_; }
   const Vec3& spacing() const { return spacing_; }
   const Vec3& origin() const { return origin_; }
-  double voxel_volume() const { return spacing_.prod(); }  ///< [mm^3]
+  double voxel_volume() const;  ///< [mm^3]
 
-  double mass() const { return double(level_sum_) * (voxel_volume() / 255.0); }  ///< [mm^3 of solid bone]
+  double mass() const;     ///< of solid bone left [mm^3]
   double removed() const;  ///< pristine minus present [mm^3]
 
   Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
@@ -182,18 +182,5 @@ class VoxelBone {
   } tissue_sums_;
   mutable Users users_;
 };
-
-template <class Visit>
-void VoxelBone::each_brick(const Index3& start, const Index3& shape, Visit visit) const {
-  if (shape[0] == 0 || shape[1] == 0 || shape[2] == 0) return;
-  Index3 first, last;
-  for (int axis = 0; axis < 3; ++axis) {
-    first[axis] = start[axis] / brick_side;
-    last[axis] = (start[axis] + shape[axis] - 1) / brick_side;
-  }
-  for (std::int64_t z = first[0]; z <= last[0]; ++z)
-    for (std::int64_t y = first[1]; y <= last[1]; ++y)
-      for (std::int64_t x = first[2]; x <= last[2]; ++x) visit(Index3{z, y, x}, brick_number(z, y, x));
-}
 
 }  // namespace burrlab

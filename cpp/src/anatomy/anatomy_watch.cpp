@@ -1,9 +1,9 @@
-#include "burrlab/anatomy/anatomy_watch.hpp"
+#include "anatomy/anatomy_watch.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <cstring>
 
-#include "../brick_walk.hpp"
-#include "burrlab/check.hpp"
+#include "brick_walk.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {
@@ -234,5 +234,29 @@ double DistanceField::depth(const Vec3& point) const noexcept {
   }
   return least;
 }
+
+double StructureDistance::of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
+  const double far = field_.at(center, nearest);
+  return is_far(far - radius) ? far - radius : exact(center, far, nearest) - radius;
+}
+
+SphereDistance StructureDistance::around(const Vec3& center, double radius,
+                                         NearestVoxel& nearest) const noexcept {
+  const double far = field_.at(center, nearest), depth = field_.depth(center);
+  if (std::isinf(far)) return {far, 1.0, -depth};
+  if (!is_far(far - radius)) {
+    const double value = exact(center, far, nearest) - radius;
+    return {value, 1.0, std::min(exact_below - value, depth)};  // above exact_below the field may be used
+  }
+  const double rate = DistanceField::steepest;
+  const double near = far - radius - exact_below - field_.too_far(), beyond = field_.exact_at_most() - far;
+  return {far - radius, rate, std::min({near / rate, beyond / rate, depth})};
+}
+
+double StructureDistance::exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept {
+  return search().distance(center, nearest, far + field_.too_near());
+}
+
+bool StructureDistance::is_far(double value) const { return !(value < exact_below + field_.too_far()); }
 
 }  // namespace burrlab

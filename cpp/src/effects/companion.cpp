@@ -1,10 +1,10 @@
-#include "burrlab/effects/companion.hpp"
+#include "effects/companion.hpp"
 
 #include <chrono>
 #include <limits>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,9 +1,9 @@
-#include "burrlab/effects/effect_parameters.hpp"
+#include "effects/effect_parameters.hpp"
 
 #include <cmath>
 #include <sstream>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 

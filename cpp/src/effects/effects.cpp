@@ -1,11 +1,11 @@
-#include "burrlab/effects/effects.hpp"
+#include "effects/effects.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <string>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 

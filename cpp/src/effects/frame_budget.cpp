@@ -1,4 +1,4 @@
-#include "burrlab/effects/frame_budget.hpp"
+#include "effects/frame_budget.hpp"
 
 #include <algorithm>
 

@@ -1,11 +1,11 @@
-#include "burrlab/effects/hidden_fraction.hpp"
+#include "effects/hidden_fraction.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

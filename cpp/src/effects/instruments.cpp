@@ -1,8 +1,9 @@
-#include "burrlab/effects/instruments.hpp"
+#include "effects/instruments.hpp"
 
 #include <Eigen/Geometry>
+#include <algorithm>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,4 +1,4 @@
-#include "burrlab/effects/level_field.hpp"
+#include "effects/level_field.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,8 +1,8 @@
-#include "burrlab/effects/motion.hpp"
+#include "effects/motion.hpp"
 
 #include <algorithm>
 
-#include "burrlab/portable_math.hpp"
+#include "portable_math.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,4 +1,4 @@
-#include "burrlab/effects/parcels.hpp"
+#include "effects/parcels.hpp"
 
 #include <algorithm>
 #include <cmath>

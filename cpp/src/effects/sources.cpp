@@ -1,11 +1,11 @@
-#include "burrlab/effects/sources.hpp"
+#include "effects/sources.hpp"
 
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/philox.hpp"
-#include "burrlab/portable_math.hpp"
+#include "philox.hpp"
+#include "portable_math.hpp"
 
 namespace burrlab {
 namespace {

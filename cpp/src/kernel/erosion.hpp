@@ -1,7 +1,7 @@
 // The erosion of the rows of a brick, step by step.
 #pragma once
 
-#include "burrlab/eroded_fraction.hpp"
+#include "eroded_fraction.hpp"
 #include "random.hpp"
 #include "rows.hpp"
 

@@ -1,7 +1,7 @@
 // Random numbers of a brick, Philox4x32-7 (docs/tick.md), eight columns of a slab side by side.
 #pragma once
 
-#include "burrlab/philox.hpp"
+#include "philox.hpp"
 #include "rows.hpp"
 
 namespace burrlab::kernel {

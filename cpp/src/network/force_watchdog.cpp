@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/check.hpp"
 #include "burrlab/network/tcp_server.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 #include "socket_options.hpp"
 
 namespace burrlab {

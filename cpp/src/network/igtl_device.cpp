@@ -1,6 +1,6 @@
-#include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
 #include "burrlab/network/network_device.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 

@@ -4,7 +4,7 @@
 #include <cstring>
 #include <numeric>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 #include "wire.hpp"
 
 namespace burrlab::openigtlink {

@@ -2,9 +2,9 @@
 
 #include <algorithm>
 
-#include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 

@@ -5,7 +5,7 @@
 #include <chrono>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 #include "wire.hpp"
 
 namespace burrlab::openigtlink {

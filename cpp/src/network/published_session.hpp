@@ -3,7 +3,7 @@
 
 #include "burrlab/network/publisher.hpp"
 #include "burrlab/network/tick_log.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <chrono>
 
-#include "burrlab/check.hpp"
-#include "burrlab/copy_under.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "copy_under.hpp"
 #include "igtl_service.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 #include "vrpn_service.hpp"
 
 namespace burrlab {

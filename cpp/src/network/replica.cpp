@@ -5,8 +5,9 @@
 #include <chrono>
 #include <cstring>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "anatomy/anatomy_watch.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 #include "wire.hpp"
 
 namespace burrlab {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 #include "wire.hpp"
 
 namespace burrlab::replica_protocol {

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <random>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 #include "wire.hpp"
 
 namespace burrlab {

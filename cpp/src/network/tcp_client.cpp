@@ -1,6 +1,6 @@
 #include "burrlab/network/tcp_client.hpp"
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 #include <algorithm>
 #include <chrono>

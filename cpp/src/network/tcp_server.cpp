@@ -1,6 +1,6 @@
 #include "burrlab/network/tcp_server.hpp"
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 #include "socket_options.hpp"
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 

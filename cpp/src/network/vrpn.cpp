@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 #include "wire.hpp"
 
 namespace burrlab::vrpn {

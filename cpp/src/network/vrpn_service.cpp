@@ -3,7 +3,7 @@
 #include <cstring>
 
 #include "burrlab/network/vrpn.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 

@@ -1,10 +1,10 @@
-#include "burrlab/session/contact_stiffness.hpp"
+#include "session/contact_stiffness.hpp"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

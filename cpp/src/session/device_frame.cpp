@@ -1,6 +1,7 @@
-#include "burrlab/session/device_frame.hpp"
+#include "session/device_frame.hpp"
 
-#include "burrlab/check.hpp"
+#include "quaternion.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 

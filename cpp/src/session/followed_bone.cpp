@@ -1,4 +1,4 @@
-#include "burrlab/session/followed_bone.hpp"
+#include "session/followed_bone.hpp"
 
 #include <algorithm>
 #include <cstring>

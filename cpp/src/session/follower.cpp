@@ -1,10 +1,11 @@
-#include "burrlab/session/follower.hpp"
+#include "session/follower.hpp"
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 namespace {

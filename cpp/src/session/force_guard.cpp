@@ -1,9 +1,9 @@
-#include "burrlab/session/force_guard.hpp"
+#include "session/force_guard.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,9 +1,9 @@
-#include "burrlab/session/hand_device.hpp"
+#include "session/hand_device.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

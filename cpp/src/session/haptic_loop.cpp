@@ -7,7 +7,14 @@
 #include <exception>
 #include <sstream>
 
-#include "burrlab/check.hpp"
+#include "copy_under.hpp"
+#include "quaternion.hpp"
+#include "require.hpp"
+#include "session/device_frame.hpp"
+#include "session/force_guard.hpp"
+#include "session/passivity_observer.hpp"
+#include "session/realtime.hpp"
+#include "session/virtual_coupling.hpp"
 
 namespace burrlab {
 namespace {
@@ -136,6 +143,10 @@ void HapticLoop::end(const std::string& reason, bool failed) {
   reason_ = reason;
   failed_ = failed;
 }
+
+std::string HapticLoop::reason() const { return copy_under(mutex_, reason_); }
+bool HapticLoop::failed() const { return copy_under(mutex_, failed_); }
+std::vector<std::string> HapticLoop::realtime_notes() const { return copy_under(mutex_, notes_); }
 
 LoopCounts HapticLoop::counts() const {
   constexpr auto relaxed = std::memory_order_relaxed;

@@ -1,8 +1,9 @@
-#include "burrlab/session/mailbox_device.hpp"
+#include "session/mailbox_device.hpp"
 
 #include <chrono>
 
-#include "burrlab/check.hpp"
+#include "quaternion.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,8 +1,8 @@
 #include <algorithm>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/realtime.hpp"
-#include "burrlab/session/servo_device.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
+#include "session/servo_device.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,4 +1,4 @@
-#include "burrlab/session/realtime.hpp"
+#include "session/realtime.hpp"
 
 #include <cerrno>
 #include <chrono>

@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 

@@ -1,8 +1,9 @@
-#include "burrlab/session/scripted_device.hpp"
+#include "session/scripted_device.hpp"
 
 #include <algorithm>
 
-#include "burrlab/check.hpp"
+#include "quaternion.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

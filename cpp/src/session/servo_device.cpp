@@ -1,9 +1,11 @@
-#include "burrlab/session/servo_device.hpp"
+#include "session/servo_device.hpp"
 
+#include <algorithm>
 #include <chrono>
 
-#include "burrlab/check.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "quaternion.hpp"
+#include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
 namespace {

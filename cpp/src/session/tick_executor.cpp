@@ -2,6 +2,10 @@
 
 #include <cmath>
 
+#include "anatomy/anatomy_watch.hpp"
+#include "erosion_steps.hpp"
+#include "require.hpp"
+
 namespace burrlab {
 namespace {
 
@@ -29,6 +33,8 @@ TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& 
     steps_.push_back(steps_of(*bone_, tool.material, setup.period));
   }
 }
+
+TickExecutor::~TickExecutor() = default;
 
 void TickExecutor::execute(TickRecord& record) noexcept {
   const std::uint64_t tick = this->tick();

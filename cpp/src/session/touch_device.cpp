@@ -1,4 +1,5 @@
-#include "burrlab/session/servo_device.hpp"
+#include <stdexcept>
+#include "session/servo_device.hpp"
 
 namespace burrlab {
 namespace {

@@ -1,4 +1,4 @@
-#include "burrlab/session/vendor_library.hpp"
+#include "session/vendor_library.hpp"
 
 #include <cstdlib>
 #include <fstream>

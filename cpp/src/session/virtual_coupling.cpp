@@ -1,10 +1,10 @@
-#include "burrlab/session/virtual_coupling.hpp"
+#include "session/virtual_coupling.hpp"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 namespace {

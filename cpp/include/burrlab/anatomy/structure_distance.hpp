@@ -58,8 +58,8 @@ class StructureSearch {
   Occupancy where_;  // bricks that hold voxels of the structure
 };
 
-/// Distances on a coarse grid around a structure, linear between the nodes. A node near the structure gets its
-/// exact distance when it is first asked for, also in several threads: each would store the same number.
+/// Distances on a coarse grid around a structure, linear between the nodes. A node near the structure gets
+/// its exact distance when it is first asked for, also in several threads: each would store the same number.
 class DistanceField {
  public:
   static constexpr double exact_to = 8.0;  ///< nodes nearer than this have the exact distance [mm]
@@ -114,32 +114,17 @@ class StructureDistance {
   explicit StructureDistance(DistanceField field) : field_(std::move(field)) {}
 
   /// Distance of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
-  double of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
-    const double far = field_.at(center, nearest);
-    return is_far(far - radius) ? far - radius : exact(center, far, nearest) - radius;
-  }
+  double of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept;
 
   /// `of_sphere`, with how far it can change.
-  SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
-    const double far = field_.at(center, nearest), depth = field_.depth(center);
-    if (std::isinf(far)) return {far, 1.0, -depth};
-    if (!is_far(far - radius)) {
-      const double value = exact(center, far, nearest) - radius;
-      return {value, 1.0, std::min(exact_below - value, depth)};  // above exact_below the field may be used
-    }
-    const double rate = DistanceField::steepest;
-    const double near = far - radius - exact_below - field_.too_far(), beyond = field_.exact_at_most() - far;
-    return {far - radius, rate, std::min({near / rate, beyond / rate, depth})};
-  }
+  SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept;
 
   const StructureSearch& search() const { return field_.search(); }
   const DistanceField& field() const { return field_; }
 
  private:
-  double exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept {
-    return search().distance(center, nearest, far + field_.too_near());
-  }
-  bool is_far(double value) const { return !(value < exact_below + field_.too_far()); }  // as the field says
+  double exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept;
+  bool is_far(double value) const;  // as the field says
 
   DistanceField field_;
 };

@@ -7,8 +7,8 @@
 #include <limits>
 
 #include "burrlab/network/openigtlink.hpp"
-#include "burrlab/quaternion.hpp"
 #include "burrlab/types.hpp"
+#include "quaternion.hpp"
 
 namespace burrlab::openigtlink {
 

@@ -4,12 +4,12 @@
 #include <mutex>
 #include <thread>
 
-#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/tcp_client.hpp"
 #include "burrlab/network/vrpn.hpp"
-#include "burrlab/session/mailbox_device.hpp"
 #include "burrlab/types.hpp"
+#include "copy_under.hpp"
+#include "session/mailbox_device.hpp"
 
 namespace burrlab {
 

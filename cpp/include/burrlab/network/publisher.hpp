@@ -12,7 +12,7 @@
 
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/tcp_server.hpp"
-#include "burrlab/session/follower.hpp"
+#include "session/follower.hpp"
 
 namespace burrlab {
 

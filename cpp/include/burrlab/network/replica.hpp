@@ -7,11 +7,11 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/replica_protocol.hpp"
 #include "burrlab/network/tcp_client.hpp"
-#include "burrlab/session/follower.hpp"
+#include "copy_under.hpp"
+#include "session/follower.hpp"
 
 namespace burrlab {
 

@@ -7,8 +7,8 @@
 #include <vector>
 
 #include "burrlab/network/message_framer.hpp"
-#include "burrlab/quaternion.hpp"
 #include "burrlab/types.hpp"
+#include "quaternion.hpp"
 
 namespace burrlab::vrpn {
 

@@ -6,7 +6,6 @@
 #include <limits>
 #include <string>
 
-#include "burrlab/quaternion.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {

@@ -2,39 +2,24 @@
 #pragma once
 
 #include <atomic>
-#include <limits>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
-#include "burrlab/copy_under.hpp"
-#include "burrlab/session/device_frame.hpp"
-#include "burrlab/session/force_guard.hpp"
+#include "burrlab/session/device.hpp"
 #include "burrlab/session/histogram.hpp"
-#include "burrlab/session/passivity_observer.hpp"
-#include "burrlab/session/realtime.hpp"
+#include "burrlab/session/loop_settings.hpp"
 #include "burrlab/session/record_ring.hpp"
 #include "burrlab/session/tick_executor.hpp"
-#include "burrlab/session/virtual_coupling.hpp"
 
 namespace burrlab {
 
-struct LoopSettings {
-  bool wall_clock = true;             ///< false: one period after another, as fast as possible
-  RealtimeRequest realtime{};         ///< used with the wall clock
-  double stall_limit = 100.0;         ///< the session stops after this time without a tick [ms]
-  double ring = 60.0;                 ///< time of records kept for readers [s]
-  std::uint64_t ticks = 0;            ///< after which the session ends; 0: it runs until `stop`
-  GuardLimits guard{};                ///< of each burr without an own one in `guards`
-  double coupling = 0.0;              ///< spring between device and burr [N/mm]; 0: none
-  std::vector<DeviceFrame> frames{};  ///< one a device; empty: the devices' positions are the bone's
-  std::vector<GuardLimits> guards{};  ///< one a burr, or none
-  std::vector<DeviceModel> models{};  ///< one a burr, or none: what a device does not say itself
-  double stop_force = std::numeric_limits<double>::infinity();  ///< the session ends when it is wanted [N]
-  std::uint32_t stop_buttons = 0;                               ///< bits of buttons that end the session
-};
+class ForceGuard;
+class FramedDevice;
+class PassivityObserver;
+class VirtualCoupling;
 
 /// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines without a tick. `dropped`: periods
 /// beyond 8 since the last tick, for which no tick stands.
@@ -66,11 +51,11 @@ class HapticLoop {
   bool wait(double seconds);  ///< waits for the end; returns whether it came
 
   /// Why the session ended; empty while it runs.
-  std::string reason() const { return copy_under(mutex_, reason_); }
+  std::string reason() const;
   /// It ended on a fault: a lost device, a stall, a value that is not finite.
-  bool failed() const { return copy_under(mutex_, failed_); }
+  bool failed() const;
   /// What was asked of the system and granted, one sentence each.
-  std::vector<std::string> realtime_notes() const { return copy_under(mutex_, notes_); }
+  std::vector<std::string> realtime_notes() const;
 
   LoopCounts counts() const;
   EnergyGiven energy(std::size_t burr) const;

@@ -7,11 +7,12 @@
 #include <memory>
 #include <vector>
 
-#include "burrlab/anatomy/anatomy_watch.hpp"
 #include "burrlab/burr_contact.hpp"
 #include "burrlab/session/tick_record.hpp"
 
 namespace burrlab {
+
+class AnatomyWatch;
 
 /// A burr and the material it meets.
 struct Tool {
@@ -31,6 +32,7 @@ class TickExecutor {
  public:
   /// `tick`: ticks executed on this bone before. Throws if a tool does not fit the bone.
   TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick = 0);
+  ~TickExecutor();
 
   /// Executes tick `record.index`, which must be `tick()`, with its k, centres and switches, and writes the
   /// results. No allocation, lock or exception. Centres must be finite and k in 1..8; the caller holds a

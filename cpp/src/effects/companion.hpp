@@ -11,10 +11,10 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/copy_under.hpp"
-#include "burrlab/effects/effects.hpp"
 #include "burrlab/network/replica.hpp"
-#include "burrlab/session/follower.hpp"
+#include "copy_under.hpp"
+#include "effects/effects.hpp"
+#include "session/follower.hpp"
 
 namespace burrlab {
 

@@ -1,7 +1,7 @@
 // The PID controller of the descent experiment, from force error to velocity command.
 #pragma once
 
-#include "burrlab/check.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 

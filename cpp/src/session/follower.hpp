@@ -10,10 +10,10 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/copy_under.hpp"
-#include "burrlab/session/contact_stiffness.hpp"
-#include "burrlab/session/followed_bone.hpp"
 #include "burrlab/session/haptic_loop.hpp"
+#include "copy_under.hpp"
+#include "session/contact_stiffness.hpp"
+#include "session/followed_bone.hpp"
 
 namespace burrlab {
 

@@ -2,13 +2,12 @@
 #pragma once
 
 #include <Eigen/Geometry>
-#include <array>
 
-#include "burrlab/check.hpp"
+#include "burrlab/types.hpp"
+#include "require.hpp"
 
 namespace burrlab {
 
-using Quaternion = std::array<double, 4>;
 using RotationRows = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 inline bool is_unit(const Quaternion& q) {

@@ -1,17 +1,11 @@
 // Where a device stands beside the bone: so that a small workspace reaches all of it.
 #pragma once
 
-#include "burrlab/session/device.hpp"
+#include <Eigen/Geometry>
+
+#include "burrlab/session/loop_settings.hpp"
 
 namespace burrlab {
-
-/// position = scale x rotation x device + offset. The default changes nothing.
-struct DeviceFrame {
-  double scale = 1.0;                       ///< of motion; forces are not scaled
-  Quaternion rotation{1.0, 0.0, 0.0, 0.0};  ///< unit quaternion, device axes to bone axes
-  Vec3 offset = Vec3::Zero();               ///< of the device's origin, bone frame [mm]
-  int clutch = -1;  ///< while this button is held the burr stands still, at zero force; -1: none
-};
 
 /// One device in its frame. Holding the clutch moves the offset with the device.
 class FramedDevice {

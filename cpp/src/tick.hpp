@@ -3,13 +3,12 @@
 
 #include <cstdint>
 #include <memory>
-#include <string>
 
-#include "burrlab/depth_table.hpp"
-#include "burrlab/erosion_steps.hpp"
 #include "burrlab/force.hpp"
-#include "burrlab/shape.hpp"
+#include "burrlab/material.hpp"
 #include "burrlab/voxel_bone.hpp"
+#include "depth_table.hpp"
+#include "erosion_steps.hpp"
 
 namespace burrlab {
 
@@ -18,11 +17,6 @@ struct Kernel;
 struct Sphere;
 struct TissueTables;
 }  // namespace kernel
-
-/// What is assumed inside a voxel. `cell`: it is uniform and erodes as a whole, as in the paper. `layer`
-/// resolves the layer in which a burr cuts, so that results do not depend on voxel size.
-enum class Scheme { layer, cell };
-Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
 
 /// Exact sums of one pass over the sphere; their order does not matter.
 struct TickSums {

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "burrlab/session/device.hpp"
-#include "burrlab/session/latest.hpp"
 #include "burrlab/session/tick_record.hpp"
+#include "session/latest.hpp"
 
 namespace burrlab {
 

@@ -5,11 +5,11 @@
 #include <optional>
 #include <vector>
 
-#include "burrlab/effects/frame_budget.hpp"
-#include "burrlab/effects/hidden_fraction.hpp"
-#include "burrlab/effects/motion.hpp"
-#include "burrlab/effects/sources.hpp"
 #include "burrlab/session/histogram.hpp"
+#include "effects/frame_budget.hpp"
+#include "effects/hidden_fraction.hpp"
+#include "effects/motion.hpp"
+#include "effects/sources.hpp"
 
 namespace burrlab {
 

@@ -1,21 +1,9 @@
 // The last limit on a force before it is sent to a hand.
 #pragma once
 
-#include <limits>
-
-#include "burrlab/types.hpp"
+#include "burrlab/session/loop_settings.hpp"
 
 namespace burrlab {
-
-/// What a guard keeps to. The defaults are ours: above what burring needs (2 N and a few N/mm at 100 mm/s),
-/// below what a desktop device gives for long; no continuous limit, no ramp.
-struct GuardLimits {
-  double force = 8.0;                                           ///< size of a force [N]
-  double slew = 1.0;                                            ///< its change [N/ms]
-  double continuous = std::numeric_limits<double>::infinity();  ///< its RMS over the window [N]
-  double window = 10.0;  ///< time constant of the exponential window [s]; ours
-  double ramp = 0.0;     ///< time over which the allowed force grows from zero after the first contact [s]
-};
 
 /// Limits the size of a force, keeping its direction, then its change.
 class ForceGuard {

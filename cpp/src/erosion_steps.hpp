@@ -3,10 +3,10 @@
 
 #include <cstdint>
 
-#include "burrlab/eroded_fraction.hpp"
 #include "burrlab/material.hpp"
 #include "burrlab/tissues.hpp"
 #include "burrlab/voxel_bone.hpp"
+#include "eroded_fraction.hpp"
 
 namespace burrlab {
 

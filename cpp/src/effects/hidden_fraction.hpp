@@ -1,9 +1,9 @@
 // The part of a burr that parcels hide from a camera.
 #pragma once
 
-#include "burrlab/effects/instruments.hpp"
-#include "burrlab/effects/parcels.hpp"
-#include "burrlab/effects/sources.hpp"
+#include "effects/instruments.hpp"
+#include "effects/parcels.hpp"
+#include "effects/sources.hpp"
 
 namespace burrlab {
 

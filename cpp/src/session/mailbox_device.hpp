@@ -6,7 +6,7 @@
 #include <mutex>
 
 #include "burrlab/session/device.hpp"
-#include "burrlab/session/latest.hpp"
+#include "session/latest.hpp"
 
 namespace burrlab {
 

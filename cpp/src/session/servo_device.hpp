@@ -8,8 +8,8 @@
 #include <thread>
 
 #include "burrlab/session/device.hpp"
-#include "burrlab/session/latest.hpp"
-#include "burrlab/session/vendor_library.hpp"
+#include "session/latest.hpp"
+#include "session/vendor_library.hpp"
 
 namespace burrlab {
 

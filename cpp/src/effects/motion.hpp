@@ -3,9 +3,9 @@
 
 #include <optional>
 
-#include "burrlab/effects/instruments.hpp"
-#include "burrlab/effects/level_field.hpp"
-#include "burrlab/effects/parcels.hpp"
+#include "effects/instruments.hpp"
+#include "effects/level_field.hpp"
+#include "effects/parcels.hpp"
 
 namespace burrlab {
 

@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "burrlab/session/loop_settings.hpp"
+
 namespace burrlab {
 
 /// Steady clock [ns].
@@ -15,14 +17,6 @@ std::int64_t steady_after(double seconds) noexcept;
 void sleep_until(std::int64_t time) noexcept;
 /// CPU time of this thread [ns].
 std::int64_t thread_cpu_now() noexcept;
-
-/// What a thread asks for.
-struct RealtimeRequest {
-  bool priority = true;     ///< first-in-first-out scheduling before all ordinary threads
-  int level = 80;           ///< of the priority
-  bool lock_memory = true;  ///< keeps all pages of the process in memory
-  int cpu = -1;             ///< to run on; -1: any
-};
 
 /// Asks for this thread; returns a sentence for each thing, granted or not.
 std::vector<std::string> become_realtime(const RealtimeRequest& request);

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "burrlab/effects/effect_parameters.hpp"
 #include "burrlab/types.hpp"
+#include "effects/effect_parameters.hpp"
 
 namespace burrlab {
 

@@ -5,7 +5,7 @@
 #include <atomic>
 
 #include "burrlab/session/device.hpp"
-#include "burrlab/session/latest.hpp"
+#include "session/latest.hpp"
 
 namespace burrlab {
 

@@ -119,14 +119,7 @@ void bind_anatomy(py::module_& m) {
             NearestVoxel nearest;
             return at_points(points, [&](const Vec3& point) { return d.field().at(point, nearest); });
           },
-          "points"_a, "Distances [mm] at points (..., 3) [mm] by the field alone; infinite outside it.")
-      .def_property_readonly(
-          "values",
-          [](const StructureDistance& d) {
-            const Index3& n = d.field().shape();
-            return to_array(d.field().values().data(), {n[0], n[1], n[2]});
-          },
-          "Distances at all of the field's nodes, (z, y, x) float32 [mm]; a copy, which takes a while");
+          "points"_a, "Distances [mm] at points (..., 3) [mm] by the field alone; infinite outside it.");
 
   py::class_<AnatomyWatch, std::shared_ptr<AnatomyWatch>>(
       m, "AnatomyWatch",
@@ -135,8 +128,6 @@ void bind_anatomy(py::module_& m) {
       "`radii` of the burrs are at most 6 [mm]. ValueError if there is no structure, they are of several "
       "bones, or a value is out of range.")
       .def(py::init(&make_watch), "structures"_a, "radii"_a)
-      .def("pass_over", &AnatomyWatch::pass_over, "bone"_a, "tick"_a,
-           "Says that the bone is in the state before `tick`, whose ticks were not executed here; for tests.")
       .def(
           "seen", [](const AnatomyWatch& watch, std::size_t known) { return to_dict(watch, known); },
           "known"_a = 0,

@@ -32,53 +32,43 @@ auto array_of(std::vector<Value> HeldDescent::* field) {
 }
 
 void bind_contact(py::module_& m) {
-  py::class_<Contact>(m, "Contact", "The contact of one tick; its force is that before the tick's erosion.")
-      .def_property_readonly("force", copy_of(&Contact::force), "(3,) [N], out of the bone; a copy")
-      .def_property_readonly("normal", copy_of(&Contact::normal),
-                             "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
-      .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
-      .def_readonly("c_e", &Contact::c_e,
-                    "Elastic constant of Eq. 3 [N/mm^2]: in a bone with tissues, the mean over the mass "
-                    "inside the sphere; else, or without mass, the material's")
-      .def_readonly("m0", &Contact::m0, "[mm^3]")
-      .def_property_readonly("m1", copy_of(&Contact::m1), "(3,) [mm^4]; a copy")
-      .def_readonly("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]")
-      .def_readonly("tick", &Contact::tick, "Number of the tick")
-      .def_readonly("touching", &Contact::touching, "There is bone inside the sphere")
-      .def_readonly("ambiguous", &Contact::ambiguous, "|m_1| < 0.1 m_0 R: no direction, the force fades")
-      .def_readonly("coarse", &Contact::coarse, "The radius is below 7.5 voxels")
-      .def_readonly("faint", &Contact::faint,
-                    "Over 5 % of the mass is in voxels with pristine level below 32, where `layer` errs")
-      .def("__repr__", [](const Contact& c) {
-        return format(
-            "Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} "
-            "mm^3{}{}{})",
-            c.tick, c.force[0], c.force[1], c.force[2], c.penetration, c.removed,
-            c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "", c.faint ? ", faint" : "");
+  py::class_<Contact> contact(m, "Contact",
+                              "The contact of one tick; its force is that before the tick's erosion.");
+  py::class_<ContactSeries> series(
+      m, "ContactSeries",
+      "The contacts along a path; every column is a copy with one row a tick, (n,) or (n, 3).");
+  const auto def = [&](const char* name, auto field, const char* doc) {
+    contact.def_property_readonly(name, copy_of(field), doc);
+    series.def_property_readonly(name, column(field), doc);
+  };
+  def("force", &Contact::force, "(3,) [N], out of the bone");
+  def("normal", &Contact::normal, "(3,) out of the bone; shorter than 1 where ambiguous");
+  def("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]");
+  def("c_e", &Contact::c_e,
+      "Elastic constant of Eq. 3 [N/mm^2]: in a bone with tissues, the mean over the mass inside the sphere; "
+      "else, or without mass, the material's");
+  def("m0", &Contact::m0, "[mm^3]");
+  def("m1", &Contact::m1, "(3,) [mm^4]");
+  def("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]");
+  def("tick", &Contact::tick, "Number of the tick");
+  def("touching", &Contact::touching, "There is bone inside the sphere");
+  def("ambiguous", &Contact::ambiguous, "|m_1| < 0.1 m_0 R: no direction, the force fades");
+  def("coarse", &Contact::coarse, "The radius is below 7.5 voxels");
+  def("faint", &Contact::faint,
+      "Over 5 % of the mass is in voxels with pristine level below 32, where `layer` errs");
+  contact.def("__repr__", [](const Contact& c) {
+    return format(
+        "Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} "
+        "mm^3{}{}{})",
+        c.tick, c.force[0], c.force[1], c.force[2], c.penetration, c.removed,
+        c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "", c.faint ? ", faint" : "");
+  });
+  series.def("__len__", [](const ContactSeries& s) { return s.contacts.size(); })
+      .def("__getitem__", [](const ContactSeries& s, py::ssize_t i) {
+        const auto n = static_cast<py::ssize_t>(s.contacts.size());
+        if (i < -n || i >= n) throw py::index_error("tick " + std::to_string(i) + " of " + std::to_string(n));
+        return s.contacts[static_cast<std::size_t>(i < 0 ? i + n : i)];
       });
-
-  py::class_<ContactSeries>(m, "ContactSeries",
-                            "The contacts along a path; every column is a copy with one row a tick.")
-      .def("__len__", [](const ContactSeries& s) { return s.contacts.size(); })
-      .def("__getitem__",
-           [](const ContactSeries& s, py::ssize_t i) {
-             const auto n = static_cast<py::ssize_t>(s.contacts.size());
-             if (i < -n || i >= n)
-               throw py::index_error("tick " + std::to_string(i) + " of " + std::to_string(n));
-             return s.contacts[static_cast<std::size_t>(i < 0 ? i + n : i)];
-           })
-      .def_property_readonly("force", column(&Contact::force), "(n, 3) [N]")
-      .def_property_readonly("normal", column(&Contact::normal), "(n, 3)")
-      .def_property_readonly("m1", column(&Contact::m1), "(n, 3) [mm^4]")
-      .def_property_readonly("penetration", column(&Contact::penetration), "(n,) [mm]")
-      .def_property_readonly("c_e", column(&Contact::c_e), "(n,) [N/mm^2]")
-      .def_property_readonly("m0", column(&Contact::m0), "(n,) [mm^3]")
-      .def_property_readonly("removed", column(&Contact::removed), "(n,) [mm^3]")
-      .def_property_readonly("tick", column(&Contact::tick), "(n,)")
-      .def_property_readonly("touching", column(&Contact::touching), "(n,)")
-      .def_property_readonly("ambiguous", column(&Contact::ambiguous), "(n,)")
-      .def_property_readonly("coarse", column(&Contact::coarse), "(n,)")
-      .def_property_readonly("faint", column(&Contact::faint), "(n,)");
 
   py::class_<HeldDescent>(m, "HeldDescent", "A descent under an exactly constant force, tick by tick.")
       .def_property_readonly("position", array_of(&HeldDescent::position),
@@ -106,7 +96,7 @@ ContactSeries run(BurrContact& contact, const Reals& path, double dt, bool burr_
   std::vector<Vec3> centers(static_cast<std::size_t>(path.shape(0)));
   for (std::size_t i = 0; i < centers.size(); ++i) {
     centers[i] = Eigen::Map<const Vec3>(path.data(static_cast<py::ssize_t>(i), 0));
-    for (int axis = 0; axis < 3; ++axis) require_finite("every point of path", centers[i][axis]);
+    require_finite("every point of path", centers[i]);
   }
   require_positive("dt", dt);
   ContactSeries series;

@@ -55,23 +55,20 @@ py::array_t<double> path_of(const ScriptedDevice& device) {
 }
 
 std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<Reals>& velocity,
-                                     const std::optional<Flags>& on, const std::optional<Places>& k,
-                                     const std::optional<Reals>& orientation,
+                                     const std::optional<Flags>& on, const std::optional<Reals>& orientation,
                                      const std::optional<Places>& buttons) {
   const py::ssize_t n = position.ndim() > 0 ? position.shape(0) : 0;
   require_table("position", position, n);
   if (velocity) require_table("velocity", *velocity, n);
   if (on) require_column("on", *on, n);
-  if (k) require_column("k", *k, n);
   if (orientation) require_table("orientation", *orientation, n, 4);
   if (buttons) require_column("buttons", *buttons, n);
   std::vector<ReplayDevice::Tick> ticks;
   for (py::ssize_t i = 0; i < n; ++i) {
-    if (k && (k->at(i) < 1 || k->at(i) > most_periods)) refuse("k", "1 to 8", double(k->at(i)));
     if (buttons && (buttons->at(i) < 0 || buttons->at(i) > 255))
       refuse("buttons", "0 to 255", double(buttons->at(i)));
     ticks.push_back({row_of(position, i), velocity ? row_of(*velocity, i) : Vec3(Vec3::Zero()),
-                     on ? on->at(i) : true, k ? std::uint32_t(k->at(i)) : 1u, quaternion_of(orientation, i),
+                     on ? on->at(i) : true, quaternion_of(orientation, i),
                      buttons ? std::uint8_t(buttons->at(i)) : std::uint8_t(0)});
   }
   return std::make_shared<ReplayDevice>(std::move(ticks));
@@ -161,7 +158,6 @@ array([0. , 0. , 3.2])
            "approach"_a = defaults.approach, "follow"_a = defaults.follow, "mass"_a = defaults.mass,
            "damping"_a = defaults.damping, "grip"_a = defaults.grip, "friction"_a = defaults.friction,
            "encoder_step"_a = defaults.encoder_step, "on"_a = defaults.on, "on_after"_a = defaults.on_after)
-      .def("set_on", &HandDevice::set_on, "on"_a, "Sets the burr's switch, at any time.")
       .def_property_readonly("force", &HandDevice::force, "(3,) last sent by the loop [N]; a copy")
       .def_property_readonly(
           "position", [](const HandDevice& hand) -> Vec3 { return hand.position(); },
@@ -314,8 +310,6 @@ velocity : array_like, shape (n, 3), optional
     [mm/s]; default 0.
 on : array_like of bool, shape (n,), optional
     Whether the burr turned; default True.
-k : array_like of int, shape (n,), optional
-    Periods that each tick stood for, 1 to 8; kept only: the loop counts its own.
 orientation : array_like, shape (n, 4), optional
     Unit quaternions (w, x, y, z) that turn directions of the tool into those of the bone; default 1.
 buttons : array_like of int, shape (n,), optional
@@ -324,20 +318,11 @@ buttons : array_like of int, shape (n,), optional
 Raises
 ------
 ValueError
-    If there is no tick, a number is not finite, k or buttons are out of range, an orientation is not of
+    If there is no tick, a number is not finite, buttons are out of range, an orientation is not of
     length 1, or shapes do not fit.
 )")
       .def(py::init(&replay), "position"_a, "velocity"_a = py::none(), "on"_a = py::none(),
-           "k"_a = py::none(), "orientation"_a = py::none(), "buttons"_a = py::none())
-      .def("__len__", [](const ReplayDevice& d) { return d.ticks().size(); })
-      .def_property_readonly("next", &ReplayDevice::next, "Number of the next tick")
-      .def_property_readonly(
-          "k",
-          [](const ReplayDevice& d) {
-            std::vector<std::uint32_t> k;
-            for (const ReplayDevice::Tick& tick : d.ticks()) k.push_back(tick.k);
-            return to_array(k);
-          },
-          "(n,) periods of each tick; a copy")
+           "orientation"_a = py::none(), "buttons"_a = py::none())
+      .def("__len__", &ReplayDevice::size)
       .def_property_readonly("force", &ReplayDevice::force, "(3,) last sent by the loop [N]; a copy");
 }

@@ -30,24 +30,10 @@ py::dict values_of(const EffectParameters& parameters) {
   return out;
 }
 
-Nozzle make_nozzle(const Vec3& position, const Vec3& direction, double rate, double speed,
-                   std::optional<int> burr) {
-  Nozzle made{position, direction, rate, speed, burr.value_or(-1)};
-  if (burr && *burr < 0) refuse("burr of the nozzle", "0, 1 or None", *burr);
-  made.check();
-  return made;
-}
-
-Sucker make_sucker(const Vec3& position, double radius, double reach, double rate, double pull) {
-  const Sucker made{position, radius, reach, rate, pull};
-  made.check();
-  return made;
-}
-
-Camera make_camera(const Vec3& position, const Vec3& look_at, const Vec3& up, double angle, double aspect) {
-  const Camera made{position, look_at, up, angle, aspect};
-  made.check();
-  return made;
+template <class Instrument>
+Instrument checked(const Instrument& instrument) {
+  instrument.check();
+  return instrument;
 }
 
 }  // namespace
@@ -134,8 +120,13 @@ ValueError
     If a value is not finite, the direction is zero, rate, speed or burr are negative, or rate or speed is
     above 1e6.
 )")
-      .def(py::init(&make_nozzle), "position"_a = nozzle.position, "direction"_a = nozzle.direction,
-           py::kw_only(), "rate"_a = nozzle.rate, "speed"_a = nozzle.speed, "burr"_a = 0)
+      .def(py::init([](const Vec3& position, const Vec3& direction, double rate, double speed,
+                       std::optional<int> burr) {
+             if (burr && *burr < 0) refuse("burr of the nozzle", "0, 1 or None", *burr);
+             return checked(Nozzle{position, direction, rate, speed, burr.value_or(-1)});
+           }),
+           "position"_a = nozzle.position, "direction"_a = nozzle.direction, py::kw_only(),
+           "rate"_a = nozzle.rate, "speed"_a = nozzle.speed, "burr"_a = 0)
       .def_property_readonly("position", copy_of(&Nozzle::position), "[mm]")
       .def_property_readonly("direction", copy_of(&Nozzle::direction))
       .def_readonly("rate", &Nozzle::rate, "[mm^3/s]")
@@ -165,8 +156,11 @@ ValueError
     If a value is not finite, the radius is not positive, the reach is less than the radius, or rate or pull
     is negative.
 )")
-      .def(py::init(&make_sucker), "position"_a, py::kw_only(), "radius"_a = sucker.radius,
-           "reach"_a = sucker.reach, "rate"_a = sucker.rate, "pull"_a = sucker.pull)
+      .def(py::init([](const Vec3& position, double radius, double reach, double rate, double pull) {
+             return checked(Sucker{position, radius, reach, rate, pull});
+           }),
+           "position"_a, py::kw_only(), "radius"_a = sucker.radius, "reach"_a = sucker.reach,
+           "rate"_a = sucker.rate, "pull"_a = sucker.pull)
       .def_property_readonly("position", copy_of(&Sucker::position), "[mm]")
       .def_readonly("radius", &Sucker::radius, "[mm]")
       .def_readonly("reach", &Sucker::reach, "[mm]")
@@ -191,8 +185,10 @@ Raises
 ValueError
     If a value is not finite or out of range, `look_at` is the position, or `up` lies along the view.
 )")
-      .def(py::init(&make_camera), "position"_a, "look_at"_a, py::kw_only(), "up"_a = camera.up,
-           "view_angle"_a = camera.view_angle, "aspect"_a = camera.aspect)
+      .def(py::init([](const Vec3& position, const Vec3& look_at, const Vec3& up, double angle,
+                       double aspect) { return checked(Camera{position, look_at, up, angle, aspect}); }),
+           "position"_a, "look_at"_a, py::kw_only(), "up"_a = camera.up, "view_angle"_a = camera.view_angle,
+           "aspect"_a = camera.aspect)
       .def_property_readonly("position", copy_of(&Camera::position), "[mm]")
       .def_property_readonly("look_at", copy_of(&Camera::look_at), "[mm]")
       .def_property_readonly("up", copy_of(&Camera::up))

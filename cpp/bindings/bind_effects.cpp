@@ -165,8 +165,6 @@ void bind_effects(py::module_& m) {
           "balance", [](const Effects& effects) { return to_dict(effects.balance()); },
           "(made, present, sucked, drained) [quanta] by substance.")
       .def_property_readonly("quantum", &Effects::quantum, "[mm^3]")
-      .def_property_readonly("embedded", &Effects::embedded, "Parcels in solid voxels.")
-      .def_property_readonly("refilled", &Effects::refilled, "Levels that rose.")
       .def_property_readonly(
           "removed", [](const Effects& effects) { return effects.sources().removed(); },
           "Levels by tissue number; empty before any.")
@@ -184,7 +182,7 @@ void bind_effects(py::module_& m) {
           "hidden",
           [](const Effects& effects, const Camera& camera, const Vec3& center, double radius) {
             require_positive("radius of the burr", radius);
-            for (int axis = 0; axis < 3; ++axis) require_finite("center of the burr", center[axis]);
+            require_finite("center of the burr", center);
             const py::gil_scoped_release release;
             return effects.hidden(camera, {center, radius});
           },

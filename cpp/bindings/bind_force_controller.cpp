@@ -33,8 +33,6 @@ Examples
 >>> pid = burrlab.ForceController(kp=2.0, ki=10.0, output_limits=(-10, 10))
 >>> round(pid.update(setpoint=1.0, force=0.5, dt=1.0), 6)
 1.005
->>> pid.proportional_term, round(pid.integral_term, 6)
-(1.0, 0.005)
 )")
       .def(py::init([](double kp, double ki, double kd, std::pair<double, double> limits, double filter) {
              return ForceController(kp, ki, kd, limits.first, limits.second, filter);
@@ -47,16 +45,5 @@ Examples
       .def("set_gains", &ForceController::set_gains, "kp"_a, "ki"_a, "kd"_a = 0.0,
            "Sets the gains, without a jump of the integral term.")
       .def("reset", &ForceController::reset, "integral"_a = 0.0,
-           "Resets the controller; the integral term starts at `integral` [mm/s].")
-      .def_property_readonly("kp", &ForceController::kp, "[mm/s/N]")
-      .def_property_readonly("ki", &ForceController::ki, "[mm/s/(N s)]")
-      .def_property_readonly("kd", &ForceController::kd, "[mm/s/(N/s)]")
-      .def_property_readonly(
-          "output_limits", [](const ForceController& c) { return std::make_pair(c.lower(), c.upper()); },
-          "[mm/s]")
-      .def_property_readonly("derivative_filter", &ForceController::derivative_filter, "[ms]")
-      .def_property_readonly("proportional_term", &ForceController::proportional_term, "[mm/s]")
-      .def_property_readonly("integral_term", &ForceController::integral_term, "[mm/s]")
-      .def_property_readonly("derivative_term", &ForceController::derivative_term, "[mm/s]")
-      .def_property_readonly("output", &ForceController::output, "Last command [mm/s]");
+           "Resets the controller; the integral term starts at `integral` [mm/s].");
 }

@@ -181,7 +181,7 @@ void bind_haptic_loop(py::module_& m) {
       .def(py::init([](const std::shared_ptr<HapticLoop>& loop) {
              if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
              auto reader = std::make_shared<RecordReader>(loop->ring());
-             if (!loop->started()) loop->wait_for(reader);
+             if (!loop->started()) loop->add_reader(reader);
              return LoopReader{loop, reader};
            }),
            "loop"_a)

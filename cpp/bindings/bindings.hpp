@@ -155,7 +155,6 @@ void bind_anatomy(py::module_& m);
 void bind_session(py::module_& m);
 void bind_device(py::module_& m);
 void bind_follower(py::module_& m);
-void bind_stability(py::module_& m);
 void bind_network_devices(py::module_& m);
 void bind_network(py::module_& m);
 void bind_effect_parameters(py::module_& m);

@@ -36,7 +36,6 @@ PYBIND11_MODULE(_core, m) {
   bind_session(m);
   bind_follower(m);
   bind_device(m);  // after the base class
-  bind_stability(m);
   bind_network_devices(m);
   bind_network(m);
   bind_effect_parameters(m);

@@ -46,7 +46,7 @@ inline int lowest_bit(std::uint64_t word) {
 #endif
 }
 
-// Asks for the tile of a brick that is visited soon.
+// Asks for the tile of a brick that is visited prefetch_brick.
 inline void prefetch(const std::uint8_t* tile) {
 #ifdef __GNUC__
   for (int i = 0; i < brick_voxels; i += 64) __builtin_prefetch(tile + i);
@@ -56,8 +56,8 @@ inline void prefetch(const std::uint8_t* tile) {
 }
 
 // The bits of a word whose children are in a box of child numbers, clipped to the word's 4^3.
-inline std::uint64_t within(const std::int64_t first[3], const std::int64_t last[3], std::int64_t z,
-                            std::int64_t y, std::int64_t x) {
+inline std::uint64_t children_within(const std::int64_t first[3], const std::int64_t last[3], std::int64_t z,
+                                     std::int64_t y, std::int64_t x) {
   const auto span = [](std::int64_t low, std::int64_t high, std::int64_t parent) {
     const std::int64_t a = std::clamp<std::int64_t>(low - 4 * parent, 0, 4);
     const std::int64_t b = std::clamp<std::int64_t>(high + 1 - 4 * parent, 0, 4);
@@ -76,15 +76,15 @@ inline std::uint64_t within(const std::int64_t first[3], const std::int64_t last
 }
 
 /// Calls visit(z, y, x, whole) for every such brick; `whole`: wholly inside the sphere. Before it, calls
-/// soon(z, y, x) for the next one.
+/// prefetch_brick(z, y, x) for the next one.
 template <class Visit, class Soon>
-void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit visit, Soon soon) {
+void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit visit, Soon prefetch_brick) {
   const auto &first = sphere.first, &last = sphere.last;
   if (first[0] > last[0] || first[1] > last[1] || first[2] > last[2]) return;
   const double outer2 = sphere.outer * sphere.outer, whole2 = sphere.whole * sphere.whole;
 
   const auto in_block = [&](std::int64_t bz, std::int64_t by, std::int64_t bx) {
-    std::uint64_t bricks = occupancy.block(bz, by, bx) & within(first, last, bz, by, bx);
+    std::uint64_t bricks = occupancy.block(bz, by, bx) & children_within(first, last, bz, by, bx);
     if (!bricks) return;
     const Reach x(4 * bx, sphere.center[0], sphere.spacing[0]),
         y(4 * by, sphere.center[1], sphere.spacing[1]), z(4 * bz, sphere.center[2], sphere.spacing[2]);
@@ -93,7 +93,7 @@ void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit
       const int bit = lowest_bit(bricks), i = bit & 3, j = bit >> 2 & 3, k = bit >> 4;
       if (const std::uint64_t later = bricks & (bricks - 1)) {
         const int next = lowest_bit(later);
-        soon(4 * bz + (next >> 4), 4 * by + (next >> 2 & 3), 4 * bx + (next & 3));
+        prefetch_brick(4 * bz + (next >> 4), 4 * by + (next >> 2 & 3), 4 * bx + (next & 3));
       }
       if (x.least[i] + y.least[j] + z.least[k] <= outer2)
         visit(4 * bz + k, 4 * by + j, 4 * bx + i, x.most[i] + y.most[j] + z.most[k] <= whole2);
@@ -105,7 +105,7 @@ void walk_bricks(const Occupancy& occupancy, const SphereInBricks& sphere, Visit
   for (std::int64_t z = low[2] / 4; z <= high[2] / 4; ++z) {
     for (std::int64_t y = low[1] / 4; y <= high[1] / 4; ++y) {
       for (std::int64_t x = low[0] / 4; x <= high[0] / 4; ++x) {
-        std::uint64_t blocks = occupancy.block_of_blocks(z, y, x) & within(low, high, z, y, x);
+        std::uint64_t blocks = occupancy.block_of_blocks(z, y, x) & children_within(low, high, z, y, x);
         for (; blocks; blocks &= blocks - 1) {
           const int bit = lowest_bit(blocks);
           in_block(4 * z + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * x + (bit & 3));

@@ -55,7 +55,7 @@ const ErosionSteps& BurrContact::steps_of(double dt) {
   return *steps_;
 }
 
-Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
+Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) const {
   Contact contact;
   contact.c_e = material_.c_e;
   if (bone_->tissues() && sums.mass > 0) {
@@ -81,7 +81,7 @@ Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
 Contact BurrContact::probe(const Vec3& center) const {
   TickSums sums;
   const Moments moments = tick_->moments(*bone_, center, &sums);
-  return felt(moments, sums);
+  return to_contact(moments, sums);
 }
 
 Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
@@ -94,7 +94,7 @@ Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
   TickSums sums;
   const Moments moments = steps ? tick_->moments_and_erode(*bone_, center, *steps, tick, &sums)
                                 : tick_->moments(*bone_, center, &sums);
-  const Contact contact = felt(moments, sums);
+  const Contact contact = to_contact(moments, sums);
   ++tick;
   return contact;
 }
@@ -118,10 +118,10 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
   const double tolerance = 1e-5 * force;                     // far below the noise of erosion
   const double finest = 1e-6 * bone_->spacing().minCoeff();  // positions are multiples of 2^-20 voxel
   const double coarsest_step = 0.25 * bone_->spacing().minCoeff();
-  Contact felt_there;
+  Contact contact;
   const auto axial = [&](double s) {
-    felt_there = probe(start + s * axis);
-    return -felt_there.force.dot(axis);
+    contact = probe(start + s * axis);
+    return -contact.force.dot(axis);
   };
 
   HeldDescent descent;
@@ -175,10 +175,10 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
     tick_->erode(*bone_, start + s * axis, steps_of(dt), tick++, &sums);
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
-    descent.force.push_back(-felt_there.force.dot(axis));
+    descent.force.push_back(-contact.force.dot(axis));
     descent.removed.push_back(static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0));
-    descent.ambiguous += felt_there.ambiguous;
-    descent.faint += felt_there.faint;
+    descent.ambiguous += contact.ambiguous;
+    descent.faint += contact.faint;
   }
   return descent;
 }

@@ -37,41 +37,28 @@ class ForceController {
     }
     last_force_ = force;
     started_ = true;
-    proportional_ = kp_ * error;
-    derivative_ = -kd_ * slope_;
+    const double proportional = kp_ * error, derivative = -kd_ * slope_;
     const double increment = ki_ * error * seconds;
-    const double wanted = proportional_ + integral_ + increment + derivative_;
+    const double wanted = proportional + integral_ + increment + derivative;
     const bool pushes_out = (wanted > upper_ && increment > 0.0) || (wanted < lower_ && increment < 0.0);
     if (!pushes_out) integral_ += increment;
-    return output_ = clamp(proportional_ + integral_ + derivative_);
+    return clamp(proportional + integral_ + derivative);
   }
 
   /// Resets the controller; the integral term starts at `integral` [mm/s].
   void reset(double integral) {
     require_finite("integral", integral);
     integral_ = clamp(integral);
-    proportional_ = derivative_ = slope_ = last_force_ = output_ = 0.0;
+    slope_ = last_force_ = 0.0;
     started_ = false;
   }
-
-  double kp() const { return kp_; }
-  double ki() const { return ki_; }
-  double kd() const { return kd_; }
-  double lower() const { return lower_; }
-  double upper() const { return upper_; }
-  double derivative_filter() const { return filter_; }        ///< time constant [ms]
-  double proportional_term() const { return proportional_; }  ///< [mm/s], as are the next three
-  double integral_term() const { return integral_; }
-  double derivative_term() const { return derivative_; }
-  double output() const { return output_; }
 
  private:
   double clamp(double v) const { return v < lower_ ? lower_ : v > upper_ ? upper_ : v; }
 
   double kp_ = 0.0, ki_ = 0.0, kd_ = 0.0;
   double lower_, upper_, filter_;
-  double proportional_ = 0.0, integral_ = 0.0, derivative_ = 0.0, output_ = 0.0;
-  double last_force_ = 0.0, slope_ = 0.0;
+  double integral_ = 0.0, last_force_ = 0.0, slope_ = 0.0;
   bool started_ = false;
 };
 

@@ -6,6 +6,8 @@
 #include <stdexcept>
 #include <string>
 
+#include "burrlab/types.hpp"
+
 namespace burrlab {
 
 [[noreturn]] inline void refuse(const std::string& name, const std::string& rule, double value) {
@@ -17,6 +19,10 @@ namespace burrlab {
 
 inline void require_finite(const std::string& name, double value) {
   if (!std::isfinite(value)) refuse(name, "finite", value);
+}
+
+inline void require_finite(const std::string& name, const Vec3& v) {
+  for (const double x : v) require_finite(name, x);
 }
 
 inline void require_positive(const std::string& name, double value) {

@@ -108,15 +108,18 @@ void Tick::prepare_erosion(kernel::Sphere& sphere, std::uint64_t tick) const {
   sphere.draws = kernel::draws(seed_, tick, index_);
 }
 
+// One pass over the sphere: the sums of Eq. 1, the erosion of Eq. 4, or both, brick by brick. `eroded` is the
+// bone itself where it erodes, else null.
 template <bool summing, bool eroding>
 TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at,
                     const kernel::Sphere& sphere, const ErosionSteps* steps) const {
-  TickSums sums;
-  const auto& visit_of = kernel_->visit;
+  // The code of this CPU path for this scheme and grid; by [whether the brick has several tissues].
   const int layer = scheme_ == Scheme::layer, isotropic = isotropic_;
   const auto& visit =
-      visit_of[eroding ? (summing ? kernel::both : kernel::erosion) : kernel::moments][layer][isotropic];
-  const auto& erode_only = visit_of[kernel::erosion][layer][isotropic];
+      kernel_
+          ->visit[eroding ? (summing ? kernel::both : kernel::erosion) : kernel::moments][layer][isotropic];
+  const auto& erode_only = kernel_->visit[kernel::erosion][layer][isotropic];
+
   const TissueMap* map = bone.tissues().get();
   kernel::TissueTables tables{};
   if (map) {
@@ -128,9 +131,70 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     tables.doublings = steps->doublings;
     tables.most_doublings = steps->most_doublings;
   }
-  const Index3& shape = bone.shape();
-  const auto columns_in_row = static_cast<std::uint32_t>(shape[2]);
-  const auto columns_in_slab = columns_in_row * static_cast<std::uint32_t>((shape[1] + 7) / 8);
+  const auto columns_in_row = static_cast<std::uint32_t>(bone.shape()[2]);
+  const auto columns_in_slab = columns_in_row * static_cast<std::uint32_t>((bone.shape()[1] + 7) / 8);
+
+  TickSums sums;
+  const auto at_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x, bool covered_whole) {
+    const std::size_t number = bone.brick_number(z, y, x);
+    const std::size_t tissue = map ? map->number(number) : 0;
+    // null where all voxels have the same K and alpha
+    const std::uint8_t* tissues = map && map->varies(number) ? map->tile(number) : nullptr;
+    alignas(64) std::uint8_t before[brick_voxels];  // levels, where the loss is counted by tissue
+    if (eroding && map && map->tile(number)) std::memcpy(before, bone.tile(number), brick_voxels);
+    const std::int64_t from[3] = {brick_side * x - at.base[0], brick_side * y - at.base[1],
+                                  brick_side * z - at.base[2]};
+
+    kernel::Brick brick;
+    brick.tissue = tissues;
+    brick.tissues = &tables;
+    brick.fraction_scale = eroding ? steps->scale[tissue] : 0.0f;
+    brick.doublings = eroding ? steps->doublings[tissue] : 0;
+    brick.density = eroding ? eroded->open(number) : const_cast<std::uint8_t*>(bone.tile(number));
+    brick.pristine = bone.pristine_tile(number);
+    brick.level = bone.pristine_level(number);
+    brick.x = static_cast<int>(from[0]);
+    brick.y = static_cast<int>(from[1]);
+    brick.z = static_cast<int>(from[2]);
+    brick.column = static_cast<std::uint32_t>(brick_side * z) * columns_in_slab +
+                   static_cast<std::uint32_t>(y) * columns_in_row +
+                   static_cast<std::uint32_t>(brick_side * x);
+    brick.columns_in_slab = columns_in_slab;
+    brick.faint = bone.has_faint(number);
+
+    // A brick that the sphere covers whole gives its stored sums; another one is visited row by row.
+    kernel::Sums part{};
+    if (summing && covered_whole && !brick.faint && !(tissues && many(map->present(number)))) {
+      const BrickSums& stored = bone.sums(number);
+      part.mass = std::int64_t{256} * stored.mass;
+      part.x = std::int64_t{256} * stored.x;
+      part.y = std::int64_t{256} * stored.y;
+      part.z = std::int64_t{256} * stored.z;
+      if (tissues)
+        part.stiffness = std::int64_t{256} * map->stiffness_sum(number, bone.tile(number), stored.mass);
+      if (eroding) erode_only[tissues != nullptr](sphere, brick, part);
+    } else {
+      visit[tissues != nullptr](sphere, brick, part);
+    }
+
+    if (summing) {  // first moments from the brick's first voxel become those from the centre's voxel
+      if (map) sums.stiffness += tissues ? part.stiffness : tables.stiffness[tissue] * part.mass;
+      sums.mass += part.mass;
+      sums.first[0] += part.x + from[0] * part.mass;
+      sums.first[1] += part.y + from[1] * part.mass;
+      sums.first[2] += part.z + from[2] * part.mass;
+      sums.faint += part.faint;
+    }
+    if (eroding)
+      sums.lost += eroded->close({z, y, x}, number,
+                                 {part.after_mass, part.after_x, part.after_y, part.after_z}, before);
+  };
+  const auto prefetch_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x) {
+    const std::size_t number = bone.brick_number(z, y, x);
+    prefetch(bone.tile(number));
+    if (map && map->tile(number)) prefetch(map->tile(number));
+  };
+
   SphereInBricks ball;
   for (int axis = 0; axis < 3; ++axis) {
     ball.first[axis] = at.first[axis];
@@ -141,62 +205,7 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
   const double margin = 0.501 * spacing_.maxCoeff();
   ball.outer = radius_ + margin;
   ball.whole = radius_ - margin;
-
-  const auto at_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x, bool whole) {
-    const std::size_t number = bone.brick_number(z, y, x);
-    // null where all voxels have the same K and alpha
-    const std::uint8_t* numbers = map && map->varies(number) ? map->tile(number) : nullptr;
-    const std::size_t tissue = map ? map->number(number) : 0;
-    alignas(64) std::uint8_t before[brick_voxels];
-    if (eroding && map && map->tile(number)) std::memcpy(before, bone.tile(number), brick_voxels);
-    kernel::Brick brick;
-    brick.tissue = numbers;
-    brick.tissues = &tables;
-    brick.fraction_scale = eroding ? steps->scale[tissue] : 0.0f;
-    brick.doublings = eroding ? steps->doublings[tissue] : 0;
-    brick.density = eroding ? eroded->open(number) : const_cast<std::uint8_t*>(bone.tile(number));
-    brick.pristine = bone.pristine_tile(number);
-    brick.level = bone.pristine_level(number);
-    const std::int64_t from[3] = {brick_side * x - at.base[0], brick_side * y - at.base[1],
-                                  brick_side * z - at.base[2]};
-    brick.x = static_cast<int>(from[0]);
-    brick.y = static_cast<int>(from[1]);
-    brick.z = static_cast<int>(from[2]);
-    brick.column = static_cast<std::uint32_t>(brick_side * z) * columns_in_slab +
-                   static_cast<std::uint32_t>(y) * columns_in_row +
-                   static_cast<std::uint32_t>(brick_side * x);
-    brick.columns_in_slab = columns_in_slab;
-    brick.faint = bone.has_faint(number);
-    kernel::Sums found{};
-    if (summing && whole && !brick.faint && !(numbers && many(map->present(number)))) {  // wholly inside
-      const BrickSums& stored = bone.sums(number);
-      found.mass = std::int64_t{256} * stored.mass;
-      found.x = std::int64_t{256} * stored.x;
-      found.y = std::int64_t{256} * stored.y;
-      found.z = std::int64_t{256} * stored.z;
-      if (numbers) found.stiffness = std::int64_t{256} * map->weigh(number, bone.tile(number), stored.mass);
-      if (eroding) erode_only[numbers != nullptr](sphere, brick, found);
-    } else {
-      visit[numbers != nullptr](sphere, brick, found);
-    }
-    if (summing) {
-      if (map) sums.stiffness += numbers ? found.stiffness : tables.stiffness[tissue] * found.mass;
-      sums.mass += found.mass;
-      sums.first[0] += found.x + from[0] * found.mass;
-      sums.first[1] += found.y + from[1] * found.mass;
-      sums.first[2] += found.z + from[2] * found.mass;
-      sums.faint += found.faint;
-    }
-    if (eroding)
-      sums.lost += eroded->close({z, y, x}, number,
-                                 {found.after_mass, found.after_x, found.after_y, found.after_z}, before);
-  };
-
-  walk_bricks(bone.occupancy(), ball, at_brick, [&](std::int64_t z, std::int64_t y, std::int64_t x) {
-    const std::size_t number = bone.brick_number(z, y, x);
-    prefetch(bone.tile(number));
-    if (map && map->tile(number)) prefetch(map->tile(number));
-  });
+  walk_bricks(bone.occupancy(), ball, at_brick, prefetch_brick);
   return sums;
 }
 
@@ -214,9 +223,9 @@ Moments Tick::to_moments(const VoxelBone& bone, const Placement& at, const TickS
 
 Moments Tick::moments(const VoxelBone& bone, const Vec3& center, TickSums* sums) const {
   const Placement at = place(bone, center);
-  const TickSums found = pass<true, false>(bone, nullptr, at, sphere(at), nullptr);
-  if (sums) *sums = found;
-  return to_moments(bone, at, found);
+  const TickSums pass_sums = pass<true, false>(bone, nullptr, at, sphere(at), nullptr);
+  if (sums) *sums = pass_sums;
+  return to_moments(bone, at, pass_sums);
 }
 
 void Tick::erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick,
@@ -224,8 +233,8 @@ void Tick::erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
   prepare_erosion(ball, tick);
-  const TickSums found = pass<false, true>(bone, &bone, at, ball, &steps);
-  if (sums) *sums = found;
+  const TickSums pass_sums = pass<false, true>(bone, &bone, at, ball, &steps);
+  if (sums) *sums = pass_sums;
 }
 
 Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
@@ -233,9 +242,9 @@ Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const Erosi
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
   prepare_erosion(ball, tick);
-  const TickSums found = pass<true, true>(bone, &bone, at, ball, &steps);
-  if (sums) *sums = found;
-  return to_moments(bone, at, found);
+  const TickSums pass_sums = pass<true, true>(bone, &bone, at, ball, &steps);
+  if (sums) *sums = pass_sums;
+  return to_moments(bone, at, pass_sums);
 }
 
 }  // namespace burrlab

@@ -136,7 +136,7 @@ void TissueMap::add(std::size_t brick, const std::uint8_t* levels, std::int64_t 
   by_tissue(brick, levels, sum, [&](std::size_t number, std::int64_t here) { sums[number] += sign * here; });
 }
 
-std::int64_t TissueMap::weigh(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const {
+std::int64_t TissueMap::stiffness_sum(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const {
   std::int64_t weighed = 0;
   by_tissue(brick, levels, sum,
             [&](std::size_t number, std::int64_t here) { weighed += table_.stiffness(number) * here; });

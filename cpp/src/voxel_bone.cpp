@@ -105,7 +105,7 @@ VoxelBone::VoxelBone(const Index3& shape, const std::uint8_t* packed, std::size_
     else
       copy_pristine(at, brick, pristine);
     std::memcpy(density_.tile(brick), pristine, brick_voxels);
-    settle(at, brick, pristine);
+    update_brick(at, brick, pristine);
   });
 }
 
@@ -183,7 +183,7 @@ void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t*
 }
 
 // Updates all that follows from a brick's present and pristine levels.
-void VoxelBone::settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine) {
+void VoxelBone::update_brick(const Index3& at, std::size_t brick, const std::uint8_t* pristine) {
   pristine_sum_ -= pristine_mass(at, brick);
   const Index3 n = extent(at);
   unsigned other = 0, some_faint = 0;
@@ -243,19 +243,25 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
   return out;
 }
 
-void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
-  check_box(start, shape);
+// Sets the present levels of a box that lies inside, and the pristine ones to the same.
+void VoxelBone::set_box(const Index3& start, const Index3& shape, const std::uint8_t* levels,
+                        bool pristine_too) {
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
     count_tissues(brick, -1);
     each_row(at, start, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
-      std::memcpy(pristine + in_tile, levels + in_box, length);
+      if (pristine_too) std::memcpy(pristine + in_tile, levels + in_box, length);
       std::memcpy(density_.tile(brick) + in_tile, levels + in_box, length);
     });
-    settle(at, brick, pristine);
+    update_brick(at, brick, pristine);
     count_tissues(brick, 1);
   });
+}
+
+void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
+  check_box(start, shape);
+  set_box(start, shape, levels, true);
 }
 
 VoxelBone::Levels VoxelBone::packed() const {
@@ -273,16 +279,7 @@ void VoxelBone::restore(const std::uint8_t* density) {
                                   std::to_string(density[i]) + " over " + std::to_string(before[i]));
     }
   }
-  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
-    std::uint8_t pristine[brick_voxels];
-    copy_pristine(at, brick, pristine);
-    count_tissues(brick, -1);
-    each_row(at, {0, 0, 0}, shape_, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
-      std::memcpy(density_.tile(brick) + in_tile, density + in_box, length);
-    });
-    settle(at, brick, pristine);
-    count_tissues(brick, 1);
-  });
+  set_box({0, 0, 0}, shape_, density, false);
 }
 
 void VoxelBone::reset() {
@@ -326,7 +323,7 @@ std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSu
 
 // Bricks by number, for copies that follow a bone.
 
-void VoxelBone::touch() {
+void VoxelBone::write_pages() {
   constexpr std::size_t page = 4096;
   for (Tiles* tiles : {&density_, &pristine_}) {
     if (tiles->empty()) continue;
@@ -378,7 +375,7 @@ void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, cons
   std::memcpy(before, pristine, brick_voxels);
   count_tissues(brick, -1);
   std::memcpy(density_.tile(brick), density, brick_voxels);
-  settle(at, brick, before);
+  update_brick(at, brick, before);
   count_tissues(brick, 1);
 }
 

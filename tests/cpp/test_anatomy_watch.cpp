@@ -237,6 +237,30 @@ void what_a_distance_can_become(const std::vector<WatchedStructure>& all) {
   CHECK(near > 1000 && far > 10000 && outside > 100);
 }
 
+/// Ticks that are passed over, as when a follower copies the loop's bone: what they removed has no burr.
+void an_injury_in_a_gap() {
+  const auto bone = make_bone();
+  const auto leader_bone = std::make_shared<VoxelBone>(*bone);
+  SessionSetup setup;
+  setup.tools = {{Burr{1.0}, material}};
+  TickExecutor executor(bone, setup), leader(leader_bone, setup);
+  const auto watch = std::make_shared<AnatomyWatch>(structures(*bone, {}), std::vector<double>{1.0});
+  executor.set_watch(watch);
+  for (std::uint64_t tick = 0; tick < 300; ++tick) {
+    TickRecord record;
+    record.index = tick;
+    record.burr[0].center = {3.0, 3.0, 2.5};
+    record.burr[0].on = 1;
+    leader.execute(record);
+  }
+  watch->pass_over(*leader_bone, 300);
+  CHECK(watch->gaps() == 1 && watch->ticks_passed_over() == 300);
+  CHECK(watch->events().size() == 1);
+  const WatchEvent& event = watch->events()[0];
+  CHECK(event.tick == 299 && event.burr == -1 && std::isinf(event.distance));
+  CHECK(event.kind == std::uint32_t(WatchEventKind::injury) && event.removed == watch->removed(0));
+}
+
 void refusals() {
   const auto bone = make_bone(), other = make_bone();
   const WatchLimits limits;
@@ -264,6 +288,7 @@ int main() {
   for (const double step : {0.0003, 0.01, 0.2})
     every_tick_counts(*std::make_unique<VoxelBone>(*bone), all, step);
   every_tick_counts(*bone, structures(*bone, all[0].limits, 45), 0.2);  // fields that end beside the burr
+  an_injury_in_a_gap();
   refusals();
   return check::report();
 }

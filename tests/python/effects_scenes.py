@@ -4,6 +4,7 @@ import numpy as np
 from session_scenes import session_of
 
 import burrlab
+from burrlab.effects.effects import Effects
 
 SOLID = burrlab.materials["bone"]
 TOOL = burrlab.Burr(2.0), SOLID
@@ -36,3 +37,12 @@ def session(seconds: float = 1.0, **options) -> burrlab.Session:
 
 def levels_removed(bone: burrlab.VoxelBone) -> int:
     return int(bone.pristine.astype(np.int64).sum() - bone.density.astype(np.int64).sum())
+
+
+def buried_parcels(effects: Effects, bone: burrlab.VoxelBone) -> int:
+    """Parcels in solid voxels; those that lie on a voxel's face are not."""
+    solid = np.pad(bone.density >= effects.parameters.solid_level, 1)
+    places = (effects.parcels["position"] - bone.origin) / bone.spacing + 1.5
+    last = np.array(solid.shape[::-1]) - 1
+    sides = [np.clip(places + shift, 0, last).astype(int).T[::-1] for shift in (-1e-9, 1e-9)]
+    return int(np.logical_and(*(solid[tuple(voxel)] for voxel in sides)).sum())

@@ -92,14 +92,20 @@ class Run:
             middle = 0.5 * (low + high)
             pushed = again.probe(0, (x, y, middle)).force[2]
             low, high = (middle, high) if pushed < self.push else (low, middle)
-        return max(
-            _core.stiffest_contact(again, 0, (x, y, low))[0],
-            _core.measured_stiffness(again, 0, (x, y, low)),
+        contact = again.probe(0, (x, y, low))
+        normal = contact.normal / np.linalg.norm(contact.normal)
+        inner, outer = (
+            np.array([again.probe(0, (x, y, low) + shift * way).force for way in (*np.eye(3), normal)])
+            for shift in (-0.02, 0.02)
         )
+        slopes = (inner - outer) / 0.04
+        symmetric = 0.5 * (slopes[:3] + slopes[:3].T)
+        return max(np.linalg.eigvalsh(symmetric)[-1], slopes[3] @ normal)
 
     @property
     def limit(self) -> float:
-        return _core.passivity_limit(self.damping, self.period)
+        """Stiffness below which the sampled spring is passive, b/(T/2) [N/mm]."""
+        return 2 * self.damping / self.period
 
 
 def run(
@@ -132,10 +138,9 @@ def run(
     assert not lost, loop.reason
     assert len(records) == ticks, loop.reason
     first = records["burr"][:, 0]
-    energy = _core.passivity_energy(first["device_position"], first["sent"])
-    return Run(
-        material, hole, push, period, device.damping, first["center"], first["sent"], energy, records
-    )  # fmt: skip
+    work = (first["sent"][:-1] * np.diff(first["device_position"], axis=0)).sum(axis=1)  # each force is held
+    energy = np.concatenate([[0.0], np.cumsum(work)])
+    return Run(material, hole, push, period, device.damping, first["center"], first["sent"], energy, records)
 
 
 def still(material: str, hole: float, push: float, on: bool, **hand: object) -> tuple[Run, float, float]:

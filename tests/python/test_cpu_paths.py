@@ -137,17 +137,3 @@ def test_two_hundred_ticks(
     plainest = long_run(PATHS[0], scene, 200)
     for path in PATHS[1:]:
         assert long_run(path, scene, 200) == plainest, path
-
-
-def test_paths_may_change_from_contact_to_contact() -> None:
-    """One CPU path may go on with a bone that another one eroded."""
-    digests = set()
-    for order in (PATHS, PATHS[::-1], PATHS[:1] * len(PATHS)):
-        bone = burrlab.VoxelBone.block((5, 5, 3), 0.1, level=200)
-        for tick, path in enumerate(order):
-            _core.use_cpu_path(path)
-            contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.materials["bone"], seed=1)
-            contact.tick = tick
-            contact.step((2.5, 2.5, 3.5 - 0.1 * tick), 1.0)
-        digests.add(bone.digest())
-    assert len(digests) == 1

@@ -63,13 +63,10 @@ def test_script_is_followed_and_ends_the_session():
 def test_replay_carves_the_same_bone():
     records, _, carved = play(_core.HandDevice(start=(0, 0, 2.1), amplitude=1.0), 1500)
     first = records["burr"][:, 0]
-    device = _core.ReplayDevice(
-        first["device_position"], first["device_velocity"], first["on"].astype(bool), records["k"]
-    )
+    device = _core.ReplayDevice(first["device_position"], first["device_velocity"], first["on"].astype(bool))
     again, reason, bone = play(device)
     assert "has come to its end" in reason
-    assert (device.next, len(device)) == (1500, 1500)
-    assert np.array_equal(device.k, records["k"])
+    assert len(device) == 1500
     assert np.array_equal(again["burr"]["force"], records["burr"]["force"])
     assert bone.digest() == carved.digest()
 
@@ -104,8 +101,6 @@ def test_replay_carves_the_same_bone():
         (_core.ReplayDevice, (np.zeros((2, 2)),), r"position must have shape \(n, 3\)"),
         (_core.ReplayDevice, ([[0, np.nan, 0]],), "position must be finite"),
         (_core.ReplayDevice, (np.zeros((1, 3)), [[0, np.nan, 0]]), "velocity must be finite"),
-        (_core.ReplayDevice, (np.zeros((1, 3)), None, None, [9]), "k must be 1 to 8, got 9"),
-        (_core.ReplayDevice, (np.zeros((1, 3)), None, None, [-1]), "k must be 1 to 8, got -1"),
         (_core.ReplayDevice, (np.zeros((1, 3)), None, [True, True]), r"on must have shape \(n,\)"),
         (_core.MailboxDevice().put, ((0.0, 0.0, np.nan),), "position must be finite"),
         (functools.partial(_core.MailboxDevice, lost_after=0.0), (), "lost_after must be positive"),

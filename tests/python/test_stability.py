@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-from stability_cases import GRID, HOLE, RADIUS, high_pass, run, still
-
-import burrlab
-import burrlab._core as _core
+from stability_cases import GRID, HOLE, high_pass, run, still
 
 RIPPLE = 0.05  # above 20 Hz, peak to peak [N]
 
@@ -73,7 +70,7 @@ def test_an_encoder_flickers_by_one_step_times_k(hole, push, friction):
     result = run("bone", hole, push, on=False, encoder_step=step, friction=friction)
     flicker, k = np.ptp(result.force[3000:, 2]), result.stiffness(3000)
     held = hole == 0 and friction > 0  # on flat, softer bone friction holds it still
-    assert held or k > _core.encoder_limit(friction, step)
+    assert held or k > 2 * friction / step  # the encoder's limit
     assert flicker == (0.0 if held else pytest.approx(step * k, rel=0.05))
 
 
@@ -108,72 +105,3 @@ def test_the_filter_keeps_40_hz_and_drops_5():
     for frequency, kept in ((5.0, 1e-4), (20.0, 0.5), (40.0, 1.0)):
         wave = np.sin(2 * np.pi * frequency * t)[:, None]
         assert np.ptp(high_pass(wave, 1.0)[500:-500]) == pytest.approx(2 * kept, abs=0.02)
-
-
-@pytest.mark.parametrize("delay", [0, 1, 3])
-@pytest.mark.parametrize("virtual", [0.0, 0.7, -0.7])
-def test_the_limit_follows_from_the_general_condition(delay, virtual):
-    # Colgate and Schenkel: b > T/2/(1 - cos wT) Re{(1 - e^-jwT) H(e^jwT)} at every w up to the Nyquist
-    # frequency. For H = (K + B (1 - z^-1)/T) z^-delay this is exactly our limit with a delay or a virtual
-    # damping, and below it with both.
-    period, k = 1e-3, 3000.0
-    w = np.linspace(1e-3, np.pi, 200001)
-    z = np.exp(1j * w)
-    h = (k + virtual * (1 - 1 / z) / period) * z**-delay
-    needed = (period / 2 / (1 - np.cos(w)) * ((1 - 1 / z) * h).real).max()
-    b = k * (period / 2 + delay * period) + abs(virtual)
-    limit = 1e3 * _core.passivity_limit(b, 1e3 * period, delay * 1e3 * period, virtual)  # [N/m]
-    assert limit == pytest.approx(k)
-    assert needed <= b * (1 + 1e-9)
-    if delay == 0 or virtual <= 0:
-        assert needed == pytest.approx(b, rel=1e-4)
-
-
-def test_report():
-    burr, bone = burrlab.Burr(RADIUS), burrlab.materials["bone"]
-    area = _core.hole_contact_area(RADIUS, 1.1)
-    k = _core.contact_stiffness(1.0, area, radius=RADIUS, c_e=bone.c_e)
-    assert _core.contact_area(1.0, k, radius=RADIUS, c_e=bone.c_e) == pytest.approx(area)
-    report = _core.stability_report(
-        1.0, k, burr, bone, period=1.0, damping=5.0, encoder_step=0.0, friction=0.0
-    )
-    assert (report.limit, report.sampling_limit) == (10.0, 10.0)
-    assert np.isinf(report.quantisation_limit)
-    assert report.ratio == pytest.approx(k / 10)
-    assert report.warning
-    again = _core.contact_stiffness(report.force_at_limit, area, radius=RADIUS, c_e=bone.c_e)
-    assert again == pytest.approx(10.0)
-    assert "ratio=0.83" in repr(report)
-    unknown = _core.stability_report(1.0, k, burr, bone, period=1.0)
-    assert np.isnan(unknown.ratio)
-    assert not unknown.warning
-
-
-GIVEN = {"force": 1.0, "stiffness": 8.0, "period": 1.0, "damping": 5.0, "friction": 0.1, "encoder_step": 0.01}
-
-
-def report(**change):
-    given = GIVEN | change
-    bone = burrlab.materials["bone"]
-    _core.stability_report(given.pop("force"), given.pop("stiffness"), burrlab.Burr(3.0), bone, **given)
-
-
-@pytest.mark.parametrize(
-    ("call", "sentence"),
-    [
-        (lambda: _core.flat_contact_area(3.0, -0.1), "penetration must be 0 to 2 radii, got -0.1"),
-        (lambda: _core.hole_contact_area(3.0, 6.1), "depth must be 0 to 2 radii, got 6.1"),
-        (lambda: _core.contact_stiffness(-1.0, 1.0, radius=3.0, c_e=2.0), "force must be zero or positive"),
-        (lambda: _core.contact_area(1.0, -1.0, radius=3.0, c_e=2.0), "stiffness must be zero or positive"),
-        (lambda: _core.passivity_limit(-1.0, 1.0), "damping must be zero or positive"),
-        (lambda: _core.encoder_limit(-1.0, 1.0), "friction must be zero or positive"),
-        (lambda: _core.passivity_energy(np.zeros((3, 3)), np.zeros((2, 3))), r"must have one shape \(n, 3\)"),
-        *((lambda n=name: report(**{n: -1.0}), f"{name} must be zero or positive")
-          for name in ("force", "stiffness", "damping", "friction", "encoder_step")),
-        (lambda: report(period=0.0), "period must be positive"), (lambda: report(coupling=0.0),
-         "coupling must be positive, got 0"),
-    ],
-)  # fmt: skip
-def test_refusals(call, sentence):
-    with pytest.raises(ValueError, match=sentence):
-        call()

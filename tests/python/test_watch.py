@@ -16,7 +16,6 @@ from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.session.anatomy import anatomy_report
 from burrlab.session.replay import inputs
-from burrlab.session.trace import to_rows
 from reference import anatomy as reference
 
 LIMITS = {"approach": 2.0, "touch": 0.1, "injury": 0.05, "hysteresis": 0.4}
@@ -179,25 +178,6 @@ def test_ticks_that_are_passed_over_are_said_and_injuries_stay_whole(recorded) -
     if report.watched.ticks_passed_over:  # the follower may have been ahead each time
         assert report.watched.gaps > 0
         assert "ticks were passed over" in str(report)
-
-
-def test_an_injury_in_a_gap_is_told_without_a_burr() -> None:
-    bone = nerve_bone()
-    watch = Watch(bone, **LIMITS).core([1.0])
-    mine, theirs = bone.copy(), bone.copy()
-    _core.TickExecutor(mine, [tool()], 1).set_watch(watch)
-    leader = _core.TickExecutor(theirs, [tool()], 1)
-    records = np.zeros(300, _core.record_dtype)
-    records["index"], records["k"], records["burrs"] = np.arange(300), 1, 1
-    records["burr"]["center"][:, 0], records["burr"]["on"] = (0, 0, -0.6), 1
-    done = to_rows(leader.execute(records), 1)
-    assert theirs.removed_of("nerve") > LIMITS["injury"]
-    assert done["burr"]["removed_levels"].sum() > 0
-    watch.pass_over(theirs, 300)
-    seen = watch.seen()
-    assert (seen["gaps"], seen["ticks_passed_over"]) == (1, 300)
-    assert [(e["tick"], e["burr"], KINDS[e["kind"]]) for e in seen["events"]] == [(299, -1, "injury")]
-    assert np.isinf(seen["events"]["distance"]).all()
 
 
 def test_tissues_without_a_watch_are_counted(tmp_path) -> None:

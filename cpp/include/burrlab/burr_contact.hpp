@@ -77,7 +77,7 @@ class BurrContact {
   std::uint64_t tick = 0;  ///< number of the next tick
 
  private:
-  Contact felt(const Moments& moments, const TickSums& sums) const;
+  Contact to_contact(const Moments& moments, const TickSums& sums) const;
   void check_tissues() const;
 
   std::shared_ptr<VoxelBone> bone_;

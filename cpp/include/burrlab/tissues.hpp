@@ -44,7 +44,7 @@ class Tissues {
   const std::int32_t* stiffnesses() const { return stiffness_.data(); }
   std::int32_t largest_stiffness() const;
   /// Bit i: tissue i has the same stiffness and alpha.
-  std::uint64_t alike(std::size_t number) const { return alike_[number]; }
+  std::uint64_t same_constants(std::size_t number) const { return alike_[number]; }
 
  private:
   std::vector<Tissue> tissues_;
@@ -77,12 +77,12 @@ class TissueMap {
   /// Bit i: the brick holds tissue i.
   std::uint64_t present(std::size_t brick) const { return present_[brick]; }
   /// Whether the brick's tissues differ in stiffness or alpha.
-  bool varies(std::size_t brick) const { return present_[brick] & ~table_.alike(number_[brick]); }
+  bool varies(std::size_t brick) const { return present_[brick] & ~table_.same_constants(number_[brick]); }
   // Of a brick's levels, aligned to a cache line and read if it is mixed, with their sum:
   /// Adds sign times those of each tissue to its sum.
   void add(std::size_t brick, const std::uint8_t* levels, std::int64_t sum, int sign, Sums& sums) const;
   /// Sum of K q.
-  std::int64_t weigh(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const;
+  std::int64_t stiffness_sum(std::size_t brick, const std::uint8_t* levels, std::int64_t sum) const;
 
   std::size_t hierarchy_bytes() const { return number_.size() * (sizeof number_[0] + sizeof present_[0]); }
 

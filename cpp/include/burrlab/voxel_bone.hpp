@@ -89,7 +89,7 @@ class VoxelBone {
   std::string digest() const;
 
   /// Writes to every page, so that no tick is the first to do so.
-  void touch();
+  void write_pages();
 
   // Bricks by number, for copies of a bone that follow it.
   std::size_t brick_count() const { return sums_.size(); }
@@ -162,9 +162,10 @@ class VoxelBone {
   [[noreturn]] static void refuse_use(int users);
   Index3 extent(const Index3& at) const;  // voxels of a brick within the volume
   void copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const;
-  void settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
+  void update_brick(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
   std::int64_t pristine_mass(const Index3& at, std::size_t brick) const;
   void count_tissues(std::size_t brick, int sign);
+  void set_box(const Index3& start, const Index3& shape, const std::uint8_t* levels, bool pristine_too);
   template <class Visit>
   void each_brick(const Index3& start, const Index3& shape, Visit visit) const;
 

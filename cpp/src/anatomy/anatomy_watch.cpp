@@ -49,7 +49,7 @@ AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector
 }
 
 void AnatomyWatch::begin(const VoxelBone& bone, std::uint64_t tick) {
-  if (!structures_[0].distance->search().is_on(bone))
+  if (!structures_[0].distance->search().fits(bone))
     throw std::invalid_argument("bone must be the one that the watch was made of, or a copy of it");
   for (std::size_t s = 0; s < structures_.size(); ++s)
     begun_[s] = levels_[s] = bone.tissue_levels(structures_[s].distance->search().tissue());
@@ -90,26 +90,26 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
       dose.near_peak[i] = std::max(dose.near_peak[i], force);
     }
 
-    const auto tell_of = [&](WatchEventKind kind) {
-      tell({record.index, std::uint32_t(kind), std::uint32_t(s), std::int32_t(burr), at.on, distance, force,
-            removed(s), at.center});
+    const auto add_event_of = [&](WatchEventKind kind) {
+      add_event({record.index, std::uint32_t(kind), std::uint32_t(s), std::int32_t(burr), at.on, distance,
+                 force, removed(s), at.center});
     };
     if (!beside.approached && distance <= limits.approach) {
       beside.approached = true;
-      tell_of(WatchEventKind::approach);
+      add_event_of(WatchEventKind::approach);
     }
     if (!beside.touched && distance <= limits.touch) {
       beside.touched = true;
-      tell_of(WatchEventKind::touch);
+      add_event_of(WatchEventKind::touch);
     }
     if (injures) {
       beside.injured = true;
-      tell_of(WatchEventKind::injury);
+      add_event_of(WatchEventKind::injury);
     }
     if (distance > limits.touch + limits.hysteresis) beside.touched = beside.injured = false;
     if (beside.approached && distance > limits.approach + limits.hysteresis) {
       beside.approached = false;
-      tell_of(WatchEventKind::away);
+      add_event_of(WatchEventKind::away);
     }
   }
 }
@@ -170,7 +170,7 @@ void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept
     event.distance = std::numeric_limits<double>::infinity();
     event.removed = removed(s);
     event.kind = std::uint32_t(WatchEventKind::injury);
-    tell(event);
+    add_event(event);
   }
 }
 
@@ -178,7 +178,7 @@ bool AnatomyWatch::is_injury(const VoxelBone& bone, std::size_t structure) const
   return double(removed(structure)) * (bone.voxel_volume() / 255.0) > structures_[structure].limits.injury;
 }
 
-void AnatomyWatch::tell(const WatchEvent& event) noexcept {
+void AnatomyWatch::add_event(const WatchEvent& event) noexcept {
   if (events_.size() == most_events) {
     ++events_lost_;
     return;

@@ -102,7 +102,7 @@ class AnatomyWatch {
   }
   void measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept;
   bool is_injury(const VoxelBone& bone, std::size_t structure) const;
-  void tell(const WatchEvent& event) noexcept;
+  void add_event(const WatchEvent& event) noexcept;
 
   std::vector<WatchedStructure> structures_;
   std::vector<double> radii_;

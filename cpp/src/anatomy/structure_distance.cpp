@@ -107,14 +107,14 @@ double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, doubl
   for (std::int64_t z = first[2] / fan; z <= last[2] / fan; ++z) {
     for (std::int64_t y = first[1] / fan; y <= last[1] / fan; ++y) {
       for (std::int64_t x = first[0] / fan; x <= last[0] / fan; ++x) {
-        std::uint64_t bricks = where_.block(z, y, x) & within(first, last, z, y, x);
+        std::uint64_t bricks = where_.block(z, y, x) & children_within(first, last, z, y, x);
         if (!bricks) continue;
         const Index3 low{block_side * z, block_side * y, block_side * x};
         const Index3 high{low[0] + block_side - 1, low[1] + block_side - 1, low[2] + block_side - 1};
         if (squared_to(low, high) >= best.squared) continue;
         for (; bricks; bricks &= bricks - 1) {
           const int bit = lowest_bit(bricks);
-          look_into({fan * z + (bit >> 4), fan * y + (bit >> 2 & 3), fan * x + (bit & 3)}, point, best);
+          search_brick({fan * z + (bit >> 4), fan * y + (bit >> 2 & 3), fan * x + (bit & 3)}, point, best);
         }
       }
     }
@@ -122,7 +122,7 @@ double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, doubl
   return best.any ? std::sqrt(best.squared) : std::numeric_limits<double>::infinity();
 }
 
-void StructureSearch::look_into(const Index3& brick, const Vec3& point, Best& best) const {
+void StructureSearch::search_brick(const Index3& brick, const Vec3& point, Best& best) const {
   const auto number = static_cast<std::size_t>((brick[0] * bricks_[1] + brick[1]) * bricks_[2] + brick[2]);
   Index3 first, last;
   double least[3];  // (z, y, x)
@@ -173,7 +173,7 @@ DistanceField::DistanceField(StructureSearch search, const Index3& shape, const 
   require_positive("spacing", spacing);
   if (spacing > 0.4) refuse("spacing", "at most 0.4 mm", spacing);
   require_not_negative("error", error);
-  for (int axis = 0; axis < 3; ++axis) require_finite("origin", origin[axis]);
+  require_finite("origin", origin);
   for (const std::int64_t n : shape)
     if (n < 2) refuse("every side of a field", "at least 2", double(n));
   const auto count = std::size_t(shape[0] * shape[1] * shape[2]);
@@ -194,15 +194,6 @@ float DistanceField::node(const Index3& at, NearestVoxel& nearest) const noexcep
     kept.store(value, std::memory_order_relaxed);
   }
   return value;
-}
-
-std::vector<float> DistanceField::values() const {
-  std::vector<float> all;
-  NearestVoxel nearest;
-  for (std::int64_t z = 0; z < shape_[0]; ++z)
-    for (std::int64_t y = 0; y < shape_[1]; ++y)
-      for (std::int64_t x = 0; x < shape_[2]; ++x) all.push_back(node({z, y, x}, nearest));
-  return all;
 }
 
 double DistanceField::at(const Vec3& point, NearestVoxel& nearest) const noexcept {

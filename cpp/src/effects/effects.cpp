@@ -111,7 +111,7 @@ FrameDecision Effects::step(double seconds, const BrickLevels& changes,
   std::vector<BurrAt> burrs;
   for (const BurrAt& burr : given_burrs) {
     require_positive("radius of a burr", burr.radius);
-    for (int axis = 0; axis < 3; ++axis) require_finite("center of a burr", burr.center[axis]);
+    require_finite("center of a burr", burr.center);
     burrs.push_back(within_reach(burr));
   }
   if (given && (given->sub_steps < 1 || given->done < 1 || given->done > given->sub_steps))
@@ -174,8 +174,7 @@ void Effects::take_levels(const BrickLevels& changes, const std::vector<BurrAt>&
   for (std::size_t i = 0; i < changes.count; ++i) {
     const BrickLoss loss = field_.exchange(changes.bricks[i], changes.density + i * brick_voxels);
     sources_.remove(field_, changes.bricks[i], loss, burrs, draws, emissions_);
-    refilled_ += loss.refilled;
-    rose |= loss.refilled > 0;
+    rose |= loss.rose;
   }
   if (!rose) return;
   for (std::size_t i = 0; i < parcels_.size(); ++i) {
@@ -287,12 +286,6 @@ void Effects::view(std::vector<ParcelView>& out) const {
     parcel.water = parcels_.mass[i][water];
     parcel.age = parcels_.age[i];
   }
-}
-
-std::size_t Effects::embedded() const {
-  std::size_t count = 0;
-  for (std::size_t i = 0; i < parcels_.size(); ++i) count += field_.solid(parcels_.position[i]);
-  return count;
 }
 
 // Merges dust into the liquid that wets it.

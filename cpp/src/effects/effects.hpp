@@ -59,10 +59,8 @@ class Effects {
   double hidden(const Camera& camera, const BurrAt& burr) const {
     return hidden_fraction(parcels_, quantum(), setup_.parameters, camera, burr);
   }
-  std::size_t embedded() const;  ///< parcels in solid voxels: 0
   const LevelField& field() const { return field_; }
   const Sources& sources() const { return sources_; }
-  std::int64_t refilled() const { return refilled_; }  ///< levels that rose, as when a replay goes back
   const EffectsSetup& setup() const { return setup_; }
   const FrameCounts& counts() const { return counts_; }
   const std::vector<FrameDecision>& decisions() const { return decisions_; }
@@ -89,7 +87,6 @@ class Effects {
   std::vector<BurrAt> burrs_;  // of the last frame
   std::uint64_t frame_ = 0;
   Quanta made_{}, sucked_{}, drained_{};
-  std::int64_t refilled_ = 0;
   double room_ = 0.0;  // of the sucker in this frame [quanta]
   std::optional<FrameBudget> budget_;
   double moves_ = 0.0, moving_time_ = 0.0;  // single movements of the last frame, and their time [ns]

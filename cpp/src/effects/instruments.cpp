@@ -8,19 +8,15 @@
 namespace burrlab {
 namespace {
 
-void require_finite_vector(const char* name, const Vec3& v) {
-  for (int axis = 0; axis < 3; ++axis) require_finite(name, v[axis]);
-}
-
 void require_direction(const char* name, const Vec3& v) {
-  require_finite_vector(name, v);
+  require_finite(name, v);
   require_positive(std::string("length of ") + name, v.norm());
 }
 
 }  // namespace
 
 void Nozzle::check() const {
-  require_finite_vector("position of the nozzle", position);
+  require_finite("position of the nozzle", position);
   require_direction("direction of the nozzle", direction);
   require_not_negative("rate of the nozzle", rate);
   if (rate > 1e6) refuse("rate of the nozzle", "at most 1e6 mm^3/s", rate);
@@ -29,7 +25,7 @@ void Nozzle::check() const {
 }
 
 void Sucker::check() const {
-  require_finite_vector("position of the sucker", position);
+  require_finite("position of the sucker", position);
   require_positive("radius of the sucker", radius);
   require_finite("reach of the sucker", reach);
   if (reach < radius) refuse("reach of the sucker", "at least its radius", reach);
@@ -46,8 +42,8 @@ Vec3 Sucker::air(const Vec3& place) const {
 }
 
 void Camera::check() const {
-  require_finite_vector("position of the camera", position);
-  require_finite_vector("look_at of the camera", look_at);
+  require_finite("position of the camera", position);
+  require_finite("look_at of the camera", look_at);
   require_direction("up of the camera", up);
   const Vec3 view = look_at - position;
   if (!(view.norm() > 0.0)) refuse("distance of look_at from the camera", "positive", view.norm());

@@ -64,7 +64,7 @@ BrickLoss LevelField::exchange(std::size_t brick, const std::uint8_t* density) {
     const int fall = int(mine[i]) - int(density[i]);
     loss.by_voxel[std::size_t(i)] = static_cast<std::uint8_t>(std::max(fall, 0));
     loss.lost += std::max(fall, 0);
-    loss.refilled += std::max(-fall, 0);
+    loss.rose |= fall < 0;
     largest = std::max(largest, density[i]);
   }
   std::memcpy(mine, density, brick_voxels);

@@ -20,8 +20,8 @@ struct LevelHit {
 
 /// What a brick lost when its levels were exchanged.
 struct BrickLoss {
-  std::int64_t lost = 0;      ///< [levels]
-  std::int64_t refilled = 0;  ///< levels that rose, as when a replay goes back
+  std::int64_t lost = 0;  ///< [levels]
+  bool rose = false;      ///< some levels rose, as when a replay goes back
   std::array<std::uint8_t, brick_voxels> by_voxel;
 };
 

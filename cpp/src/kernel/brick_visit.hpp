@@ -19,30 +19,31 @@ struct Mass {
     for (Integer& each : by_y) each = set(0);
     for (Integer& each : by_z) each = set(0);
   }
-  void add(unsigned unit, Integer mass) {
-    by_y[unit & 7] = by_y[unit & 7] + mass;
-    by_z[unit >> 3] = by_z[unit >> 3] + mass;
+  void add(unsigned row, Integer mass) {
+    by_y[row & 7] = by_y[row & 7] + mass;
+    by_z[row >> 3] = by_z[row >> 3] + mass;
   }
 };
 
-/// K of each voxel of a unit.
-inline Integer stiffness_of(const Brick& brick, unsigned unit) {
-  return pick(brick.tissues->stiffness, brick.tissue + 8 * unit, brick.tissues->few);
+/// K of each voxel of a row.
+inline Integer stiffness_of(const Brick& brick, unsigned row) {
+  return pick(brick.tissues->stiffness, brick.tissue + 8 * row, brick.tissues->few);
 }
 
-/// Mass inside the sphere of a unit at its boundary, and the geometry for its erosion. `plain`: the brick has
-/// one pristine level, not faint, and f is a power; `mixed`: several tissues.
+/// A row that meets the sphere's boundary: its mass inside the sphere, added to `sum` and (times K) to
+/// `weight`, and what its erosion needs, as step i. `plain`: the brick has one pristine level, not faint, and
+/// f is a power; `mixed`: several tissues.
 template <bool layer, bool isotropic, bool summing, bool eroding, bool plain, bool mixed>
-inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constants& c, int i, unsigned unit,
-                 Steps& steps, Mass& sum, Wide& weight) {
-  const Integer q = load_row(brick.density + 8 * unit);
+inline void measure_row(const Sphere& at, const Brick& brick, const RowDistances& distances, Constants& c,
+                        int i, unsigned row, Steps& steps, Mass& sum, Wide& weight) {
+  const Integer q = load_row(brick.density + 8 * row);
 
-  // Distance, and the covered fraction w of each voxel.
-  const Float r2 = squared_distance(rows.r2, rows.x2, unit);
+  // r, and the covered fraction w of each voxel; s of anisotropic voxels is that along the radius.
+  const Float r2 = squared_distance(distances.r2, distances.x2, row);
   const Float r = square_root(r2);
   Float s_inverse = c.spacing_inverse, relative_spacing = c.relative_spacing;
   if (!isotropic) {
-    const Float a = square_root(squared_distance(rows.a2, rows.ax2, unit));
+    const Float a = square_root(squared_distance(distances.a2, distances.ax2, row));
     const Mask off_centre = r > c.zero;
     relative_spacing = select(off_centre, a / select(off_centre, r, c.one), c.spacing) * c.radius_inverse;
     s_inverse = select(off_centre, r / select(off_centre, a, c.one), s_inverse);
@@ -54,18 +55,18 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   // Mass inside the sphere [1/256 level]; in `layer` the bone left lies outside the sphere first.
   Integer mass;
   if (layer) {
-    if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + 8 * unit));
+    if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + 8 * row));
     mass = positive(times256(q) - truncate(c.p_levels * (c.one - w) + c.half));
   } else {
     mass = truncate(to_float(q) * (w * c.levels) + c.half);
   }
   if (summing) {  // Eq. 1: m_0 and, by index, m_1
-    sum.add(unit, mass);
-    if (mixed) weight = add_product(weight, mass, stiffness_of(brick, unit));
+    sum.add(row, mass);
+    if (mixed) weight = add_product(weight, mass, stiffness_of(brick, row));
     if (layer && !plain && brick.faint) sum.faint = sum.faint + only(set(32) > c.p, mass);
   }
 
-  if (eroding) steps.row[i].unit = unit;
+  if (eroding) steps.row[i].number = row;
   if (eroding && layer) {
     auto& step = steps.row[i];
     store(step.mass, to_float(mass) * c.levels);
@@ -85,34 +86,34 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   }
 }
 
-/// A unit of deep voxels: wholly inside, usually without a square root.
+/// A row of deep voxels, covered whole: M = q, and f at their own depth, usually without a square root.
 template <bool layer, bool summing, bool eroding, bool mixed>
-inline void meet_deep(const Sphere& at, const Brick& brick, const Rows& rows, const Constants& c, int i,
-                      unsigned unit, Steps& steps, Mass& sum, Wide& weight) {
-  const Integer q = load_row(brick.density + 8 * unit);
+inline void measure_deep_row(const Sphere& at, const Brick& brick, const RowDistances& distances,
+                             const Constants& c, int i, unsigned row, Steps& steps, Mass& sum, Wide& weight) {
+  const Integer q = load_row(brick.density + 8 * row);
   if (summing) {
-    sum.add(unit, times256(q));
-    if (mixed) weight = add_product(weight, times256(q), stiffness_of(brick, unit));
+    sum.add(row, times256(q));
+    if (mixed) weight = add_product(weight, times256(q), stiffness_of(brick, row));
     if (layer && brick.faint) {
-      const Integer p = brick.pristine ? load_row(brick.pristine + 8 * unit) : c.p;
+      const Integer p = brick.pristine ? load_row(brick.pristine + 8 * row) : c.p;
       sum.faint = sum.faint + only(set(32) > p, times256(q));
     }
   }
   if (eroding) {
-    const Float r2 = squared_distance(rows.r2, rows.x2, unit);
+    const Float r2 = squared_distance(distances.r2, distances.x2, row);
     Float f = c.one;
     if (at.shape == shape_power) f = c.one - r2 * c.radius2_inverse;
     if (at.shape == shape_linear) {
       const Float r = square_root(r2);
       f = layer ? (c.radius - r) * c.radius_inverse : c.one - r * c.radius_inverse;
     }
-    steps.row[i].unit = unit;
+    steps.row[i].number = row;
     store(steps.row[i].mass, to_float(q) * set(65536.0f));
     store(steps.row[i].f, f);
   }
 }
 
-inline void add_up(const Mass& sum, bool faint, Sums& sums) {
+inline void sum_over_lanes(const Mass& sum, bool faint, Sums& sums) {
   Integer total = sum.by_y[0], above = sum.by_y[7], by_y = above, by_z = set(0);
   for (int y = 6; y > 0; --y) {  // sum of y M as a sum of sums from above
     above = above + sum.by_y[y];
@@ -136,54 +137,61 @@ inline void add_up(const Mass& sum, bool faint, Sums& sums) {
   }
 }
 
+/// One brick in a tick: sums its mass inside the sphere (Eq. 1), then erodes it (Eq. 4), as `summing` and
+/// `eroding` say. `mixed`: its voxels are of several tissues.
 template <bool layer, bool isotropic, bool summing, bool eroding, bool mixed>
 void visit(const Sphere& at, const Brick& brick, Sums& sums) {
-  Rows rows;
-  measure<isotropic>(at, brick, rows);
-  const Wanted wanted = wanted_units(at, brick, rows);
+  RowDistances distances;
+  measure_distances<isotropic>(at, brick, distances);
+  const RowsToVisit visited = rows_to_visit(at, brick, distances);
+
+  // Row by row: M of each voxel, its part in the sums, and what the erosion needs of it.
   Constants c(at, brick);
   Steps steps;
-  Mass sum;
+  Mass mass;
   Wide weight = wide_zero();
-  int count = 0;
+  int count = 0;  // rows measured
   const bool plain = layer && !brick.pristine && !brick.faint && at.shape == shape_power;
   if (plain) {
-    for (Units left = wanted.shallow; left; left &= left - 1)
-      meet<layer, isotropic, summing, eroding, true, mixed>(at, brick, rows, c, count++, lowest(left), steps,
-                                                            sum, weight);
+    for (RowSet left = visited.shallow; left; left &= left - 1)
+      measure_row<layer, isotropic, summing, eroding, true, mixed>(at, brick, distances, c, count++,
+                                                                   lowest(left), steps, mass, weight);
   } else {
-    for (Units left = wanted.shallow; left; left &= left - 1)
-      meet<layer, isotropic, summing, eroding, false, mixed>(at, brick, rows, c, count++, lowest(left), steps,
-                                                             sum, weight);
+    for (RowSet left = visited.shallow; left; left &= left - 1)
+      measure_row<layer, isotropic, summing, eroding, false, mixed>(at, brick, distances, c, count++,
+                                                                    lowest(left), steps, mass, weight);
   }
   const int shallow = count;
-  for (Units left = wanted.deep; left; left &= left - 1)
-    meet_deep<layer, summing, eroding, mixed>(at, brick, rows, c, count++, lowest(left), steps, sum, weight);
-  if (summing) add_up(sum, layer && brick.faint, sums);
+  for (RowSet left = visited.deep; left; left &= left - 1)
+    measure_deep_row<layer, summing, eroding, mixed>(at, brick, distances, c, count++, lowest(left), steps,
+                                                     mass, weight);
+  if (summing) sum_over_lanes(mass, layer && brick.faint, sums);
   if (summing && mixed) sums.stiffness = total(weight);
+  if (!eroding) return;
 
-  if (eroding) {
-    if (layer && at.shape == shape_constant) {
-      for (int i = 0; i < shallow; ++i) store(steps.row[i].f, c.one);
-    } else if (layer) {
-      if (plain)
-        find_cells<isotropic, true>(c, steps, shallow);
-      else
-        find_cells<isotropic, false>(c, steps, shallow);
-      if (at.shape == shape_power)
-        find_f<isotropic, true>(at.depth, c, steps, shallow);
-      else
-        find_f<isotropic, false>(at.depth, c, steps, shallow);
-    }
-    if (at.table) tabulate(at, steps, count);
-    if (at.shape != shape_constant && at.whole != 1) raise(at, steps, count);
-    draw_slabs(at, brick, wanted.shallow | wanted.deep, steps.u);
-    if (mixed ? brick.tissues->most_doublings : brick.doublings)
-      lose<true, mixed>(at, brick, c, steps, count);
+  // f of each voxel: in `layer` at the effective depth of its bone. A table gives y at a depth; f = y^k.
+  if (layer && at.shape == shape_constant) {
+    for (int i = 0; i < shallow; ++i) store(steps.row[i].f, c.one);
+  } else if (layer) {
+    if (plain)
+      locate_in_table<isotropic, true>(c, steps, shallow);
     else
-      lose<false, mixed>(at, brick, c, steps, count);
-    sum_levels(brick.density, sums);
+      locate_in_table<isotropic, false>(c, steps, shallow);
+    if (at.shape == shape_power)
+      find_f<isotropic, true>(at.depth, c, steps, shallow);
+    else
+      find_f<isotropic, false>(at.depth, c, steps, shallow);
   }
+  if (at.table) read_shape_table(at, steps, count);
+  if (at.shape != shape_constant && at.whole != 1) raise_to_power(at, steps, count);
+
+  // The loss of each voxel: lambda = M (1 - exp(-alpha f dt)), rounded by its random number U.
+  draw_slabs(at, brick, visited.shallow | visited.deep, steps.u);
+  if (mixed ? brick.tissues->most_doublings : brick.doublings)
+    remove_levels<true, mixed>(at, brick, c, steps, count);
+  else
+    remove_levels<false, mixed>(at, brick, c, steps, count);
+  sum_levels(brick.density, sums);
 }
 
 }  // namespace
@@ -196,8 +204,11 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
        BURRLAB_BY_TISSUES(false, true, summing, eroding)},                                                   \
       {BURRLAB_BY_TISSUES(true, false, summing, eroding), BURRLAB_BY_TISSUES(true, true, summing, eroding)}, \
   }
-#define BURRLAB_KERNEL(name)                                                                              \
-  {name,          {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
-   sum_levels,    sum_where,     draw_field}
+#define BURRLAB_KERNEL(name)                                                               \
+  {name,                                                                                   \
+   {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
+   sum_levels,                                                                             \
+   sum_where,                                                                              \
+   draw_field}
 
 }  // namespace burrlab::kernel

@@ -16,7 +16,7 @@ namespace {
 #define BURRLAB_RARE __attribute__((noinline, cold))
 #endif
 
-/// What one step of the erosion hands to the next, by unit. Each step goes through all units: one voxel's
+/// What one step of the erosion hands to the next, by row. Each step goes through all rows: one voxel's
 /// arithmetic is a long chain, and only many side by side keep the CPU busy.
 struct Steps {
   struct alignas(64) Row {
@@ -28,18 +28,18 @@ struct Steps {
     std::uint32_t cell[lanes];  // offset in the table
     float width[lanes];         // w s/R
     float f[lanes];             // first y of f = y^k
-    std::uint32_t unit;
+    std::uint32_t number;
     alignas(64) float depth[lanes];  // R - r; from here on not needed as a rule
     float p_inverse[lanes];
     float relative_spacing[lanes];  // s/R
     float e[lanes];
-  } row[units];
-  alignas(64) std::int32_t u[units][lanes];  // by unit, not by position in the list
+  } row[brick_rows];
+  alignas(64) std::int32_t u[brick_rows][lanes];  // by row, not by position in the list
 };
 
 /// The fraction left tau, the depth e of the covered part's outer face, and their cell in the table of G.
 template <bool isotropic, bool plain>
-inline void find_cells(const Constants& c, Steps& steps, int count) {
+inline void locate_in_table(const Constants& c, Steps& steps, int count) {
   // Below the last row and column, so that every cell has a neighbour.
   const Float most_e = set(3.0f - 0x1p-22f), most_tau = set(1.0f - 0x1p-24f);
   const Float rows_per_voxel = set(depth_rows_per_voxel), columns_per_unit = set(depth_columns_per_unit);
@@ -79,7 +79,7 @@ inline void find_f(const float* depth_table, const Constants& c, Steps& steps, i
 }
 
 /// From depths to y of a table. Lane by lane: nodes may stand at any depths.
-BURRLAB_APART void tabulate(const Sphere& at, Steps& steps, int count) {
+BURRLAB_APART void read_shape_table(const Sphere& at, Steps& steps, int count) {
   const float *depth = at.table, *value = depth + at.table_size, *slope = value + at.table_size;
   for (int i = 0; i < count; ++i) {
     for (float& each : steps.row[i].f) {
@@ -91,7 +91,7 @@ BURRLAB_APART void tabulate(const Sphere& at, Steps& steps, int count) {
   }
 }
 
-inline void raise(const Sphere& at, Steps& steps, int count) {  // y to y^k
+inline void raise_to_power(const Sphere& at, Steps& steps, int count) {  // y to y^k
   for (int i = 0; i < count; ++i) {
     if (at.whole == 0) {
       for (float& y : steps.row[i].f) y = static_cast<float>(at.power(static_cast<double>(y), at.exponent));
@@ -105,9 +105,9 @@ inline void raise(const Sphere& at, Steps& steps, int count) {  // y to y^k
 }
 
 /// Draws V where the low 16 bits of lambda + U are all ones: whether the rest of lambda carries.
-BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned unit, Float scaled,
-                                 Integer lost, unsigned tie) {
-  const int y = unit & 7;
+BURRLAB_RARE Integer break_ties(const Sphere& at, const Brick& brick, unsigned row, Float scaled,
+                                Integer lost, unsigned tie) {
+  const int y = row & 7;
   const Float rest = (scaled - to_float(truncate(scaled))) * set(65536.0f) + set(0.5f);
   alignas(64) std::int32_t each[lanes], low[lanes];
   store(each, lost);
@@ -115,23 +115,23 @@ BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned 
   for (; tie; tie &= tie - 1) {
     const int lane = static_cast<int>(lowest(tie));
     const std::uint32_t column =
-        brick.column + (unit >> 3) * brick.columns_in_slab + static_cast<std::uint32_t>(lane);
+        brick.column + (row >> 3) * brick.columns_in_slab + static_cast<std::uint32_t>(lane);
     each[lane] += draw_one(at, column, y, 1) < static_cast<std::uint32_t>(low[lane]);
   }
   return load(each);
 }
 
-/// Takes from every unit the loss given by its mean lambda and by U. `mixed`: constants are by tissue. In two
+/// Takes from every row the loss given by its mean lambda and by U. `mixed`: constants are by tissue. In two
 /// loops: the CPU's scheduler holds the waiting operations of few rows, so short chains overlap better.
 template <bool doubling, bool mixed>
-inline void lose(const Sphere& at, const Brick& brick, const Constants& c, Steps& steps, int count) {
+inline void remove_levels(const Sphere& at, const Brick& brick, const Constants& c, Steps& steps, int count) {
   const Float c1 = set(ErodedFraction::c1), c2 = set(ErodedFraction::c2), c3 = set(ErodedFraction::c3);
   const TissueTables* tables = brick.tissues;
   const int doublings = mixed ? tables->most_doublings : brick.doublings;
   std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {
     auto& step = steps.row[i];
-    const std::uint8_t* tissue = brick.tissue + (mixed ? 8 * step.unit : 0);
+    const std::uint8_t* tissue = brick.tissue + (mixed ? 8 * step.number : 0);
     const Float y =
         (mixed ? pick(tables->fraction_scale, tissue, tables->few) : c.fraction_scale) * load(step.f);
     Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)
@@ -147,11 +147,11 @@ inline void lose(const Sphere& at, const Brick& brick, const Constants& c, Steps
     const auto& step = steps.row[i];
     // Eq. 4 over the tick: lambda = M (1 - exp(-alpha f dt))
     const Float scaled = load(step.mass) * load(step.f);
-    const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
+    const Integer sum = truncate(scaled) + load(steps.u[step.number]);
     Integer lost = high16(sum);
     if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))
-      lost = settle_ties(at, brick, step.unit, scaled, lost, tie);
-    take_from_row(tile + 8 * step.unit, lost);
+      lost = break_ties(at, brick, step.number, scaled, lost, tie);
+    take_from_row(tile + 8 * step.number, lost);
   }
 }
 

@@ -42,9 +42,9 @@ inline std::uint32_t draw_one(const Sphere& at, std::uint32_t column, int y, std
   return x[y >> 1] >> (16 * (y & 1)) & 0xFFFFu;
 }
 
-/// U of the slabs with wanted units.
-inline void draw_slabs(const Sphere& at, const Brick& brick, Units wanted, std::int32_t (*u)[lanes]) {
-  Units by_slab = wanted | wanted >> 4;
+/// U of the slabs with rows to visit.
+inline void draw_slabs(const Sphere& at, const Brick& brick, RowSet wanted, std::int32_t (*u)[lanes]) {
+  RowSet by_slab = wanted | wanted >> 4;
   by_slab |= by_slab >> 2;
   by_slab = (by_slab | by_slab >> 1) & 0x0101010101010101u;
   for (; by_slab; by_slab &= by_slab - 1) {

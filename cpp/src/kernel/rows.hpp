@@ -9,12 +9,12 @@
 namespace burrlab::kernel {
 namespace {
 
-constexpr int lanes = 8;   // a row of a brick
-constexpr int units = 64;  // rows of a brick; unit i is the row y = i % 8 at z = i / 8
+constexpr int lanes = 8;        // a row of a brick
+constexpr int brick_rows = 64;  // row i lies along x at y = i % 8, z = i / 8
 
-using Units = std::uint64_t;  // one bit per unit
+using RowSet = std::uint64_t;  // one bit per row
 
-inline unsigned lowest(Units bits) {
+inline unsigned lowest(RowSet bits) {
 #if defined(_MSC_VER)
   unsigned long i;
   _BitScanForward64(&i, bits);
@@ -53,7 +53,7 @@ struct Constants {
 };
 
 /// The brick's distances by row.
-struct Rows {
+struct RowDistances {
   alignas(64) float r2[64];  // dz dz + dy dy
   alignas(64) float a2[64];  // likewise of spacing times offset; anisotropic voxels only
   Float x2, ax2;             // as r2 and a2, along a row
@@ -61,39 +61,41 @@ struct Rows {
 };
 
 template <bool isotropic>
-inline void measure(const Sphere& at, const Brick& brick, Rows& rows) {
+inline void measure_distances(const Sphere& at, const Brick& brick, RowDistances& distances) {
   const auto offset = [&](int first, int axis) {
     return (to_float(set(first) + index_in_row()) - set(at.fraction[axis])) * set(at.spacing[axis]);
   };
   const Float dx = offset(brick.x, 0), dy = offset(brick.y, 1), dz = offset(brick.z, 2);
   alignas(64) float x2[lanes], z2[lanes];
-  rows.x2 = dx * dx;
-  store(x2, rows.x2);
+  distances.x2 = dx * dx;
+  store(x2, distances.x2);
   store(z2, dz * dz);
   const bool beside = brick.x > 0 || brick.x < -7;
-  rows.x2_most = x2[0] > x2[7] ? x2[0] : x2[7];
-  rows.x2_least = !beside ? 0.0f : x2[0] < x2[7] ? x2[0] : x2[7];
+  distances.x2_most = x2[0] > x2[7] ? x2[0] : x2[7];
+  distances.x2_least = !beside ? 0.0f : x2[0] < x2[7] ? x2[0] : x2[7];
   const Float y2 = dy * dy;
-  for (int z = 0; z < 8; ++z) store(rows.r2 + 8 * z, set(z2[z]) + y2);
+  for (int z = 0; z < 8; ++z) store(distances.r2 + 8 * z, set(z2[z]) + y2);
   if (!isotropic) {
     const Float ax = set(at.spacing[0]) * dx, ay = set(at.spacing[1]) * dy, az = set(at.spacing[2]) * dz;
-    rows.ax2 = ax * ax;
+    distances.ax2 = ax * ax;
     store(z2, az * az);
     const Float ay2 = ay * ay;
-    for (int z = 0; z < 8; ++z) store(rows.a2 + 8 * z, set(z2[z]) + ay2);
+    for (int z = 0; z < 8; ++z) store(distances.a2 + 8 * z, set(z2[z]) + ay2);
   }
 }
 
-/// The units that hold something within reach: those at the boundary, and those wholly deep.
-struct Wanted {
-  Units shallow, deep;
+/// The rows that hold bone within the sphere's reach: `shallow` ones meet its boundary, `deep` ones lie
+/// wholly 3.5 voxels or more below it.
+struct RowsToVisit {
+  RowSet shallow, deep;
 };
 
-inline Wanted wanted_units(const Sphere& at, const Brick& brick, const Rows& rows) {
-  const Float reach2 = set(at.outer2 - rows.x2_least), deep2 = set(at.deep2), most = set(rows.x2_most);
-  Units held = 0, reached = 0, deep = 0;
+inline RowsToVisit rows_to_visit(const Sphere& at, const Brick& brick, const RowDistances& distances) {
+  const Float reach2 = set(at.outer2 - distances.x2_least), deep2 = set(at.deep2),
+              most = set(distances.x2_most);
+  RowSet held = 0, reached = 0, deep = 0;
   for (int z = 7; z >= 0; --z) {
-    const Float r2 = load(rows.r2 + 8 * z);
+    const Float r2 = load(distances.r2 + 8 * z);
     held = held << 8 | rows_that_hold(brick.density + 64 * z);
     reached = reached << 8 | bits(r2 <= reach2);
     deep = deep << 8 | bits(r2 + most <= deep2);
@@ -101,7 +103,7 @@ inline Wanted wanted_units(const Sphere& at, const Brick& brick, const Rows& row
   return {held & reached & ~deep, held & reached & deep};
 }
 
-inline Float squared_distance(const float* rows, Float x2, unsigned unit) { return set(rows[unit]) + x2; }
+inline Float squared_distance(const float* by_row, Float x2, unsigned row) { return set(by_row[row]) + x2; }
 
 }  // namespace
 }  // namespace burrlab::kernel

@@ -9,12 +9,6 @@
 namespace burrlab {
 namespace {
 
-double cap_area(const char* name, double radius, double depth) {
-  require_positive("radius", radius);
-  if (!(depth >= 0.0 && depth <= 2.0 * radius)) refuse(name, "0 to 2 radii", depth);
-  return pi * (2.0 * radius * depth - depth * depth);
-}
-
 /// sqrt(u) (2 - u) at a force; k times this is 1.5 c_e A/(pi R).
 double softness(double force, double radius, double c_e) {
   require_positive("radius", radius);
@@ -25,17 +19,6 @@ double softness(double force, double radius, double c_e) {
 }
 
 }  // namespace
-
-double flat_contact_area(double radius, double penetration) {
-  return cap_area("penetration", radius, penetration);
-}
-
-double hole_contact_area(double radius, double depth) { return cap_area("depth", radius, depth); }
-
-double contact_stiffness(double force, double area, double radius, double c_e) {
-  require_not_negative("area", area);
-  return 1.5 * c_e * area / (pi * radius * softness(force, radius, c_e));
-}
 
 double contact_area(double force, double stiffness, double radius, double c_e) {
   require_not_negative("stiffness", stiffness);
@@ -53,10 +36,9 @@ double measured_stiffness(const TickExecutor& executor, std::size_t burr, const 
   return (in - out).dot(normal) / (2.0 * step);
 }
 
-StiffestContact stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center,
-                                 double step) {
+double stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center, double step) {
   require_positive("step", step);
-  if (!executor.probe(burr, center).touching) return {};
+  if (!executor.probe(burr, center).touching) return 0.0;
   Eigen::Matrix3d stiffness;
   for (int axis = 0; axis < 3; ++axis) {
     const Vec3 way = step * Vec3::Unit(axis);
@@ -64,17 +46,14 @@ StiffestContact stiffest_contact(const TickExecutor& executor, std::size_t burr,
         (executor.probe(burr, center - way).force - executor.probe(burr, center + way).force) / (2.0 * step);
   }
   const Eigen::Matrix3d symmetric = 0.5 * (stiffness + stiffness.transpose());
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(symmetric);
-  return {solver.eigenvalues()[2], solver.eigenvectors().col(2)};
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>(symmetric).eigenvalues()[2];
 }
 
-double passivity_limit(double damping, double period, double age, double virtual_damping) {
+double passivity_limit(double damping, double period, double age) {
   require_not_negative("damping", damping);
   require_positive("period", period);
   require_not_negative("age", age);
-  require_finite("virtual_damping", virtual_damping);
-  // N s/m over ms is N/mm.
-  return std::max(0.0, damping - std::abs(virtual_damping)) / (0.5 * period + age);
+  return damping / (0.5 * period + age);  // N s/m over ms is N/mm
 }
 
 double encoder_limit(double friction, double encoder_step) {
@@ -99,7 +78,7 @@ double force_at_limit(double limit, double area, double radius, double c_e) {
 }
 
 StabilityReport stability_report(double force, double k, const Tool& tool, const DeviceModel& device,
-                                 double period, double age, double virtual_damping, double coupling) {
+                                 double period, double age, double coupling) {
   const double radius = tool.burr.radius, c_e = tool.material.c_e;
   if (!(coupling > 0.0)) refuse("coupling", "positive", coupling);
   StabilityReport report;
@@ -107,8 +86,7 @@ StabilityReport stability_report(double force, double k, const Tool& tool, const
   report.delay = 0.5 * period + age;
   report.area = contact_area(force, k, radius, c_e);
   report.k = std::isinf(coupling) ? k : k * coupling / (k + coupling);
-  if (!std::isnan(device.damping))
-    report.sampling_limit = passivity_limit(device.damping, period, age, virtual_damping);
+  if (!std::isnan(device.damping)) report.sampling_limit = passivity_limit(device.damping, period, age);
   if (!std::isnan(device.encoder_step) && (device.encoder_step == 0.0 || !std::isnan(device.friction)))
     report.quantisation_limit =
         encoder_limit(device.encoder_step == 0.0 ? 0.0 : device.friction, device.encoder_step);

@@ -8,15 +8,9 @@
 
 namespace burrlab {
 
-/// Wetted area projected on the normal, for a burr h [mm] deep in flat bone: pi (2 R h - h^2) [mm^2].
-double flat_contact_area(double radius, double penetration);
-/// The same for a burr in its own hole of depth H [mm]: pi (2 R H - H^2) [mm^2].
-double hole_contact_area(double radius, double depth);
-
-/// k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2]; c_e
-/// [N/mm^2], u from the force by Eq. 3. Not dF/dh: bone enters over the whole wetted area at once.
-double contact_stiffness(double force, double area, double radius, double c_e);
-/// The area A [mm^2] that gives this stiffness, by the same formula.
+/// From k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm]: the wetted area A, projected on the normal
+/// [mm^2], of a contact with this stiffness at a force [N]; c_e [N/mm^2], u from the force by Eq. 3. Not
+/// dF/dh: bone enters over the whole wetted area at once.
 double contact_area(double force, double stiffness, double radius, double c_e);
 
 /// k from the force at `step` [mm] in and out along the contact's normal [N/mm]; 0 without contact. Where the
@@ -24,20 +18,15 @@ double contact_area(double force, double stiffness, double radius, double c_e);
 double measured_stiffness(const TickExecutor& executor, std::size_t burr, const Vec3& center,
                           double step = 0.02);
 
-/// The direction in which a contact is stiffest, and its stiffness there.
-struct StiffestContact {
-  double stiffness = 0.0;         ///< [N/mm]; 0 without contact
-  Vec3 direction = Vec3::Zero();  ///< unit vector
-};
+/// k in the direction in which it is largest, from the force at `step` [mm] in and out along each axis: the
+/// largest eigenvalue of the symmetric part; 0 without contact. In a hole deeper than R/2 the walls can be
+/// stiffer than the ground.
+double stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center,
+                        double step = 0.02);
 
-/// From the force at `step` [mm] in and out along each axis: the largest eigenvalue of the symmetric part. In
-/// a hole deeper than R/2 the walls can be stiffer than the ground.
-StiffestContact stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center,
-                                 double step = 0.02);
-
-/// Stiffness below which a sampled spring is passive [N/mm]: (b - |B|)/(T/2 + t_d), with damping b and
-/// virtual damping B [N s/m], period T and age of the position t_d [ms] (Colgate, Schenkel 1997).
-double passivity_limit(double damping, double period, double age = 0.0, double virtual_damping = 0.0);
+/// Stiffness below which a sampled spring is passive [N/mm]: b/(T/2 + t_d), with damping b [N s/m], period T
+/// and age of the position t_d [ms] (Colgate, Schenkel 1997).
+double passivity_limit(double damping, double period, double age = 0.0);
 /// Stiffness below which friction absorbs the energy of an encoder's steps: 2 f_c/Delta [N/mm], friction [N],
 /// step [mm] (Abbott and Okamura 2005); infinite for a step of 0.
 double encoder_limit(double friction, double encoder_step);
@@ -65,7 +54,7 @@ struct StabilityReport {
 /// Report of a contact of stiffness k [N/mm] at a force [N]; period and age [ms]. A `coupling` [N/mm] is in
 /// series with the contact: the reported k is what the hand meets.
 StabilityReport stability_report(double force, double k, const Tool& tool, const DeviceModel& device,
-                                 double period, double age = 0.0, double virtual_damping = 0.0,
+                                 double period, double age = 0.0,
                                  double coupling = std::numeric_limits<double>::infinity());
 
 }  // namespace burrlab

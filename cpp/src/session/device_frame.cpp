@@ -11,7 +11,7 @@ FramedDevice::FramedDevice(const DeviceFrame& frame)
       offset_(frame.offset) {
   require_positive("scale of a frame", frame.scale);
   require_unit("rotation of a frame", frame.rotation);
-  for (const double x : frame.offset) require_finite("offset of a frame", x);
+  require_finite("offset of a frame", frame.offset);
   if (frame.clutch < -1 || frame.clutch > 7) refuse("clutch", "-1 or a button, 0 to 7", frame.clutch);
 }
 

@@ -12,10 +12,10 @@ FollowedBone::FollowedBone(std::shared_ptr<VoxelBone> bone, const SessionSetup& 
 }
 
 Difference FollowedBone::execute(const TickRecord& record) noexcept {
-  TickRecord mine = record;
-  executor_.execute(mine);
+  TickRecord executed = record;
+  executor_.execute(executed);
   for (std::size_t i = 0; i < executor_.burrs(); ++i) {
-    const BurrRecord &a = record.burr[i], &b = mine.burr[i];
+    const BurrRecord &a = record.burr[i], &b = executed.burr[i];
     if (std::memcmp(a.force.data(), b.force.data(), sizeof a.force) != 0) return {int(i), "force"};
     if (std::memcmp(&a.penetration, &b.penetration, sizeof a.penetration) != 0)
       return {int(i), "penetration"};

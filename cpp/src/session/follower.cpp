@@ -23,7 +23,7 @@ Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& set
   if (settings.digest_every < 1) refuse("digest_every", "at least 1", 0.0);
   require_positive("stiffness_every", settings.stiffness_every);
   require_positive("rebuild_after", settings.rebuild_after);
-  loop_->wait_for(reader_);
+  loop_->add_reader(reader_);
   status_.tick = bone_.tick();
   digests_.push_back({bone_.tick(), bone_.digest().text()});
 }
@@ -53,7 +53,7 @@ void Follower::run() {
   for (;;) {
     if (abandoned_.load()) return;
     const bool last = stopping_.load() && !loop_->running();
-    const bool worked = turn();
+    const bool worked = execute_batch();
     if (last && !worked) break;
     if (!worked) std::this_thread::sleep_for(std::chrono::milliseconds(1));
   }
@@ -64,7 +64,7 @@ void Follower::run() {
   for (const auto& listener : listeners_) listener->on_digest(bone_.tick(), bone_.digest());
 }
 
-bool Follower::turn() {
+bool Follower::execute_batch() {
   const std::lock_guard<std::mutex> lock(mutex_);
   const double behind = 1e-3 * loop_->executor()->setup().period * double(reader_->behind());
   status_.most_behind = std::max(status_.most_behind, behind);
@@ -159,7 +159,7 @@ void Follower::measure_stiffness() {
     const Vec3 center = to_vector(newest_.burr[i].center);
     stiffness_[i] = {bone_.tick(),
                      measured_stiffness(bone_.executor(), i, center),
-                     stiffest_contact(bone_.executor(), i, center).stiffness,
+                     stiffest_contact(bone_.executor(), i, center),
                      to_vector(newest_.burr[i].force).norm(),
                      newest_.burr[i].age,
                      bone_.executor().probe(i, center).c_e};
@@ -196,7 +196,7 @@ StabilityReport Follower::stability(std::size_t burr) const {
   const DeviceModel model = loop_->model(burr);
   const double late = std::isnan(model.delay) ? at.age : std::max(0.0, model.delay - 0.5 * setup.period);
   const auto report_of = [&](double k) {
-    return stability_report(at.force, scale * k, tool, model, setup.period, late, 0.0,
+    return stability_report(at.force, scale * k, tool, model, setup.period, late,
                             spring > 0.0 ? scale * spring : std::numeric_limits<double>::infinity());
   };
   // Where a thin wall gives way the force falls on the way in: no spring, and no limit.

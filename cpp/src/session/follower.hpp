@@ -97,7 +97,7 @@ class Follower {
  private:
   friend class BoneView;
   void run();
-  bool turn();  // one batch; whether there was anything to do
+  bool execute_batch();  // one batch; whether there was anything to do
   void execute(const TickRecord& record);
   void rebuild();
   void measure_stiffness();

@@ -14,7 +14,7 @@ constexpr double press_up = 0.25, press_down = 0.55, press_over = 0.8;
 double ease_in(double x) { return x * x * (3.0 - 2.0 * x); }
 
 HandSettings checked(const HandSettings& s) {
-  for (int axis = 0; axis < 3; ++axis) require_finite("start", s.start[axis]);
+  require_finite("start", s.start);
   const auto require_unit = [](const char* name, const Vec3& v) {
     if (!(std::abs(v.norm() - 1.0) < 1e-9)) refuse(std::string("length of ") + name, "1", v.norm());
   };
@@ -41,7 +41,7 @@ HandSettings checked(const HandSettings& s) {
 }  // namespace
 
 HandDevice::HandDevice(const HandSettings& settings)
-    : settings_(checked(settings)), on_(settings.on), position_(settings.start) {
+    : settings_(checked(settings)), position_(settings.start) {
   start(1e-3);
 }
 
@@ -62,7 +62,7 @@ void HandDevice::start(double period) {
   felt_ = -1.0;
   read_ = false;
   last_reading_ = reading();
-  halted_.store(false, std::memory_order_release);
+  resume();
 }
 
 // Sets the push at this time [N]; returns its change [N/s]. Before the first contact it is the whole push,
@@ -140,7 +140,7 @@ Vec3 HandDevice::reading() const noexcept {
 DeviceReading HandDevice::read(double, std::uint64_t periods) noexcept {
   DeviceReading now;
   double elapsed = 0.0;
-  if (halted_.load(std::memory_order_acquire)) force_.setZero();
+  if (halted()) force_.setZero();
   if (read_) {
     const auto steps = std::int64_t(std::min<std::uint64_t>(periods, 1000)) * steps_;
     for (std::int64_t i = 0; i < steps; ++i) advance(time_ + double(i) * step_);
@@ -151,19 +151,13 @@ DeviceReading HandDevice::read(double, std::uint64_t periods) noexcept {
   now.position = reading();
   if (elapsed > 0.0) now.velocity = (now.position - last_reading_) / elapsed;
   last_reading_ = now.position;
-  now.on = on_.load(std::memory_order_acquire) && time_ >= settings_.on_after - 0.5 * step_;
+  now.on = settings_.on && time_ >= settings_.on_after - 0.5 * step_;
   return now;
 }
 
 void HandDevice::write(const Vec3& force) noexcept {
-  force_ = halted_.load(std::memory_order_acquire) ? Vec3(Vec3::Zero()) : force;
-  out_.put({force_[0], force_[1], force_[2]});
-}
-
-Vec3 HandDevice::force() const {
-  std::array<double, 3> force{};
-  if (!halted_.load(std::memory_order_acquire)) out_.get(force, 1000);
-  return {force[0], force[1], force[2]};
+  force_ = halted() ? Vec3(Vec3::Zero()) : force;
+  SentForceDevice::write(force_);
 }
 
 }  // namespace burrlab

@@ -1,11 +1,7 @@
 // A simulated hand with a simulated device, for tests, demonstrations and studies of stability.
 #pragma once
 
-#include <array>
-#include <atomic>
-
-#include "burrlab/session/device.hpp"
-#include "session/latest.hpp"
+#include "session/sent_force_device.hpp"
 
 namespace burrlab {
 
@@ -37,7 +33,7 @@ struct HandSettings {
 /// Presses begin with the first force felt. The push rises for a quarter of a press, is held for three
 /// tenths, falls for a quarter and is zero for the rest; rise and fall are x^2 (3 - 2x). The target follows
 /// the change of the push at once, so giving way does not flatten a press.
-class HandDevice : public Device {
+class HandDevice : public SentForceDevice {
  public:
   static constexpr double longest_step = 0.02;  ///< of the integration [ms]
 
@@ -46,15 +42,12 @@ class HandDevice : public Device {
   void start(double period) override;
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
   void write(const Vec3& force) noexcept override;
-  void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   std::string name() const override { return "simulated hand"; }
   DeviceModel model() const override {
     return {settings_.damping, settings_.encoder_step, settings_.friction};
   }
 
   const HandSettings& settings() const { return settings_; }
-  void set_on(bool on) { on_.store(on, std::memory_order_release); }  ///< the burr's switch, at any time
-  Vec3 force() const;                                                 ///< last sent by the loop [N]
 
   // For tests, from the loop's thread or while it stands still.
   const Vec3& position() const { return position_; }  ///< true [mm]
@@ -68,9 +61,6 @@ class HandDevice : public Device {
   Vec3 reading() const noexcept;
 
   HandSettings settings_;
-  std::atomic<bool> on_, halted_{false};
-  Latest<std::array<double, 3>> out_;
-
   double period_ = 1e-3, step_ = 0.0;  // of the loop, of the integration [s]
   int steps_ = 0;                      // a period
   double decay_ = 0.0, reach_ = 0.0;   // of a velocity over a step; of its way [s]

@@ -71,7 +71,7 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
 
 HapticLoop::~HapticLoop() { stop(); }
 
-void HapticLoop::wait_for(std::shared_ptr<const RecordReader> reader) {
+void HapticLoop::add_reader(std::shared_ptr<const RecordReader> reader) {
   if (started()) throw std::invalid_argument("reader must be added before the loop is started");
   readers_.push_back(reader);
 }
@@ -85,7 +85,7 @@ void HapticLoop::start() {
   running_.store(true, std::memory_order_release);
   started_.store(true, std::memory_order_release);
   try {
-    executor_->bone()->touch();
+    executor_->bone()->write_pages();
     for (const auto& device : devices_) device->start(1e-3 * executor_->setup().period);
     thread_ = std::thread([this] { run(); });
     while (heartbeat_.load(std::memory_order_acquire) == 0)
@@ -230,7 +230,7 @@ void HapticLoop::run() {
       late = 1e-3 * double(now - start - due * period_);
       last_start = now;
     } else {
-      make_room();
+      wait_for_readers();
     }
     deadline += std::int64_t(periods);
     if (!tick(periods, 1e-9 * double(now - start))) break;
@@ -305,7 +305,7 @@ void HapticLoop::rest_devices() noexcept {
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     devices_[i]->write(Vec3::Zero());
     guards_[i].reset();
-    observers_[i].let_go();
+    observers_[i].set_force_zero();
   }
 }
 
@@ -365,7 +365,7 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
 }
 
 // On a virtual clock nothing is lost because of a slow reader.
-void HapticLoop::make_room() {
+void HapticLoop::wait_for_readers() {
   const auto is_behind = [this](const std::weak_ptr<const RecordReader>& weak) {
     const auto reader = weak.lock();  // an abandoned reader will never read
     return reader && reader->behind() + 1 >= ring_->capacity() / 2;

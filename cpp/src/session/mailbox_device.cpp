@@ -1,20 +1,10 @@
 #include "session/mailbox_device.hpp"
 
-#include <chrono>
-
 #include "quaternion.hpp"
 #include "require.hpp"
+#include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
-
-std::uint64_t now() {
-  using namespace std::chrono;
-  return std::uint64_t(duration_cast<nanoseconds>(steady_clock::now().time_since_epoch()).count());
-}
-
-}  // namespace
-
 MailboxDevice::MailboxDevice(double lost_after, std::string name, DeviceModel model)
     : lost_after_(lost_after), name_(std::move(name)), model_(model) {
   require_positive("lost_after", lost_after);
@@ -31,15 +21,8 @@ void MailboxDevice::put_of(std::uint64_t time, const Vec3& position, const Vec3&
   letter.orientation = orientation;
   letter.on = on;
   letter.buttons = buttons;
-  letter.time = time ? time : now();
+  letter.time = time ? time : std::uint64_t(steady_now());
   in_.put(letter);
-}
-
-Vec3 MailboxDevice::force() const {
-  std::array<double, 3> force{};
-  if (halted_.load(std::memory_order_acquire)) return Vec3::Zero();
-  out_.get(force, 1000);
-  return {force[0], force[1], force[2]};
 }
 
 bool MailboxDevice::has_value() const {
@@ -58,7 +41,7 @@ void MailboxDevice::fail(const std::string& reason) {
 void MailboxDevice::start(double) {
   if (failed_.load(std::memory_order_acquire))
     throw std::invalid_argument(name_ + " must be opened anew: " + fault_);
-  halted_.store(false, std::memory_order_release);
+  resume();
 }
 
 DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
@@ -79,12 +62,10 @@ DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
   reading.orientation = last_.orientation;
   reading.buttons = last_.buttons;
   reading.on = last_.on != 0;
-  const std::uint64_t here = now();
+  const auto here = std::uint64_t(steady_now());
   reading.age = here > last_.time ? 1e-6 * double(here - last_.time) : 0.0;
   if (reading.age > lost_after_) reading.status = DeviceReading::Status::lost;
   return reading;
 }
-
-void MailboxDevice::write(const Vec3& force) noexcept { out_.put({force[0], force[1], force[2]}); }
 
 }  // namespace burrlab

@@ -1,17 +1,14 @@
 // A device in another thread, which leaves its newest position in a mailbox and takes the force from it.
 #pragma once
 
-#include <array>
-#include <atomic>
 #include <mutex>
 
-#include "burrlab/session/device.hpp"
-#include "session/latest.hpp"
+#include "session/sent_force_device.hpp"
 
 namespace burrlab {
 
 /// Holds the newest position and its age; the device is lost when it is older than `lost_after`.
-class MailboxDevice : public Device {
+class MailboxDevice : public SentForceDevice {
  public:
   /// lost_after [ms]; `name` for the report. Without a first position the device is awaited, not lost.
   explicit MailboxDevice(double lost_after = 100.0, std::string name = "mailbox", DeviceModel model = {});
@@ -22,15 +19,12 @@ class MailboxDevice : public Device {
            const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0) {
     put_of(0, position, velocity, on, orientation, buttons);
   }
-  Vec3 force() const;      ///< last sent by the loop; 0 after `halt` [N]
   bool has_value() const;  ///< there was a `put`
   /// The device is lost, for this reason, and cannot be started again; the first reason counts.
   void fail(const std::string& reason);
 
   void start(double) override;
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
-  void write(const Vec3& force) noexcept override;
-  void halt() noexcept override { halted_.store(true, std::memory_order_release); }
   std::string name() const override { return name_; }
   std::string fault() const override { return failed_.load(std::memory_order_acquire) ? fault_ : ""; }
   DeviceModel model() const override { return model_; }
@@ -48,9 +42,8 @@ class MailboxDevice : public Device {
     std::uint64_t time;  // steady clock [ns]; 0: none yet
   };
   Latest<Letter> in_;
-  Latest<std::array<double, 3>> out_;
   Letter last_{};
-  std::atomic<bool> halted_{false}, failed_{false};
+  std::atomic<bool> failed_{false};
   double lost_after_;
   std::string name_, fault_;  // the fault is written once, before failed_
   std::mutex fail_mutex_;

@@ -43,7 +43,7 @@ OmegaDevice::OmegaDevice(int index, const ServoSettings& settings, const std::st
                                 " must be calibrated: put its pole into the calibration pit until the "
                                 "lamp stops blinking");
   }
-  say_hardware(dhd_->dhdGetSystemName(id_));
+  set_hardware(dhd_->dhdGetSystemName(id_));
   dhd_->open[id] = true;
 }
 
@@ -71,7 +71,7 @@ int OmegaDevice::exchange(Pose& pose) noexcept {
   return read == time_guard ? old : fresh;
 }
 
-void OmegaDevice::quiet() noexcept {
+void OmegaDevice::switch_force_off() noexcept {
   dhd_->dhdSetForce(0.0, 0.0, 0.0, id_);
   dhd_->dhdEnableForce(0, id_);
 }

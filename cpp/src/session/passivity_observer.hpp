@@ -20,7 +20,7 @@ class PassivityObserver {
     force_ = force;
     started_ = true;
   }
-  void let_go() noexcept { force_.setZero(); }  ///< no force acts until the next update
+  void set_force_zero() noexcept { force_.setZero(); }  ///< no force acts until the next update
   void reset() noexcept { *this = {}; }
 
   double energy() const { return energy_; }  ///< given to the hand minus taken from it [mJ]

@@ -6,21 +6,11 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
-
-Vec3 sent(const Latest<std::array<double, 3>>& cell, const std::atomic<bool>& halted) {
-  std::array<double, 3> force{};
-  if (!halted.load(std::memory_order_acquire)) cell.get(force, 1000);
-  return {force[0], force[1], force[2]};
-}
-
-}  // namespace
-
 ScriptedDevice::ScriptedDevice(std::vector<Row> rows) : rows_(std::move(rows)) {
   if (rows_.empty()) throw std::invalid_argument("a script must have at least one row, got none");
   for (std::size_t i = 0; i < rows_.size(); ++i) {
     require_finite("time", rows_[i].time);
-    for (const double x : rows_[i].position) require_finite("position", x);
+    require_finite("position", rows_[i].position);
     require_unit("orientation", rows_[i].orientation);
     if (i > 0 && !(rows_[i].time > rows_[i - 1].time)) {
       std::ostringstream rule;
@@ -56,34 +46,28 @@ DeviceReading ScriptedDevice::read(double time, std::uint64_t) noexcept {
   return reading;
 }
 
-Vec3 ScriptedDevice::force() const { return sent(out_, halted_); }
-
 ReplayDevice::ReplayDevice(std::vector<Tick> ticks) : ticks_(std::move(ticks)) {
   if (ticks_.empty()) throw std::invalid_argument("a recording must have at least one tick, got none");
   for (const Tick& tick : ticks_) {
-    for (const double x : tick.position) require_finite("position", x);
-    for (const double v : tick.velocity) require_finite("velocity", v);
+    require_finite("position", tick.position);
+    require_finite("velocity", tick.velocity);
     require_unit("orientation", tick.orientation);
-    if (tick.k < 1 || tick.k > std::uint32_t(most_periods)) refuse("k", "1 to 8", tick.k);
   }
 }
 
 DeviceReading ReplayDevice::read(double, std::uint64_t) noexcept {
   DeviceReading reading;
-  const std::size_t i = next_.load(std::memory_order_relaxed);
-  if (i >= ticks_.size()) {
+  if (next_ == ticks_.size()) {
     reading.status = DeviceReading::Status::finished;
     return reading;
   }
-  reading.position = ticks_[i].position;
-  reading.velocity = ticks_[i].velocity;
-  reading.orientation = ticks_[i].orientation;
-  reading.buttons = ticks_[i].buttons;
-  reading.on = ticks_[i].on;
-  next_.store(i + 1, std::memory_order_release);
+  const Tick& tick = ticks_[next_++];
+  reading.position = tick.position;
+  reading.velocity = tick.velocity;
+  reading.orientation = tick.orientation;
+  reading.buttons = tick.buttons;
+  reading.on = tick.on;
   return reading;
 }
-
-Vec3 ReplayDevice::force() const { return sent(out_, halted_); }
 
 }  // namespace burrlab

@@ -45,7 +45,7 @@ void ServoDevice::start(double) {
   try {
     begin();
   } catch (...) {
-    quiet();
+    switch_force_off();
     ended_.store(true);
     keep_.reset();
     throw;
@@ -98,7 +98,7 @@ bool ServoDevice::cycle() noexcept {
     if (code == fresh || code == old) return true;
     fault_.store(code, std::memory_order_release);
   }
-  quiet();
+  switch_force_off();
   ended_.store(true, std::memory_order_release);
   return false;
 }

@@ -45,12 +45,12 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
 
   ServoDevice(std::string name, const ServoSettings& settings);
   bool cycle() noexcept;  // for the servo; false if it must end
-  void say_hardware(const char* text) { hardware_ = to_string(text); }
+  void set_hardware(const char* text) { hardware_ = to_string(text); }
   static std::string to_string(const char* text) { return text ? text : "unknown"; }
 
   Vec3 newest_force() noexcept;                   // for `exchange`, when it sends it
   virtual int exchange(Pose& pose) noexcept = 0;  // reads, and sends the newest force
-  virtual void quiet() noexcept = 0;              // force zero, and off
+  virtual void switch_force_off() noexcept = 0;   // force zero, and off
   virtual void begin() = 0;                       // force on, servo on
   virtual void end(bool servo_ended) noexcept = 0;
   virtual std::string error_text(int code) const = 0;
@@ -93,7 +93,7 @@ class TouchDevice : public ServoDevice {
 
  private:
   int exchange(Pose& pose) noexcept override;
-  void quiet() noexcept override;
+  void switch_force_off() noexcept override;
   void begin() override;
   void end(bool servo_ended) noexcept override;
   std::string error_text(int code) const override { return to_string(hd_->hdGetErrorString(unsigned(code))); }
@@ -116,7 +116,7 @@ class OmegaDevice : public ServoDevice {
 
  private:
   int exchange(Pose& pose) noexcept override;
-  void quiet() noexcept override;
+  void switch_force_off() noexcept override;
   void begin() override;
   void end(bool servo_ended) noexcept override;
   std::string error_text(int code) const override { return to_string(dhd_->dhdErrorGetStr(code)); }

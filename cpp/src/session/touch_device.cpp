@@ -52,7 +52,7 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
                                 " must be calibrated: put the stylus into its inkwell, or run the "
                                 "vendor's set-up");
   }
-  say_hardware(hd_->hdGetString(device_model));
+  set_hardware(hd_->hdGetString(device_model));
   hd_->open[handle_] = this->name();
 }
 
@@ -89,7 +89,7 @@ int TouchDevice::exchange(Pose& pose) noexcept {
   return take_error();
 }
 
-void TouchDevice::quiet() noexcept {
+void TouchDevice::switch_force_off() noexcept {
   const double zero[3] = {};
   hd_->hdBeginFrame(handle_);
   hd_->hdSetDoublev(current_force, zero);
@@ -113,7 +113,7 @@ void TouchDevice::end(bool servo_ended) noexcept {
   if (--hd_->running == 0) hd_->hdStopScheduler();
   if (!servo_ended && hd_->running == 0) {  // it did not come to this itself
     hd_->hdMakeCurrentDevice(handle_);
-    quiet();
+    switch_force_off();
   }
 }
 

@@ -36,7 +36,7 @@ class StructureSearch {
 
   std::size_t tissue() const { return tissue_; }
   /// Whether the bone has these tissues on this grid.
-  bool is_on(const VoxelBone& bone) const {
+  bool fits(const VoxelBone& bone) const {
     return bone.tissues() == map_ && bone.spacing() == spacing_ && bone.origin() == origin_;
   }
   const std::shared_ptr<const TissueMap>& map() const { return map_; }
@@ -49,7 +49,7 @@ class StructureSearch {
     return origin_[axis] + (double(voxel) - 0.5) * spacing_[axis];
   }
   double gap(int axis, double point, std::int64_t first, std::int64_t last) const;
-  void look_into(const Index3& brick, const Vec3& point, Best& best) const;
+  void search_brick(const Index3& brick, const Vec3& point, Best& best) const;
 
   std::shared_ptr<const TissueMap> map_;
   std::size_t tissue_;
@@ -71,8 +71,6 @@ class DistanceField {
 
   /// Distance of a point [mm]; infinity outside the grid. It does not depend on `nearest`.
   double at(const Vec3& point, NearestVoxel& nearest) const noexcept;
-  /// Distances at all nodes (z, y, x) [mm].
-  std::vector<float> values() const;
   /// Distance from a point inside the grid to its nearest face [mm]; negative outside.
   double depth(const Vec3& point) const noexcept;
 
@@ -88,7 +86,6 @@ class DistanceField {
   static constexpr double steepest = 1.7321;
 
   const StructureSearch& search() const { return search_; }
-  const Index3& shape() const { return shape_; }
 
  private:
   float node(const Index3& at, NearestVoxel& nearest) const noexcept;

@@ -71,7 +71,7 @@ class HapticLoop {
   const std::vector<std::shared_ptr<Device>>& devices() const { return devices_; }
   DeviceModel model(std::size_t burr) const;  ///< of the device, completed by the settings
   /// On a virtual clock, makes the loop wait for this reader, while it exists, instead of overrunning it.
-  void wait_for(std::shared_ptr<const RecordReader> reader);
+  void add_reader(std::shared_ptr<const RecordReader> reader);
 
  private:
   void run();
@@ -81,7 +81,7 @@ class HapticLoop {
   bool send_forces(double dt);
   void rest_devices() noexcept;
   void end(const std::string& reason, bool failed);
-  void make_room();
+  void wait_for_readers();
   void claim_devices();
   void halt_devices() noexcept;
   void stop_devices() noexcept;

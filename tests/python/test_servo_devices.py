@@ -187,7 +187,7 @@ def test_a_motor_gets_the_limits_of_its_model(stubs, tmp_path):
     assert not {"limits", "ramp_s"} & {*run.provenance}
     two = session(burrlab.HandDevice(), device, force_limit=2.0)
     assert [one.get("peak_force_N") for one in two.provenance["limits"]] == [None, 3.3]
-    assert [rule[:22] for rule in two._rules] == ["burr 1: touch: force a"]
+    assert [rule[:22] for rule in two._limits.sentences] == ["burr 1: touch: force a"]
     assert (two.provenance["ramp_s"], two.provenance["force_limit_N"]) == ([0.0, 1.0], 2.0)
 
 

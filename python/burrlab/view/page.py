@@ -285,8 +285,8 @@ class Page:
                 state.prepared = prepared
                 if prepared == 100:
                     self._switch()
-            if not state.distances:  # the fields are made in the background
-                state.distances = source.distances()
+            if not state.distances and (rows := source.distances()):  # the fields are made in the background
+                state.distances = rows
             if source.kind == "live":  # the curves need every moment, drawn or not
                 self._changed.append(source.go(now))
             if now - self._on_way < _PATIENCE:

@@ -168,10 +168,6 @@ def do_session(options: Options) -> int:
         "--volume-frame goes with --volume, --labels or a volume's --bone",
     )
     devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
-    limits: Any = "device"
-    if options.model is not None:
-        models = [None if name == "none" else name for name in options.model]
-        limits = models[0] if len(models) == 1 else models
     publish = None
     if options.publish is not None or options.vrpn is not None:
         publish = burrlab.Publish(
@@ -183,7 +179,7 @@ def do_session(options: Options) -> int:
         watch=watch, on_message=say, publish=publish,
         clock=burrlab.Clock(rate=options.rate, wall_clock=not options.virtual_clock, realtime=not options.no_realtime),
         safety=burrlab.Safety(
-            force_limit=options.force_limit, slew_limit=options.slew_limit, limits=limits, ramp=options.ramp,
+            force_limit=options.force_limit, slew_limit=options.slew_limit, limits=_limits(options.model), ramp=options.ramp,
             coupling=options.coupling, stop_at_force=options.stop_at_force, stop_within=dict(options.stop_within or ()),
             stop_button=options.stop_button,
         ),
@@ -216,6 +212,14 @@ def do_session(options: Options) -> int:
     if options.record is not None and not report.recording["complete"]:
         return 3
     return 130 if interrupted else int(session.failed)
+
+
+def _limits(models: list[str] | None) -> str | list[str | None] | None:
+    """For `Session`, of what --model names."""
+    if models is None:
+        return "device"
+    named = [None if model == "none" else model for model in models]
+    return named[0] if len(named) == 1 else named
 
 
 def _stop_at_enter(session: Session) -> None:

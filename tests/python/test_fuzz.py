@@ -40,8 +40,8 @@ def test_what_was_found_and_a_second_more(half: list[str], tmp_path: Path) -> No
 
 
 def test_readers_that_do_what_none_may_are_found(tmp_path: Path) -> None:
-    for file in ("fuzz.py", "mutations.py"):
-        shutil.copy(FUZZ / file, tmp_path)
+    for file in (FUZZ / "fuzz.py", FUZZ / "mutations.py", Path(__file__).with_name("wire.py")):
+        shutil.copy(file, tmp_path)
     made = [READER.format(name=name, what=what) for name, (what, _) in BAD.items()]
     (tmp_path / "readers.py").write_text("".join([READERS, *made]))
     status, told = fuzz(tmp_path, seconds=0.2, out=tmp_path / "out")

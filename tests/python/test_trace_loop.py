@@ -93,14 +93,15 @@ def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypa
         on_end=lambda _: told.set(),
     )
     device.put((3.0, 3.0, 6.0))
-    with writer:
-        loop.start()
-        while writer.recorded < 50:
-            time.sleep(0.005)
-        hangs.set()
-        assert told.wait(30)
-        assert loop.running
-        loop.stop()
+    writer.start()
+    loop.start()
+    while writer.recorded < 50:
+        time.sleep(0.005)
+    hangs.set()
+    assert told.wait(30)
+    assert loop.running
+    loop.stop()
+    writer.stop("stopped")
     trace = burrlab.load_trace(writer.path)
     assert trace.ended.startswith(f"recording ended before tick {len(trace)}: the ring was overrun")
     assert 50 <= len(trace) < 600

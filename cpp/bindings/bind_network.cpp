@@ -1,8 +1,8 @@
 #include "anatomy/anatomy_watch.hpp"
 #include "bindings.hpp"
-#include "burrlab/network/force_watchdog.hpp"
-#include "burrlab/network/publisher.hpp"
-#include "burrlab/network/replica.hpp"
+#include "network/force_watchdog.hpp"
+#include "network/publisher.hpp"
+#include "network/replica.hpp"
 
 namespace {
 

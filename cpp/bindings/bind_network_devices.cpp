@@ -1,8 +1,8 @@
 #include <map>
 
 #include "bindings.hpp"
-#include "burrlab/network/network_device.hpp"
-#include "burrlab/network/vrpn_log.hpp"
+#include "network/network_device.hpp"
+#include "network/vrpn_log.hpp"
 
 namespace {
 

@@ -73,7 +73,7 @@ Core* core_new(const std::int64_t* shape, const std::uint8_t* pristine, const st
     auto bone =
         std::make_shared<VoxelBone>(index3(shape), std::move(levels), Vec3::Constant(spacing), vec3(origin));
     if (density) bone->restore(density);
-    bone->touch();  // as a session does before its first tick
+    bone->write_pages();  // as a session does before its first tick
     return new Core(std::move(bone), Burr(radius), Material("bone", c_e, alpha, Shape::parabolic(), ""), seed,
                     layer ? Scheme::layer : Scheme::cell, path, tick);
   });

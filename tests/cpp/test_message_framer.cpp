@@ -1,5 +1,5 @@
 // The framer: whole messages from any pieces, dropped messages by reason, and one allocation per stream.
-#include "burrlab/network/message_framer.hpp"
+#include "network/message_framer.hpp"
 
 #include <algorithm>
 

@@ -1,9 +1,9 @@
 // The device of a TRANSFORM stream, with a server in this process.
-#include "burrlab/network/network_device.hpp"
+#include "network/network_device.hpp"
 
-#include "burrlab/network/bone_frame.hpp"
-#include "burrlab/network/tcp_server.hpp"
 #include "check.hpp"
+#include "network/bone_frame.hpp"
+#include "network/tcp_server.hpp"
 
 #include <chrono>
 #include <thread>

@@ -1,13 +1,13 @@
 // OpenIGTLink messages: checksum, bytes written by hand, long byte strings, refusals.
-#include "burrlab/network/openigtlink.hpp"
+#include "network/openigtlink.hpp"
 
 #include <cstring>
 #include <fstream>
 #include <iterator>
 #include <limits>
 
-#include "burrlab/network/bone_frame.hpp"
 #include "check.hpp"
+#include "network/bone_frame.hpp"
 
 using namespace burrlab::openigtlink;
 

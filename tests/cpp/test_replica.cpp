@@ -1,14 +1,14 @@
 // The replica protocol's messages, the log they are sent from, and a replica beside its leader.
-#include "burrlab/network/replica.hpp"
+#include "network/replica.hpp"
 
 #include <cmath>
 #include <cstring>
 #include <limits>
 #include <random>
 
-#include "burrlab/network/publisher.hpp"
-#include "burrlab/network/tick_log.hpp"
 #include "check.hpp"
+#include "network/publisher.hpp"
+#include "network/tick_log.hpp"
 #include "session/hand_device.hpp"
 #include "session_scenes.hpp"
 

@@ -1,5 +1,5 @@
 // VRPN: the bytes of the real library in tests/golden/vrpn.
-#include "burrlab/network/vrpn.hpp"
+#include "network/vrpn.hpp"
 
 #include <algorithm>
 #include <fstream>
@@ -7,8 +7,8 @@
 #include <map>
 #include <string>
 
-#include "burrlab/network/vrpn_log.hpp"
 #include "check.hpp"
+#include "network/vrpn_log.hpp"
 
 using namespace burrlab::vrpn;
 

@@ -6,8 +6,8 @@
 #include <random>
 #include <string>
 
-#include "burrlab/network/replica_protocol.hpp"
 #include "fuzz_run.hpp"
+#include "network/replica_protocol.hpp"
 #include "openigtlink_target.hpp"
 
 namespace {

@@ -5,8 +5,8 @@
 #include <cstdlib>
 #include <random>
 
-#include "burrlab/network/vrpn_log.hpp"
 #include "fuzz_run.hpp"
+#include "network/vrpn_log.hpp"
 
 namespace {
 

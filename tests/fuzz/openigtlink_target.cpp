@@ -7,7 +7,7 @@
 #include <cstring>
 #include <memory>
 
-#include "burrlab/network/replica_protocol.hpp"
+#include "network/replica_protocol.hpp"
 
 namespace fuzz {
 namespace {

@@ -1,7 +1,7 @@
 // What is done with one fuzz input.
 #pragma once
 
-#include "burrlab/network/message_framer.hpp"
+#include "network/message_framer.hpp"
 
 namespace fuzz {
 

@@ -11,9 +11,9 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/network/replica.hpp"
 #include "copy_under.hpp"
 #include "effects/effects.hpp"
+#include "network/replica.hpp"
 #include "session/follower.hpp"
 
 namespace burrlab {

@@ -1,9 +1,9 @@
-#include "burrlab/network/force_watchdog.hpp"
+#include "network/force_watchdog.hpp"
 
 #include <algorithm>
 #include <cmath>
 
-#include "burrlab/network/tcp_server.hpp"
+#include "network/tcp_server.hpp"
 #include "require.hpp"
 #include "session/realtime.hpp"
 #include "socket_options.hpp"

@@ -2,7 +2,7 @@
 
 #include <sstream>
 
-#include "burrlab/network/bone_frame.hpp"
+#include "network/bone_frame.hpp"
 #include "wire.hpp"
 
 namespace burrlab {

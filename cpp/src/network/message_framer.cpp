@@ -1,4 +1,4 @@
-#include "burrlab/network/message_framer.hpp"
+#include "network/message_framer.hpp"
 
 #include <algorithm>
 #include <cstring>

@@ -1,8 +1,8 @@
-#include "burrlab/network/network_device.hpp"
+#include "network/network_device.hpp"
 
 #include <algorithm>
 
-#include "burrlab/network/bone_frame.hpp"
+#include "network/bone_frame.hpp"
 #include "require.hpp"
 #include "session/realtime.hpp"
 

@@ -1,5 +1,5 @@
 // Encoders make room, write the body in place, then its checksum. Decoders check every length before its use.
-#include "burrlab/network/openigtlink.hpp"
+#include "network/openigtlink.hpp"
 
 #include <algorithm>
 #include <chrono>

@@ -1,4 +1,4 @@
-#include "burrlab/network/peer_address.hpp"
+#include "network/peer_address.hpp"
 
 #include <cstddef>
 #include <stdexcept>

@@ -1,8 +1,8 @@
 // What a publisher shares with its three protocols: the session, and the base of their connections.
 #pragma once
 
-#include "burrlab/network/publisher.hpp"
-#include "burrlab/network/tick_log.hpp"
+#include "network/publisher.hpp"
+#include "network/tick_log.hpp"
 #include "session/realtime.hpp"
 
 namespace burrlab {

@@ -1,5 +1,5 @@
 // A server of connections, which one thread serves. What is sent on them, and said by them, is the services'.
-#include "burrlab/network/publisher.hpp"
+#include "network/publisher.hpp"
 
 #include <algorithm>
 #include <chrono>

@@ -1,5 +1,5 @@
 // A replica's connection, made as often as needed, and the effect of its messages on the bone.
-#include "burrlab/network/replica.hpp"
+#include "network/replica.hpp"
 
 #include <algorithm>
 #include <chrono>

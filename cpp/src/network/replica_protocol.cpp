@@ -1,4 +1,4 @@
-#include "burrlab/network/replica_protocol.hpp"
+#include "network/replica_protocol.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,7 +1,7 @@
 // A published session for its replicas: every tick in order, and the bone where a replica has missed some.
 #pragma once
 
-#include "burrlab/network/replica_protocol.hpp"
+#include "network/replica_protocol.hpp"
 #include "published_session.hpp"
 
 namespace burrlab {

@@ -21,7 +21,7 @@
 #include <string>
 #include <system_error>
 
-#include "burrlab/network/peer_address.hpp"
+#include "network/peer_address.hpp"
 
 #ifndef MSG_NOSIGNAL
 #define MSG_NOSIGNAL 0  // macOS has SO_NOSIGPIPE instead, and Windows no signals

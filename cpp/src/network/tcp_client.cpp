@@ -1,4 +1,4 @@
-#include "burrlab/network/tcp_client.hpp"
+#include "network/tcp_client.hpp"
 
 #include "require.hpp"
 

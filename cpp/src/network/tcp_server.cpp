@@ -1,4 +1,4 @@
-#include "burrlab/network/tcp_server.hpp"
+#include "network/tcp_server.hpp"
 
 #include "require.hpp"
 

@@ -1,4 +1,4 @@
-#include "burrlab/network/tick_log.hpp"
+#include "network/tick_log.hpp"
 
 #include <algorithm>
 #include <cstring>

@@ -1,4 +1,4 @@
-#include "burrlab/network/vrpn.hpp"
+#include "network/vrpn.hpp"
 
 #include <cmath>
 

@@ -1,5 +1,5 @@
-#include "burrlab/network/bone_frame.hpp"
-#include "burrlab/network/network_device.hpp"
+#include "network/bone_frame.hpp"
+#include "network/network_device.hpp"
 
 namespace burrlab {
 

@@ -1,4 +1,4 @@
-#include "burrlab/network/vrpn_log.hpp"
+#include "network/vrpn_log.hpp"
 
 #include <algorithm>
 #include <stdexcept>

@@ -2,7 +2,7 @@
 
 #include <cstring>
 
-#include "burrlab/network/vrpn.hpp"
+#include "network/vrpn.hpp"
 #include "session/realtime.hpp"
 
 namespace burrlab {

@@ -8,7 +8,7 @@
 #include <string_view>
 #include <type_traits>
 
-#include "burrlab/network/openigtlink.hpp"
+#include "network/openigtlink.hpp"
 
 namespace burrlab::openigtlink {
 

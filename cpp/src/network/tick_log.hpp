@@ -3,7 +3,7 @@
 
 #include <vector>
 
-#include "burrlab/network/openigtlink.hpp"
+#include "network/openigtlink.hpp"
 
 namespace burrlab {
 

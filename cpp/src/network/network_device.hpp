@@ -4,11 +4,11 @@
 #include <mutex>
 #include <thread>
 
-#include "burrlab/network/message_framer.hpp"
-#include "burrlab/network/tcp_client.hpp"
-#include "burrlab/network/vrpn.hpp"
 #include "burrlab/types.hpp"
 #include "copy_under.hpp"
+#include "network/message_framer.hpp"
+#include "network/tcp_client.hpp"
+#include "network/vrpn.hpp"
 #include "session/mailbox_device.hpp"
 
 namespace burrlab {

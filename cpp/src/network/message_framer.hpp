@@ -5,7 +5,7 @@
 #include <functional>
 #include <utility>
 
-#include "burrlab/network/openigtlink.hpp"
+#include "network/openigtlink.hpp"
 
 namespace burrlab::openigtlink {
 

@@ -6,8 +6,8 @@
 #include <cmath>
 #include <limits>
 
-#include "burrlab/network/openigtlink.hpp"
 #include "burrlab/types.hpp"
+#include "network/openigtlink.hpp"
 #include "quaternion.hpp"
 
 namespace burrlab::openigtlink {

@@ -5,7 +5,7 @@
 #include <string>
 #include <vector>
 
-#include "burrlab/network/vrpn.hpp"
+#include "network/vrpn.hpp"
 
 namespace burrlab::vrpn {
 

@@ -3,7 +3,7 @@
 
 #include <utility>
 
-#include "burrlab/network/peer_address.hpp"
+#include "network/peer_address.hpp"
 
 namespace burrlab {
 

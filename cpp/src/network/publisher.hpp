@@ -10,8 +10,8 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/network/message_framer.hpp"
-#include "burrlab/network/tcp_server.hpp"
+#include "network/message_framer.hpp"
+#include "network/tcp_server.hpp"
 #include "session/follower.hpp"
 
 namespace burrlab {

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "burrlab/network/tcp_server.hpp"
+#include "network/tcp_server.hpp"
 
 namespace burrlab {
 

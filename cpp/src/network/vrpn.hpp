@@ -6,8 +6,8 @@
 #include <string>
 #include <vector>
 
-#include "burrlab/network/message_framer.hpp"
 #include "burrlab/types.hpp"
+#include "network/message_framer.hpp"
 #include "quaternion.hpp"
 
 namespace burrlab::vrpn {

@@ -4,8 +4,8 @@
 
 #include <string>
 
-#include "burrlab/network/openigtlink.hpp"
 #include "burrlab/session/tick_record.hpp"
+#include "network/openigtlink.hpp"
 
 namespace burrlab::replica_protocol {
 

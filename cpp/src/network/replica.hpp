@@ -7,10 +7,10 @@
 #include <thread>
 #include <vector>
 
-#include "burrlab/network/message_framer.hpp"
-#include "burrlab/network/replica_protocol.hpp"
-#include "burrlab/network/tcp_client.hpp"
 #include "copy_under.hpp"
+#include "network/message_framer.hpp"
+#include "network/replica_protocol.hpp"
+#include "network/tcp_client.hpp"
 #include "session/follower.hpp"
 
 namespace burrlab {

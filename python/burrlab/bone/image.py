@@ -109,6 +109,11 @@ class OnGrid(ABC):
         z, y, x = self.voxels.shape
         return z, y, x
 
+    @property
+    def extent(self) -> Array:
+        """Sides of the field of view, (x, y, z) along the voxel axes [mm]."""
+        return np.asarray(self.spacing * self.shape[::-1])
+
     def bone_point(self, point: Vector) -> Array:
         """Converts a point from the volume's own coordinates to the bone frame (voxel axes) [mm]."""
         return np.asarray(self.direction.T @ real(point, "point"))

@@ -228,7 +228,7 @@ def test_forces_of_other_peers_are_no_poses():
 def test_a_server_that_does_not_stop_gets_the_last_force():
     """The connection ends in order: one closed on bytes that were not read is reset, and a zero may be lost.
 
-    A server that does not see the end for 0.1 s, as on a busy machine, is reset: then another one is tried.
+    A server that does not see the end for 1 s, as on a busy machine, is reset: then another one is tried.
     """
     stylus = 20 * wire.transform("Stylus", (0, 0, 5))
 

@@ -142,10 +142,10 @@ void TcpClient::close() {
 void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
   if (socket_ < 0 || !send(bytes, size, 0.0)) return close();
   ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
-  const auto end = std::chrono::steady_clock::now() + std::chrono::milliseconds(100);
+  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(1);
   pollfd waiting = polled_for(socket_, POLLIN);
   std::uint8_t unread[4096];
-  while (std::chrono::steady_clock::now() < end && poll(&waiting, 1, 100) > 0)
+  while (std::chrono::steady_clock::now() < end && poll(&waiting, 1, 100) >= 0)
     if (TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
   close();
 }

@@ -36,7 +36,7 @@ class TcpClient {
   /// Sends what the system takes at once, and returns how much that is.
   std::size_t send_some(const std::uint8_t* bytes, std::size_t size);
   void close();
-  /// Sends these bytes, even if stopped, and gives the server 0.1 s to read them and to close: a connection
+  /// Sends these bytes, even if stopped, and gives the server 1 s to read them and to close: a connection
   /// closed on bytes that were not read is reset, and what was sent may be lost.
   void close_after(const std::uint8_t* bytes, std::size_t size);
   /// Waits [s]; false if the client was stopped.

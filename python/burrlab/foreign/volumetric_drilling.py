@@ -119,7 +119,7 @@ def export_volumetric_drilling(
     stamps = start + trace.time()
     pose = np.hstack([center, np.roll(trace.array("orientation", burr), -1, axis=1)])  # w last
     with new_file(path) as part:
-        grid = _Grid.of(trace._bone, trace.source)
+        grid = _SliceGrid.of(trace._bone, trace.source)
         with new_hdf5(part) as file:
 
             def group(name: str) -> "h5py.Group":
@@ -149,7 +149,7 @@ def export_volumetric_drilling(
 
 
 @dataclass(frozen=True)
-class _Grid:
+class _SliceGrid:
     """The exported voxel grid: that of the slices the bone was made of, or the bone's own."""
 
     turned: bool | None  # whether the slices were transposed; None without slices
@@ -157,7 +157,7 @@ class _Grid:
     first: NDArray[np.int64]  # index of the bone's first voxel in the stack
 
     @classmethod
-    def of(cls, bone: VoxelBone, source: str | Mapping[str, Any]) -> "_Grid":
+    def of(cls, bone: VoxelBone, source: str | Mapping[str, Any]) -> "_SliceGrid":
         sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
         try:
             described = json.loads(source) if isinstance(source, str) else source
@@ -206,7 +206,7 @@ def _put(group: "h5py.Group", **columns: NDArray[np.generic]) -> None:
 
 
 def _write_voxels(
-    out: "h5py.Group", trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
+    out: "h5py.Group", trace: Trace, grid: _SliceGrid, stamps: NDArray[np.float64],
     report: Callable[[float], object],
 ) -> None:  # fmt: skip
     start, bone = trace.bone(), trace.bone()
@@ -345,7 +345,7 @@ class DrillingRecording:
         if self.removed is None:
             raise ValueError(f"{self.path} holds no removed voxels")
         self._scale_on(bone, source)
-        places = _Grid.of(bone, source).places(self.removed)
+        places = _SliceGrid.of(bone, source).places(self.removed)
         outside = int(((places < 0) | (places >= bone.shape)).any(axis=1).sum())
         refuse(
             outside,
@@ -408,7 +408,7 @@ class DrillingRecording:
         if self.volume_pose is None:
             raise ValueError(f"{self.path} holds no pose of the volume, which places the path in a bone")
         of_quaternion = scipy.spatial.transform.Rotation.from_quat
-        bone_pose, theirs = _Grid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
+        bone_pose, theirs = _SliceGrid.of(bone, source).pose(bone), np.roll(self.volume_pose[3:], -1)
         to_bone = of_quaternion(bone_pose[3:]) * of_quaternion(theirs).inv()
         scale = self._scale_on(bone, source, least=_RESAMPLED)
         position = to_bone.apply((self.position - self.volume_pose[:3]) / scale) + 1000.0 * bone_pose[:3]
@@ -420,7 +420,7 @@ class DrillingRecording:
     ) -> float:  # fmt: skip
         """By what the recorder multiplied lengths, as the sizes of the voxels tell. Where nothing known fits, 1 for
         voxels of at least this share of the bone's, else ValueError."""
-        sizes, bone_voxel = _Grid.of(bone, source).sizes, float(np.prod(bone.spacing))
+        sizes, bone_voxel = _SliceGrid.of(bone, source).sizes, float(np.prod(bone.spacing))
         side = float(sizes.max() * bone.spacing[sizes.argmax()]) / 1000.0  # the volume's own header
         ratio = 1.0 if self.voxel_volume is None else self.voxel_volume / bone_voxel
         for scale in (1.0, _SCALE, side):

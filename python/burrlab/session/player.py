@@ -212,7 +212,7 @@ class TracePlayer:
         self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
         self._every = max(1, round(every * 1000.0 / trace.period))
         self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # no copy: this bone never changes
-        self._walk = _Walk(trace, self._kept, self._every)
+        self._walk = _TickCursor(trace, self._kept, self._every)
         self.bone, self.duration, self.ticks, self.events = (
             self._walk.bone,
             trace.duration,
@@ -323,7 +323,7 @@ class TracePlayer:
             Whether it came to the end.
         """
         report = reporter(progress, "replay")
-        scout = _Walk(self.trace, self._kept, self._every)
+        scout = _TickCursor(self.trace, self._kept, self._every)
         while scout.done < self.ticks:
             if cancel is not None and cancel.is_set():
                 return False
@@ -340,7 +340,7 @@ class TracePlayer:
         return f"TracePlayer({self.time:.3f} of {self.duration:.3f} s; {states} states, {size / 1e6:.1f} MB)"
 
 
-class _Walk:
+class _TickCursor:
     """One bone that moves to any tick of a trace, and keeps the states that are not kept yet."""
 
     def __init__(self, trace: Trace, history: BrickHistory, every: int) -> None:

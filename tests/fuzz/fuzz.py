@@ -12,13 +12,13 @@ Earlier findings are in found/TARGET and are read first.
 
 import argparse
 import faulthandler
+import multiprocessing
 import os
 import re
 import resource
 import shutil
 import signal
 import struct
-import subprocess
 import sys
 import tempfile
 import time
@@ -131,6 +131,10 @@ class Child:
         os.pwrite(self.state, STATE.pack(self.number, 0.0, self.left), 0)
 
 
+def read_inputs(target: str, work: Path, seed: int, out: Path) -> None:
+    Child(target, work).run(seed, inputs(FOUND / target), out)
+
+
 def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[str]]:
     """Number of inputs, and names of the findings; their inputs are in `out`."""
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
@@ -138,31 +142,34 @@ def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[st
         for place, write in enumerate(TARGETS[target][1]):
             (work / f"seeds/{place}").mkdir(parents=True)
             write(work / f"seeds/{place}")
-        command = [sys.executable, __file__, target, f"--child={folder}", f"--seed={seed}", f"--out={out}"]
         (work / "state").write_bytes(STATE.pack(0, 0.0, seconds))
-        while left > 0:
-            child, hangs = subprocess.Popen(command), False
-            while child.poll() is None:
-                time.sleep(0.02)
+        while left > 0:  # a fork has the libraries loaded
+            child = multiprocessing.get_context("fork").Process(
+                target=read_inputs, args=(target, work, seed, out)
+            )
+            child.start()
+            hangs = False
+            while child.is_alive():
+                child.join(0.02)
                 number, begun, left = STATE.unpack((work / "state").read_bytes())
                 if begun and time.monotonic() - begun > PATIENCE:
                     hangs = True
-                    child.send_signal(signal.SIGABRT)  # faulthandler writes where
+                    os.kill(child.pid, signal.SIGABRT)  # faulthandler writes where
                     time.sleep(0.5)
                     child.kill()
             number, begun, left = STATE.unpack((work / "state").read_bytes())
             where = (work / "where").read_text()
             if begun:
                 place = re.search(rf'"{PACKAGE}.*?(\w+)\.py", line \d+ in (\w+)', where)
-                name = "hangs" if hangs else f"ends-{child.returncode}"
+                name = "hangs" if hangs else f"ends-{child.exitcode}"
                 keep(
                     files_in(work / "input"), out, "-".join((name, *(place.groups() if place else ()))), where
                 )
                 left -= time.monotonic() - begun
                 (work / "state").write_bytes(STATE.pack(number + 1, 0.0, left))
-            elif child.returncode:
+            elif child.exitcode:
                 said = (work / "said").read_text(errors="replace")
-                raise RuntimeError(f"{target} ends with {child.returncode}: {where}{said}")
+                raise RuntimeError(f"{target} ends with {child.exitcode}: {where}{said}")
     return number, sorted(place.name for place in out.glob("*/"))
 
 
@@ -171,15 +178,11 @@ def main() -> int:
     parser.add_argument("targets", nargs="*", help=f"of {', '.join(TARGETS)}")
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=1)
-    for name in ("--out", "--only", "--child"):
-        parser.add_argument(
-            name, type=Path, default=Path("build/fuzz").absolute() if name == "--out" else None
-        )
+    parser.add_argument("--out", type=Path, default=Path("build/fuzz"))
+    parser.add_argument("--only", type=Path)
     given, findings = parser.parse_args(), 0
     for target in given.targets or TARGETS:
-        if given.child:
-            Child(target, given.child).run(given.seed, inputs(FOUND / target), given.out)
-        elif given.only:
+        if given.only:
             put(files := files_in(given.only.absolute()), folder := Path(tempfile.mkdtemp()))
             os.chdir(folder)
             print(TARGETS[target][0](first(files)))

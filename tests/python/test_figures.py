@@ -105,10 +105,11 @@ def words(axes):
 
 @paper()
 @pytest.mark.parametrize("name", PLOTS)
-def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
+def test_a_plot_is_readable_and_shares_its_axes(name, tmp_path):
+    """Legends cover no data, all words are on the paper, and a second plot on the Axes hides nothing."""
     axes = drawn(name)
     figure = axes[0].get_figure(root=True)
-    figure.savefig(tmp_path / "seen.png", dpi=figure.dpi)
+    figure.draw_without_rendering()
     for text in figure.findobj(Text):
         if text.get_text() and text.get_visible() and text.get_window_extent().width:
             assert text.get_fontsize() >= 8 or "$" in text.get_text()
@@ -134,23 +135,19 @@ def test_a_legend_covers_no_data_and_all_words_are_on_the_paper(name, tmp_path):
                     meet(shape.vertices) if meet else shape.intersects_bbox(box, False) for shape in shapes
                 )
 
-
-@pytest.mark.parametrize("name", PLOTS)
-def test_a_plot_shares_its_axes(name, tmp_path):
-    first = drawn(name)
-    before = words(first)
-    for one in first:
+    before = words(axes)
+    for one in axes:
         one.set(xlim=np.array(one.get_xlim()) * [1, 1.5], ylim=np.array(one.get_ylim()) * [1, 1.5])
-    limits = [(one.get_xlim(), one.get_ylim()) for one in first]
+    limits = [(one.get_xlim(), one.get_ylim()) for one in axes]
     style = {"color": "#123456"} | ({} if name == "curves.plot" else {"label": "second"})
-    assert drawn(name, ax=first if len(first) > 1 else first[0], **style) == first
-    for one, old in zip(first, limits, strict=True):
+    assert drawn(name, ax=axes if len(axes) > 1 else axes[0], **style) == axes
+    for one, old in zip(axes, limits, strict=True):
         for now, then in zip((one.get_xlim(), one.get_ylim()), old, strict=True):
             assert [min(*now, *then), max(*now, *then)] == sorted(now)
-    assert set(before) <= set(words(first))
-    bars = [bar.get_ylabel() for one in first for bar in one.child_axes]
-    assert "label" not in style or any("second" in said for said in words(first) + bars)
-    first[0].get_figure(root=True).savefig(tmp_path / "seen.svg")
+    assert set(before) <= set(words(axes))
+    bars = [bar.get_ylabel() for one in axes for bar in one.child_axes]
+    assert "label" not in style or any("second" in said for said in words(axes) + bars)
+    figure.savefig(tmp_path / "seen.svg")
     assert "#123456" in (tmp_path / "seen.svg").read_text()
 
 

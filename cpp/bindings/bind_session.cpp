@@ -15,7 +15,6 @@ SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, con
 
 namespace {
 
-using Frame = std::tuple<double, std::array<double, 4>, Vec3, int>;
 using Records = py::array_t<TickRecord, py::array::c_style>;
 
 std::vector<TickRecord> to_records(const py::array& array) {
@@ -176,6 +175,30 @@ void bind_counts(py::module_& m) {
           "(n + 1,) of the bins [us]");
 }
 
+// The parts of LoopSettings that Python makes one a burr.
+void bind_loop_settings(py::module_& m) {
+  py::class_<GuardLimits>(m, "GuardLimits", "Of one burr's force [N], [N/ms], [N], [s], [s].")
+      .def(py::init([](double force, double slew, double continuous, double window, double ramp) {
+             return GuardLimits{force, slew, continuous, window, ramp};
+           }),
+           py::kw_only(), "force"_a, "slew"_a, "continuous"_a, "window"_a, "ramp"_a)
+      .def_readonly("force", &GuardLimits::force)
+      .def_readonly("slew", &GuardLimits::slew)
+      .def_readonly("continuous", &GuardLimits::continuous)
+      .def_readonly("window", &GuardLimits::window)
+      .def_readonly("ramp", &GuardLimits::ramp);
+  py::class_<DeviceModel>(m, "DeviceModel", "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
+      .def(py::init([](double damping, double encoder_step, double friction) {
+             return DeviceModel{damping, encoder_step, friction};
+           }),
+           py::kw_only(), "damping"_a, "encoder_step"_a, "friction"_a);
+  py::class_<DeviceFrame>(m, "LoopFrame", "See `burrlab.DeviceFrame`; clutch -1: none.")
+      .def(py::init([](double scale, const Quaternion& rotation, const Vec3& offset, int clutch) {
+             return DeviceFrame{scale, rotation, offset, clutch};
+           }),
+           py::kw_only(), "scale"_a, "rotation"_a, "offset"_a, "clutch"_a);
+}
+
 void bind_haptic_loop(py::module_& m) {
   py::class_<LoopReader>(m, "RecordReader", "One reader's place in a loop's ring of records.")
       .def(py::init([](const std::shared_ptr<HapticLoop>& loop) {
@@ -201,36 +224,28 @@ void bind_haptic_loop(py::module_& m) {
       "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
       "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
       "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
-      "device and burr [N/mm]; without it the burr is at the device. `guards`, one a burr: (force limit [N], "
-      "slew limit [N/ms], continuous limit [N] or inf, its window [s], ramp [s]). `models`, one a burr: "
-      "(damping [N s/m], encoder step [mm], friction [N]), nan where unknown, for what a device does not say "
-      "itself. The session ends, with zero force, when a force of `stop_force` [N] is wanted or a button of "
-      "the mask `stop_buttons` is pressed. `frames`, one a device: (scale, rotation (w, x, y, z), offset "
-      "[mm], "
-      "clutch), see `DeviceFrame`. ValueError if there is not one device per burr, the rate is above 10 kHz "
-      "or, "
-      "on the wall clock, below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame is "
-      "none.")
+      "device and burr [N/mm]; without it the burr is at the device. `guards`, `models`: one a burr, or none; "
+      "a model says what a device does not say itself. `frames`: one a device, or none. The session ends, with "
+      "zero force, when a force of `stop_force` [N] is wanted or a button of the mask `stop_buttons` is "
+      "pressed. ValueError if there is not one device per burr, the rate is above 10 kHz or, on the wall clock, "
+      "below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame is none.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,
-                       std::optional<double> coupling, const std::vector<std::array<double, 5>>& guards,
-                       const std::vector<std::array<double, 3>>& models, double stop_force,
-                       std::uint32_t stop_buttons, const std::vector<Frame>& frames) {
+                       std::optional<double> coupling, const std::vector<GuardLimits>& guards,
+                       const std::vector<DeviceModel>& models, double stop_force, std::uint32_t stop_buttons,
+                       const std::vector<DeviceFrame>& frames) {
              if (!executor) throw std::invalid_argument("executor must be a TickExecutor, got None");
              if (cpu < -1) refuse("cpu", "-1 or the number of a CPU", cpu);
              LoopSettings settings{wall_clock, {}, stall_limit, ring, ticks, {force_limit, slew_limit}};
-             for (const auto& [force, slew, continuous, window, ramp] : guards)
-               settings.guards.push_back({force, slew, continuous, window, ramp});
-             for (const auto& [damping, encoder_step, friction] : models)
-               settings.models.push_back({damping, encoder_step, friction});
+             settings.guards = guards;
+             settings.models = models;
+             settings.frames = frames;
              settings.stop_force = stop_force;
              settings.stop_buttons = stop_buttons;
              settings.realtime.priority = settings.realtime.lock_memory = realtime;
              settings.realtime.cpu = cpu;
              if (coupling) require_positive("coupling", settings.coupling = *coupling);
-             for (const auto& [scale, rotation, offset, clutch] : frames)
-               settings.frames.push_back({scale, rotation, offset, clutch});
              return std::make_shared<HapticLoop>(std::move(executor), std::move(devices), settings);
            }),
            "executor"_a, "devices"_a, py::kw_only(), "wall_clock"_a = true, "realtime"_a = true, "cpu"_a = -1,
@@ -278,5 +293,6 @@ void bind_haptic_loop(py::module_& m) {
 void bind_session(py::module_& m) {
   bind_executor(m);
   bind_counts(m);
+  bind_loop_settings(m);
   bind_haptic_loop(m);
 }

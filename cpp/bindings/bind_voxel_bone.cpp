@@ -179,7 +179,9 @@ Vec3 to_spacing(const py::object& object) {
 // Raises the package's ValueError, which knows the machine's memory, for a bone that is too large.
 void check_memory(const Index3& shape, double each) {
   const double voxels = double(shape[0]) * double(shape[1]) * double(shape[2]);
-  if (voxels > 1e8) py::module_::import("burrlab.common.check").attr("check_bone")(voxels, each);
+  if (voxels > 1e8)
+    py::module_::import("burrlab.common.check")
+        .attr("check_memory")(voxels * each, py::str("a bone of {:.3g} voxels").format(voxels));
 }
 
 // A dense copy of a box of levels, (z, y, x).

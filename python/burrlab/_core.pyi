@@ -526,6 +526,27 @@ class RecordReader(metaclass=_Pybind11Type):
     @property
     def behind(self) -> int: ...
 
+class GuardLimits(metaclass=_Pybind11Type):
+    def __init__(
+        self, *, force: float, slew: float, continuous: float, window: float, ramp: float
+    ) -> None: ...
+    @property
+    def force(self) -> float: ...
+    @property
+    def slew(self) -> float: ...
+    @property
+    def continuous(self) -> float: ...
+    @property
+    def window(self) -> float: ...
+    @property
+    def ramp(self) -> float: ...
+
+class DeviceModel(metaclass=_Pybind11Type):
+    def __init__(self, *, damping: float, encoder_step: float, friction: float) -> None: ...
+
+class LoopFrame(metaclass=_Pybind11Type):
+    def __init__(self, *, scale: float, rotation: ArrayLike, offset: ArrayLike, clutch: int) -> None: ...
+
 class HapticLoop(metaclass=_Pybind11Type):
     def __init__(
         self,
@@ -541,11 +562,11 @@ class HapticLoop(metaclass=_Pybind11Type):
         force_limit: float = 8.0,
         slew_limit: float = 1.0,
         coupling: float | None = None,
-        guards: Sequence[Sequence[float]] = [],
-        models: Sequence[Sequence[float]] = [],
+        guards: Sequence[GuardLimits] = [],
+        models: Sequence[DeviceModel] = [],
         stop_force: float = ...,
         stop_buttons: int = 0,
-        frames: Sequence[tuple[float, ArrayLike, ArrayLike, int]] = ...,
+        frames: Sequence[LoopFrame] = [],
     ) -> None: ...
     def start(self) -> None: ...
     def stop(self, reason: str = "stopped") -> None: ...

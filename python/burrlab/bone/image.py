@@ -19,7 +19,7 @@ from burrlab.bone.specimen import (
     surface_along,
     unit_vector,
 )
-from burrlab.common.check import check_bone, check_memory, real, refuse, require_type, scalar
+from burrlab.common.check import check_memory, real, refuse, require_type, scalar
 from burrlab.common.progress import doing
 from burrlab.common.table import object_html
 
@@ -400,7 +400,7 @@ def slabs(shape: tuple[int, ...], axis: int) -> Iterator[tuple[slice, slice, sli
 
 def empty_bone(shape: tuple[int, ...], spacing: Array, origin: Array) -> VoxelBone:
     """Bone of level 0, to be written slab by slab: no dense copies."""
-    check_bone(math.prod(shape), 1.04)
+    check_memory(1.04 * math.prod(shape), f"a bone of {math.prod(shape):.3g} voxels")
     return VoxelBone.block(tuple(shape[::-1] * spacing), tuple(spacing), origin=tuple(origin), level=0)
 
 

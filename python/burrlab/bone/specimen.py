@@ -9,7 +9,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.common.check import check_bone, real, refuse, scalar
+from burrlab.common.check import check_memory, real, refuse, scalar
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 from burrlab.theory.tool import require_tool
@@ -128,7 +128,7 @@ def block_below_plane(
         f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} "
         f"voxels, above {MOST_VOXELS:.3g}",
     )
-    check_bone(count, 26.0)  # measured peak while it is made
+    check_memory(26.0 * count, f"a bone of {count:.3g} voxels")  # measured peak while it is made
     centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))
     x, y, z = (normal[i] * centers[i] for i in range(3))
     below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(

@@ -115,11 +115,6 @@ def check_memory(size: float, what: str) -> None:
     )
 
 
-def check_bone(voxels: float, each: float) -> None:
-    """ValueError if memory is too small for a bone of `voxels` voxels of `each` bytes; the core calls it by this name."""
-    check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
-
-
 def check_packed(size: float, packed: float, name: str) -> None:
     """ValueError if `packed` bytes of Deflate cannot hold `size` bytes."""
     refuse(

@@ -17,8 +17,10 @@ import numpy as np
 from burrlab._core import (
     Burr,
     Device,
+    DeviceModel,
     Follower,
     HapticLoop,
+    LoopFrame,
     Material,
     RecordReader,
     ScriptedDevice,
@@ -207,9 +209,15 @@ class Session:
             cpu=-1 if clock.cpu is None else clock.cpu, ticks=ticks,
             force_limit=safety.force_limit, slew_limit=safety.slew_limit, coupling=safety.coupling,
             guards=self._limits.guards,
-            models=[(x.damping or unknown, x.encoder_step or unknown, x.friction or unknown) for x in self._limits.models],
+            models=[
+                DeviceModel(damping=x.damping or unknown, encoder_step=x.encoder_step or unknown, friction=x.friction or unknown)
+                for x in self._limits.models
+            ],
             stop_force=safety.stop_at_force or math.inf, stop_buttons=0 if safety.stop_button is None else 1 << safety.stop_button,
-            frames=[(x.scale, x.rotation, x.offset, -1 if x.clutch is None else x.clutch) for x in frames],
+            frames=[
+                LoopFrame(scale=x.scale, rotation=x.rotation, offset=x.offset, clutch=-1 if x.clutch is None else x.clutch)
+                for x in frames
+            ],
         )  # fmt: skip
 
     def _describe(

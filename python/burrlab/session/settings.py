@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from burrlab._core import Device, VoxelBone
+from burrlab._core import Device, GuardLimits, VoxelBone
 from burrlab.anatomy.watch import MARGIN, Watch, check_structure
 from burrlab.common.check import check_positive, refuse, require_type, scalar, whole
 from burrlab.session.devices import DeviceLimits, device_limits, limits_of_hardware
@@ -182,9 +182,8 @@ class ForceLimits:
     ----------
     models : list of DeviceLimits
         One a burr, empty of numbers for one without a model.
-    guards : list of tuple
-        One a burr: force [N], slew [N/ms], continuous force [N], its window [s], ramp [s]. Empty if nothing but
-        `force_limit` and `slew_limit` holds.
+    guards : list of GuardLimits
+        One a burr. Empty if nothing but `force_limit` and `slew_limit` holds.
     provenance : dict
         None for what does not hold.
     sentences : list of str
@@ -198,7 +197,7 @@ class ForceLimits:
         ramps = [0.0 if by_driver and model is None else _RAMP for model in models]
         if safety.ramp is not None:
             ramps = [safety.ramp] * burrs
-        self.guards: list[tuple[float, float, float, float, float]] = []
+        self.guards: list[GuardLimits] = []
         self.sentences: list[str] = []
         named = [{"model": model.model, **model.numbers()} for model in self.models]
         self.provenance = {
@@ -210,18 +209,23 @@ class ForceLimits:
         for burr, (model, growth) in enumerate(zip(self.models, ramps, strict=True)):
             force, lasting = (x or math.inf for x in (model.peak_force, model.continuous_force))
             self.guards.append(
-                (min(safety.force_limit, force), safety.slew_limit, lasting, model.window, growth)
-            )
+                GuardLimits(
+                    force=min(safety.force_limit, force), slew=safety.slew_limit, continuous=lasting,
+                    window=model.window, ramp=growth,
+                )
+            )  # fmt: skip
             if not by_driver or models[burr] is not None or growth:
                 text = _describe_guard(model, self.guards[burr], rate)
                 off = "; Safety(limits=None), or --model none, turns the model's limits off"
                 self.sentences.append(f"burr {burr}: {text}{off * (by_driver and models[burr] is not None)}")
 
 
-def _describe_guard(model: DeviceLimits, guard: Sequence[float], rate: float) -> str:
-    force, slew, lasting, window, ramp = guard
-    rms = f"RMS over {window:g} s {lasting:g} N" if lasting < math.inf else "no continuous limit is known"
-    text = f"{model.model}: force at most {force:g} N, its change {slew:g} N/ms, {rms}, ramp {ramp:g} s"
+def _describe_guard(model: DeviceLimits, guard: GuardLimits, rate: float) -> str:
+    rms = "no continuous limit is known"
+    if guard.continuous < math.inf:
+        rms = f"RMS over {guard.window:g} s {guard.continuous:g} N"
+    limits = f"force at most {guard.force:g} N, its change {guard.slew:g} N/ms"
+    text = f"{model.model}: {limits}, {rms}, ramp {guard.ramp:g} s"
     if model.rate is not None and rate > model.rate:
         text += f"; the loop's {rate:g} Hz are more than its {model.rate:g}"
     return text

@@ -16,7 +16,7 @@ from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
 from burrlab.bone.phantom.shapes import Grid, Singles, distance_to, ellipsoid, lattice_around, share
 from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
 from burrlab.bone.tissues import default_tissues
-from burrlab.common.check import check_bone, real, refuse
+from burrlab.common.check import check_memory, real, refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.table import by_value
 
@@ -253,10 +253,10 @@ def _checked_grid(
     first = np.rint(low / spacing).astype(np.int64)
     count = np.rint(lengths / spacing).astype(np.int64)
     refuse(
-        not 1 <= count.prod(dtype=float) <= MOST_VOXELS or count.min() < 1,
+        not 1 <= (voxels := count.prod(dtype=float)) <= MOST_VOXELS or count.min() < 1,
         f"size and voxel must give 1 to {MOST_VOXELS:g} voxels, got {tuple(count.tolist())} along x, y, z",
     )
-    check_bone(count.prod(dtype=float), 6.0)  # measured peak while it is made
+    check_memory(6.0 * voxels, f"a bone of {voxels:.3g} voxels")  # measured peak while it is made
     x, y, z = ((f + np.arange(n) + 0.5) * s for f, n, s in zip(first, count, spacing, strict=True))
     return spacing, Grid(x, y, z)
 

@@ -10,10 +10,11 @@ import pytest
 import burrlab
 from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
 from burrlab.fitting import diagnostics
+from burrlab.fitting.calibration import Calibration
 from burrlab.fitting.diagnostics import PLAUSIBLE
 from burrlab.fitting.fit import Fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Calibration, Observations, bounds_of
+from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import C_E, Domain, lowest
 
 BURR, BONE = Burr(3.0), materials["bone"]

@@ -12,9 +12,10 @@ from scipy.optimize import brentq
 
 from burrlab._core import Burr, Material, Shape
 from burrlab.fitting import likelihood
+from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Calibration, Observations, RowScatter, bounds_of
+from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, Domain
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_trace

@@ -12,8 +12,9 @@ from scipy import stats
 
 from burrlab._core import Material
 from burrlab.common.study import run_items
+from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Observations, Threshold, bounds_of
+from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest
 from burrlab.fitting.shape_comparison import NODES
 from burrlab.fitting.shapes import SHAPES, FamilyCurve, PowerFamily, compare_shapes, member, weigh_shapes

@@ -163,6 +163,12 @@ LAYOUT = OptionGroup("files of another program, all of the same layout", (
     option("--sep", "separator, or tab; default: the one between the headings"),
     option("--decimal", "mark of decimals, default a point", choices=[".", ","], metavar="MARK"),
     option("--encoding", "such as cp1252, latin-1 or utf-16; default UTF-8"),
+    option(
+        "--groups", "headings of the labels of days, operators or drills: runs of a group share an effect; 'none' "
+        "leaves the labels of a file out", type=parsed_by(lambda text: {} if text == "none" else dict(_named(text))),
+        metavar="NAME=HEADING,...",
+    ),
+    option("--specimen", "heading of the labels of specimens"),
 ))  # fmt: skip
 _EXPERIMENT = (
     *MATERIAL,

@@ -108,6 +108,8 @@ def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
                 refuse(not any(name in known for known in tables.values()), f"--{what}: no file has a {name}")
             layout[what] = {name: text for name, text in named.items() if name in tables.get(kind, ())}
     layout_options |= layout | {name: getattr(options, name) for name in ("sep", "decimal", "encoding")}
+    if kind != "trace":  # whose file has its own labels
+        layout_options |= {"groups": options.groups, "specimen": options.specimen}
     files = (sys.stdin.buffer if file == "-" else file for file in getattr(options, kind))
     data_sets = [data_kind(kind).from_csv(file, **layout_options) for file in files]
     for file, data in zip(getattr(options, kind), data_sets, strict=True):
@@ -124,6 +126,7 @@ def do_fit(options: Options) -> int:
         shape=options.shape,
         engine=_engine(options),
         residuals=options.residuals,
+        groups=() if options.groups == {} else None,
         seed=options.seed,
     )
     points = {} if options.test is None else {"given": options.test}
@@ -156,6 +159,7 @@ def do_compare(options: Options) -> int:
                 curve,
                 shape=options.shape,
                 residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
+                groups=() if options.groups == {} else None,
             )
         )
     names = ["standard input" if file == "-" else file for file in options.file]

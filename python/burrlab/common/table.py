@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import real, refuse, scalar, shown
@@ -476,11 +476,13 @@ class TableData(Tabular):
 
     _TABLE: ClassVar[Table]
     _WHAT: ClassVar[str]  #: Name of the data set in a message.
+    _LABELLED: ClassVar[str] = "row"  #: What a label is of.
     _NUMBERS: ClassVar[Mapping[str, str]] = {
         "radius": "mm"
     }  #: Numbers above 0 for all rows, with their units.
     source: str
     provenance: Mapping[str, Any]
+    groups: Mapping[str, tuple[str, ...]]  #: Labels of the rows, by what they tell apart.
     #: Other columns of the file that it came from, texts by headings. They are neither compared nor written.
     others: Mapping[str, Sequence[str]] = MappingProxyType({})
 
@@ -494,9 +496,11 @@ class TableData(Tabular):
         columns: Mapping[str, Any],
         source: str,
         provenance: Mapping[str, Any] | None,
+        groups: Mapping[str, ArrayLike] | None,
+        specimen: ArrayLike | None,
         **numbers: float | None,
     ) -> None:
-        """Sets the fields: columns of numbers as read-only copies, source, provenance and numbers for all rows."""
+        """Sets the fields: columns of numbers as read-only copies, source, provenance, labels, numbers for all rows."""
         for name, values in columns.items():
             column = self._TABLE.named[name]
             if column.type is number and not (values is None and column.optional):
@@ -519,6 +523,35 @@ class TableData(Tabular):
                 len(values) != len(self),
                 f"{name} must have {len(self)} values, one a {first[0]}: got {len(values)}",
             )
+        object.__setattr__(self, "groups", self._labels(groups, specimen))
+
+    def _labels(
+        self, groups: Mapping[str, ArrayLike] | None, specimen: ArrayLike | None
+    ) -> dict[str, tuple[str, ...]]:
+        """Labels of the rows as texts, by name; ValueError for a row without one."""
+        if not isinstance(groups, Mapping | None):
+            raise TypeError(f"groups must be a mapping, such as {{'day': labels}}, got {shown(groups)}")
+        columns = dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
+        labels = {}
+        for name, column in columns.items():
+            refuse(
+                not isinstance(name, str) or not re.fullmatch(r"\w+( \w+)*", name),
+                f"the name of a group must be of letters, digits and single blanks: got {name!r}",
+            )
+            texts = [_label(label) for label in (column if np.ndim(column) else [column] * self._n_labels)]
+            refuse(
+                len(texts) != self._n_labels,
+                f"{name} must have {self._n_labels} labels, one a {self._LABELLED}: got {len(texts)}",
+            )
+            refuse(
+                "" in texts, f"row {texts.index('') if '' in texts else 0}, {name}: every row needs a label"
+            )
+            labels[name] = tuple(texts)
+        return labels
+
+    @property
+    def _n_labels(self) -> int:
+        return len(self)
 
     def _columns(self) -> dict[str, Any]:
         """Columns that are not None, by their names."""
@@ -536,15 +569,19 @@ class TableData(Tabular):
                 raise ValueError(f"row {i}, {problem[0]}: {problem[1]}")
 
     def _table(self) -> dict[str, list[Any]]:
-        return {
+        columns = {
             self._TABLE.named[name].heading: np.asarray(x).tolist() for name, x in self._columns().items()
         }
+        groups = self.groups if self._n_labels == len(self) else {}
+        return columns | {name: list(labels) for name, labels in groups.items()}
 
     def _comments(self) -> dict[str, Any]:
         """What stands above the table in a file."""
         numbers = {f"{name}_{unit}": getattr(self, name) for name, unit in self._NUMBERS.items()}
         provenance = {"provenance": json.dumps(self.provenance)} if self.provenance else {}
-        return {"source": self.source} | {key: x for key, x in numbers.items() if x is not None} | provenance
+        groups = {"groups": ", ".join(self.groups)} if self.groups else {}
+        known = {key: x for key, x in numbers.items() if x is not None}
+        return {"source": self.source} | known | groups | provenance
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write a CSV file that `from_csv` reads back without loss.
@@ -569,6 +606,13 @@ class TableData(Tabular):
 
     def _repr_html_(self) -> str:
         return html_table(repr(self), self._table())
+
+
+def _label(label: object) -> str:
+    """A label as text, "" for none; 2.0 and 2 are one."""
+    if isinstance(label, float | np.floating):
+        return "" if math.isnan(label) else f"{label:.15g}"
+    return "" if label is None or str(label) in ("nan", "NaT", "<NA>") else " ".join(str(label).split())
 
 
 def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":

@@ -15,8 +15,9 @@ from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styl
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
+from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.diagnostics import HypothesisTest, judged, p_text
-from burrlab.fitting.observations import Floats, Threshold, bounds_of
+from burrlab.fitting.observations import Floats, bounds_of
 from burrlab.fitting.profile import C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
@@ -84,16 +85,17 @@ class ComparedPair:
     p_differ: float  #: its p-value, corrected for the number of pairs
     velocity: VelocityRatio | None  #: None where the sets share no force at one radius
     p_equivalent: float  #: of a velocity ratio outside the margin, corrected; 1 without a margin
+    obstacle: str = ""  #: Why no test can tell the sets apart from their days or specimens, in a sentence.
 
     @property
     def differ(self) -> bool:
         """Whether the sets are of different materials, at 5 % for all pairs together."""
-        return self.p_differ < ERROR
+        return self.p_differ < ERROR and not self.obstacle
 
     @property
     def equivalent(self) -> bool:
         """Whether the velocities agree within the margin, at 5 % for all pairs together."""
-        return self.p_equivalent < ERROR
+        return self.p_equivalent < ERROR and not self.obstacle
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,6 +114,9 @@ class Comparison(InJson):
         """A sentence a pair, each on a line: whether its sets differ, and whether they are equivalent."""
         lines = []
         for pair in self.pairs:
+            if pair.obstacle:
+                lines.append(pair.obstacle)
+                continue
             sentence = " and ".join(pair.names) + (" differ" if pair.differ else " can be of one material")
             if self.margin is not None:
                 shown_to = "" if pair.equivalent else "not shown to be "
@@ -242,6 +247,10 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     the square of Welch's t for a linear model. It is judged by F(1, nu), nu by Welch and Satterthwaite from
     the half widths at t = 1. The joint test is the same for both parameters, F(2, nu).
 
+    Where the fits know groups (days, specimens), these are the units: the limits have the degrees of freedom that
+    the groups leave. The sets are taken as independent, so for days that both share the test is conservative. A
+    set of one day or specimen, where the other has others, allows no decision.
+
     Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
     one-sided tests at 5 %, which need no correction for the number of forces (intersection-union).
 
@@ -275,13 +284,27 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
             ends = (sides[j].ends(-p * sides[j].x, np.array([-p, 1.0])) for j in (i, k))
             ratios[name] = _LogRatio(*ends).ratio(level)
         judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
-        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so))
+        obstacle = _obstacle((fits[i], fits[k]), (named[i], named[k]))
+        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so, obstacle))
     sets = [
         ComparedSet(name, fit.n_points, fit.c_e, fit.alpha, fit.residual_kind, fit.status)
         for name, fit in zip(named, fits, strict=True)
     ]
     origin = provenance(shape=fits[0].shape.name, margin=margin)
     return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), origin)
+
+
+def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
+    """A sentence where one set has one level of a group, and the other set other ones; else empty."""
+    first, second = ({group.name: set(group.levels) for group in fit.observations.groups} for fit in fits)
+    for group in first.keys() & second.keys():
+        if first[group] != second[group] and min(len(first[group]), len(second[group])) == 1:
+            lone = names[len(first[group]) > 1]
+            return (
+                f"Whether {names[0]} and {names[1]} differ cannot be told: all runs of {lone} are of one {group}, and "
+                f"no test can tell the sets from the {group}s."
+            )
+    return ""
 
 
 def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Sequence[str] | None) -> list[str]:
@@ -343,9 +366,7 @@ class _Side:
 
     def _rise(self, threshold: Threshold, t: Any) -> Any:
         """Rise of -2 log L at a distance of t standard errors."""
-        t2 = np.square(t)
-        judged = t2 if np.isinf(threshold.nu) else threshold.nu * np.log1p(t2 / threshold.nu)
-        return self.wider * threshold.inflation * judged
+        return self.wider * threshold.rise(np.square(t))
 
     def _bands_at(self, threshold: Threshold) -> tuple[Floats, Floats]:
         """Lowest and highest log alpha at each distance and c_e; NaN outside."""
@@ -388,9 +409,7 @@ class _Side:
         slices = self.likelihood.at(c_e)
 
         def at(g: Floats) -> Floats:
-            rise = np.maximum(slices.minus2(np.exp(g)) - self.base, 0) / self.joint.inflation / self.wider
-            nu = self.joint.nu
-            return rise if np.isinf(nu) else nu * np.expm1(np.minimum(rise / nu, 300.0))
+            return np.asarray(self.joint.statistic((slices.minus2(np.exp(g)) - self.base) / self.wider))
 
         return at, np.log(slices.best_alpha)
 

@@ -19,8 +19,9 @@ from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
+from burrlab.fitting.calibration import Calibration
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
+from burrlab.fitting.observations import Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import obstacle

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Shape
 from burrlab.bone.materials import materials
+from burrlab.fitting.calibration import AnyCalibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, MeanFieldModel, Model
-from burrlab.fitting.observations import Bounds, Calibration, Data, Floats, Observations, Rows, bounds_of
+from burrlab.fitting.observations import Bounds, Data, Floats, Observations, Rows, bounds_of
 from burrlab.fitting.profile import Domain, Interval, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
@@ -89,10 +90,10 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     Seber and Wild, Nonlinear Regression, Wiley 1989, section 2.1.3 (replicated data).
     """
     name = "lack of fit"
-    r = likelihood.about_curves(*point)[1]
-    S = float(np.sum(r**2))
+    J, r = likelihood.about_curves(*point)
+    S, parameters = float(np.sum(r**2)), 2 if J.shape[1] == 2 else _orthonormal(J).shape[1]
     if likelihood.known:
-        nu = likelihood.n - 2
+        nu = likelihood.n - parameters
         p, outcome = judged(S, nu)
         sentence = f"The scatter {'agrees with' if p >= 0.05 else 'contradicts'} the given sigma: {outcome}."
         if 1 - p < POOR:
@@ -103,9 +104,10 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
             )
         return HypothesisTest(name, S, (nu,), p, sentence)
     o = likelihood.observations
-    columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[o.run < 0]
+    levels = [group.velocity for group in o.groups]
+    columns = np.stack([o.force, o.radius, o.window_start, o.window_end, *levels], axis=1)[o.run < 0]
     groups = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
-    F, freedom = _against_repeats(r, groups, 2)
+    F, freedom = _against_repeats(r, groups, parameters)
     if not freedom:
         return None
     p, outcome = judged(F, *freedom)
@@ -206,16 +208,12 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
 
 
 def given_values(
-    likelihood: Likelihood, calibration: Calibration, base: float, c_e: float, alpha: float
+    likelihood: Likelihood, calibration: AnyCalibration, base: float, c_e: float, alpha: float
 ) -> HypothesisTest:
     """Whether (c_e, alpha) lies in the joint region."""
     at = likelihood.at(c_e)
     rise = float(at.minus2(alpha)[0]) - base
     name = f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms"
-    scatter = calibration.scatters[0]
-    freedom: tuple[float, ...] = (2.0,)  # two parameters; a denominator where one scatter is estimated
-    if len(calibration.scatters) == 1 and not scatter.known:
-        freedom = (2.0, float(scatter.n - 2))
     o, p = likelihood.observations, 0.0
     if np.isnan(rise):
         force = o.force[np.argmax(o.c_e_bounds())]
@@ -226,7 +224,9 @@ def given_values(
         p = calibration.probability(max(rise, 0.0))
         where = "inside" if p >= 0.05 else "outside"
         ending = f"lies {where} the joint 95 % region: -2 log L rises by {rise:.3g}, {p_text(p)}."
-    return HypothesisTest(name, rise, freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) {ending}")
+    return HypothesisTest(
+        name, rise, calibration.joint_freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) {ending}"
+    )
 
 
 # ---- what speaks against a fit ----
@@ -522,13 +522,12 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
             if isinstance(model, MeanFieldModel)
             else _RemainingRows(model, keep)
         )
-        rest = Likelihood(o, likelihood.kind, few)
+        rest = likelihood.of_rows(o, few)
         domain = Domain.of(rest, bounds_of(o, bounds), bounds)
     except ValueError:  # too few forces are left
         return _NO_FIT
     best = lowest(rest, domain).point
-    total, scatters, shares = rest.information(*best)
-    evidence = ranges(rest, Calibration(scatters, total, shares), domain, best, 0.0)
+    evidence = ranges(rest, rest.calibration(*best), domain, best, 0.0)
     return *best, evidence.intervals["c_e"]["95"]
 
 
@@ -574,7 +573,7 @@ class Plausibility:
 def plausibility(
     likelihood: Likelihood,
     shape: Shape,
-    calibration: Calibration,
+    calibration: AnyCalibration,
     base: float,
     point: Point,
     plausible: Bounds,

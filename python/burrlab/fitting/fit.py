@@ -23,11 +23,11 @@ from burrlab.fitting.diagnostics import (
     lack_of_fit,
     plausibility,
 )
+from burrlab.fitting.groups import GroupEvidence, GroupLikelihood, at_best_variances, components_of
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
     Box,
-    Calibration,
     Data,
     Floats,
     Observations,
@@ -69,6 +69,7 @@ def fit(
     shape: Shape | str = "parabolic",
     engine: Engine | VoxelEngine = "mean-field",
     residuals: ResidualKind = "relative",
+    groups: Sequence[str] | None = None,
     seed: int | None = None,
     bounds: Bounds | None = None,
     plausible: Bounds | None = PLAUSIBLE,
@@ -98,6 +99,9 @@ def fit(
         voxels; ``"voxel"`` is `VoxelEngine` with its defaults. The voxel engine begins at the mean-field fit.
     residuals : {"relative", "absolute", "sigma", "student"}
         See above.
+    groups : sequence of str, optional
+        Names of the data's groups to use: ``("day", "specimen")``; by default all that the data carry, ``()`` for
+        none. Runs of a group share an effect; c_e and alpha are then those of the population of groups.
     seed : int, optional
         Seed of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
@@ -119,7 +123,8 @@ def fit(
         If data or burr has another type.
     ValueError
         If the usable rows have fewer than three distinct forces; the data have another radius than the burr,
-        contradict one another, or lack the sigma that ``"sigma"`` needs; or an argument is out of range.
+        contradict one another, or lack the sigma that ``"sigma"`` needs; groups cannot be told apart, or go with
+        other residuals than ``"relative"``; or an argument is out of range.
     StudyInterrupted
         If the executor dies.
 
@@ -136,7 +141,7 @@ def fit(
     alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the 95 % interval of c_e is open above.
 
     Intervals and regions are profile likelihoods with limits from the F distribution
-    (`burrlab.fitting.observations.Calibration`). The voxel engine predicts v = alpha times a function of c_e
+    (`burrlab.fitting.calibration.Calibration`). The voxel engine predicts v = alpha times a function of c_e
     that is tabulated by descents near the best alpha, with common random numbers at all points; the Monte
     Carlo error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
 
@@ -146,6 +151,11 @@ def fit(
     the fit is the smallest such c_e. nlopt's BOBYQA starts from this point and from every minimum of equal
     RMS residual (within 0.1 %). `status` is ``"not-converged"`` where it finds a point whose -2 log L is
     lower by more than 1e-5, ``"disagreement"`` where equally good ends differ by more than 5 %.
+
+    A day (or operator, session, drill) shifts log alpha of its runs by a normal effect; a specimen shifts log
+    alpha and, from three specimens on, log c_e. Their variances are estimated by REML with the model linear about
+    the fit, and the limits of the intervals have the degrees of freedom that the groups leave in each direction
+    (`burrlab.fitting.groups`, docs/inference.md).
 
     References
     ----------
@@ -172,7 +182,12 @@ def fit(
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
-    observations, bounds = Observations.of(sets, burr), bounds or {}
+    observations, bounds = Observations.of(sets, burr, groups), bounds or {}
+    components = components_of(observations)
+    refuse(
+        components and residuals != "relative",
+        f"residuals must be 'relative' with groups, or groups=() leave them out: got {residuals!r}",
+    )
     refuse(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
@@ -201,6 +216,10 @@ def fit(
             searches, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field))
             starts = searches or starts
             failure = "" if searches else "No c_e within its bounds gave every row a velocity."
+    if components and not failure:
+        end = starts[0].end
+        likelihood, end = at_best_variances(likelihood, components, end, (box.lower[0], box.upper[0]))
+        starts, missed = _searched(likelihood, domain, box, ("at the groups' variances", end))
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
     # intervals and verdict
     evidence, lack, status, reason = None, None, "not-converged", failure
@@ -240,6 +259,7 @@ def fit(
             residuals=residuals,
             seed=seed,
             nlopt=nlopt.__version__,
+            **({"groups": [group.name for group in observations.groups]} if observations.groups else {}),
             **({} if voxels is None else voxels._described()),
         ),
     )
@@ -421,7 +441,7 @@ def _weighed(
     o = likelihood.observations
     exponent = 4 * (shape.order + 1) / 3
     total, scatters, shares = likelihood.information(*best)
-    calibration = Calibration(scatters, total, shares)
+    calibration = likelihood.calibration(*best)
     profiled = profile(likelihood, calibration, domain, best, exponent)
     if table is not None:
         is_open = profiled.intervals["c_e"]["95"].upper is None
@@ -440,6 +460,7 @@ def _weighed(
         guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
         likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
     rows = influence(likelihood, best, data, bounds, every=False)
+    grouped = GroupEvidence.of(likelihood) if isinstance(likelihood, GroupLikelihood) else None
     evidence = Evidence(
         likelihood.log_likelihood(*best),
         total,
@@ -454,10 +475,11 @@ def _weighed(
         unscaled,
         likely,
         rows,
+        grouped,
     )
     status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
     conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
-    texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion)
+    texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion, grouped.sentence if grouped else "")
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 
 

@@ -19,7 +19,8 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Shape
 from burrlab.common.check import refuse
-from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows, RowScatter
+from burrlab.fitting.calibration import Calibration, RowScatter
+from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
@@ -84,6 +85,18 @@ MODEL_ERROR = 2e-3
 _MANY = 1000  # rows above which those of equal prediction are summed once; the others keep their last bits
 _TABLE = 1 << 18  # numbers that one table of c_e and rows holds: 2 MB, so that it stays in the cache
 _LARGEST = 500.0  # largest |log alpha|: limits beyond are cut to it, so that they stay finite
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRows:
+    """The rows of one scatter near a point: r + J (d log c_e, d log alpha)."""
+
+    name: str
+    known: bool
+    J: Floats  # shape (rows, 2)
+    r: Floats
+    n: int  # rows that are free
+    place: Mapping[str, Rows]  # level of each row, by group
 
 
 class Likelihood:
@@ -155,6 +168,29 @@ class Likelihood:
         _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
         J, r = J[: len(self._single)], r[: len(self._single)]
         return J, np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
+
+    def linear_rows(self, c_e: float, alpha: float) -> list[LinearRows]:
+        """All rows near a point, by scatter."""
+        segments = np.concatenate([np.empty(0, np.intp), *self._runs])
+        velocity = np.append(self._single, [rows[0] for rows in self._runs]).astype(np.intp)
+        tables = []
+        for name, known, J, r, n in self._derivatives(c_e, alpha):
+            rows = velocity if name == "velocity" else segments
+            place = {
+                group.name: group.pressed if name == "force" else group.velocity[rows]
+                for group in self.observations.groups
+            }
+            tables.append(LinearRows(name, known, J, r, n, place))
+        return tables
+
+    def of_rows(self, observations: Observations, model: Model) -> "Likelihood":
+        """The same kind of likelihood of other rows."""
+        return Likelihood(observations, self.kind, model)
+
+    def calibration(self, c_e: float, alpha: float) -> Any:
+        """The limits of the intervals, for a fit at a point."""
+        total, scatters, shares = self.information(c_e, alpha)
+        return Calibration(scatters, total, shares)
 
     def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
         """Residuals of the rows that depend on alpha: curves' rows, then the runs' means; last axis (n,)."""

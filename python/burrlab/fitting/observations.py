@@ -1,12 +1,11 @@
-"""The rows that a fit compares, from all data sets, and how far -2 log L may rise."""
+"""The rows that a fit compares, from all data sets."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
@@ -27,6 +26,16 @@ _EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, 
 _VELOCITY = ("force", "velocity", "sigma", "window_start", "window_end", "radius", "run", "log_sigma")
 _PRESSED = ("pressed", "pressed_sigma", "pressed_unit")  # columns of velocity rows, and of pressed ones
 _MARGIN = 1e-4  # relative distance from the hard bound of c_e, where the window has no length
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """What tells rows apart: a day, an operator, a specimen; and the level, from 0, of each row."""
+
+    name: str
+    levels: tuple[str, ...]
+    velocity: Rows  # of each velocity row
+    pressed: Rows  # of each pressed row
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +61,18 @@ class Observations:
     ceiling: float  # [N/mm^2]: a run whose static contact passed its window's end needs c_e below this
     n_skipped: int
     n_censored: int
+    groups: tuple[Group, ...] = field(default=(), compare=False)
 
     @classmethod
-    def of(cls, data: Sequence[Data], burr: Burr | None) -> "Observations":
-        """The usable rows of data sets.
+    def of(cls, data: Sequence[Data], burr: Burr | None, groups: Sequence[str] | None = ()) -> "Observations":
+        """The usable rows of data sets, with some of their groups; None is for all.
 
         Raises
         ------
         ValueError
             If a radius is missing or contradicts the burr's, fewer than three distinct forces have a
-            velocity, a lone pair of an indentation has no sigma, or runs contradict one another about c_e.
+            velocity, a lone pair of an indentation has no sigma, or runs contradict one another about c_e; or if
+            a data set lacks a group, or two groups are one.
         """
         parts: dict[str, list[Floats]] = {name: [np.empty(0)] for name in (*_VELOCITY, *_PRESSED)}
         rows: list[tuple[str, Rows]] = []
@@ -94,8 +105,9 @@ class Observations:
         tables: dict[str, Any] = {name: np.concatenate(pieces) for name, pieces in parts.items()}
         tables["run"] = tables["run"].astype(np.intp)
         observations = cls(
-            **tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored
-        )
+            **tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored,
+            groups=_groups(data, rows, groups),
+        )  # fmt: skip
         observations._check()
         return observations
 
@@ -134,6 +146,12 @@ class Observations:
         return len(self.force) + len(self.pressed)
 
     @property
+    def run_number(self) -> list[int]:
+        """The run of each velocity row: segments of a trace share one."""
+        single = self.run < 0
+        return np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run).tolist()
+
+    @property
     def has_sigma(self) -> bool:
         return bool(np.isfinite(self.sigma).all())
 
@@ -143,7 +161,8 @@ class Observations:
 
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
-        remaining = replace(self, **{name: getattr(self, name)[keep] for name in _VELOCITY})
+        groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)
+        remaining = replace(self, groups=groups, **{name: getattr(self, name)[keep] for name in _VELOCITY})
         remaining._check()
         return remaining
 
@@ -176,6 +195,47 @@ class Observations:
         start = np.where(np.isnan(self.window_start), WINDOW_START * self.radius, self.window_start)
         with np.errstate(divide="ignore"):
             return self.force / (self.radius**2 * (start / self.radius) ** 1.5)
+
+
+def _groups(
+    data: Sequence[Data], rows: Sequence[tuple[str, Rows]], names: Sequence[str] | None
+) -> tuple[Group, ...]:
+    """The groups of the rows; ValueError if a data set lacks one, or two of them are one."""
+    named = list(dict.fromkeys(name for data_set in data for name in data_set.groups))
+    for name in names or ():
+        refuse(
+            name not in named,
+            f"groups may be of {', '.join(named) or 'none, as the data have none'}: got {name!r}",
+        )
+    groups: list[Group] = []
+    for name in named if names is None else names:
+        labels: dict[str, list[str]] = {"velocity": [], "pressed": []}
+        for i, (data_set, (kind, places)) in enumerate(zip(data, rows, strict=True), start=1):
+            refuse(
+                name not in data_set.groups,
+                f"data set {i} has no {name}, which others have: label all or none",
+            )
+            column = np.array(data_set.groups[name])
+            if isinstance(data_set, VelocityCurve):
+                column = column[data_set.ok]
+            labels[kind] += np.broadcast_to(column, len(places)).tolist()
+        levels = tuple(dict.fromkeys([*labels["velocity"], *labels["pressed"]]))
+        group = Group(
+            name,
+            levels,
+            *(np.array([levels.index(x) for x in column], np.intp) for column in labels.values()),
+        )
+        for other in groups:
+            pairs = {*zip(group.velocity.tolist(), other.velocity.tolist(), strict=True),
+                     *zip(group.pressed.tolist(), other.pressed.tolist(), strict=True)}  # fmt: skip
+            first, second = min(pairs)
+            refuse(
+                1 < len(levels) == len(other.levels) == len(pairs),
+                f"{name} and {other.name} cannot be told apart: each {name} has one {other.name} ({name} "
+                f"{levels[first]} has {other.name} {other.levels[second]}); leave one out by groups=('{name}',)",
+            )
+        groups.append(group)
+    return tuple(groups)
 
 
 def _static_c_e(force: Floats, end: Floats, radius: Floats | float) -> Floats:
@@ -237,128 +297,3 @@ def bounds_of(observations: Observations, bounds: Bounds | None) -> Box:
         )
         box[name] = (max(low, hard), min(high, ceiling)) if name == "c_e" else (low, high)
     return Box((box["c_e"][0], box["alpha"][0]), (box["c_e"][1], box["alpha"][1]))
-
-
-@dataclass(frozen=True)
-class RowScatter:
-    """Rows that share one scatter."""
-
-    name: str  #: "velocity", "segments" or "force"
-    n: int
-    known: bool  #: sigma was given
-    parameters: float  #: how many of the two parameters these rows determine; the scatters' sum is 2
-    value: float  #: standard deviation about the fit [1], or [mm/s] for absolute residuals; 1 if known
-
-
-@dataclass(frozen=True)
-class Threshold:
-    """How a rise of -2 log L along one quantity is judged: rise = inflation nu log(1 + F/nu).
-
-    F has 1 and nu degrees of freedom. With known sigma nu is infinite, and F is a chi-square.
-    """
-
-    inflation: float
-    nu: float
-
-    def statistic(self, rise: float) -> float:
-        """F, or chi-square where sigma is known; 0 for a fall."""
-        rise = max(rise, 0.0) / self.inflation
-        return rise if np.isinf(self.nu) else float(self.nu * np.expm1(min(rise / self.nu, 700.0)))
-
-    def probability(self, rise: float) -> float:
-        """p-value of a rise."""
-        F = self.statistic(rise)
-        return float(special.chdtrc(1, F) if np.isinf(self.nu) else special.fdtrc(1, self.nu, F))
-
-    def limit(self, level: float) -> float:
-        """Largest rise inside `level`, 0.95 for 95 %."""
-        # from special, because the checks of stats.f take a hundred times as long
-        if np.isinf(self.nu):
-            return self.inflation * float(special.chdtri(1, 1 - level))
-        return self.inflation * self.nu * float(np.log1p(special.fdtri(1, self.nu, level) / self.nu))
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """How far -2 log L may rise above its minimum, from the F distribution.
-
-    For one estimated scatter and a model that is linear near the fit, S/S_min - 1 of q parameters is
-    q/nu F(q, nu) with nu = n - 2. So the limit is n log(1 + q F/nu): wider than chi-square in small samples.
-    Where sigma is known, the limit is chi-square's. Several scatters count by their share of the information
-    in the direction asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the
-    limit of one scatter is chi-square's times n/nu, the ratio of their means. Several scatters add their
-    means: n (psi(n/2) - psi((n - p)/2)) for rows that determine p of the parameters (Bartlett's correction).
-
-    References
-    ----------
-    Seber and Wild, Nonlinear Regression, Wiley 1989, section 5.3 (regions by the sum of squares).
-    Bartlett, Properties of sufficiency and statistical tests, Proc. R. Soc. A 160 (1937).
-    Satterthwaite, An approximate distribution of estimates of variance components, Biometrics 2 (1946).
-    """
-
-    scatters: tuple[RowScatter, ...]
-    total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
-    shares: Floats  # by scatter
-    monte_carlo: float = 0.0  # variance of the fit by the stochastic engine, over that by the data
-    inflation: float = 1.0  # chi-square over degrees of freedom, where the data contradict their sigma
-
-    def limit(self, level: float, direction: Floats | None = None) -> float:
-        """Largest rise of -2 log L inside `level`.
-
-        Parameters
-        ----------
-        level : float
-            0.95 for 95 %.
-        direction : ndarray, shape (2,), optional
-            Gradient of one quantity over (log c_e, log alpha); None is for both parameters jointly.
-        """
-        return self.limits({"": level}, direction)[""]
-
-    def limits(self, levels: Mapping[str, float], direction: Floats | None = None) -> dict[str, float]:
-        """The limit of each level; see `limit`."""
-        wider = (1 + self.monte_carlo) * self.inflation
-        if direction is None:
-            joint = self._joint_inflation()
-            return {name: float(-2 * np.log1p(-level) * joint * wider) for name, level in levels.items()}
-        threshold = self.threshold(direction)
-        return {name: threshold.limit(level) * wider for name, level in levels.items()}
-
-    def probability(self, rise: float, direction: Floats | None = None) -> float:
-        """p-value of a rise of -2 log L: the inverse of `limit`."""
-        rise /= (1 + self.monte_carlo) * self.inflation
-        if direction is None:
-            return float(np.exp(-rise / 2 / self._joint_inflation()))
-        return self.threshold(direction).probability(rise)
-
-    def threshold(self, direction: Floats | None, times: float = 1.0) -> Threshold:
-        """The threshold of one quantity, or the parameters' mean; the rows determine `times` as many."""
-        freedom = np.array(
-            [np.inf if s.known else max(s.n - times * s.parameters, 0.5) for s in self.scatters]
-        )
-        weights = self._weights(direction)
-        rows = np.array([s.n for s in self.scatters])
-        known = np.isinf(freedom)
-        inflation = float(np.sum(weights * np.where(known, 1.0, rows / freedom)))
-        nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
-        return Threshold(inflation, nu if nu < 1e9 else np.inf)
-
-    def _joint_inflation(self) -> float:
-        """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, as in the F limit."""
-        mean = 0.0
-        for s in self.scatters:
-            freedom = max(s.n - s.parameters, 0.5)
-            mean += (
-                s.parameters if s.known else s.n * float(np.diff(special.digamma([freedom / 2, s.n / 2]))[0])
-            )
-        return mean / 2
-
-    def _weights(self, direction: Floats | None) -> Floats:
-        if len(self.scatters) == 1:
-            return np.ones(1)
-        q = len(self.total)
-        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(q))
-        if direction is None:
-            return np.array([np.trace(inverse @ share) / q for share in self.shares])
-        column = inverse @ direction
-        weights = np.array([column @ share @ column for share in self.shares])
-        return np.asarray(weights / weights.sum())

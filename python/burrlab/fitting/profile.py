@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from burrlab.common.check import nearest, refuse
 from burrlab.common.table import by_value
+from burrlab.fitting.calibration import AnyCalibration
 from burrlab.fitting.likelihood import AlphaSlices, Likelihood
-from burrlab.fitting.observations import Box, Calibration, Floats
+from burrlab.fitting.observations import Box, Floats
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
 
@@ -277,7 +278,11 @@ class Ranges:
 
 
 def ranges(
-    likelihood: Likelihood, calibration: Calibration, domain: Domain, best: tuple[float, float], ridge: float
+    likelihood: Likelihood,
+    calibration: AnyCalibration,
+    domain: Domain,
+    best: tuple[float, float],
+    ridge: float,
 ) -> Ranges:
     """Intervals, from a walk along c_e that is closer where a level is crossed; see `profile`."""
     limits, joint, of_alpha = (calibration.limits(LEVELS, direction) for direction in (C_E, None, ALPHA))
@@ -303,7 +308,11 @@ def ranges(
 
 
 def profile(
-    likelihood: Likelihood, calibration: Calibration, domain: Domain, best: tuple[float, float], ridge: float
+    likelihood: Likelihood,
+    calibration: AnyCalibration,
+    domain: Domain,
+    best: tuple[float, float],
+    ridge: float,
 ) -> Profile:
     """Intervals, regions and curves.
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -12,17 +12,11 @@ from burrlab._core import Burr, Shape
 from burrlab.common.check import refuse
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
+from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, Row
+from burrlab.fitting.groups import GroupEvidence
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import (
-    Bounds,
-    Calibration,
-    Data,
-    Floats,
-    Observations,
-    ResidualKind,
-    RowScatter,
-)
+from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.verdict import Ridge, Start, obstacle
 from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of
@@ -196,7 +190,10 @@ class FitRecord(InJson):
     @property
     def n_parameters(self) -> int:
         """c_e, alpha and the scatters that were estimated."""
-        return 2 if self.evidence is None else 2 + sum(not s.known for s in self.evidence.scatters)
+        if self.evidence is None:
+            return 2
+        effects = self.evidence.groups.effects if self.evidence.groups else ()
+        return 2 + sum(not s.known for s in self.evidence.scatters) + len(effects)
 
     @property
     def log_likelihood(self) -> float:
@@ -226,12 +223,14 @@ class FitRecord(InJson):
             if any(data_set.radius is None for data_set in self.data) and self.radius
             else None
         )
-        return Observations.of(self.data, burr)
+        return Observations.of(self.data, burr, tuple(self.provenance.get("groups", ())))
 
     @cached_property
     def likelihood(self) -> Likelihood:
         """-2 log L of the data, with the model that was fitted."""
-        return Likelihood(self.observations, self.residual_kind, self.model_of(self.observations))
+        plain = Likelihood(self.observations, self.residual_kind, self.model_of(self.observations))
+        grouped = self.evidence.groups if self.evidence is not None else None
+        return grouped.likelihood(plain, (self.c_e, self.alpha)) if grouped else plain
 
     def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
         """The model of this fit; the voxel engine's serves only the rows of its own data."""
@@ -275,6 +274,8 @@ class Evidence:
         Whether a plausible material could have given the data.
     rows : tuple of Row
         The rows that stand out.
+    groups : GroupEvidence or None
+        What differs between days and specimens; None without groups.
     """
 
     log_likelihood: float
@@ -290,6 +291,7 @@ class Evidence:
     unscaled: Mapping[str, Mapping[str, Interval]] | None = None
     plausibility: Plausibility | None = None
     rows: tuple[Row, ...] = ()
+    groups: GroupEvidence | None = None
 
     @property
     def doubt(self) -> tuple[str, str] | None:
@@ -301,9 +303,11 @@ class Evidence:
         return None
 
     @property
-    def calibration(self) -> Calibration:
+    def calibration(self) -> AnyCalibration:
         """The limits that the intervals and tests use."""
         inflation = 1.0 if self.goodness is None else self.goodness.inflation
+        if self.groups is not None:
+            return replace(self.groups.uncertainty, monte_carlo=self.monte_carlo, inflation=inflation)
         return Calibration(self.scatters, self.information, self.shares, self.monte_carlo, inflation)
 
 

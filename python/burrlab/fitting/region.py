@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.observations import Box, Calibration, Floats, Rows, RowScatter
+from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
 from burrlab.fitting.record import FitRecord
 

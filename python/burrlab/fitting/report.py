@@ -6,8 +6,8 @@ from html import escape
 import numpy as np
 
 import burrlab.fitting.verdict as verdict
+from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests
-from burrlab.fitting.observations import RowScatter
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import Ridge
 from burrlab.measured.curve import VelocityCurve

@@ -21,8 +21,9 @@ from burrlab.common.figures import (
     styled,
 )
 from burrlab.common.records import Codec
+from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.diagnostics import p_text
-from burrlab.fitting.observations import Floats, Threshold
+from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import Interval, plain_ends
 from burrlab.fitting.report import columns, html_table, in_blocks
 from burrlab.fitting.result import Fit

@@ -55,11 +55,17 @@ class VelocityCurve(TableData):
         Versions, parameters and seed.
     radius : float, optional
         Burr radius R [mm], if known.
+    groups : mapping of str to sequence, optional
+        ``{"day": labels}``: what else the rows belong to (day, operator, session, drill), a label a row, text or
+        number. One label is for all rows.
+    specimen : sequence, optional
+        The specimen of each row, a label as in `groups`, which keeps it under "specimen".
 
     Raises
     ------
     ValueError
-        If there is no row, lengths differ, or a number breaks its rule; the message names row and column.
+        If there is no row, lengths differ, a row has no label, or a number breaks its rule; the message names
+        row and column.
 
     Notes
     -----
@@ -99,6 +105,7 @@ class VelocityCurve(TableData):
     source: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     radius: float | None = None
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __init__(
         self,
@@ -111,13 +118,15 @@ class VelocityCurve(TableData):
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
         radius: float | None = None,
+        groups: Mapping[str, ArrayLike] | None = None,
+        specimen: ArrayLike | None = None,
     ) -> None:
         refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
         columns = {
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
         }  # fmt: skip
-        self._keep(columns, source, provenance, radius=radius)
+        self._keep(columns, source, provenance, groups, specimen, radius=radius)
         refuse(
             (self.window_start is None) != (self.window_end is None),
             "window_start and window_end go together: one of them is missing",
@@ -132,7 +141,7 @@ class VelocityCurve(TableData):
     def from_csv(
         cls, file: Path | IO[str] | IO[bytes], *, columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
-        encoding: str | None = None,
+        encoding: str | None = None, groups: Mapping[str, str] | None = None, specimen: str | None = None,
     ) -> "VelocityCurve":  # fmt: skip
         """Read a curve from a CSV file.
 
@@ -161,6 +170,9 @@ class VelocityCurve(TableData):
             Default: a point.
         encoding : str, optional
             Such as "cp1252", "latin-1" or "utf-16"; default: UTF-8.
+        groups, specimen : mapping of str to str, and str, optional
+            Headings of the columns of labels: ``groups={"day": "Messtag"}, specimen="Probe"``. A file that
+            `to_csv` wrote names its own (``# groups:``).
 
         Returns
         -------
@@ -185,7 +197,8 @@ class VelocityCurve(TableData):
         >>> curve.velocity, curve.others
         (array([0.0785, 0.498 ]), {'Datum': ('3. Mai', '3. Mai')})
         """
-        return TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding).file(file).data(cls)
+        layout = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding, groups, specimen)
+        return layout.file(file).data(cls)
 
     @classmethod
     def from_dataframe(
@@ -198,6 +211,8 @@ class VelocityCurve(TableData):
         unit: str | Mapping[str, str] | None = None,
         radius: float | None = None,
         source: str = "",
+        groups: Mapping[str, str] | None = None,
+        specimen: str | None = None,
     ) -> "VelocityCurve":
         """Take a curve from a pandas DataFrame.
 
@@ -213,6 +228,8 @@ class VelocityCurve(TableData):
             Burr radius R [mm].
         source : str
             Source of the numbers, one line.
+        groups, specimen : mapping of str to str, and str, optional
+            Names of the columns of labels, as in `from_csv`.
 
         Returns
         -------
@@ -233,7 +250,8 @@ class VelocityCurve(TableData):
         columns = {
             name: heading if isinstance(heading, list) else str(heading) for name, heading in named.items()
         }
-        return TableLayout(cls._TABLE, columns, unit).frame(frame).data(cls, radius=radius, source=source)
+        layout = TableLayout(cls._TABLE, columns, unit, groups=groups, specimen=specimen)
+        return layout.frame(frame).data(cls, radius=radius, source=source)
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -291,11 +309,14 @@ class Indentation(TableData):
         Source of the numbers, one line.
     provenance : mapping
         Versions, parameters and seed.
+    groups, specimen : optional
+        Labels of the rows, as in `VelocityCurve`.
 
     Raises
     ------
     ValueError
-        If there is no row, lengths differ, or a number breaks its rule; the message names row and column.
+        If there is no row, lengths differ, a row has no label, or a number breaks its rule; the message names
+        row and column.
 
     References
     ----------
@@ -322,6 +343,7 @@ class Indentation(TableData):
     sigma: Floats | None = None
     source: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __init__(
         self,
@@ -331,9 +353,11 @@ class Indentation(TableData):
         sigma: ArrayLike | None = None,
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
+        groups: Mapping[str, ArrayLike] | None = None,
+        specimen: ArrayLike | None = None,
     ) -> None:
         columns = {"force": force, "depth": depth, "sigma": sigma}
-        self._keep(columns, source, provenance, radius=radius)
+        self._keep(columns, source, provenance, groups, specimen, radius=radius)
         self._check_rows()
         for i, h in enumerate(self.depth.tolist()):
             refuse(
@@ -346,7 +370,7 @@ class Indentation(TableData):
         cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None,
         columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
-        encoding: str | None = None,
+        encoding: str | None = None, groups: Mapping[str, str] | None = None, specimen: str | None = None,
     ) -> "Indentation":  # fmt: skip
         """Read an indentation from a CSV file.
 
@@ -358,8 +382,8 @@ class Indentation(TableData):
         file : path or open file
         radius : float, optional
             Burr radius [mm], for a file without it.
-        columns, unit, sep, decimal, encoding : optional
-            The layout of another program's file, as in `VelocityCurve.from_csv`.
+        columns, unit, sep, decimal, encoding, groups, specimen : optional
+            The layout of another program's file, and its labels, as in `VelocityCurve.from_csv`.
 
         Returns
         -------
@@ -379,7 +403,7 @@ class Indentation(TableData):
         >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
         array([0.36])
         """
-        layout = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding)
+        layout = TableLayout(cls._TABLE, columns, unit, sep, decimal, encoding, groups, specimen)
         return layout.file(file).data(cls, cls._NUMBERS, radius=radius)
 
     @drawing

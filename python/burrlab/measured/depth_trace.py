@@ -1,6 +1,7 @@
 """Depth-time records of descents at constant force, and the penetration velocities of their segments."""
 
 import itertools
+import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,6 +21,18 @@ from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+def _labels_in(layout: TableLayout) -> dict[str, str]:
+    """Labels of a run in the comments of its file."""
+    try:
+        labels = json.loads(layout.comments.get("groups", "{}"))
+        return {str(name): str(label) for name, label in labels.items()}
+    except (ValueError, AttributeError, RecursionError):
+        raise ValueError(
+            f'{layout.name}: groups in the comments must be JSON, such as {{"day": "3 May"}}: got '
+            f"{layout.comments['groups']!r}"
+        ) from None
 
 
 #: Allowed shortfall before the window's end, and allowed retreat within the window [parts of it] (ours).
@@ -50,6 +63,8 @@ class DepthTrace(TableData):
         Source of the record, one line.
     provenance : mapping
         Versions, parameters and seed.
+    groups, specimen : optional
+        Labels of the run, as in `VelocityCurve`: ``groups={"day": "3 May"}, specimen="A"``.
 
     Raises
     ------
@@ -74,6 +89,7 @@ class DepthTrace(TableData):
     )
     _WHAT = "a depth trace"
     _NUMBERS: ClassVar[Mapping[str, str]] = {"force": "N", "radius": "mm"}
+    _LABELLED = "run"
 
     time: Floats
     immersion: Floats
@@ -83,6 +99,7 @@ class DepthTrace(TableData):
     end_mm: float
     source: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __init__(
         self,
@@ -94,9 +111,11 @@ class DepthTrace(TableData):
         end_mm: float | None = None,
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
+        groups: Mapping[str, ArrayLike] | None = None,
+        specimen: ArrayLike | None = None,
     ) -> None:
         columns = {"time": time, "immersion": immersion}
-        self._keep(columns, source, provenance, force=force, radius=radius)
+        self._keep(columns, source, provenance, groups, specimen, force=force, radius=radius)
         self._check_record()
         if start_mm is None:
             start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))
@@ -150,13 +169,13 @@ class DepthTrace(TableData):
         cls, file: Path | IO[str] | IO[bytes], *, force: float | None = None, radius: float | None = None,
         columns: Mapping[str, str | list[str]] | None = None,
         unit: str | Mapping[str, str] | None = None, sep: str | None = None, decimal: str | None = None,
-        encoding: str | None = None,
+        encoding: str | None = None, groups: Mapping[str, str] | None = None, specimen: str | None = None,
     ) -> "DepthTrace":  # fmt: skip
         """Read a record from a CSV file.
 
         Columns, in any order: ``time_s, immersion_mm``. Lines that begin with ``#`` are comments;
-        ``# force_N:``, ``# radius_mm:``, ``# window_mm:`` (start and end), ``# source:`` and
-        ``# provenance:`` above the column names are kept.
+        ``# force_N:``, ``# radius_mm:``, ``# window_mm:`` (start and end), ``# groups:`` (labels of the run, as
+        JSON), ``# source:`` and ``# provenance:`` above the column names are kept.
 
         Parameters
         ----------
@@ -166,6 +185,8 @@ class DepthTrace(TableData):
         columns, unit, sep, decimal, encoding : optional
             The layout of another program's file, as in `VelocityCurve.from_csv`; times may also be in ms,
             us or min.
+        groups, specimen : optional
+            Labels of the run, for a file without them.
 
         Returns
         -------
@@ -195,10 +216,19 @@ class DepthTrace(TableData):
                 raise ValueError(
                     f"{layout.name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
                 ) from None
-        return layout.data(cls, cls._NUMBERS, force=force, radius=radius, start_mm=start, end_mm=end)
+        return layout.data(
+            cls, cls._NUMBERS, force=force, radius=radius, start_mm=start, end_mm=end, specimen=specimen,
+            groups=_labels_in(layout) | dict(groups or {}),
+        )  # fmt: skip
+
+    @property
+    def _n_labels(self) -> int:
+        return 1
 
     def _comments(self) -> dict[str, Any]:
-        return super()._comments() | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}
+        groups = {name: label for name, (label,) in self.groups.items()}
+        noted = {"groups": json.dumps(groups, ensure_ascii=False)} if groups else {}
+        return super()._comments() | noted | {"window_mm": f"{self.start_mm!r} {self.end_mm!r}"}
 
     def segments(self, n: int = 5) -> "TraceSegments":
         """Penetration velocities in n segments of equal depth between start_mm and end_mm.

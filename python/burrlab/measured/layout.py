@@ -56,6 +56,7 @@ class TableLayout:
     def __init__(
         self, table: Table, columns: Mapping[str, Any] | None, unit: str | Mapping[str, str] | None,
         sep: str | None = None, decimal: str | None = None, encoding: str | None = None,
+        groups: Mapping[str, str] | None = None, specimen: str | None = None,
     ) -> None:  # fmt: skip
         self.table, self.decimal, self.encoding = table, decimal or ".", encoding
         self.is_native = not any((columns, unit, sep, decimal, encoding))
@@ -94,6 +95,8 @@ class TableLayout:
         self.comments: dict[str, str] = {}
         self.columns: dict[str, Any] = {}  #: By our names.
         self.others: dict[str, list[str]] = {}  #: By their headings.
+        self.groups: dict[str, list[str]] = {}  #: Labels of the rows, by the group's name.
+        self.group_headings = dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
         self.passed: Counter[str] = Counter()
         self.missing_units: dict[str, str] = {}  #: Units to be given.
 
@@ -112,6 +115,7 @@ class TableLayout:
             except ValueError as error:
                 foreign = re.search("text file in UTF-8|unknown column|separator must be", str(error))
                 raise ValueError(f"{error}{_FOREIGN if foreign else ''}") from None
+            self.take_groups()
             self.note = _apart(self.others) if self.others else ""
             return self
         decoded = isinstance(file, io.TextIOBase)
@@ -170,7 +174,7 @@ class TableLayout:
                 raise ValueError(f"{self.name}: {rule}: got {shown(number)}")
             numbers[name] = number if noted is None else noted
         try:
-            data_set = kind(**self.columns, **source | numbers)
+            data_set = kind(**self.columns, **{"groups": self.groups} | source | numbers)
         except ValueError as error:
             raise ValueError(f"{self.name}: {error}" if self.name else str(error)) from None
         object.__setattr__(data_set, "others", {name: tuple(texts) for name, texts in self.others.items()})
@@ -319,9 +323,19 @@ class TableLayout:
                     self.others[label].append(fields[i] if i < len(fields) else "")
                 yield where, texts
 
+    def take_groups(self) -> None:
+        """Moves the columns of labels from `others` to `groups`; ValueError if one is missing."""
+        own = {name: name for name in self.comments.get("groups", "").split(", ") if name in self.others}
+        headings = {_key(heading): heading for heading in self.others}
+        for name, heading in (own | self.group_headings).items():
+            missing = _key(str(heading)) not in headings
+            refuse(missing, f"{self.name}: no column is {heading}; there are {listed(self.others)}")
+            self.groups[name] = self.others.pop(headings[_key(heading)])
+
     def noted(self, ending: str) -> "TableLayout":
         """With the note of what was read, `ending`, and what was passed over and kept apart."""
-        parts = []
+        self.take_groups()
+        parts = [f"{name} from {heading}" for name, heading in self.group_headings.items()]
         for column in self.columns:
             unit = f" in {self.units[column]}" if column in self.units else ""
             parts.append(f"{column} from {self.table.named[column].heading}{unit}")

@@ -1,0 +1,221 @@
+"""How far -2 log L may rise inside a level: the scatter of rows, and what few rows or groups leave unknown of it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy import special
+
+from burrlab.common.table import by_value
+from burrlab.fitting.observations import Floats
+
+
+@dataclass(frozen=True)
+class RowScatter:
+    """Rows that share one scatter."""
+
+    name: str  #: "velocity", "segments" or "force"
+    n: int
+    known: bool  #: sigma was given
+    parameters: float  #: how many of the two parameters these rows determine; the scatters' sum is 2
+    value: float  #: standard deviation about the fit [1], or [mm/s] for absolute residuals; 1 if known
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """How a rise of -2 log L along one quantity is judged: rise = inflation nu log(1 + F/nu).
+
+    F has 1 and nu degrees of freedom. With known sigma nu is infinite, and F is a chi-square. Where `profiled` is
+    False the likelihood is at fixed variances, and rise = inflation F.
+    """
+
+    inflation: float
+    nu: float
+    profiled: bool = True
+
+    def rise(self, F: Any) -> Any:
+        """The rise of an F, number or array."""
+        curved = self.profiled and not np.isinf(self.nu)
+        return self.inflation * (self.nu * np.log1p(F / self.nu) if curved else F)
+
+    def statistic(self, rise: Any) -> Any:
+        """F of a rise, number or array, or chi-square where sigma is known; 0 for a fall."""
+        rise = np.maximum(rise, 0.0) / self.inflation
+        curved = self.profiled and not np.isinf(self.nu)
+        return self.nu * np.expm1(np.minimum(rise / self.nu, 700.0)) if curved else rise
+
+    def probability(self, rise: float) -> float:
+        """p-value of a rise."""
+        F = float(self.statistic(rise))
+        return float(special.chdtrc(1, F) if np.isinf(self.nu) else special.fdtrc(1, self.nu, F))
+
+    def limit(self, level: float) -> float:
+        """Largest rise inside `level`, 0.95 for 95 %."""
+        # from special, because the checks of stats.f take a hundred times as long
+        F = special.chdtri(1, 1 - level) if np.isinf(self.nu) else special.fdtri(1, self.nu, level)
+        return float(self.rise(F))
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How far -2 log L may rise above its minimum, from the F distribution.
+
+    For one estimated scatter and a model that is linear near the fit, S/S_min - 1 of q parameters is
+    q/nu F(q, nu) with nu = n - 2. So the limit is n log(1 + q F/nu): wider than chi-square in small samples.
+    Where sigma is known, the limit is chi-square's. Several scatters count by their share of the information
+    in the direction asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the
+    limit of one scatter is chi-square's times n/nu, the ratio of their means. Several scatters add their
+    means: n (psi(n/2) - psi((n - p)/2)) for rows that determine p of the parameters (Bartlett's correction).
+
+    References
+    ----------
+    Seber and Wild, Nonlinear Regression, Wiley 1989, section 5.3 (regions by the sum of squares).
+    Bartlett, Properties of sufficiency and statistical tests, Proc. R. Soc. A 160 (1937).
+    Satterthwaite, An approximate distribution of estimates of variance components, Biometrics 2 (1946).
+    """
+
+    scatters: tuple[RowScatter, ...]
+    total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
+    shares: Floats  # by scatter
+    monte_carlo: float = 0.0  # variance of the fit by the stochastic engine, over that by the data
+    inflation: float = 1.0  # chi-square over degrees of freedom, where the data contradict their sigma
+
+    def limit(self, level: float, direction: Floats | None = None) -> float:
+        """Largest rise of -2 log L inside `level`.
+
+        Parameters
+        ----------
+        level : float
+            0.95 for 95 %.
+        direction : ndarray, shape (2,), optional
+            Gradient of one quantity over (log c_e, log alpha); None is for both parameters jointly.
+        """
+        return self.limits({"": level}, direction)[""]
+
+    def limits(self, levels: Mapping[str, float], direction: Floats | None = None) -> dict[str, float]:
+        """The limit of each level; see `limit`."""
+        wider = (1 + self.monte_carlo) * self.inflation
+        if direction is None:
+            joint = self._joint_inflation()
+            return {name: float(-2 * np.log1p(-level) * joint * wider) for name, level in levels.items()}
+        threshold = self.threshold(direction)
+        return {name: threshold.limit(level) * wider for name, level in levels.items()}
+
+    def probability(self, rise: float, direction: Floats | None = None) -> float:
+        """p-value of a rise of -2 log L: the inverse of `limit`."""
+        rise /= (1 + self.monte_carlo) * self.inflation
+        if direction is None:
+            return float(np.exp(-rise / 2 / self._joint_inflation()))
+        return self.threshold(direction).probability(rise)
+
+    def threshold(self, direction: Floats | None, times: float = 1.0) -> Threshold:
+        """The threshold of one quantity, or the parameters' mean; the rows determine `times` as many."""
+        freedom = np.array(
+            [np.inf if s.known else max(s.n - times * s.parameters, 0.5) for s in self.scatters]
+        )
+        weights = self._weights(direction)
+        rows = np.array([s.n for s in self.scatters])
+        known = np.isinf(freedom)
+        inflation = float(np.sum(weights * np.where(known, 1.0, rows / freedom)))
+        nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
+        return Threshold(inflation, nu if nu < 1e9 else np.inf)
+
+    @property
+    def joint_freedom(self) -> tuple[float, ...]:
+        """Of the test of both parameters: two, and a denominator where one scatter is estimated."""
+        one = len(self.scatters) == 1 and not self.scatters[0].known
+        return (2.0, float(self.scatters[0].n - 2)) if one else (2.0,)
+
+    def _joint_inflation(self) -> float:
+        """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, as in the F limit."""
+        mean = 0.0
+        for s in self.scatters:
+            freedom = max(s.n - s.parameters, 0.5)
+            mean += (
+                s.parameters if s.known else s.n * float(np.diff(special.digamma([freedom / 2, s.n / 2]))[0])
+            )
+        return mean / 2
+
+    def _weights(self, direction: Floats | None) -> Floats:
+        if len(self.scatters) == 1:
+            return np.ones(1)
+        q = len(self.total)
+        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(q))
+        if direction is None:
+            return np.array([np.trace(inverse @ share) / q for share in self.shares])
+        column = inverse @ direction
+        weights = np.array([column @ share @ column for share in self.shares])
+        return np.asarray(weights / weights.sum())
+
+
+@by_value
+@dataclass(frozen=True)
+class GroupCalibration:
+    """Covariance of (log c_e, log alpha), and the limits that follow from few groups."""
+
+    covariance: Floats  #: Phi, shape (2, 2), at the estimated variances
+    adjusted: Floats  #: shape (2, 2), larger by what the estimate of the variances adds
+    changes: Floats  #: derivative of Phi by each variance, shape (m, 2, 2)
+    of_variances: Floats  #: covariance of the estimated variances, shape (m, m)
+    monte_carlo: float = 0.0  #: as in `Calibration`
+    inflation: float = 1.0
+
+    def freedom(self, direction: Floats) -> float:
+        """Degrees of freedom of the standard error along a gradient over (log c_e, log alpha); 1 or more."""
+        change = np.einsum("i,kij,j->k", direction, self.changes, direction)
+        spread = float(change @ self.of_variances @ change)
+        variance = float(direction @ self.covariance @ direction)
+        return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, 1e9))
+
+    def limit(self, level: float, direction: Floats | None = None) -> float:
+        """Largest rise of -2 log L inside `level`; see `Calibration.limit`."""
+        return self.limits({"": level}, direction)[""]
+
+    def limits(self, levels: Mapping[str, float], direction: Floats | None = None) -> dict[str, float]:
+        """The limit of each level."""
+        number, freedom, wider = self._test(direction)
+        return {name: float(wider * number * special.fdtri(number, freedom, p)) for name, p in levels.items()}
+
+    def probability(self, rise: float, direction: Floats | None = None) -> float:
+        """p-value of a rise of -2 log L: the inverse of `limit`."""
+        number, freedom, wider = self._test(direction)
+        return float(special.fdtrc(number, freedom, max(rise, 0.0) / (number * wider)))
+
+    def threshold(self, direction: Floats | None) -> Threshold:
+        """See `Calibration.threshold`."""
+        _, freedom, wider = self._test(direction)
+        return Threshold(wider / (1 + self.monte_carlo) / self.inflation, freedom, profiled=False)
+
+    @property
+    def joint_freedom(self) -> tuple[float, ...]:
+        """See `Calibration.joint_freedom`."""
+        return (2.0, self._test(None)[1])
+
+    def _test(self, direction: Floats | None) -> tuple[int, float, float]:
+        """How many quantities F is of, its degrees of freedom, and the factor of its limits."""
+        wider = (1 + self.monte_carlo) * self.inflation
+        if direction is not None:
+            bias = float(direction @ self.adjusted @ direction) / float(
+                direction @ self.covariance @ direction
+            )
+            return 1, self.freedom(direction), wider * max(bias, 1.0)
+        root = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        bias = float(np.trace(root @ self.adjusted @ root.T)) / 2
+        # Kenward and Roger's section 2.3, for two quantities
+        change = root @ self.changes @ root.T
+        trace, of_pairs = np.einsum("kii->k", change), np.einsum("kij,lji->kl", change, change)
+        A1, A2 = float(trace @ self.of_variances @ trace), float(np.sum(self.of_variances * of_pairs))
+        B, g = (A1 + 6 * A2) / 4, (3 * A1 - 6 * A2) / (4 * A2)
+        c1, c2, c3 = np.array([g, 2 - g, 4 - g]) / (6 + 2 * (1 - g))
+        mean = 1 / max(1 - A2 / 2, 1e-9)
+        variance = (1 + c1 * B) / ((1 - c2 * B) ** 2 * (1 - c3 * B))
+        ratio = variance / (2 * mean**2)
+        few = min(self.freedom(column) for column in np.linalg.eigh(self.adjusted)[1].T)
+        if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:  # too few groups for its expansion
+            return 2, few, wider * max(bias, 1.0)
+        freedom = 4 + 4 / (2 * ratio - 1)
+        return 2, freedom, wider * max(bias, 1.0) * mean * (freedom - 2) / freedom
+
+
+AnyCalibration: TypeAlias = Calibration | GroupCalibration

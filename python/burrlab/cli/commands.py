@@ -100,6 +100,14 @@ def _named(text: str) -> list[tuple[str, str]]:
 
 
 @parsed_by
+def _groups(text: str) -> dict[str, str]:
+    """NAME=HEADING,NAME=HEADING, or none."""
+    parts = re.split(r"(?:^|,)(\w+(?: \w+)*)=", text)
+    refuse(text != "none" and (parts[0] or len(parts) < 2), f"must be NAME=HEADING,... or none, got '{text}'")
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+@parsed_by
 def _pair(text: str) -> tuple[float, float]:
     values = [positive(part) for part in text.split(",")]
     refuse(len(values) != 2, f"must be C_E,ALPHA, got '{text}'")
@@ -165,8 +173,7 @@ LAYOUT = OptionGroup("files of another program, all of the same layout", (
     option("--encoding", "such as cp1252, latin-1 or utf-16; default UTF-8"),
     option(
         "--groups", "headings of the labels of days, operators or drills: runs of a group share an effect; 'none' "
-        "leaves the labels of a file out", type=parsed_by(lambda text: {} if text == "none" else dict(_named(text))),
-        metavar="NAME=HEADING,...",
+        "leaves the labels of a file out", type=_groups, metavar="NAME=HEADING,...",
     ),
     option("--specimen", "heading of the labels of specimens"),
 ))  # fmt: skip

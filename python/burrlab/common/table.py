@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import real, refuse, scalar, shown
@@ -496,8 +496,8 @@ class TableData(Tabular):
         columns: Mapping[str, Any],
         source: str,
         provenance: Mapping[str, Any] | None,
-        groups: Mapping[str, ArrayLike] | None,
-        specimen: ArrayLike | None,
+        groups: Mapping[str, Any] | None,
+        specimen: Any,
         **numbers: float | None,
     ) -> None:
         """Sets the fields: columns of numbers as read-only copies, source, provenance, labels, numbers for all rows."""
@@ -525,17 +525,15 @@ class TableData(Tabular):
             )
         object.__setattr__(self, "groups", self._labels(groups, specimen))
 
-    def _labels(
-        self, groups: Mapping[str, ArrayLike] | None, specimen: ArrayLike | None
-    ) -> dict[str, tuple[str, ...]]:
+    def _labels(self, groups: Mapping[str, Any] | None, specimen: Any) -> dict[str, tuple[str, ...]]:
         """Labels of the rows as texts, by name; ValueError for a row without one."""
-        if not isinstance(groups, Mapping | None):
+        if groups is not None and not isinstance(groups, Mapping):
             raise TypeError(f"groups must be a mapping, such as {{'day': labels}}, got {shown(groups)}")
         columns = dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
         labels = {}
         for name, column in columns.items():
             refuse(
-                not isinstance(name, str) or not re.fullmatch(r"\w+( \w+)*", name),
+                not re.fullmatch(r"\w+( \w+)*", str(name)),
                 f"the name of a group must be of letters, digits and single blanks: got {name!r}",
             )
             texts = [_label(label) for label in (column if np.ndim(column) else [column] * self._n_labels)]
@@ -543,10 +541,9 @@ class TableData(Tabular):
                 len(texts) != self._n_labels,
                 f"{name} must have {self._n_labels} labels, one a {self._LABELLED}: got {len(texts)}",
             )
-            refuse(
-                "" in texts, f"row {texts.index('') if '' in texts else 0}, {name}: every row needs a label"
-            )
-            labels[name] = tuple(texts)
+            if "" in texts:
+                raise ValueError(f"row {texts.index('')}, {name}: every row needs a label")
+            labels[str(name)] = tuple(texts)
         return labels
 
     @property

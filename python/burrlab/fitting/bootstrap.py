@@ -220,6 +220,10 @@ def bootstrap(
         seed is None and store is not None, "a store needs a seed, for it finds results by it: got seed None"
     )
     evidence = fit._evidence()
+    refuse(
+        evidence.groups is not None,
+        "a bootstrap draws runs, not groups: it needs a fit without groups, such as fit(data, groups=())",
+    )
     identified = evidence.profile.identified
     seed = seed_or_new(seed)
     low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)

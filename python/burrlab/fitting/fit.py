@@ -23,7 +23,13 @@ from burrlab.fitting.diagnostics import (
     lack_of_fit,
     plausibility,
 )
-from burrlab.fitting.groups import GroupEvidence, GroupLikelihood, at_best_variances, components_of
+from burrlab.fitting.groups import (
+    GroupEvidence,
+    GroupLikelihood,
+    at_best_variances,
+    components_of,
+    group_sentences,
+)
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -479,7 +485,13 @@ def _weighed(
     )
     status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
     conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
-    texts = (fits.sentence, at, *doubts(likely, o, rows), conclusion, grouped.sentence if grouped else "")
+    texts = (
+        fits.sentence,
+        at,
+        *doubts(likely, o, rows),
+        conclusion,
+        *group_sentences(o, grouped, profiled.identified),
+    )
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 
 

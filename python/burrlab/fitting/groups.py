@@ -29,7 +29,7 @@ from burrlab.common.table import by_value
 from burrlab.fitting.calibration import GroupCalibration, RowScatter
 from burrlab.fitting.likelihood import MODEL_ERROR, AlphaSlices, Likelihood, Model
 from burrlab.fitting.observations import Floats, Group, Observations, Rows
-from burrlab.fitting.profile import ALPHA, Interval
+from burrlab.fitting.profile import ALPHA, Combination, Interval
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
@@ -175,21 +175,34 @@ class _Equations:
             for j, (second, b) in enumerate(zip(blocks, weights, strict=True), start=len(self.free)):
                 information[i, j] = np.sum(self.WPW[first, second] ** 2)
                 bias[i, j] = a.T @ self.WPW[first, second] @ b
-        covariance = np.linalg.pinv(information / 2, rcond=1e-12, hermitian=True)  # of the variances
+        covariance = np.asarray(
+            np.linalg.pinv(information / 2, rcond=1e-12, hermitian=True), np.float64
+        )  # of the variances
         Phi = M[self.model.n_random :, self.model.n_random :]
         adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
         return GroupCalibration(Phi, (adjusted + adjusted.T) / 2, np.array(changes), covariance)
 
 
 def _reml(model: _LinearModel) -> _Equations:
-    """The equations at the variances of the highest restricted likelihood."""
+    """The equations at the variances of the highest restricted likelihood.
+
+    It is sought from all scatter within groups, and from as much between them as the rows show.
+    """
     free, n_effects = np.flatnonzero(~model.known), len(model.blocks)
-    start = np.array([1.0 if known else max(G[-1, -1] / n, MODEL_ERROR**2)
-                      for G, n, known in zip(model.products, model.n, model.known, strict=True)])  # fmt: skip
-    unit = start[0]  # of the effects' variances, which lie between 0 and thousands of it
+    whole, within = np.ones((2, len(model.n)))
+    for k in free:
+        G = model.products[k]
+        fixed = np.linalg.pinv(G[:-1, :-1], rcond=1e-9, hermitian=True)
+        rest = float(G[-1, -1] - G[:-1, -1] @ fixed @ G[:-1, -1])
+        freedom = model.n[k] - np.linalg.matrix_rank(
+            G[:-1, :-1], tol=1e-9 * np.trace(G[:-1, :-1]), hermitian=True
+        )
+        whole[k] = max(G[-1, -1] / model.n[k], MODEL_ERROR**2)
+        within[k] = max(rest / freedom, MODEL_ERROR**2) if freedom > 0 else whole[k] / 4
+    unit = within[0]  # of the effects' variances, which lie between 0 and many times it
 
     def equations(x: Floats) -> _Equations:
-        scatter2 = start.copy()
+        scatter2 = np.ones(len(whole))
         scatter2[free] = np.exp(x[: len(free)])
         return _Equations(model, scatter2, unit * x[len(free) :])
 
@@ -197,12 +210,15 @@ def _reml(model: _LinearModel) -> _Equations:
         at = equations(x)
         return at.criterion(), at.score() * np.append(at.scatter2[free], np.full(n_effects, unit))
 
-    begin = np.append(np.log(start[free]), np.full(n_effects, 0.5))
-    bounds = [(2 * np.log(MODEL_ERROR), np.log(start[k]) + 5) for k in free] + [(0.0, 1e6)] * n_effects
-    found = scipy.optimize.minimize(
-        height, begin, jac=True, bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7}
-    )
-    return equations(found.x)
+    bounds = [(2 * np.log(MODEL_ERROR), np.log(whole[k]) + 5) for k in free] + [(0.0, 1e6)] * n_effects
+    ends = [
+        scipy.optimize.minimize(
+            height, np.append(np.log(scatter2[free]), np.full(n_effects, between / unit)), jac=True, bounds=bounds,
+            method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7},
+        )
+        for scatter2, between in ((whole, 0.5 * unit), (within, max(whole.max() - within.max(), 0.1 * unit)))
+    ]  # fmt: skip
+    return equations(min(ends, key=lambda end: float(end.fun)).x)
 
 
 def at_best_variances(
@@ -296,7 +312,7 @@ class GroupLikelihood(Likelihood):
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[RowScatter, ...], Floats]:
         """See `Likelihood`."""
         equations, model = self.equations, self.equations.model
-        total = np.linalg.pinv(equations.M[model.n_random :, model.n_random :])
+        total = np.asarray(np.linalg.pinv(equations.M[model.n_random :, model.n_random :]), np.float64)
         scatters = [
             RowScatter(rows.name, rows.n, rows.known, 0.0, 1.0 if rows.known else float(np.sqrt(s2)))
             for rows, s2 in zip(model.rows, equations.scatter2, strict=True)
@@ -357,7 +373,7 @@ class GroupEvidence:
 
     effects: tuple[GroupEffect, ...]
     scatter2: Floats  #: variance of each scatter
-    uncertainty: GroupCalibration
+    calibration: GroupCalibration
 
     @classmethod
     def of(cls, likelihood: GroupLikelihood) -> "GroupEvidence":
@@ -381,17 +397,41 @@ class GroupEvidence:
         effect2 = np.array([x.deviation**2 for x in self.effects])
         return GroupLikelihood(plain, components, point, self.scatter2, effect2)
 
-    @property
-    def sentence(self) -> str:
-        """Which groups were used, and on how much alpha's interval rests."""
-        texts = [
-            f"{len(x.levels)} {x.group}s ({100 * x.deviation:.2g} % in {x.quantity})" for x in self.effects
-        ]
-        freedom = self.uncertainty.freedom(ALPHA)
-        return (
-            f"With {', '.join(texts)} alpha's interval rests on {freedom:.2g} degree{'s'[: freedom >= 1.05]} of "
-            "freedom."
+
+def group_sentences(o: Observations, grouped: GroupEvidence | None, identified: Combination) -> list[str]:
+    """What the groups tell, in plain words, and what they cannot tell."""
+    sentences, effects = [], grouped.effects if grouped else ()
+    for group in o.groups:
+        n_levels, differs = len(group.levels), [x for x in effects if x.group == group.name]
+        if differs:
+            texts = [
+                f"{x.quantity} differs by {100 * x.deviation:.2g} % ({_span(x.interval)})" for x in differs
+            ]
+            sentences.append(f"Between the {n_levels} {group.name}s {' and '.join(texts)}.")
+        elif n_levels == 1:
+            sentences.append(
+                f"All runs are of one {group.name}: nothing here tells the {group.name} from the bone."
+            )
+        else:
+            sentences.append(
+                f"Each run has a {group.name} of its own: nothing tells the {group.name}s from the scatter."
+            )
+        if group.name == "specimen" and n_levels == 2:
+            sentences.append("Whether c_e differs between specimens cannot be known from fewer than three.")
+    if grouped:
+        direction = np.array([-identified.exponent, 1.0])
+        of_alpha, best = (grouped.calibration.freedom(d) for d in (ALPHA, direction))
+        sentences.append(
+            f"The interval of alpha rests on {of_alpha:.2g} degrees of freedom, that of alpha/c_e^{identified.exponent:.3g} "
+            f"on {best:.2g}."
         )
+    return sentences
+
+
+def _span(interval: Interval) -> str:
+    assert interval.lower is not None
+    low = f"{100 * interval.lower:.2g}"
+    return f"{low} % up" if interval.upper is None else f"{low} to {100 * interval.upper:.2g} %"
 
 
 def _deviation_interval(equations: _Equations, block: slice) -> Interval:

@@ -149,7 +149,8 @@ class Observations:
     def run_number(self) -> list[int]:
         """The run of each velocity row: segments of a trace share one."""
         single = self.run < 0
-        return np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run).tolist()
+        numbers: list[int] = np.where(single, self.run.max(initial=-1) + np.cumsum(single), self.run).tolist()
+        return numbers
 
     @property
     def has_sigma(self) -> bool:

@@ -307,7 +307,7 @@ class Evidence:
         """The limits that the intervals and tests use."""
         inflation = 1.0 if self.goodness is None else self.goodness.inflation
         if self.groups is not None:
-            return replace(self.groups.uncertainty, monte_carlo=self.monte_carlo, inflation=inflation)
+            return replace(self.groups.calibration, monte_carlo=self.monte_carlo, inflation=inflation)
         return Calibration(self.scatters, self.information, self.shares, self.monte_carlo, inflation)
 
 

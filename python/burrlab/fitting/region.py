@@ -98,6 +98,10 @@ class RegionGrid:
     def of(cls, fit: FitRecord) -> "RegionGrid":
         """The grid of a fit, up to the upper bound of its search where the region is open."""
         calibration = fit._evidence().calibration
+        if not isinstance(calibration, Calibration):
+            raise ValueError(
+                "a design needs a fit without groups, such as fit(data, groups=()): got one with groups"
+            )
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
         domain = Domain.of(
             fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)

@@ -118,8 +118,8 @@ class VelocityCurve(TableData):
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
         radius: float | None = None,
-        groups: Mapping[str, ArrayLike] | None = None,
-        specimen: ArrayLike | None = None,
+        groups: Mapping[str, Any] | None = None,
+        specimen: Any = None,
     ) -> None:
         refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
         columns = {
@@ -353,8 +353,8 @@ class Indentation(TableData):
         sigma: ArrayLike | None = None,
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
-        groups: Mapping[str, ArrayLike] | None = None,
-        specimen: ArrayLike | None = None,
+        groups: Mapping[str, Any] | None = None,
+        specimen: Any = None,
     ) -> None:
         columns = {"force": force, "depth": depth, "sigma": sigma}
         self._keep(columns, source, provenance, groups, specimen, radius=radius)

@@ -111,8 +111,8 @@ class DepthTrace(TableData):
         end_mm: float | None = None,
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
-        groups: Mapping[str, ArrayLike] | None = None,
-        specimen: ArrayLike | None = None,
+        groups: Mapping[str, Any] | None = None,
+        specimen: Any = None,
     ) -> None:
         columns = {"time": time, "immersion": immersion}
         self._keep(columns, source, provenance, groups, specimen, force=force, radius=radius)

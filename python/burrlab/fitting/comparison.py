@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -362,25 +362,27 @@ class _Side:
         self.joint = self.calibration.threshold(None)
         self.variance = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
         self.variance *= self.joint.inflation * self.wider
-        self._bands = cache(self._bands_at)
+        self._bands: dict[Threshold, tuple[Floats, Floats]] = {}
 
     def _rise(self, threshold: Threshold, t: Any) -> Any:
         """Rise of -2 log L at a distance of t standard errors."""
         return self.wider * threshold.rise(np.square(t))
 
-    def _bands_at(self, threshold: Threshold) -> tuple[Floats, Floats]:
+    def bands(self, threshold: Threshold) -> tuple[Floats, Floats]:
         """Lowest and highest log alpha at each distance and c_e; NaN outside."""
-        bands = np.array([self.walk.band(self.base + rise) for rise in self._rise(threshold, _T)])
-        bands[0] = np.nan
-        bands[0, :, self.best] = self.walk.alpha[self.best]
-        with np.errstate(divide="ignore"):
-            low, high = np.log(bands).swapaxes(0, 1)
-        return low, high
+        if threshold not in self._bands:
+            bands = np.array([self.walk.band(self.base + rise) for rise in self._rise(threshold, _T)])
+            bands[0] = np.nan
+            bands[0, :, self.best] = self.walk.alpha[self.best]
+            with np.errstate(divide="ignore"):
+                low, high = np.log(bands).swapaxes(0, 1)
+            self._bands[threshold] = low, high
+        return self._bands[threshold]
 
     def ends(self, h: Floats, direction: Floats) -> _Ends:
         """Of log alpha + h(c_e); `direction` is its gradient over (log c_e, log alpha)."""
         threshold = self.calibration.threshold(direction)
-        low, high = self._bands(threshold)
+        low, high = self.bands(threshold)
         lower, upper = np.nanmin(low + h, axis=1), np.nanmax(high + h, axis=1)
         far = np.isfinite(low[:, -1]) & (not self.domain.high_hard)
         g = np.log(self.walk.alpha[-2:]) + h[-2:]

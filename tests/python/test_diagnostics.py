@@ -11,7 +11,7 @@ import burrlab
 from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
 from burrlab.fitting import diagnostics
 from burrlab.fitting.calibration import Calibration
-from burrlab.fitting.diagnostics import PLAUSIBLE
+from burrlab.fitting.diagnostics import PLAUSIBLE, against_order, order_tests
 from burrlab.fitting.fit import Fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
@@ -131,6 +131,52 @@ def test_rows_of_several_curves_keep_their_numbers():
     (row,) = fit([curve(seed=3), skipped]).evidence.rows
     assert (row.data_set, row.row) == (1, 8)
     assert row.sentence.startswith("Row 8 of data set 2, 1.91 N, stands out")
+
+
+class TestOrder:
+    """A curve of 24 rows in random order, and what its order may hold."""
+
+    def rows(self, seed, *, drift=0.0, days=0.0, bend=0.0, spread=0.0, mixed=True):
+        random = np.random.default_rng(seed)
+        F = np.repeat(np.geomspace(0.3, 2.2, 8), 3)
+        F = random.permutation(F) if mixed else F
+        change = (
+            drift * np.linspace(-0.5, 0.5, 24)
+            + days * np.repeat(random.normal(size=3), 8)
+            + bend * np.log(F) ** 2
+        )
+        scatter = np.where(F < 0.8, 0.05 + spread, 0.05) * random.normal(size=24)
+        v = burrlab.penetration_velocity(burrlab.Burr(3.0), burrlab.materials["bone"], F) * np.exp(
+            change + scatter
+        )
+        fit = burrlab.fit(burrlab.VelocityCurve(F, v, radius=3.0), plausible=None)
+        return fit, {test.name: test for test in order_tests(fit.likelihood, (fit.c_e, fit.alpha))}
+
+    def test_what_is_noticed_and_said(self):
+        fit, found = self.rows(1, drift=0.4)
+        assert found["drift"].p_value < 1e-3
+        assert "From the first row to the last the residuals drift by 0.44" in fit.verdict
+        fit, found = self.rows(3, days=0.3)
+        assert found["neighbours"].p_value < 1e-3
+        assert "label these (groups)" in fit.verdict
+        fit, found = self.rows(5, spread=0.3)
+        assert found["scatter"].p_value < 1e-3
+        assert "The scatter falls with the force" in fit.verdict
+
+    def test_rows_in_the_order_of_their_forces_are_no_days(self):
+        """A bend over the force is none either: the law is wrong."""
+        fit, found = self.rows(1, bend=0.2, mixed=False)
+        assert list(found) == ["scatter"]
+        assert "nothing tells a drift or days from the force" in fit.report()
+        _, found = self.rows(1, bend=0.2)
+        assert min(found["drift"].p_value, found["neighbours"].p_value) > 0.01
+
+    @pytest.mark.slow
+    def test_clean_sets_are_left_alone(self):
+        """4000 sets: at most 2 % in all, within four standard errors."""
+        fired = sum(bool(against_order([*self.rows(seed)[1].values()])) for seed in range(4000))
+        print(f"tests of order and scatter fire in {fired / 40:.2f} % of clean sets")
+        assert fired < 80 + 4 * 80**0.5
 
 
 def test_copies():

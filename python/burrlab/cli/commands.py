@@ -108,6 +108,19 @@ def _groups(text: str) -> dict[str, str]:
 
 
 @parsed_by
+def _sizes(text: str) -> dict[str, Any]:
+    """NAME=NUMBER,NAME=NUMBER:NUMBER,NAME=NUMBER:TEXT."""
+    sizes: dict[str, Any] = {}
+    for part in text.split(","):
+        name, _, size = part.partition("=")
+        refuse(not name or not size, f"must be NAME=NUMBER,..., got '{text}'")
+        number, *others = size.split(":", 1)
+        beside = [other if other[:1].isalpha() else positive(other) for other in others]
+        sizes[name] = (positive(number), *beside) if beside else positive(number)
+    return sizes
+
+
+@parsed_by
 def _pair(text: str) -> tuple[float, float]:
     values = [positive(part) for part in text.split(",")]
     refuse(len(values) != 2, f"must be C_E,ALPHA, got '{text}'")
@@ -176,6 +189,20 @@ LAYOUT = OptionGroup("files of another program, all of the same layout", (
         "leaves the labels of a file out", type=_groups, metavar="NAME=HEADING,...",
     ),
     option("--specimen", "heading of the labels of specimens"),
+))  # fmt: skip
+_OFFSETS = OptionGroup("what is not quite known (docs/fit.md)", (
+    option(
+        "--uncertain", "standard deviations of offsets of force [N], surface and radius [mm], one offset a data set, or one "
+        "a label of a group: surface=0.05,force=0.02:day", type=_sizes, metavar="NAME=SIZE[:GROUP],...",
+    ),
+    option(
+        "--estimate", "offsets that the data shall tell: force, surface, radius, and order (a drift from run to run)",
+        type=lambda text: text.split(","), default=[], metavar="NAME,...",
+    ),
+    option(
+        "--known", "c_e [N/mm^2] or alpha [1/ms] from elsewhere, and their standard deviations: c_e=2.145:0.1",
+        type=_sizes, metavar="NAME=VALUE[:SD],...",
+    ),
 ))  # fmt: skip
 _EXPERIMENT = (
     *MATERIAL,
@@ -290,6 +317,7 @@ COMMANDS = {
         option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
         option("--store", "voxel engine: keeps descents, the same command goes on", metavar="FILE"),
         LAYOUT,
+        _OFFSETS,
         *OUTPUT,
     )),
     "compare": Command("descent", "Are velocity-force curves of one material? Each file is fitted by itself.", (
@@ -301,7 +329,12 @@ COMMANDS = {
         _RADIUS,
         _SHAPE,
         option("--residuals", "sigma: of files that have one; the others stay relative", **_RESIDUALS),
+        option(
+            "--shared", "uncertain offsets that the files have in common, such as force: they cancel",
+            type=lambda text: text.split(","), default=[], metavar="NAME,...",
+        ),
         LAYOUT,
+        _OFFSETS,
         *OUTPUT,
     )),
     "design": Command("descent", "Which measurement next? Rank candidates by how they shrink the joint region.", (

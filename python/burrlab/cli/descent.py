@@ -126,8 +126,8 @@ def do_fit(options: Options) -> int:
         shape=options.shape,
         engine=_engine(options),
         residuals=options.residuals,
-        groups=() if options.groups == {} else None,
         seed=options.seed,
+        **_effects(options),
     )
     points = {} if options.test is None else {"given": options.test}
     plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
@@ -159,11 +159,11 @@ def do_compare(options: Options) -> int:
                 curve,
                 shape=options.shape,
                 residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
-                groups=() if options.groups == {} else None,
+                **_effects(options),
             )
         )
     names = ["standard input" if file == "-" else file for file in options.file]
-    result = burrlab.compare(*fits, margin=options.margin, names=names)
+    result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), result.report())
     return 0
@@ -196,6 +196,16 @@ def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation 
     for kind in ("indentation", "trace"):
         data_sets += read_data(options, kind, radius=options.radius)
     return data_sets
+
+
+def _effects(options: Options) -> dict[str, Any]:
+    """What `burrlab.fit` is told of groups, offsets and known values."""
+    return {
+        "groups": () if options.groups == {} else None,
+        "uncertain": options.uncertain,
+        "estimate": options.estimate,
+        "known": options.known,
+    }
 
 
 def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:

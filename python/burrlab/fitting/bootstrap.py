@@ -221,8 +221,8 @@ def bootstrap(
     )
     evidence = fit._evidence()
     refuse(
-        evidence.groups is not None,
-        "a bootstrap draws runs, not groups: it needs a fit without groups, such as fit(data, groups=())",
+        evidence.mixed is not None,
+        "a bootstrap draws runs, not groups or offsets: it needs a fit without, such as fit(data, groups=())",
     )
     identified = evidence.profile.identified
     seed = seed_or_new(seed)

@@ -121,6 +121,13 @@ class Calibration:
         nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
         return Threshold(inflation, nu if nu < 1e9 else np.inf)
 
+    def variance(self, direction: Floats) -> tuple[float, float]:
+        """Squared standard error along a gradient over (log c_e, log alpha), and its degrees of freedom."""
+        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(len(self.total)))
+        threshold = self.threshold(direction)
+        wider = (1 + self.monte_carlo) * self.inflation * threshold.inflation
+        return wider * float(direction @ inverse @ direction), threshold.nu
+
     @property
     def joint_freedom(self) -> tuple[float, ...]:
         """Of the test of both parameters: two, and a denominator where one scatter is estimated."""
@@ -151,7 +158,7 @@ class Calibration:
 
 @by_value
 @dataclass(frozen=True)
-class GroupCalibration:
+class MixedCalibration:
     """Covariance of (log c_e, log alpha), and the limits that follow from few groups."""
 
     covariance: Floats  #: Phi, shape (2, 2), at the estimated variances
@@ -161,12 +168,22 @@ class GroupCalibration:
     monte_carlo: float = 0.0  #: as in `Calibration`
     inflation: float = 1.0
 
+    @property
+    def exponent(self) -> float:
+        """p of the smallest standard error of log alpha - p log c_e."""
+        return float(self.covariance[0, 1] / self.covariance[0, 0])
+
     def freedom(self, direction: Floats) -> float:
         """Degrees of freedom of the standard error along a gradient over (log c_e, log alpha); 1 or more."""
         change = np.einsum("i,kij,j->k", direction, self.changes, direction)
         spread = float(change @ self.of_variances @ change)
         variance = float(direction @ self.covariance @ direction)
         return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, 1e9))
+
+    def variance(self, direction: Floats) -> tuple[float, float]:
+        """See `Calibration.variance`."""
+        wider = (1 + self.monte_carlo) * self.inflation
+        return wider * float(direction @ self.adjusted @ direction), self.freedom(direction)
 
     def limit(self, level: float, direction: Floats | None = None) -> float:
         """Largest rise of -2 log L inside `level`; see `Calibration.limit`."""
@@ -190,7 +207,7 @@ class GroupCalibration:
     @property
     def joint_freedom(self) -> tuple[float, ...]:
         """See `Calibration.joint_freedom`."""
-        return (2.0, self._test(None)[1])
+        return (2.0, float(self._test(None)[1]))
 
     def _test(self, direction: Floats | None) -> tuple[int, float, float]:
         """How many quantities F is of, its degrees of freedom, and the factor of its limits."""
@@ -218,4 +235,4 @@ class GroupCalibration:
         return 2, freedom, wider * max(bias, 1.0) * mean * (freedom - 2) / freedom
 
 
-AnyCalibration: TypeAlias = Calibration | GroupCalibration
+AnyCalibration: TypeAlias = Calibration | MixedCalibration

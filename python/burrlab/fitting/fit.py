@@ -1,7 +1,7 @@
 """The fit of c_e and alpha to velocities, traces and indentations."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, get_args
 
@@ -16,21 +16,24 @@ from burrlab.fitting.diagnostics import (
     PLAUSIBLE,
     HypothesisTest,
     Point,
+    against_order,
     doubts,
     fall_with_depth,
     goodness,
     influence,
     lack_of_fit,
+    order_tests,
     plausibility,
 )
-from burrlab.fitting.groups import (
-    GroupEvidence,
-    GroupLikelihood,
+from burrlab.fitting.likelihood import Beliefs, Likelihood, MeanFieldModel
+from burrlab.fitting.linear import Uncertain, check_offsets, components_of
+from burrlab.fitting.mixed import (
+    MixedEvidence,
+    MixedLikelihood,
     at_best_variances,
-    components_of,
-    group_sentences,
+    effect_sentences,
+    what_opens,
 )
-from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
     Box,
@@ -65,6 +68,8 @@ _RESULTS = {
 _STEP = 0.02  # first step, in logarithms: the search stays at the minimum that it checks
 _CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
 _LONGEST = 1000  # evaluations
+_STEPS = 1e-4  # of -2 log L: the sum of an offset's parts has steps, where one of them has no window
+_EXACT = 1e-3  # relative standard deviation of a value that is known without one; the model's own error is twice that
 
 
 @doing("fit")
@@ -76,6 +81,9 @@ def fit(
     engine: Engine | VoxelEngine = "mean-field",
     residuals: ResidualKind = "relative",
     groups: Sequence[str] | None = None,
+    uncertain: Uncertain | None = None,
+    estimate: Sequence[str] = (),
+    known: Mapping[str, float | tuple[float, float]] | None = None,
     seed: int | None = None,
     bounds: Bounds | None = None,
     plausible: Bounds | None = PLAUSIBLE,
@@ -108,6 +116,18 @@ def fit(
     groups : sequence of str, optional
         Names of the data's groups to use: ``("day", "specimen")``; by default all that the data carry, ``()`` for
         none. Runs of a group share an effect; c_e and alpha are then those of the population of groups.
+    uncertain : dict, optional
+        Standard deviations of offsets of what was measured, ``{"force": 0.02, "surface": 0.05, "radius": 0.03}``
+        [N], [mm], [mm]: a load cell not quite zero, a surface not quite known, a burr that is worn. Each data set
+        has an offset of its own; each day, with ``{"force": (0.02, "day")}``.
+    estimate : sequence of str, optional
+        Offsets that the data shall tell, one for all: ``"force"`` (a tare, or a friction that must be overcome),
+        ``"surface"``, ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). They are
+        taken within half the median force, R/10, and a factor of e (standard deviations, ours): more than data that
+        tell them leave open.
+    known : dict, optional
+        ``{"c_e": (value, standard deviation)}`` from elsewhere [N/mm^2], or of ``"alpha"`` [1/ms]; a value alone is
+        taken to 0.1 %.
     seed : int, optional
         Seed of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
@@ -160,8 +180,8 @@ def fit(
 
     A day (or operator, session, drill) shifts log alpha of its runs by a normal effect; a specimen shifts log
     alpha and, from three specimens on, log c_e. Their variances are estimated by REML with the model linear about
-    the fit, and the limits of the intervals have the degrees of freedom that the groups leave in each direction
-    (`burrlab.fitting.groups`, docs/inference.md).
+    the fit, and the limits of the intervals have the degrees of freedom that the groups leave in each direction. An
+    offset has the model's own derivative by it, and a given standard deviation (docs/inference.md).
 
     References
     ----------
@@ -188,22 +208,15 @@ def fit(
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
-    observations, bounds = Observations.of(sets, burr, groups), bounds or {}
-    components = components_of(observations)
-    refuse(
-        components and residuals != "relative",
-        f"residuals must be 'relative' with groups, or groups=() leave them out: got {residuals!r}",
-    )
-    refuse(
-        residuals == "sigma" and not observations.has_sigma,
-        "residuals 'sigma' need a sigma in every row that has a velocity",
-    )
-    refuse(
-        seed is None and voxels is not None and voxels.store is not None,
-        "seed must be given with a store, which finds results by it, got None",
-    )
+    check_offsets(uncertain, estimate)
+    observations, beliefs = Observations.of(sets, burr, groups), _beliefs(known)
+    bounds = _around(beliefs) | (bounds or {})
+    components = components_of(observations, uncertain, estimate)
+    mixed = bool(components or beliefs)
+    _check_rows(observations, residuals, mixed)
+    _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
     seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
-    likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
+    likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
     # walk
     domain = Domain.of(likelihood, box, bounds)
@@ -218,15 +231,18 @@ def fit(
             failure = descents
         else:
             table, record = descents
-            likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table))
+            likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table), beliefs)
             searches, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field))
             starts = searches or starts
             failure = "" if searches else "No c_e within its bounds gave every row a velocity."
-    if components and not failure:
+    if mixed and not failure:
         end = starts[0].end
         likelihood, end = at_best_variances(likelihood, components, end, (box.lower[0], box.upper[0]))
-        starts, missed = _searched(likelihood, domain, box, ("at the groups' variances", end))
+        box = _box(likelihood, bounds)  # offsets move the bounds that windows set
+        domain = Domain.of(likelihood, box, bounds)
+        starts, missed = _searched(likelihood, domain, box, ("at the effects' variances", end))
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
+    likelihood = likelihood.about(best.end)
     # intervals and verdict
     evidence, lack, status, reason = None, None, "not-converged", failure
     if not failure:
@@ -247,7 +263,7 @@ def fit(
         reason=reason,
         starts=starts,
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
-        given_bounds=tuple(bounds),
+        given_bounds=tuple(name for name in bounds if name not in (known or {})),
         evidence=evidence,
         lack_of_fit=lack,
         **_described(likelihood, best.end, evidence is not None),
@@ -265,10 +281,17 @@ def fit(
             residuals=residuals,
             seed=seed,
             nlopt=nlopt.__version__,
-            **({"groups": [group.name for group in observations.groups]} if observations.groups else {}),
+            **_told(observations, beliefs),
             **({} if voxels is None else voxels._described()),
         ),
     )
+
+
+def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
+    """Groups and known values, where there are any, as the provenance keeps them."""
+    groups = [group.name for group in observations.groups]
+    known = {name: (value, deviation) for name, value, deviation in beliefs}
+    return ({"groups": groups} if groups else {}) | ({"known": known} if known else {})
 
 
 def _box(likelihood: Likelihood, bounds: Bounds) -> Box:
@@ -319,6 +342,53 @@ def _check(burr: object, residuals: str, voxels: VoxelEngine | None) -> None:
     )
 
 
+def _around(beliefs: Beliefs) -> Bounds:
+    """Bounds at eight standard deviations of what is known."""
+    reach = {name: (value, float(np.exp(max(8 * deviation, 0.01)))) for name, value, deviation in beliefs}
+    return {name: (value / factor, value * factor) for name, (value, factor) in reach.items()}
+
+
+def _check_rows(observations: Observations, residuals: str, mixed: bool) -> None:
+    refuse(
+        mixed and residuals != "relative",
+        "residuals must be 'relative' with groups, offsets or known values, or groups=() leave them out: got "
+        f"{residuals!r}",
+    )
+    refuse(
+        residuals == "sigma" and not observations.has_sigma,
+        "residuals 'sigma' need a sigma in every row that has a velocity",
+    )
+
+
+def _check_voxels(voxels: VoxelEngine | None, seed: int | None, lengths: set[str]) -> None:
+    if voxels is not None:
+        refuse(
+            seed is None and voxels.store is not None,
+            "seed must be given with a store, which finds results by it, got None",
+        )
+        refuse(lengths, f"the voxel engine takes offsets of force alone: got {min(lengths, default='')}")
+
+
+def _beliefs(known: Mapping[str, float | tuple[float, float]] | None) -> Beliefs:
+    """Name, value and relative standard deviation of what is known; ValueError unless a dict of positive numbers."""
+    if not isinstance(known, (dict, type(None))):
+        raise TypeError(f"known must be a dict such as {{'c_e': (2.1, 0.1)}}, got {shown(known)}")
+    beliefs = []
+    for name, pair in (known or {}).items():
+        refuse(
+            name not in PLAUSIBLE,
+            f"known may hold 'c_e' and 'alpha' alone: got {name!r}{nearest(name, PLAUSIBLE)}",
+        )
+        numbers = np.atleast_1d(real(pair, f"known {name}"))
+        refuse(
+            numbers.shape not in ((1,), (2,)) or not ((numbers > 0) & (numbers < np.inf)).all(),
+            f"known {name} must be a value, or a value and its standard deviation, above 0: got {shown(pair)}",
+        )
+        deviation = numbers[1] / numbers[0] if len(numbers) == 2 else _EXACT
+        beliefs.append((name, float(numbers[0]), float(deviation)))
+    return tuple(beliefs)
+
+
 def _check_ranges(name: str, ranges: Bounds | None) -> None:
     """Refuse `bounds` or `plausible` unless None or a dict of positive pairs for c_e and alpha."""
     if not isinstance(ranges, (dict, type(None))):
@@ -347,11 +417,13 @@ def _searched(
     origin, begun_at = begin or ("walk along c_e", end)
     walk = Start(origin, begun_at, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
     ends = [walk]
-    for point in (end, *(minimum.point for minimum in lowest_points[1:])):
+    several = isinstance(likelihood, MixedLikelihood) and likelihood.n_parts > 1
+    for point in (end, *(minimum.point for minimum in ([] if several else lowest_points[1:]))):
         if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
             ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
     lowest = min(float(likelihood.at(minimum.end[0]).minus2(minimum.end[1])[0]) for minimum in ends)
-    return tuple(ends), lowest_points[0].minus2 - lowest
+    missed = lowest_points[0].minus2 - lowest
+    return tuple(ends), 0.0 if several and missed < _STEPS else missed
 
 
 def minimise(
@@ -466,7 +538,7 @@ def _weighed(
         guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
         likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
     rows = influence(likelihood, best, data, bounds, every=False)
-    grouped = GroupEvidence.of(likelihood) if isinstance(likelihood, GroupLikelihood) else None
+    mixed = MixedEvidence.of(likelihood, best) if isinstance(likelihood, MixedLikelihood) else None
     evidence = Evidence(
         likelihood.log_likelihood(*best),
         total,
@@ -481,7 +553,7 @@ def _weighed(
         unscaled,
         likely,
         rows,
-        grouped,
+        mixed,
     )
     status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
     conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
@@ -489,8 +561,13 @@ def _weighed(
         fits.sentence,
         at,
         *doubts(likely, o, rows),
+        "Try residuals='student', which bear them."
+        if rows and likelihood.kind == "relative" and mixed is None
+        else "",
+        *(test.sentence for test in against_order([] if mixed else order_tests(likelihood, best))),
         conclusion,
-        *group_sentences(o, grouped, profiled.identified),
+        what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
+        *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),
     )
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 

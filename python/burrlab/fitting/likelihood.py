@@ -11,7 +11,7 @@ A scatter is estimated, unless sigma is given: -2 log L is taken at the best sca
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 import scipy
@@ -23,9 +23,15 @@ from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
+Beliefs: TypeAlias = tuple[tuple[str, float, float], ...]  # see `Likelihood`
+
 
 class Model(Protocol):
     """Predicts the velocity rows of an `Observations`; the velocity is proportional to alpha."""
+
+    @property
+    def shape(self) -> Shape:
+        """The erosion shape."""
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """Velocity [mm/s] at alpha = 1 /ms, shape of c_e and (n,); NaN where c_e leaves no window."""
@@ -96,7 +102,8 @@ class LinearRows:
     J: Floats  # shape (rows, 2)
     r: Floats
     n: int  # rows that are free
-    place: Mapping[str, Rows]  # level of each row, by group
+    at: Rows  # of each: which velocity row, of a run its first, or which pressed row; empty for beliefs
+    order: Floats  # derivative by a drift of log v, by 1 from the first run to the last
 
 
 class Likelihood:
@@ -109,6 +116,9 @@ class Likelihood:
         Log-normal scatter of the velocities, normal scatter, normal with the given sigma, or Student's t with
         4 degrees of freedom in log velocity, which bears outliers.
     model : Model
+    beliefs : tuple of (str, float, float)
+        What is known of ``"c_e"`` and ``"alpha"`` from elsewhere: name, value and relative standard deviation. They
+        are rows of their own, which count where effects do (`MixedLikelihood`).
 
     Notes
     -----
@@ -122,8 +132,14 @@ class Likelihood:
     data without scatter. Student's t has no such form: see `StudentSlices`.
     """
 
-    def __init__(self, observations: Observations, kind: ResidualKind, model: Model) -> None:
-        self.observations, self.kind, self.model = observations, kind, model
+    def __init__(
+        self,
+        observations: Observations,
+        kind: ResidualKind,
+        model: Model,
+        beliefs: Beliefs = (),
+    ) -> None:
+        self.observations, self.kind, self.model, self.beliefs = observations, kind, model, beliefs
         run = observations.run
         self._single = np.flatnonzero(run < 0)
         self._runs = [np.flatnonzero(run == i) for i in range(int(run.max(initial=-1)) + 1)]
@@ -173,19 +189,28 @@ class Likelihood:
         """All rows near a point, by scatter."""
         segments = np.concatenate([np.empty(0, np.intp), *self._runs])
         velocity = np.append(self._single, [rows[0] for rows in self._runs]).astype(np.intp)
-        tables = []
+        tables, run = [], np.unique(self.observations.run_number, return_inverse=True)[1]
+        rise = run / max(run.max(initial=0), 1) - 0.5
         for name, known, J, r, n in self._derivatives(c_e, alpha):
-            rows = velocity if name == "velocity" else segments
-            place = {
-                group.name: group.pressed if name == "force" else group.velocity[rows]
-                for group in self.observations.groups
-            }
-            tables.append(LinearRows(name, known, J, r, n, place))
+            at = {"velocity": velocity, "segments": segments, "force": np.arange(len(r))}.get(
+                name, velocity[:0]
+            )
+            order = -rise[at] if name == "velocity" else np.zeros(len(r))
+            tables.append(LinearRows(name, known, J, r, n, at, order))
         return tables
 
     def of_rows(self, observations: Observations, model: Model) -> "Likelihood":
         """The same kind of likelihood of other rows."""
-        return Likelihood(observations, self.kind, model)
+        return Likelihood(observations, self.kind, model, self.beliefs)
+
+    @property
+    def kinks(self) -> Floats:
+        """c_e [N/mm^2] at which -2 log L has a kink, where a window begins at static contact."""
+        return self.observations.ridge_entries()
+
+    def about(self, point: tuple[float, float]) -> "Likelihood":
+        """The same likelihood, with rows that have a window at a point."""
+        return self
 
     def calibration(self, c_e: float, alpha: float) -> Any:
         """The limits of the intervals, for a fit at a point."""
@@ -236,8 +261,15 @@ class Likelihood:
             ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
             ("segments", False, self.within_residuals(unit), self.n_within),
             ("force", self.pressed_known, self.pressed_residuals(c_e), len(self.observations.pressed)),
+            ("known", True, self._belief_residuals(c_e, alpha), len(self.beliefs)),
         ]
         return [table for table in tables if table[3]]
+
+    def _belief_residuals(self, c_e: ArrayLike, alpha: float) -> Floats:
+        stiffness = np.asarray(c_e, dtype=np.float64)
+        values = {"c_e": stiffness, "alpha": np.full(stiffness.shape, alpha)}
+        columns = [np.log(values[name] / value) / deviation for name, value, deviation in self.beliefs]
+        return np.stack(columns, axis=-1) if columns else np.empty((*stiffness.shape, 0))
 
     def at(self, c_e: ArrayLike) -> "AlphaSlices":
         """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
@@ -398,7 +430,11 @@ class Likelihood:
                     total += -0.5 * (S + n * float(np.log(2 * np.pi)))
                 else:
                     total += -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
-        o = self.observations
+        return total + self.log_jacobian()
+
+    def log_jacobian(self) -> float:
+        """log of the density of the data in their units over that of the residuals."""
+        o, total = self.observations, 0.0
         if self.log:  # the density is of v, not of log v
             total -= float(np.sum(np.log(o.velocity)))
         elif self.known:

@@ -24,7 +24,12 @@ C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
 _EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, in N, mm/s and mm
 _VELOCITY = ("force", "velocity", "sigma", "window_start", "window_end", "radius", "run", "log_sigma")
-_PRESSED = ("pressed", "pressed_sigma", "pressed_unit")  # columns of velocity rows, and of pressed ones
+_PRESSED = (
+    "pressed",
+    "pressed_sigma",
+    "pressed_depth",
+    "pressed_radius",
+)  # columns of velocity rows, and of pressed
 _MARGIN = 1e-4  # relative distance from the hard bound of c_e, where the window has no length
 
 
@@ -56,11 +61,18 @@ class Observations:
     log_sigma: Floats  # of log velocity [1], from the record of a trace's segment; NaN for a curve's row
     pressed: Floats  # [N], of pressed rows, as the next two
     pressed_sigma: Floats  # [N], NaN where unknown
-    pressed_unit: Floats  # R^2 (h/R)^(3/2) [mm^2], the force at c_e = 1 N/mm^2 (Eq. 3)
+    pressed_depth: Floats  # h [mm]
+    pressed_radius: Floats  # R [mm]
     rows: tuple[tuple[str, Rows], ...]  # of each data set: which table, and its rows there
-    ceiling: float  # [N/mm^2]: a run whose static contact passed its window's end needs c_e below this
+    overloaded: Floats  # F [N], end of window [mm] and R [mm] of runs whose static contact passed that end, shape (3, m)
     n_skipped: int
     n_censored: int
+    eased: float = 1.0  # c_e's lower bound over that of the rows as they are
+    raised: float | None = None  # [N/mm^2], c_e's upper bound instead of that of the overloaded rows
+    measured_force: Floats | None = field(default=None, compare=False)  # [N], where `force` is another
+    sets: Group = field(
+        default_factory=lambda: Group("data set", (), *np.empty((2, 0), np.intp)), compare=False
+    )
     groups: tuple[Group, ...] = field(default=(), compare=False)
 
     @classmethod
@@ -76,13 +88,13 @@ class Observations:
         """
         parts: dict[str, list[Floats]] = {name: [np.empty(0)] for name in (*_VELOCITY, *_PRESSED)}
         rows: list[tuple[str, Rows]] = []
-        ceiling, n_skipped, n_censored, n_runs = np.inf, 0, 0, 0
+        overloaded, n_skipped, n_censored, n_runs = [np.empty((3, 0))], 0, 0, 0
         for data_set in data:
             radius = _radius(data_set, burr)
             columns: dict[str, Any] = {"force": data_set.force, "radius": radius, "run": -1}
             if isinstance(data_set, Indentation):
-                unit = radius**2 * (data_set.depth / radius) ** 1.5
-                columns = {"pressed": data_set.force, "pressed_sigma": data_set.sigma, "pressed_unit": unit}
+                columns = {"pressed": data_set.force, "pressed_sigma": data_set.sigma,
+                           "pressed_depth": data_set.depth, "pressed_radius": radius}  # fmt: skip
             elif isinstance(data_set, DepthTrace):
                 segments = data_set.segments(SEGMENTS)
                 columns |= {"velocity": segments.velocity, "log_sigma": segments.log_sigma, "run": n_runs}
@@ -95,7 +107,7 @@ class Observations:
                     columns[name] = None if column is None else column[ok]
                 over = np.array([s == "overloaded" for s in data_set.status or len(data_set) * ("",)])
                 end = np.full(len(data_set), np.nan) if data_set.window_end is None else data_set.window_end
-                ceiling = float(_static_c_e(data_set.force[over], end[over], radius).min(initial=ceiling))
+                overloaded.append(np.stack([data_set.force[over], end[over], np.full(over.sum(), radius)]))
                 n_skipped, n_censored = n_skipped + int((~ok).sum()), n_censored + int(over.sum())
             kind, names = ("velocity", _VELOCITY) if "velocity" in columns else ("pressed", _PRESSED)
             begin, n = sum(map(len, parts[kind])), len(columns[kind])
@@ -104,8 +116,13 @@ class Observations:
                 parts[name].append(np.broadcast_to(np.asarray(columns.get(name), np.float64), n))
         tables: dict[str, Any] = {name: np.concatenate(pieces) for name, pieces in parts.items()}
         tables["run"] = tables["run"].astype(np.intp)
+        of_set = [
+            np.repeat(np.arange(len(rows)), [len(at) * (name == kind) for name, at in rows])
+            for kind in ("velocity", "pressed")
+        ]
+        sets = Group("data set", tuple(map(str, range(1, len(rows) + 1))), *of_set)
         observations = cls(
-            **tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored,
+            **tables, rows=tuple(rows), overloaded=np.concatenate(overloaded, axis=1), n_skipped=n_skipped, n_censored=n_censored, sets=sets,
             groups=_groups(data, rows, groups),
         )  # fmt: skip
         observations._check()
@@ -156,6 +173,50 @@ class Observations:
     def has_sigma(self) -> bool:
         return bool(np.isfinite(self.sigma).all())
 
+    @property
+    def recorded_force(self) -> Floats:
+        """Force of each velocity row as it was measured [N]."""
+        return self.force if self.measured_force is None else self.measured_force
+
+    @property
+    def pressed_unit(self) -> Floats:
+        """R^2 (h/R)^(3/2) [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3)."""
+        return np.asarray(self.pressed_radius**2 * (self.pressed_depth / self.pressed_radius) ** 1.5)
+
+    def moved(self, offset: str, velocity: Floats | float, pressed: Floats | float) -> "Observations":
+        """The rows as they were if what was measured is off.
+
+        Parameters
+        ----------
+        offset : {"force", "surface", "radius"}
+        velocity, pressed : float or ndarray
+            True less measured force [N], depth or radius [mm], of velocity rows and of pressed rows. Windows stay
+            where they were measured, in mm.
+        """
+        start, end = (
+            np.where(np.isnan(window), part * self.radius, window)
+            for window, part in ((self.window_start, WINDOW_START), (self.window_end, WINDOW_STOP))
+        )
+        F, stop, R = self.overloaded
+        stop, by = np.where(np.isnan(stop), WINDOW_STOP * R, stop), np.mean(velocity)
+        overloaded = np.stack(
+            [F + by * (offset == "force"), stop + by * (offset == "surface"), R + by * (offset == "radius")]
+        )
+        moved = replace(self, window_start=start, window_end=end, overloaded=overloaded)
+        if offset == "force":
+            return replace(
+                moved,
+                force=self.force + velocity,
+                pressed=self.pressed + pressed,
+                measured_force=self.recorded_force,
+            )
+        if offset == "radius":
+            return replace(moved, radius=self.radius + velocity, pressed_radius=self.pressed_radius + pressed)
+        return replace(
+            moved, window_start=np.maximum(start + velocity, 0.0), window_end=end + velocity,
+            pressed_depth=self.pressed_depth + pressed,
+        )  # fmt: skip
+
     def with_outcomes(self, velocity: Floats, pressed: Floats) -> "Observations":
         """The same experiment with other outcomes."""
         return replace(self, velocity=velocity, pressed=pressed)
@@ -163,7 +224,11 @@ class Observations:
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
         groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)
-        remaining = replace(self, groups=groups, **{name: getattr(self, name)[keep] for name in _VELOCITY})
+        columns: dict[str, Any] = {name: getattr(self, name)[keep] for name in _VELOCITY}
+        sets = replace(self.sets, velocity=self.sets.velocity[keep])
+        remaining = replace(
+            self, groups=groups, sets=sets, measured_force=self.recorded_force[keep], **columns
+        )
         remaining._check()
         return remaining
 
@@ -186,7 +251,14 @@ class Observations:
         Static contact alone sinks the burr to H = R phi^(2/3). A window needs a deeper end H_end, so
         c_e > F/(R^2 (H_end/R)^(3/2)): F/(0.1925 R^2) for the default end R/3 (docs/model.md, section 5 iv).
         """
-        return _static_c_e(self.force, self.window_end, self.radius)
+        return self.eased * _static_c_e(self.force, self.window_end, self.radius)
+
+    @property
+    def ceiling(self) -> float:
+        """Upper bound of c_e [N/mm^2] that the overloaded rows imply."""
+        return (
+            float(_static_c_e(*self.overloaded).min(initial=np.inf)) if self.raised is None else self.raised
+        )
 
     def ridge_entries(self) -> Floats:
         """c_e [N/mm^2] above which each window starts deeper than static contact (default: phi < 0.068).

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from burrlab.common.check import nearest, refuse
 from burrlab.common.table import by_value
-from burrlab.fitting.calibration import AnyCalibration
+from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
 from burrlab.fitting.likelihood import AlphaSlices, Likelihood
 from burrlab.fitting.observations import Box, Floats
 
@@ -96,7 +96,7 @@ class Combination:
     """alpha/c_e^exponent, the combination that the data determine best.
 
     The exponent makes the 95 % profile interval shortest; at a bound that a window sets several do, and it is
-    their middle. Where c_e is open above, it is the ridge's, 4 (k + 1)/3, the only one with a closed
+    their middle. In a fit with groups or offsets it makes the standard error smallest. Where c_e is open above, it is the ridge's, 4 (k + 1)/3, the only one with a closed
     interval.
     """
 
@@ -192,7 +192,7 @@ class Domain:
     def of(cls, likelihood: Likelihood, box: Box, bounds: Mapping[str, object]) -> "Domain":
         """The whole range of c_e, or the bounds given by the user."""
         o = likelihood.observations
-        kinks = tuple(np.unique(o.ridge_entries()).tolist())
+        kinks = tuple(np.unique(likelihood.kinks).tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
         if "c_e" in bounds:
@@ -294,7 +294,11 @@ def ranges(
         "c_e": {name: _range_of_c_e(walk, domain, base + limit) for name, limit in limits.items()},
         "alpha": {name: _range_of_alpha(walk, domain, base + limit) for name, limit in of_alpha.items()},
     }
-    exponent = ridge if open_above["95"] else _exponent(walk, base + of_alpha["95"], ridge)
+    exponent = ridge
+    if not open_above["95"] and isinstance(calibration, MixedCalibration):
+        exponent = float(np.clip(calibration.exponent, 0.0, _LONGEST_EXPONENT * ridge))
+    elif not open_above["95"]:
+        exponent = _exponent(walk, base + of_alpha["95"], ridge)
     along = calibration.limits(LEVELS, np.array([-exponent, 1.0]))
     combination = Combination(
         exponent,

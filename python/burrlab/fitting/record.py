@@ -14,8 +14,8 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, Row
-from burrlab.fitting.groups import GroupEvidence
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.mixed import MixedEffect, MixedEvidence, Sensitivity, sensitivities
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.verdict import Ridge, Start, obstacle
@@ -175,6 +175,11 @@ class FitRecord(InJson):
         return None if self.evidence is None or self.evidence.ridge.excluded else self.identified
 
     @property
+    def effects(self) -> tuple[MixedEffect, ...]:
+        """What differs between days and specimens, and offsets; empty for a fit without."""
+        return self.evidence.mixed.effects if self.evidence and self.evidence.mixed else ()
+
+    @property
     def correlation(self) -> float:
         """Correlation of log c_e and log alpha, from the Fisher information at the fit."""
         if self.evidence is None:
@@ -192,8 +197,8 @@ class FitRecord(InJson):
         """c_e, alpha and the scatters that were estimated."""
         if self.evidence is None:
             return 2
-        effects = self.evidence.groups.effects if self.evidence.groups else ()
-        return 2 + sum(not s.known for s in self.evidence.scatters) + len(effects)
+        estimated = sum(x.deviation is None or x.interval is not None for x in self.effects)  # not the given
+        return 2 + sum(not s.known for s in self.evidence.scatters) + estimated
 
     @property
     def log_likelihood(self) -> float:
@@ -228,9 +233,21 @@ class FitRecord(InJson):
     @cached_property
     def likelihood(self) -> Likelihood:
         """-2 log L of the data, with the model that was fitted."""
-        plain = Likelihood(self.observations, self.residual_kind, self.model_of(self.observations))
-        grouped = self.evidence.groups if self.evidence is not None else None
-        return grouped.likelihood(plain, (self.c_e, self.alpha)) if grouped else plain
+        model, known = self.model_of(self.observations), self.provenance.get("known", {})
+        beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
+        plain = Likelihood(self.observations, self.residual_kind, model, beliefs)
+        mixed = self.evidence.mixed if self.evidence is not None else None
+        return mixed.likelihood(plain, (self.c_e, self.alpha)) if mixed else plain
+
+    @cached_property
+    def sensitivity(self) -> tuple[Sensitivity, ...]:
+        """How far alpha/c_e^p is off if surface, force or radius are; empty if the fit gave nothing.
+
+        Calculated when first asked for, which takes some 40 ms for each window that the process has not met.
+        """
+        if self.identified is None:
+            return ()
+        return sensitivities(self.likelihood, (self.c_e, self.alpha), self.identified)
 
     def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
         """The model of this fit; the voxel engine's serves only the rows of its own data."""
@@ -274,8 +291,8 @@ class Evidence:
         Whether a plausible material could have given the data.
     rows : tuple of Row
         The rows that stand out.
-    groups : GroupEvidence or None
-        What differs between days and specimens; None without groups.
+    mixed : MixedEvidence or None
+        What differs between days and specimens, and offsets; None without.
     """
 
     log_likelihood: float
@@ -291,7 +308,7 @@ class Evidence:
     unscaled: Mapping[str, Mapping[str, Interval]] | None = None
     plausibility: Plausibility | None = None
     rows: tuple[Row, ...] = ()
-    groups: GroupEvidence | None = None
+    mixed: MixedEvidence | None = None
 
     @property
     def doubt(self) -> tuple[str, str] | None:
@@ -306,8 +323,8 @@ class Evidence:
     def calibration(self) -> AnyCalibration:
         """The limits that the intervals and tests use."""
         inflation = 1.0 if self.goodness is None else self.goodness.inflation
-        if self.groups is not None:
-            return replace(self.groups.calibration, monte_carlo=self.monte_carlo, inflation=inflation)
+        if self.mixed is not None:
+            return replace(self.mixed.calibration, monte_carlo=self.monte_carlo, inflation=inflation)
         return Calibration(self.scatters, self.information, self.shares, self.monte_carlo, inflation)
 
 

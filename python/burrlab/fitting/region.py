@@ -100,7 +100,7 @@ class RegionGrid:
         calibration = fit._evidence().calibration
         if not isinstance(calibration, Calibration):
             raise ValueError(
-                "a design needs a fit without groups, such as fit(data, groups=()): got one with groups"
+                "a design needs a fit without groups and offsets, such as fit(data, groups=()): got one with them"
             )
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
         domain = Domain.of(

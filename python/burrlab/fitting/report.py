@@ -7,8 +7,9 @@ import numpy as np
 
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
-from burrlab.fitting.diagnostics import FEWEST, indentation_tests
-from burrlab.fitting.record import FitRecord
+from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
+from burrlab.fitting.mixed import sensitivity_sentence
+from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.verdict import Ridge
 from burrlab.measured.curve import VelocityCurve
 
@@ -157,13 +158,7 @@ def notes(fit: FitRecord) -> list[str]:
     """Plain sentences on what the numbers mean."""
     lines = [] if fit.status == "implausible" or fit.reason in fit.verdict else [fit.reason]
     if fit.evidence is not None:
-        lines += [fit.verdict, ridge(fit.evidence.ridge, fit)]
-        good = fit.evidence.goodness
-        tests = (fit.lack_of_fit or (good and good.test), fit.fall, *indentation_tests(fit.likelihood))
-        lines += [test.sentence for test in tests if test is not None and test.sentence not in fit.verdict]
-        lines += [row.sentence for row in fit.evidence.rows]
-        if good is not None and fit.n_points < FEWEST:
-            lines.append(f"With fewer than {FEWEST} rows none is named as standing out.")
+        lines += _judgements(fit, fit.evidence)
     if fit.residual_kind != "sigma" and any(
         isinstance(s, VelocityCurve) and s.sigma is not None for s in fit.data
     ):
@@ -177,6 +172,24 @@ def notes(fit: FitRecord) -> list[str]:
             f"the limits by {100 * fit.evidence.monte_carlo:.2g} %."
         )
     lines.append(f"alpha holds for f = {fit.shape.label} and for one drill, burr type and speed.")
+    return lines
+
+
+def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
+    """What the evidence says: verdict, ridge, tests, rows, order, and what would move the fit."""
+    good = evidence.goodness
+    tests = (fit.lack_of_fit or (good and good.test), fit.fall, *indentation_tests(fit.likelihood))
+    lines = [fit.verdict, ridge(evidence.ridge, fit)]
+    lines += [test.sentence for test in tests if test is not None and test.sentence not in fit.verdict]
+    lines += [row.sentence for row in evidence.rows]
+    ordered = [] if fit.effects else order_tests(fit.likelihood, (fit.c_e, fit.alpha))
+    if ordered and ordered[0].name != "drift":
+        lines.append(
+            "The rows are in the order of their forces: nothing tells a drift or days from the force."
+        )
+    lines += sensitivity_sentence(fit.sensitivity, evidence.profile.identified.exponent)
+    if good is not None and fit.n_points < FEWEST:
+        lines.append(f"With fewer than {FEWEST} rows none is named as standing out.")
     return lines
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from numpy.typing import ArrayLike
+from scipy import special
 
 import burrlab.fitting.report as report
 from burrlab._core import Material
@@ -163,6 +164,67 @@ class Fit(FitRecord):
         window = [None if end is None else scalar(end, name) / R for name, end in ends]
         phi = positive("force", force) / (self.c_e * R**2)
         return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
+
+    def velocity_interval(
+        self, force: ArrayLike, *, level: str | float = "95", new: str = "", radius: float | None = None
+    ) -> tuple[Floats, Floats]:
+        """Interval of the velocity in the default window, of the mean or of what would be measured next.
+
+        Parameters
+        ----------
+        force : array_like
+            F [N].
+        level : {"68", "95", "99.7"}
+        new : str
+            Empty: of the mean over runs, and over days and specimens where the fit knows these. A group's name
+            (``"day"``, ``"specimen"``): of the mean of a new one. ``"run"``: of a single run, in new ones of all groups.
+        radius : float, optional
+            Burr radius [mm], needed where the data have several.
+
+        Returns
+        -------
+        low, high : ndarray of the shape of `force`
+            [mm/s]; NaN where the force leaves no window.
+
+        Raises
+        ------
+        ValueError
+            As `velocity`; if the fit gave nothing, has absolute residuals, or knows no such group.
+
+        Notes
+        -----
+        ln v is linear in log c_e and log alpha near the fit, and its standard error that of the fit along the gradient
+        (-n, 1), n the local exponent of v ~ F^n; a new group adds its variances. The limit is Student's t.
+        """
+        evidence, calibration = self._evidence(), self._evidence().calibration
+        groups = {effect.group for effect in self.effects if effect.interval is not None}
+        refuse(
+            new not in {"", "run", *groups},
+            f"new must be one of {', '.join(['run', *sorted(groups)])}: got {new!r}",
+        )
+        refuse(
+            self.residual_kind not in ("relative", "student"),
+            "an interval of the velocity needs relative residuals",
+        )
+        v, R = np.atleast_1d(self.velocity(force, radius=radius)), self.radius if radius is None else radius
+        assert R is not None
+        phi = np.atleast_1d(np.asarray(force, np.float64)) / (self.c_e * R**2)
+        half = np.full(v.shape, np.nan)
+        for i in np.ndindex(v.shape):
+            if np.isfinite(v[i]):
+                n = float(MasterCurve(self.shape).local_slope(phi[i]))
+                variance, nu = calibration.variance(np.array([-n, 1.0]))
+                for effect in self.effects:
+                    if effect.interval is not None and new in ("run", effect.group):
+                        variance += (
+                            (n if effect.quantity == "c_e" else 1.0) * float(effect.deviation or 0.0)
+                        ) ** 2
+                variance += evidence.scatters[0].value ** 2 if new == "run" else 0.0
+                half[i] = -special.stdtrit(min(nu, 1e9), (1 - LEVELS[level_name(level)]) / 2) * np.sqrt(
+                    variance
+                )
+        low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))
+        return low, high
 
     def report(self, verbose: bool = False) -> str:
         """The fit as aligned text blocks.

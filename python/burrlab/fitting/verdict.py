@@ -161,7 +161,7 @@ def at_windows(c_e: Interval, windows: float) -> bool:
 
 def sentence(o: Observations, c_e: Interval, alpha: Interval, identified: Combination, status: str) -> str:
     """The verdict in plain words, at 95 %."""
-    rows = f"these {len(o)} points ({o.force.min():.3g} to {o.force.max():.3g} N)"
+    rows = f"these {len(o)} points ({o.recorded_force.min():.3g} to {o.recorded_force.max():.3g} N)"
     windows = float(o.c_e_bounds().max())
     why = obstacle(c_e, windows, status)
     if why in _UNFIT.values():

@@ -202,7 +202,7 @@ class VoxelModel:
     def __init__(
         self, observations: Observations, shape: Shape, table: VoxelTable, replicate: int | None = None
     ) -> None:
-        self._mean_field, self._table = MeanFieldModel(observations, shape), table
+        self.shape, self._mean_field, self._table = shape, MeanFieldModel(observations, shape), table
         part = table.coefficients if replicate is None else table.coefficients[[replicate]]
         self._coefficients = part.mean(axis=0).T
 

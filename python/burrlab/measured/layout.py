@@ -50,6 +50,10 @@ _MEANT = {"g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"}
 DataSet = TypeVar("DataSet", bound=TableData)
 
 
+def _group_headings(groups: Mapping[str, str] | None, specimen: str | None) -> dict[str, str]:
+    return dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
+
+
 class TableLayout:
     """How a table of another program is laid out, which `VelocityCurve.from_csv` tells, and what one such held."""
 
@@ -96,7 +100,7 @@ class TableLayout:
         self.columns: dict[str, Any] = {}  #: By our names.
         self.others: dict[str, list[str]] = {}  #: By their headings.
         self.groups: dict[str, list[str]] = {}  #: Labels of the rows, by the group's name.
-        self.group_headings = dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
+        self.group_headings = _group_headings(groups, specimen)
         self.passed: Counter[str] = Counter()
         self.missing_units: dict[str, str] = {}  #: Units to be given.
 

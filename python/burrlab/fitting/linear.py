@@ -1,0 +1,395 @@
+"""Rows that share effects, linear near a point: their cross products, the mixed model's equations, and REML.
+
+Near a fit the residuals r of all rows are linear in the step d = (d log c_e, d log alpha) and in effects u,
+
+    r = - J d - Z u + e,   u ~ N(0, tau^2),   e ~ N(0, sigma^2),
+
+where J are the derivatives of the residuals. A day shifts log alpha of its rows, a specimen log c_e and log alpha:
+the columns of Z are those of J in the rows of a level and 0 elsewhere. An offset is what was measured less than is
+true, of force, of depth (the surface) or of the radius: its columns are the derivatives of the residuals by it. tau
+is estimated by REML, or given; an offset that the data shall tell has next to no distribution.
+
+References
+----------
+Patterson and Thompson, Recovery of inter-block information when block sizes are unequal, Biometrika 58 (1971).
+Kenward and Roger, Small sample inference for fixed effects from restricted maximum likelihood, Biometrics 53 (1997).
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab.common.check import nearest, real, refuse, shown
+from burrlab.fitting.calibration import MixedCalibration
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood, LinearRows, MeanFieldModel
+from burrlab.fitting.observations import Floats, Group, Observations, Rows
+from burrlab.theory.continuum import WINDOW_STOP
+
+#: Standard deviation of an offset, and its group
+Uncertain: TypeAlias = Mapping[str, float | tuple[float, str]]
+#: Offsets, and their units
+OFFSETS = {"force": "N", "surface": "mm", "radius": "mm"}
+_RIDGE = 1e-10  # of the information's trace, added to it: along a ridge it has one direction alone
+EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
+STEP = 0.005  # of radius and least force: offsets that the rows are moved by are multiples, so that windows recur
+_REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
+_PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One quantity that differs between the levels of a group, and their standard deviation where it is given.
+
+    `told` is an offset of one level that the data shall tell: a parameter of the fit.
+    """
+
+    group: Group
+    quantity: str  # "c_e", "alpha", "order" or an offset
+    deviation: float | None = None
+    told: bool = False
+    varies: bool = False  # of a pair: by how much the difference of two sets varies
+
+
+def components_of(
+    observations: Observations, uncertain: Uncertain | None = None, estimate: Sequence[str] = ()
+) -> tuple[Component, ...]:
+    """What differs between the groups, and the offsets.
+
+    alpha differs by day; c_e, from three specimens on, and alpha by specimen. A group of one level tells nothing, as
+    does one with a level for every run.
+    """
+    components = []
+    for group in observations.groups:
+        n_levels, n_rows = (
+            len(group.levels),
+            len(set(zip(group.velocity.tolist(), observations.run_number, strict=True))),
+        )
+        if group.name == "specimen" and n_levels > 2:
+            components.append(Component(group, "c_e"))
+        if 1 < n_levels < n_rows:
+            components.append(Component(group, "alpha"))
+    by_name = {group.name: group for group in (observations.sets, *observations.groups)}
+    end = np.where(
+        np.isnan(observations.window_end), WINDOW_STOP * observations.radius, observations.window_end
+    )
+    above = float((observations.radius - end).min())
+    rooms = {"surface": min(above, float(end.min())) / _REACH, "radius": above / _REACH}
+    for name, size in (uncertain or {}).items():
+        deviation, by = size if isinstance(size, tuple) else (size, "data set")
+        refuse(by not in by_name, f"uncertain of {name}: the data have no group {by!r}{nearest(by, by_name)}")
+        components.append(Component(by_name[by], name, float(deviation)))
+        room = rooms.get(name, np.inf)
+        refuse(
+            deviation >= room,
+            f"uncertain of {name} must be below {room:.3g} mm, so that windows stay between 0 and R: got {deviation:g}",
+        )
+    n_velocity, n_pressed = len(observations.force), len(observations.pressed)
+    whole = Group("data", ("all",), np.zeros(n_velocity, np.intp), np.zeros(n_pressed, np.intp))
+    lengths, force = float(observations.radius.max()) / 10, float(np.median(observations.force)) / 2
+    weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0}
+    return (*components, *(Component(whole, name, weak[name], True) for name in estimate))
+
+
+def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
+    """Refuse `uncertain` and `estimate` unless they name offsets, each once, with positive sizes."""
+    if not isinstance(uncertain, (dict, type(None))):
+        raise TypeError(f"uncertain must be a dict such as {{'surface': 0.05}}, got {shown(uncertain)}")
+    if isinstance(estimate, str) or not isinstance(estimate, Sequence):
+        raise TypeError(f"estimate must be a sequence such as ('force',), got {shown(estimate)}")
+    for name, size in (uncertain or {}).items():
+        refuse(
+            name not in OFFSETS,
+            f"uncertain may hold {', '.join(OFFSETS)}: got {name!r}{nearest(name, OFFSETS)}",
+        )
+        pair = isinstance(size, tuple) and len(size) == 2 and isinstance(size[1], str)
+        deviation = real(size[0] if pair else size, f"uncertain of {name}")
+        refuse(
+            deviation.shape != () or not 0 < deviation < np.inf,
+            f"uncertain of {name} must be a standard deviation above 0 [{OFFSETS[name]}], or such a one and the name of "
+            f"a group: got {shown(size)}",
+        )
+    names = [*OFFSETS, "order"]
+    for name in estimate:
+        refuse(name not in names, f"estimate may hold {', '.join(names)}: got {name!r}{nearest(name, names)}")
+        twice = name in (uncertain or {}) or list(estimate).count(name) > 1
+        refuse(twice, f"an offset is uncertain or estimated, and once: got {name!r} twice")
+
+
+def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
+    """The likelihood of the rows as they were with some offsets; `shifts` has a number for each level."""
+    o = likelihood.observations
+    for component, block in zip(components, blocks_of(components), strict=True):
+        u = shifts[block]
+        if component.quantity in OFFSETS and u.any():
+            o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
+    return (
+        likelihood
+        if o is likelihood.observations
+        else likelihood.of_rows(o, MeanFieldModel(o, likelihood.model.shape))
+    )
+
+
+def blocks_of(components: Sequence[Component]) -> list[slice]:
+    """Which columns of Z are those of each component."""
+    ends = np.cumsum([0, *(len(component.group.levels) for component in components)]).tolist()
+    return [slice(begin, end) for begin, end in itertools.pairwise(ends)]
+
+
+class RowProducts:
+    """Cross products of [Z, J, r] for each scatter, and whose columns they are."""
+
+    products: list[Floats]
+    n: Floats  # rows of each scatter
+    known: NDArray[np.bool_]  # whether its size is
+    components: Sequence[Component]
+    blocks: list[slice]  # columns of each component
+    estimated: list[int]  # components whose standard deviation is estimated
+    effect2: Floats  # variance of the others
+    n_fixed = 2  # columns of J
+
+
+class LinearModel(RowProducts):
+    """The rows of a likelihood near a point, as cross products of [Z, J, r] for each scatter.
+
+    The rows are as they were with the offsets of `shifts`; r is extrapolated from there to no offset.
+    """
+
+    def __init__(
+        self,
+        likelihood: Likelihood,
+        components: Sequence[Component],
+        point: tuple[float, float],
+        shifts: Floats,
+    ) -> None:
+        self.rows, self.components = likelihood.linear_rows(*point), components
+        self.known = np.array([rows.known for rows in self.rows])
+        self.n = np.array([float(rows.n) for rows in self.rows])
+        self.blocks = blocks_of(components)
+        residuals = [rows.r for rows in self.rows]
+        self.slopes = {
+            x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.told else x.deviation)
+            for x in components
+        }
+        columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
+        self.columns = []
+        #: which level each row of each scatter has, shape (rows, levels), by component
+        self.places = [[_places(x.group, rows) for rows in self.rows] for x in components]
+        for k, rows in enumerate(self.rows):
+            parts = [
+                columns[x.quantity][k][:, None] * at[k] for x, at in zip(components, self.places, strict=True)
+            ]
+            Z = np.concatenate([np.empty((len(rows.r), 0)), *parts], axis=1)
+            self.columns.append(np.column_stack([Z, rows.J, rows.r - Z @ shifts]))
+        self.products = [columns.T @ columns for columns in self.columns]
+        self.estimated = [k for k, component in enumerate(components) if component.deviation is None]
+        self.effect2 = np.array([np.square(component.deviation or 0.0) for component in components])
+
+
+def _places(group: Group, rows: LinearRows) -> Floats:
+    """1 where a row has a level, else 0; shape (rows, levels)."""
+    table = np.zeros((len(rows.r), len(group.levels)))
+    place = (group.pressed if rows.name == "force" else group.velocity)[rows.at]
+    table[np.arange(len(place)), place] = 1.0
+    return table
+
+
+class Slopes:
+    """Derivatives of the residuals by a quantity at any c_e, for each scatter; an offset's by central differences."""
+
+    def __init__(
+        self, likelihood: Likelihood, quantity: str, tables: Sequence[LinearRows], deviation: float | None
+    ) -> None:
+        self.quantity, self.tables, o = quantity, tables, likelihood.observations
+        self.beside: list[Likelihood] = []  # of an offset: less and more of it
+        self.of_offset = quantity in OFFSETS
+        if not self.of_offset:
+            return
+        # over one standard deviation, so that a kink counts as much as the offset meets it
+        width = deviation or 0.0
+        unit = STEP * o.radius.max()
+        windows = unit * max(1.0, float(np.round(width / unit)))
+        steps: dict[str, tuple[Floats, Floats]] = {
+            "force": (
+                np.clip(width, _PART * o.force, _WIDE * o.force),
+                np.clip(width, _PART * o.pressed, _WIDE * o.pressed),
+            ),
+            "surface": (
+                np.full(len(o.force), windows),
+                np.clip(width, _PART * o.pressed_depth, _WIDE * o.pressed_depth),
+            ),
+            "radius": (np.full(len(o.force), windows), np.full(len(o.pressed), windows)),
+        }
+        velocity, pressed = steps[quantity]
+        for sign in (1, -1):
+            there = o.moved(quantity, sign * velocity, sign * pressed)
+            self.beside.append(likelihood.of_rows(there, MeanFieldModel(there, likelihood.model.shape)))
+        self._steps = [
+            (pressed if rows.name == "force" else velocity)[rows.at] if len(rows.at) else np.ones(len(rows.r))
+            for rows in tables
+        ]
+
+    def at(self, c_e: ArrayLike, residuals: Sequence[Floats]) -> list[Floats]:
+        """Of each scatter, shape of c_e and (rows,); `residuals` are those at c_e and alpha = 1."""
+        if self.quantity in ("c_e", "alpha"):
+            return [rows.J[:, ("c_e", "alpha").index(self.quantity)] for rows in self.tables]
+        if self.quantity == "order":
+            return [rows.order for rows in self.tables]
+        slopes, (above, below) = [], (beside.residuals(c_e, 1.0) for beside in self.beside)
+        for r, step, (_, _, up, _), (_, _, down, _) in zip(residuals, self._steps, above, below, strict=True):
+            lost = ~np.isfinite(up) | ~np.isfinite(down)  # a window ends there: from one side
+            change = np.where(np.isfinite(up), up, r) - np.where(np.isfinite(down), down, r)
+            slopes.append(change / (step * np.where(lost, 1.0, 2.0)))
+        return slopes
+
+
+class MixedEquations:
+    """The mixed model's equations at given variances (Henderson's).
+
+    With S the rows' scatter, W = [Z, J] and D the effects' variances, M = (W' S^-1 W + D^-1)^-1 and
+    P = S^-1 - S^-1 W M W' S^-1. All products are of the size of W' W, however many rows there are.
+    """
+
+    def __init__(self, model: RowProducts, scatter2: Floats, effect2: Floats) -> None:
+        self.model, self.scatter2, self.effect2 = model, scatter2, effect2
+        self.by_scatter = [G[:-1, :-1] / s2**2 for G, s2 in zip(model.products, scatter2, strict=True)]
+        self.C = np.asarray(sum(G * s2 for G, s2 in zip(self.by_scatter, scatter2, strict=True)))
+        self.c = np.asarray(sum(G[:-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True)))
+        self.variance = np.full(len(self.c), np.inf)  # of each column; infinite for c_e and alpha
+        random = np.zeros(len(self.c), np.bool_)
+        for x, block, variance in zip(model.components, model.blocks, effect2, strict=True):
+            self.variance[block], random[block] = variance, not x.told
+        self.M, H = self.inverse(np.arange(len(self.c)))
+        self.log_determinant = float(np.linalg.slogdet(H)[1])  # |V| |J' V^-1 J| over that of S
+        self.log_determinant_random = float(
+            np.linalg.slogdet(H[np.ix_(random, random)])[1]
+        )  # |V| over that of S
+        self.solution = self.M @ self.c  # minus the effects, then minus the step
+        total = sum(G[-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True))
+        self.squares = float(total - self.c @ self.solution)  # r' P r
+
+    def inverse(
+        self, columns: Rows, C: Floats | None = None, variance: Floats | None = None
+    ) -> tuple[Floats, Floats]:
+        """M of some columns of W, and the matrix that is inverted for it; of other products and variances, if given."""
+        C = self.C[np.ix_(columns, columns)] if C is None else C
+        variance = self.variance[columns] if variance is None else variance
+        random = np.isfinite(variance)
+        scale = np.where(random, np.sqrt(np.where(random, variance, 1.0)), 1.0)
+        H = scale[:, None] * C * scale
+        ridge = _RIDGE * np.einsum("...ii->...i", H)[..., ~random].sum(axis=-1)
+        at = np.arange(len(columns))
+        H[..., at, at] += np.where(random, 1.0, np.expand_dims(ridge, -1))
+        return scale[:, None] * np.linalg.inv(H) * scale, H
+
+    def criterion(self, restricted: bool = True) -> float:
+        """-2 log of the restricted likelihood, or of the likelihood, without constants."""
+        determinant = self.log_determinant if restricted else self.log_determinant_random
+        return float(self.model.n @ np.log(self.scatter2)) + determinant + self.squares
+
+    @cached_property
+    def WPW(self) -> Floats:
+        return np.asarray(self.C - self.C @ self.M @ self.C)
+
+    @cached_property
+    def free(self) -> list[int]:
+        """Scatters whose size is estimated."""
+        return np.flatnonzero(~self.model.known).tolist()
+
+    @cached_property
+    def blocks(self) -> list[slice]:
+        """Columns of the effects whose size is estimated."""
+        return [self.model.blocks[k] for k in self.model.estimated]
+
+    def score(self) -> Floats:
+        """Derivative of the criterion by each estimated variance: the scatters', then the effects'."""
+        b, q = self.solution, self.c - self.C @ self.solution
+        slopes = []
+        for k in self.free:
+            G, s2 = self.model.products[k], self.scatter2[k]
+            residual = G[-1, -1] - 2 * G[:-1, -1] @ b + b @ G[:-1, :-1] @ b
+            slopes.append(self.model.n[k] / s2 - np.sum(self.M * self.by_scatter[k]) - residual / s2**2)
+        slopes += [np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.blocks]
+        return np.array(slopes)
+
+    def uncertainty(self) -> MixedCalibration:
+        """The covariance of the step, and how it varies with the variances, by Kenward and Roger."""
+        M, G, blocks = self.M, self.by_scatter, self.blocks
+        fixed = slice(len(M) - self.model.n_fixed, None)
+        m, rest = M[:, fixed], np.eye(len(M)) - M @ self.C  # V^-1 J Phi = S^-1 W m
+        weights = [(self.C @ m)[block] for block in blocks]
+        changes = [m.T @ G[k] @ m for k in self.free] + [a.T @ a for a in weights]  # of Phi by each variance
+        size = len(changes)
+        information, bias = (
+            np.zeros((size, size)),
+            np.zeros((size, size, self.model.n_fixed, self.model.n_fixed)),
+        )
+        for i, k in enumerate(self.free):
+            for j, other in enumerate(self.free):
+                cross = M @ G[other]
+                information[i, j] = np.sum((M @ G[k]) * cross.T)
+                bias[i, j] = -m.T @ G[k] @ cross @ m
+            own = 1 / self.scatter2[k]
+            information[i, i] += own**2 * self.model.n[k] - 2 * own * np.sum(M * G[k])
+            bias[i, i] += own * m.T @ G[k] @ m
+            for j, block in enumerate(blocks, start=len(self.free)):
+                R = rest[:, block]
+                information[i, j] = information[j, i] = np.sum(R * (G[k] @ R))
+                bias[i, j] = m.T @ G[k] @ R @ weights[j - len(self.free)]
+                bias[j, i] = bias[i, j].T
+        for i, (first, a) in enumerate(zip(blocks, weights, strict=True), start=len(self.free)):
+            for j, (second, b) in enumerate(zip(blocks, weights, strict=True), start=len(self.free)):
+                information[i, j] = np.sum(self.WPW[first, second] ** 2)
+                bias[i, j] = a.T @ self.WPW[first, second] @ b
+        covariance = np.asarray(
+            np.linalg.pinv(information / 2, rcond=1e-12, hermitian=True), np.float64
+        )  # of the variances
+        Phi = M[fixed, fixed]
+        adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
+        return MixedCalibration(Phi, (adjusted + adjusted.T) / 2, np.array(changes), covariance)
+
+
+def reml(model: RowProducts) -> MixedEquations:
+    """The equations at the variances of the highest restricted likelihood.
+
+    It is sought from all scatter within groups, and from as much between them as the rows show.
+    """
+    free, n_effects = np.flatnonzero(~model.known), len(model.estimated)
+    whole, within = np.ones((2, len(model.n)))
+    for k in free:
+        G = model.products[k]
+        fixed = np.linalg.pinv(G[:-1, :-1], rcond=1e-9, hermitian=True)
+        rest = float(G[-1, -1] - G[:-1, -1] @ fixed @ G[:-1, -1])
+        freedom = model.n[k] - np.linalg.matrix_rank(
+            G[:-1, :-1], tol=1e-9 * np.trace(G[:-1, :-1]), hermitian=True
+        )
+        whole[k] = max(G[-1, -1] / model.n[k], MODEL_ERROR**2)
+        within[k] = max(rest / freedom, MODEL_ERROR**2) if freedom > 0 else whole[k] / 4
+    unit = within[0]  # of the effects' variances, which lie between 0 and many times it
+
+    def equations(x: Floats) -> MixedEquations:
+        scatter2, effect2 = np.ones(len(whole)), model.effect2.copy()
+        scatter2[free], effect2[model.estimated] = np.exp(x[: len(free)]), unit * x[len(free) :]
+        return MixedEquations(model, scatter2, effect2)
+
+    def height(x: Floats) -> tuple[float, Floats]:
+        at = equations(x)
+        return at.criterion(), at.score() * np.append(at.scatter2[free], np.full(n_effects, unit))
+
+    if not len(free) + n_effects:
+        return equations(np.empty(0))
+    bounds = [(2 * np.log(MODEL_ERROR), np.log(whole[k]) + 5) for k in free] + [(0.0, 1e6)] * n_effects
+    begins = [(whole, 0.5 * unit), (within, max(whole.max() - within.max(), 0.1 * unit))]
+    ends = [
+        scipy.optimize.minimize(
+            height, np.append(np.log(scatter2[free]), np.full(n_effects, between / unit)), jac=True, bounds=bounds,
+            method="L-BFGS-B", options={"ftol": 1e-13, "gtol": 1e-7},
+        )
+        for scatter2, between in (begins if n_effects else begins[1:])
+    ]  # fmt: skip
+    return equations(min(ends, key=lambda end: float(end.fun)).x)

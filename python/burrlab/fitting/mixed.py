@@ -1,0 +1,676 @@
+"""The likelihood of rows that share effects: days and specimens, and offsets of force, surface and radius.
+
+Where a window begins at static contact, velocity has a kink over the offset, and where it vanishes an end. So the
+distribution of a given offset is taken in narrow parts, and the likelihood is their mean; in each part rows are linear
+(`burrlab.fitting.linear`).
+
+References
+----------
+Lindstrom and Bates, Nonlinear mixed effects models for repeated measures data, Biometrics 46 (1990).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+from scipy import special
+
+from burrlab.common.table import by_value
+from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
+from burrlab.fitting.likelihood import AlphaSlices, Likelihood, MeanFieldModel, Model
+from burrlab.fitting.linear import (
+    EDGE,
+    OFFSETS,
+    STEP,
+    Component,
+    LinearModel,
+    MixedEquations,
+    Slopes,
+    blocks_of,
+    components_of,
+    moved_by,
+    reml,
+)
+from burrlab.fitting.observations import Floats, Observations, Rows
+from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
+from burrlab.theory.continuum import WINDOW_STOP
+
+_ROUNDS = 30  # of linearising and REML, at most; 4 are usual
+_CLOSE = 1e-8  # step in log c_e and log alpha that ends them
+_WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
+_WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
+_APART = (
+    0.04  # of the bound of c_e: how far apart the middles of parts of an offset's distribution may move it
+)
+_PARTS = 3.0  # standard deviations of an offset that its parts reach
+_LARGEST = 500.0  # largest |log alpha|
+
+
+def at_best_variances(
+    likelihood: Likelihood,
+    components: Sequence[Component],
+    point: tuple[float, float],
+    c_e: tuple[float, float],
+) -> tuple["MixedLikelihood", tuple[float, float]]:
+    """The likelihood at the best variances, and its best point (c_e, alpha) near a point; `c_e` bounds it.
+
+    The rows are linear about the best offsets; those of surface and radius are rounded, so that windows come again.
+    """
+    blocks, o = blocks_of(components), likelihood.observations
+    forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
+    steps = {
+        "force": STEP * forces.min(),
+        "surface": STEP * o.radius.max(),
+        "radius": STEP * o.radius.max(),
+    }
+    least = {"force": -0.5 * forces.min(), "surface": -0.5 * depths.min(), "radius": -0.5 * o.radius.min()}
+    moved, shifts = likelihood, np.zeros(blocks[-1].stop if blocks else 0)
+    for _ in range(_ROUNDS):
+        equations = reml(LinearModel(moved, components, point, shifts))
+        last, step = point, np.clip(-equations.solution[-2:], -0.5, 0.5)
+        point = float(np.clip(point[0] * np.exp(step[0]), *c_e)), float(point[1] * np.exp(step[1]))
+        beside = shifts.copy()
+        for component, block in zip(components, blocks, strict=True):
+            if component.quantity in OFFSETS and isinstance(likelihood.model, MeanFieldModel):
+                u, unit = -equations.solution[block], steps[component.quantity]
+                near = np.maximum(unit * np.round(u / unit), least[component.quantity])
+                beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, near, shifts[block])
+        if (beside != shifts).any():
+            shifts, moved = beside, moved_by(likelihood, components, beside)
+            hard = float(moved.observations.c_e_bounds().max())
+            c_e = max(c_e[0], hard * (1 + EDGE)), max(c_e[1], hard * (1 + 2 * EDGE))
+            point = float(np.clip(point[0], *c_e)), point[1]
+        elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
+            break
+    return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+@dataclass(frozen=True, eq=False)
+class MixtureSlices(AlphaSlices):
+    """-2 log of a sum of likelihoods over alpha at each c_e; A, B and m have shape (len(c_e), parts)."""
+
+    g: Floats  # log alpha of the lowest
+    height: Floats  # -2 log L there
+
+    @classmethod
+    def of(cls, c_e: Floats, A: Floats, B: Floats, m: Floats, n: int) -> "MixtureSlices":
+        """The lowest by Newton's method, or by the parts' mean where a step goes up."""
+        g = np.take_along_axis(m, A.argmin(axis=1)[:, None], axis=1)[:, 0]
+        slices = cls(c_e, A, B, m, np.zeros(len(c_e)), n, True, 0.0, True, g, g)
+        for _ in range(_ROUNDS):
+            slope, bend, stiff = slices._slope(g)
+            step = slope / np.maximum(np.where(bend > 0.2 * stiff, bend, stiff), 1e-300)
+            g = g - step
+            if np.abs(step).max(initial=0.0) < _CLOSE:
+                break
+        return replace(slices, g=g, height=slices._over(g))
+
+    def _over(self, g: Floats, points: Rows | slice = slice(None)) -> Floats:
+        """-2 log L at log alpha = g, whose last axis is that of c_e or of some of its points."""
+        q = self.A[points] + self.B[points] * np.square(g[..., None] - self.m[points])
+        low = q.min(axis=-1)
+        with np.errstate(invalid="ignore"):
+            q -= low[..., None]
+        return np.asarray(np.where(np.isfinite(low), low - 2 * np.log(np.exp(-0.5 * q).sum(axis=-1)), np.inf))
+
+    def _slope(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats, Floats]:
+        """Half the slope of -2 log L by log alpha, half its curvature, and that without the parts' differences."""
+        A, B, off = self.A[points], self.B[points], g[:, None] - self.m[points]
+        q = A + B * off**2
+        share = np.exp(
+            -0.5 * (np.where(np.isfinite(q), q, 1e300) - np.minimum(q.min(axis=1), 1e299)[:, None])
+        )
+        share /= np.maximum(share.sum(axis=1), 1e-300)[:, None]
+        slope, stiff = np.sum(share * B * off, axis=1), np.sum(share * B, axis=1)
+        return slope, stiff - np.sum(share * (B * off - slope[:, None]) ** 2, axis=1), stiff
+
+    @property
+    def best_alpha(self) -> Floats:
+        """See `AlphaSlices`."""
+        return np.exp(self.g)
+
+    @property
+    def profile(self) -> Floats:
+        """See `AlphaSlices`."""
+        return self.height
+
+    def minus2(self, alpha: ArrayLike) -> Floats:
+        """See `AlphaSlices`."""
+        return self._over(np.broadcast_to(np.log(alpha), np.broadcast_shapes(np.shape(alpha), self.g.shape)))
+
+    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
+        """See `AlphaSlices`; by Newton's method from where no part is below, and halving where it leaves the bracket."""
+        ends, points = np.full((2, len(self.g)), np.nan), np.flatnonzero(self.height <= target)
+        reach = np.sqrt(
+            np.maximum(target + 2 * np.log(self.A.shape[1]) - self.A[points], 0.0) / self.B[points]
+        )
+        for side, end in zip((-1, 1), ends, strict=True):
+            near, far = self.g[points], side * np.max(side * self.m[points] + reach, axis=1)
+            g = far
+            for _ in range(_ROUNDS):
+                excess = self._over(g, points) - target
+                near, far = np.where(excess <= 0, g, near), np.where(excess > 0, g, far)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    step = g - excess / (2 * self._slope(g, points)[0])
+                last, between = g, side * (step - near) * (far - step) >= 0
+                g = np.where(between & (side * (step - near) >= 0), step, (near + far) / 2)
+                if np.abs(g - last).max(initial=0.0) < _CLOSE:
+                    break
+            end[points] = np.exp(np.clip(g, -_LARGEST, _LARGEST))
+        return ends[0], ends[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A part of the distribution of offsets: rows moved to its middle, and the effects' variances about it."""
+
+    likelihood: Likelihood
+    slopes: Mapping[str, Slopes]
+    shifts: Floats  # of effects that are not about the middle
+    variance: Floats  # of each column after the turn
+    turn: Floats  # of the effects' columns
+    weight: float  # -2 log of its share
+    by: Floats  # what its rows are moved by, a number for each level
+
+
+class MixedLikelihood(Likelihood):
+    """-2 log L of rows that share effects, at given variances; see `Likelihood`.
+
+    Parameters
+    ----------
+    plain : Likelihood
+        Of the rows as they were with the offsets of `shifts`.
+    components : sequence of Component
+    point : (c_e, alpha)
+        Where the effects' columns are taken [N/mm^2], [1/ms].
+    shifts : ndarray
+        A number for each level of each component, 0 for those that are no offset.
+    scatter2, effect2 : ndarray
+        The variances: of each scatter, of each component.
+    """
+
+    def __init__(
+        self, plain: Likelihood, components: Sequence[Component], point: tuple[float, float], shifts: Floats,
+        scatter2: Floats, effect2: Floats,
+    ) -> None:  # fmt: skip
+        super().__init__(plain.observations, plain.kind, plain.model, plain.beliefs)
+        self.components, self.point, self.shifts, self.plain = tuple(components), point, shifts, plain
+        model = LinearModel(plain, components, point, shifts)
+        self.linear, self.equations = model, MixedEquations(model, scatter2, effect2)
+        self._parts = self._nodes(plain, model) or [
+            _Part(plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts)
+        ]
+        if len(self._parts) > 1:  # the bounds of c_e are those of the offsets that leave it most
+            rows = [part.likelihood.observations for part in self._parts]
+            hard = self.observations.c_e_bounds().max()
+            eased = min(float(o.c_e_bounds().max()) for o in rows) / hard
+            self.observations = replace(self.observations, eased=eased, raised=max(o.ceiling for o in rows))
+
+    def _nodes(self, plain: Likelihood, model: LinearModel) -> "list[_Part]":
+        """Parts of the distribution of given offsets, each of which is narrow enough for a linear model.
+
+        Offsets of one level, in units of their standard deviations, are parted along the direction in which they
+        move the bounds of windows. N(0, 1) is to 0.1 % a mixture of N(node, narrow^2), where narrow is 0.6 of
+        the nodes' distance. Empty where an offset has several levels.
+        """
+        given = [k for k, x in enumerate(self.components) if x.quantity in OFFSETS and not x.told]
+        blocks = [model.blocks[k] for k in given]
+        if (
+            not given
+            or any(block.stop - block.start > 1 for block in blocks)
+            or not isinstance(plain.model, MeanFieldModel)
+        ):
+            return []
+        o = plain.observations
+        row = int(np.argmax(o.c_e_bounds()))
+        end = o.window_end[row] if np.isfinite(o.window_end[row]) else WINDOW_STOP * o.radius[row]
+        relative = {"force": 1 / o.force[row], "surface": -1.5 / end, "radius": -0.5 / o.radius[row]}
+        sizes = np.array([float(self.components[k].deviation or 0.0) for k in given])
+        along = sizes * [relative[self.components[k].quantity] for k in given]
+        apart = float(np.clip(_APART / np.linalg.norm(along), 0.25, 1.0))
+        nodes, narrow = np.arange(-_PARTS, _PARTS + apart / 2, apart), 0.6 * apart
+        weights = np.exp(-0.5 * np.square(nodes) / (1 - narrow**2))
+        Q = np.linalg.qr(np.column_stack([along / np.linalg.norm(along), np.eye(len(given))]))[0]
+        columns = [block.start for block in blocks]
+        turn, variance = np.eye(len(self.shifts)), self.equations.variance[:-2].copy()
+        turn[np.ix_(columns, columns)] = sizes[:, None] * Q
+        variance[columns] = [narrow**2, *[1.0] * (len(given) - 1)]
+        parts = []
+        for node, weight in zip(nodes, weights / weights.sum(), strict=True):
+            there, shifts, moved = o, self.shifts.copy(), self.shifts.copy()
+            for k, column, by in zip(given, columns, sizes * Q[:, 0] * node, strict=True):
+                move = by - self.shifts[column]
+                there = there.moved(self.components[k].quantity, move, move)
+                shifts[column], moved[column] = 0.0, by
+            if not (there.force > 0).all() or not (there.radius > 0).all():
+                continue
+            likelihood = plain.of_rows(there, MeanFieldModel(there, plain.model.shape))
+            slopes = {
+                x.quantity: Slopes(
+                    likelihood, x.quantity, model.rows, None if x.told else narrow * (x.deviation or 0.0)
+                )
+                for x in self.components
+            }
+            parts.append(_Part(likelihood, slopes, shifts, variance, turn, -2 * float(np.log(weight)), moved))
+        return parts
+
+    def _at(self, stiffness: Floats) -> AlphaSlices:
+        """A parabola over log alpha at each c_e, or several; the columns of offsets are those at each c_e."""
+        with np.errstate(invalid="ignore"):
+            A, B, m, volume = np.array([self._parabola(stiffness, part) for part in self._parts]).swapaxes(
+                0, 1
+            )
+        if len(self._parts) == 1:
+            return AlphaSlices(stiffness, A[0], B[0], m[0], np.zeros(len(stiffness)), self.n, True, 0.0, True)
+        beyond = stiffness >= np.array([[part.likelihood.observations.ceiling] for part in self._parts])
+        A = np.where(
+            np.isfinite(A) & ~beyond, A + volume + np.array([[part.weight] for part in self._parts]), np.inf
+        )
+        return MixtureSlices.of(
+            stiffness, A.T, np.where(np.isfinite(B), B, 1.0).T, np.where(np.isfinite(m), m, 0.0).T, self.n
+        )
+
+    def _parabola(self, stiffness: Floats, part: "_Part") -> tuple[Floats, Floats, Floats, Floats]:
+        """A, B and m of `AlphaSlices`, and the log of the determinant of the effects' distribution."""
+        equations, model = self.equations, self.linear
+        residuals = [r for _, _, r, _ in part.likelihood.residuals(stiffness, 1.0)]
+        varying = {
+            name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items() if slopes.of_offset
+        }
+        n_points, n_effects = len(stiffness), len(part.shifts)
+        of_r, of_both, of_alpha = np.zeros(n_points), np.zeros(n_points), 0.0
+        from_r, from_alpha = np.zeros((2, n_points, n_effects))
+        products = np.zeros((n_points if varying else 1, n_effects, n_effects))
+        for k, (r, columns, s2) in enumerate(zip(residuals, model.columns, equations.scatter2, strict=True)):
+            Z, slope = columns[:, :-3], columns[:, -2]
+            if varying:
+                Z = np.broadcast_to(Z, (n_points, *Z.shape)).copy()
+                for x, block, places in zip(self.components, model.blocks, model.places, strict=True):
+                    if x.quantity in varying:
+                        Z[..., block] = varying[x.quantity][k][..., None] * places[k]
+                r = r - Z @ part.shifts
+                Z = Z @ part.turn
+            products += Z.swapaxes(-2, -1) @ Z / s2
+            of_r += np.sum(r**2, axis=-1) / s2
+            of_both += r @ slope / s2
+            of_alpha += float(slope @ slope) / s2
+            from_r += np.matmul(r[:, None, :], Z)[:, 0] / s2
+            from_alpha += slope @ Z / s2
+        products[~np.isfinite(products).all(axis=(1, 2))] = 0.0  # no window there
+        inner, H = equations.inverse(np.arange(n_effects), products, part.variance)
+        drawn = (inner @ from_alpha[..., None])[..., 0]
+        of_r -= np.sum((inner @ from_r[..., None])[..., 0] * from_r, axis=-1)
+        of_both -= np.sum(drawn * from_r, axis=-1)
+        B = of_alpha - np.sum(drawn * from_alpha, axis=-1)
+        m = -of_both / B
+        return of_r - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)
+
+    @property
+    def kinks(self) -> Floats:
+        """See `Likelihood`; columns of offsets have kinks of their own."""
+        around = [part.likelihood for part in self._parts]
+        around += [other for part in self._parts for x in part.slopes.values() for other in x.beside]
+        rows = [other.observations for other in around]
+        ends = [] if self.n_parts == 1 else [o.c_e_bounds().max(keepdims=True) * (1 + 1e-6) for o in rows]
+        ends += [
+            np.array([o.ceiling * (1 - 1e-6)]) for o in rows if self.n_parts > 1 and np.isfinite(o.ceiling)
+        ]
+        return np.unique(np.concatenate([*(o.ridge_entries() for o in rows), *ends]))
+
+    @property
+    def n_parts(self) -> int:
+        """Parts that the distribution of offsets is taken in; between them are shallow minima."""
+        return len(self._parts)
+
+    def objective(self, c_e: float, alpha: float) -> float:
+        """See `Likelihood`: the weighted sum of squares."""
+        return float(self.at(c_e).minus2(alpha)[0])
+
+    def of_rows(self, observations: Observations, model: Model) -> Likelihood:
+        """See `Likelihood`; at the same variances and offsets."""
+        plain = super().of_rows(replace(observations, eased=1.0, raised=None), model)
+        groups = {group.name: group for group in (observations.sets, *observations.groups)}
+        whole = np.zeros(len(observations.force), np.intp)
+        components = [
+            replace(x, group=replace(x.group, velocity=whole) if x.told else groups[x.group.name])
+            for x in self.components
+        ]
+        equations = self.equations
+        return MixedLikelihood(
+            plain, components, self.point, self.shifts, equations.scatter2, equations.effect2
+        )
+
+    def about(self, point: tuple[float, float]) -> "MixedLikelihood":
+        """See `Likelihood`."""
+        if point[0] > float(self.plain.observations.c_e_bounds().max()):
+            return self
+        slices = self.at(point[0])
+        part = self._parts[int(np.argmin(slices.A[0] + slices.B[0] * (np.log(point[1]) - slices.m[0]) ** 2))]
+        equations = self.equations
+        return MixedLikelihood(
+            part.likelihood, self.components, point, part.by, equations.scatter2, equations.effect2
+        )
+
+    def without(self, component: Component) -> "MixedLikelihood":
+        """The likelihood if one component is known to be what it is at the fit."""
+        kept = [k for k, other in enumerate(self.components) if other is not component]
+        shifts = np.concatenate([np.empty(0), *(self.shifts[self.linear.blocks[k]] for k in kept)])
+        return MixedLikelihood(
+            self.plain, [self.components[k] for k in kept], self.point, shifts, self.equations.scatter2,
+            self.equations.effect2[kept],
+        )  # fmt: skip
+
+    def calibration(self, c_e: float, alpha: float) -> MixedCalibration:
+        """See `Likelihood`."""
+        return self.equations.uncertainty()
+
+    def about_curves(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
+        """See `Likelihood`; the effects count as parameters."""
+        rows = self.linear.columns[0][: len(self._single)]
+        J, r = rows[:, :-1], rows[:, -1]
+        return J, np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
+
+    def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[RowScatter, ...], Floats]:
+        """See `Likelihood`."""
+        equations, model = self.equations, self.linear
+        total = np.asarray(np.linalg.pinv(equations.M[-2:, -2:]), np.float64)
+        scatters = [
+            RowScatter(rows.name, rows.n, rows.known, 0.0, 1.0 if rows.known else float(np.sqrt(s2)))
+            for rows, s2 in zip(model.rows, equations.scatter2, strict=True)
+            if rows.name != "known"
+        ]
+        return total, tuple(scatters), total[None]
+
+    def log_likelihood(self, c_e: float, alpha: float) -> float:
+        """See `Likelihood`: at the variances of the highest likelihood, not the restricted one."""
+        equations, model = self.equations, self.linear
+        free, estimated = equations.free, model.estimated
+
+        def height(x: Floats) -> float:
+            scatter2, effect2 = equations.scatter2.copy(), equations.effect2.copy()
+            scatter2[free], effect2[estimated] = np.exp(x[: len(free)]), np.square(x[len(free) :])
+            return MixedEquations(model, scatter2, effect2).criterion(restricted=False)
+
+        begin = np.append(np.log(equations.scatter2[free]), np.sqrt(equations.effect2[estimated]))
+        lowest = height(begin)
+        if len(begin):
+            best = scipy.optimize.minimize(
+                height, begin, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-8}
+            )
+            lowest = float(best.fun)
+        return self.log_jacobian() - 0.5 * (lowest + float(model.n.sum() * np.log(2 * np.pi)))
+
+
+@dataclass(frozen=True)
+class MixedEffect:
+    """What differs between the levels of a group, or an offset.
+
+    Attributes
+    ----------
+    group, quantity : str
+        Such as "day" and "alpha", "data set" and "force".
+    levels : tuple of str
+    deviation : float or None
+        Standard deviation between levels: of ln c_e or ln alpha (0.1 is about 10 %), or of the offset [N], [mm].
+        None of an offset that the data tell.
+    interval : Interval or None
+        The deviation's 95 % interval; the lower end is 0 where the data allow no difference. None where the
+        deviation was given.
+    values, errors : tuple of float
+        Of each level, and its standard error: ln of its quantity over the population's, drawn towards 0; true less
+        measured force [N], depth or radius [mm]; of the order, ln of the last run's velocity over the first's.
+    freedom : float
+        Degrees of freedom of the errors.
+    """
+
+    group: str
+    quantity: str
+    levels: tuple[str, ...]
+    deviation: float | None
+    interval: Interval | None
+    values: tuple[float, ...]
+    errors: tuple[float, ...]
+    freedom: float = np.inf
+
+    @property
+    def p_value(self) -> float:
+        """Of the first level's value, if it were 0."""
+        t = abs(self.values[0]) / max(self.errors[0], 1e-300)
+        return 2 * float(special.ndtr(-t) if np.isinf(self.freedom) else special.stdtr(self.freedom, -t))
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """95 % interval of the first level's value."""
+        t = -float(special.ndtri(0.025) if np.isinf(self.freedom) else special.stdtrit(self.freedom, 0.025))
+        return self.values[0] - t * self.errors[0], self.values[0] + t * self.errors[0]
+
+
+@by_value
+@dataclass(frozen=True)
+class MixedEvidence:
+    """The effects in a fit, and the uncertainty of c_e and alpha that they leave."""
+
+    effects: tuple[MixedEffect, ...]
+    scatter2: Floats  #: variance of each scatter
+    shifts: Floats  #: offsets that the rows were moved by, a number for each level
+    calibration: MixedCalibration
+
+    @classmethod
+    def of(cls, likelihood: MixedLikelihood, best: tuple[float, float]) -> "MixedEvidence":
+        """At the variances of a likelihood; the effects with rows that are linear about its best point."""
+        equations, effects = likelihood.equations, []
+        model = LinearModel(likelihood.plain, likelihood.components, best, likelihood.shifts)
+        at_best = MixedEquations(model, equations.scatter2, equations.effect2)
+        # on a ridge c_e has no error in a linear model: within a factor of e it is one
+        variance = np.append(at_best.variance[:-2], [1.0, np.inf])
+        M = at_best.inverse(np.arange(len(variance)), at_best.C, variance)[0]
+        values, errors = -M @ at_best.c, np.sqrt(np.maximum(np.diag(M), 0.0))
+        estimated = model.n[equations.free]
+        freedom = float(estimated.sum()) - 2 - sum(x.told for x in model.components)
+        for component, block, variance in zip(model.components, model.blocks, equations.effect2, strict=True):
+            effects.append(MixedEffect(
+                component.group.name, component.quantity, component.group.levels,
+                None if component.told else float(np.sqrt(variance)),
+                _deviation_interval(likelihood.linear, equations, block) if component.deviation is None else None,
+                tuple(values[block].tolist()), tuple(errors[block].tolist()),
+                max(freedom, 1.0) if len(estimated) else np.inf,
+            ))  # fmt: skip
+        return cls(tuple(effects), equations.scatter2, likelihood.shifts, equations.uncertainty())
+
+    def likelihood(self, plain: Likelihood, point: tuple[float, float]) -> MixedLikelihood:
+        """The likelihood of a fit at a point."""
+        uncertain = {
+            x.quantity: (x.deviation, x.group) for x in self.effects if x.deviation and x.interval is None
+        }
+        told = [x.quantity for x in self.effects if x.deviation is None]
+        components = components_of(plain.observations, uncertain, told)
+        deviations = [
+            c.deviation if x.deviation is None else x.deviation
+            for c, x in zip(components, self.effects, strict=True)
+        ]
+        effect2 = np.square(np.array(deviations, np.float64))
+        moved = moved_by(plain, components, self.shifts)
+        return MixedLikelihood(moved, components, point, self.shifts, self.scatter2, effect2)
+
+
+def effect_sentences(
+    likelihood: Likelihood,
+    effects: Sequence[MixedEffect],
+    calibration: AnyCalibration,
+    identified: Combination,
+) -> list[str]:
+    """What the groups and offsets tell, in plain words, and what they cannot tell."""
+    sentences: list[str] = []
+    for group in likelihood.observations.groups:
+        n_levels, name = len(group.levels), group.name
+        differs = [
+            f"{x.quantity} differs by {100 * x.deviation:.2g} % ({_span(x.interval)})"
+            for x in effects if x.group == name and x.deviation is not None and x.interval is not None
+        ]  # fmt: skip
+        if differs:
+            sentences.append(f"Between the {n_levels} {name}s {' and '.join(differs)}.")
+        elif n_levels == 1:
+            sentences.append(f"All runs are of one {name}: nothing here tells the {name} from the bone.")
+        else:
+            sentences.append(f"Each run has a {name} of its own: nothing tells the {name}s from the scatter.")
+        if name == "specimen" and n_levels == 2:
+            sentences.append("Whether c_e differs between specimens cannot be known from fewer than three.")
+    sentences += (
+        _offset_sentences(likelihood, effects, identified) if isinstance(likelihood, MixedLikelihood) else []
+    )
+    if isinstance(calibration, MixedCalibration) and any(x.interval for x in effects):
+        of_alpha, best = (calibration.freedom(d) for d in (ALPHA, np.array([-identified.exponent, 1.0])))
+        sentences.append(
+            f"The interval of alpha rests on {of_alpha:.2g} degrees of freedom, that of "
+            f"alpha/c_e^{identified.exponent:.3g} on {best:.2g}."
+        )
+    return sentences
+
+
+def _offset_sentences(
+    likelihood: MixedLikelihood, effects: Sequence[MixedEffect], identified: Combination
+) -> list[str]:
+    sentences = []
+    for k, (component, x) in enumerate(zip(likelihood.components, effects, strict=True)):
+        unit = f" {OFFSETS[x.quantity]}" if x.quantity in OFFSETS else ""
+        if x.deviation is None:
+            what = f"The {x.quantity} is off by" if unit else "From the first run to the last ln v changes by"
+            p = "p < 0.0001" if x.p_value < 1e-4 else f"p = {x.p_value:.2g}"
+            low, high = x.ends
+            sentences.append(f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {p}).")
+            weak = component.deviation or 0.0
+            if x.errors[0] > weak / 2:
+                sentences.append(
+                    f"The data hardly tell it: it is taken within {weak:.2g}{unit} (standard deviation, ours)."
+                )
+        elif x.interval is None:
+            wider = _widening(likelihood.equations, k, np.array([-identified.exponent, 1.0]))
+            sentences.append(
+                f"That the {x.quantity} may be off by {x.deviation:.3g}{unit} makes the interval of "
+                f"alpha/c_e^{identified.exponent:.3g} {wider:.2g} times as wide."
+            )
+    return sentences
+
+
+def what_opens(likelihood: Likelihood, domain: Domain, point: tuple[float, float], ridge: float) -> str:
+    """Which offsets leave c_e without an upper end, for a fit where it has none, in a sentence; or nothing."""
+    opening: list[str] = []
+    if not isinstance(likelihood, MixedLikelihood):
+        return ""
+    for component in likelihood.components:
+        if component.quantity in (*OFFSETS, "order"):
+            rest = likelihood.without(component)
+            interval = ranges(rest, rest.calibration(*point), domain, point, ridge).intervals["c_e"]["95"]
+            opening += [component.quantity] if interval.upper is not None else []
+    return f"Were the {' or the '.join(opening)} known, c_e would have an upper end." if opening else ""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How far an offset that the fit does not know of moves alpha/c_e^p."""
+
+    offset: str  #: "surface", "force" or "radius"
+    size: float  #: of the offset, true less measured [mm], [N]
+    moved: float  #: fitted less true ln(alpha/c_e^p): 0.1 is about 10 %
+    widths: float  #: its size over half the width of the 95 % interval; 0 where that has an open end
+
+
+def sensitivity_sentence(moves: Sequence[Sensitivity], exponent: float) -> list[str]:
+    """How far the combination is off, in plain words; none without moves."""
+    texts: list[str] = []
+    for x in moves:
+        text = f"a {x.offset}{' misjudged' * (not texts)} by {x.size:.2g} {OFFSETS[x.offset]}"
+        text += f"{'' if texts else f' moves alpha/c_e^{exponent:.3g}'} by {100 * abs(x.moved):.2g} %"
+        widths = f" ({x.widths:.2g} times{'' if texts else ' half the width of its 95 % interval'})"
+        texts.append(text + (widths if x.widths else ""))
+    return [f"A{', '.join(texts)[1:]}."] if texts else []
+
+
+def sensitivities(
+    likelihood: Likelihood, point: tuple[float, float], identified: Combination
+) -> tuple[Sensitivity, ...]:
+    """What a surface misjudged by 0.05 mm would change, a force by 1 % of the largest, and a radius by 1 %."""
+    o = likelihood.observations
+    present = likelihood.components if isinstance(likelihood, MixedLikelihood) else ()
+    sizes = {"surface": 0.05, "force": 0.01 * float(o.force.max()), "radius": 0.01 * float(o.radius.max())}
+    sizes = {name: size for name, size in sizes.items() if name not in [x.quantity for x in present]}
+    components = (*components_of(o, estimate=tuple(sizes))[-len(sizes) :], *present) if sizes else present
+    plain = Likelihood(o, likelihood.kind, likelihood.model, likelihood.beliefs)
+    model = LinearModel(
+        plain, components, point, np.zeros(blocks_of(components)[-1].stop if components else 0)
+    )
+    if isinstance(likelihood, MixedLikelihood):
+        scatter2, effect2 = likelihood.equations.scatter2, likelihood.equations.effect2
+    else:
+        scatter2, effect2 = np.array(list(likelihood.variances(*point).values())), np.empty(0)
+    equations = MixedEquations(model, scatter2, np.append(model.effect2[: len(sizes)], effect2))
+    known = np.arange(len(sizes), len(equations.c))
+    steps = equations.inverse(known)[0][-2:] @ equations.C[np.ix_(known, np.arange(len(sizes)))]
+    ratio = identified.interval.ratio()
+    half = np.log(ratio) / 2 if 1 < ratio < np.inf else np.inf
+    results = []
+    for k, (name, size) in enumerate(sizes.items()):
+        moved = float(np.array([-identified.exponent, 1.0]) @ steps[:, k]) * size
+        results.append(Sensitivity(name, size, moved, float(abs(moved) / half)))
+    return tuple(results)
+
+
+def _widening(equations: MixedEquations, k: int, direction: Floats) -> float:
+    """Standard error along a direction with a component, over that without it."""
+    others = np.delete(np.arange(len(equations.c)), equations.model.blocks[k])
+    variances = [direction @ M[-2:, -2:] @ direction for M in (equations.M, equations.inverse(others)[0])]
+    return float(np.sqrt(variances[0] / variances[1]))
+
+
+def _span(interval: Interval) -> str:
+    assert interval.lower is not None
+    low = f"{100 * interval.lower:.2g}"
+    return f"{low} % up" if interval.upper is None else f"{low} to {100 * interval.upper:.2g} %"
+
+
+def _deviation_interval(model: LinearModel, equations: MixedEquations, block: slice) -> Interval:
+    """95 % interval of a standard deviation between levels, by a generalised pivot.
+
+    Beside all other effects as parameters, the level's part of the rows is u ~ N(0, sigma^2 + tau^2 lambda_i), and
+    the rest S ~ sigma^2 chi^2_f. The pivot solves sum u_i^2/(sigma^2 + tau^2 lambda_i) = chi^2_k, with sigma^2 =
+    S/chi^2_f.
+
+    References
+    ----------
+    Weerahandi, Generalized confidence intervals, J. Am. Stat. Assoc. 88 (1993).
+    """
+    columns = np.concatenate(
+        [c / np.sqrt(s2) for c, s2 in zip(model.columns, equations.scatter2, strict=True)]
+    )
+    Z, r = columns[:, block], columns[:, -1]
+    others = np.delete(columns[:, :-1], np.arange(columns.shape[1] - 1)[block], axis=1)
+    U, s, _ = np.linalg.svd(others, full_matrices=False)
+    basis = U[:, s > 1e-6 * s[0]]
+    Z, r = Z - basis @ (basis.T @ Z), r - basis @ (basis.T @ r)
+    U, s, _ = np.linalg.svd(Z, full_matrices=False)
+    used = s > 1e-6 * max(s[0], 1e-12)
+    u2, size = (U[:, used].T @ r) ** 2, s[used] ** 2
+    S = float(r @ r - u2.sum())
+    freedom = int(model.n.sum()) - basis.shape[1] - int(used.sum())
+    if not len(u2) or freedom < 1:
+        return Interval(0.0, None)
+    chi2 = special.chdtri(freedom, (np.arange(_WEIGHTS) + 0.5) / _WEIGHTS)
+
+    def below(deviation: float) -> float:
+        """Probability that the pivot lies below."""
+        shares = u2 / (S / chi2[:, None] + deviation**2 * size)
+        return float(np.mean(special.chdtrc(len(u2), shares.sum(axis=1))))
+
+    def end(p: float) -> float | None:
+        if below(0.0) >= p:
+            return 0.0
+        high = 1.0
+        while below(high) < p:
+            if high > _WIDEST:
+                return None
+            high *= 2
+        return float(scipy.optimize.brentq(lambda x: below(x) - p, 0.0, high))
+
+    return Interval(end(0.025), end(0.975))

@@ -1,0 +1,556 @@
+"""Days, specimens and offsets in a fit: variances, degrees of freedom, what is said, and how often it is true."""
+
+import io
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import special, stats
+
+import burrlab
+from burrlab import Indentation, VelocityCurve
+from burrlab.cli import main
+from burrlab.fitting.likelihood import MeanFieldModel
+from burrlab.fitting.linear import LinearModel, components_of
+from burrlab.fitting.paired import ERROR
+from burrlab.fitting.profile import C_E
+
+BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
+FORCES = np.geomspace(0.3, 2.2, 8)
+
+
+def laboratory(seed, n, *, design="crossed", between=0.1, of_c_e=0.0, within=0.05, group="day"):
+    """A curve of `n` days or specimens: all forces on each, or (blocks) a part of the forces on each."""
+    random = np.random.default_rng(seed)
+    level = np.repeat(np.arange(n), 8)
+    force = np.tile(FORCES, n)
+    if design == "blocks":
+        force = np.repeat(np.geomspace(0.3, 2.2, 12), 3)
+        level = np.repeat(np.arange(n), len(force) // n)
+    c_e, alpha = (
+        BONE.c_e * np.exp(of_c_e * random.normal(size=n)),
+        BONE.alpha * np.exp(between * random.normal(size=n)),
+    )
+    materials = [burrlab.Material("level", c_e=c, alpha=a) for c, a in zip(c_e, alpha, strict=True)]
+    v = np.array(
+        [burrlab.penetration_velocity(BURR, materials[k], F) for k, F in zip(level, force, strict=True)]
+    )
+    v *= np.exp(within * random.normal(size=len(v)))
+    ok = np.isfinite(v)
+    labels = [f"{group} {k}" for k in level[ok]]
+    return VelocityCurve(force[ok], v[ok], radius=3.0, groups={group: labels}, source="synthetic")
+
+
+def off(seed, *, force=0.0, surface=0.0, radius=0.0, drift=0.0, between=0.0, within=0.05, label=True):
+    """A curve of eight forces on each of three days, and what it is off by: drawn with these standard deviations."""
+    random = np.random.default_rng(seed)
+    F, day = np.tile(FORCES, 3), np.repeat(np.arange(3), 8)
+    moves = np.array([force, surface, radius]) * random.normal(size=3)
+    tool = burrlab.Burr(3.0 + moves[2])
+    v = burrlab.penetration_velocity(tool, BONE, F + moves[0], 0.5 + moves[1], 1.0 + moves[1])
+    v *= np.exp(
+        between * random.normal(size=3)[day]
+        + within * random.normal(size=24)
+        + drift * np.linspace(-0.5, 0.5, 24)
+    )
+    groups = {"day": day} if label else None
+    return VelocityCurve(F, v, radius=3.0, groups=groups, source="synthetic"), moves
+
+
+class TestVariances:
+    @pytest.mark.parametrize(
+        ("curve", "n"), [(laboratory(1, 4), 1), (laboratory(2, 3, design="blocks"), 1), (laboratory(3, 6, of_c_e=0.1, group="specimen"), 2)],
+        ids=["days", "blocks", "specimens"],
+    )  # fmt: skip
+    @pytest.mark.filterwarnings("ignore:The MLE may be on the boundary")  # of a parameter that it has besides
+    def test_of_the_linear_model_are_those_of_statsmodels(self, curve, n):
+        """REML, and the standard errors at its variances; its step is 0 at the fit."""
+        mixed = pytest.importorskip("statsmodels.regression.mixed_linear_model")
+        fit = burrlab.fit(curve)
+        equations, components = fit.likelihood.equations, components_of(fit.observations)
+        assert len(components) == n
+        model = LinearModel(
+            fit.likelihood,
+            components,
+            (fit.c_e, fit.alpha),
+            np.zeros(sum(len(x.group.levels) for x in components)),
+        )
+        J, r = model.rows[0].J, model.rows[0].r
+        names = [str(i) for i in range(n)]
+        columns = [[model.columns[0][:, block]] for block in model.blocks]
+        effects = mixed.VCSpec(names, [[[""] * c[0].shape[1]] for c in columns], columns)
+        theirs = mixed.MixedLM(r, J, np.ones(len(r)), exog_vc=effects, exog_re=None).fit(
+            reml=True, method=["lbfgs", "powell"]
+        )
+        assert theirs.scale == pytest.approx(equations.scatter2[0], rel=2e-3)
+        assert theirs.vcomp == pytest.approx(equations.effect2, rel=5e-3, abs=1e-5)
+        assert theirs.bse_fe == pytest.approx(np.sqrt(np.diag(equations.uncertainty().covariance)), rel=3e-3)
+        assert np.abs(theirs.fe_params).max() < 1e-3
+
+    def test_of_balanced_days_are_those_of_the_analysis_of_variance(self):
+        fit = burrlab.fit(laboratory(1, 4))
+        evidence = fit.evidence.mixed
+        r = fit.residuals.reshape(4, 8)
+        between = 8 * np.sum((r.mean(axis=1) - r.mean()) ** 2) / 3
+        within = (np.sum(r**2) - 8 * np.sum(r.mean(axis=1) ** 2)) / (32 - 4 - 1)
+        assert evidence.scatter2[0] == pytest.approx(within, rel=1e-5)
+        assert evidence.effects[0].deviation == pytest.approx(np.sqrt((between - within) / 8), rel=1e-4)
+
+    def test_effects_of_days_are_found(self):
+        curve = laboratory(1, 12, within=0.01)
+        (effect,) = burrlab.fit(curve).effects
+        random = np.random.default_rng(1)
+        random.normal(size=12)
+        true = 0.1 * random.normal(size=12)
+        assert np.array(effect.values) - np.mean(effect.values) == pytest.approx(true - true.mean(), abs=0.02)
+        assert effect.levels[:2] == ("day 0", "day 1")
+        assert effect.interval.lower < 0.1 < effect.interval.upper
+
+    def test_pressed_rows_tell_c_e_of_their_specimens(self):
+        """Four specimens of c_e 15 % apart; the days do not move a burr that stands still."""
+        c_e = BONE.c_e * np.exp([-0.2, -0.05, 0.1, 0.15])
+        depth = np.tile([0.1, 0.2, 0.3], 4)
+        force = (
+            np.repeat(c_e, 3)
+            * np.sqrt(3.0)
+            * depth**1.5
+            * np.exp(0.01 * np.random.default_rng(1).normal(size=12))
+        )
+        pressed = Indentation(force, depth, 3.0, specimen=np.repeat(list("ABCD"), 3))
+        curve = burrlab.synthetic_curve(BURR, BONE, FORCES, repeats=2, scatter=0.05, seed=1)
+        curve = VelocityCurve(curve.force, curve.velocity, radius=3.0, specimen=["A", "B"] * 8)
+        effects = {x.quantity: x for x in burrlab.fit([curve, pressed]).effects}
+        assert np.array(effects["c_e"].values) == pytest.approx([-0.2, -0.05, 0.1, 0.15], abs=0.03)
+
+
+class TestFreedom:
+    def test_of_crossed_days(self):
+        """The level of alpha has one degree less than the days, c_e those of all rows."""
+        calibration = burrlab.fit(laboratory(1, 4)).evidence.mixed.calibration
+        level = np.array([-calibration.covariance[0, 1] / calibration.covariance[0, 0], 1.0])
+        assert calibration.freedom(level) == pytest.approx(3, rel=1e-4)
+        assert calibration.freedom(C_E) == pytest.approx(32 - 4 - 1, rel=1e-4)
+        assert calibration.adjusted == pytest.approx(calibration.covariance, rel=1e-6)
+
+    def test_limits_and_probabilities_are_inverse(self):
+        calibration = burrlab.fit(laboratory(2, 3, design="blocks")).evidence.mixed.calibration
+        for direction in (None, C_E, np.array([-2.5, 1.0])):
+            limits = calibration.limits({"68": 0.68, "95": 0.95}, direction)
+            for level, p in (("68", 0.32), ("95", 0.05)):
+                assert calibration.probability(limits[level], direction) == pytest.approx(p)
+            if direction is not None:
+                assert calibration.threshold(direction).limit(0.95) == pytest.approx(limits["95"])
+
+
+class TestOffsets:
+    def test_move_the_model_itself(self):
+        """A surface by 0.1 mm, and a radius by 1 %: the windows stay in mm."""
+        fit = burrlab.fit(off(1, within=0.0)[0], groups=())
+        o, c_e = fit.observations, BONE.c_e
+
+        def change(offset, by):
+            return np.log(
+                MeanFieldModel(o.moved(offset, by, by), BONE.shape).unit(c_e) / fit.likelihood.model.unit(c_e)
+            )
+
+        assert (change("surface", 0.1)[0], change("surface", -0.1)[0]) == pytest.approx(
+            (-0.211, 0.237), abs=1e-3
+        )
+        assert change("radius", 0.03)[0] / np.log(1.01) == pytest.approx(-2.45, abs=0.01)
+        assert change("force", 0.003)[:8] == pytest.approx(change("force", -0.003)[:8] * -1, rel=0.02)
+
+    @pytest.mark.parametrize(("offset", "deviation"), [("force", 0.02), ("surface", 0.05), ("radius", 0.06)])
+    def test_likelihood_is_that_of_an_average_over_the_offset(self, offset, deviation):
+        """-2 log L rises as the average of the plain one over 400 values of the offset does, within 10 %."""
+        curve, _ = off(2, **{offset: deviation})
+        fit = burrlab.fit(curve, groups=(), uncertain={offset: deviation})
+        scatter2, o = fit.evidence.mixed.scatter2[0], fit.observations
+        points = [(fit.c_e, fit.alpha)] + [
+            (c_e, fit.alpha * (c_e / fit.c_e) ** fit.identified.exponent * by)
+            for c_e in fit.intervals["c_e"]["68"].__dict__.values()
+            for by in (0.95, 1.05)
+        ]
+        drawn = deviation * special.ndtri((np.arange(400) + 0.5) / 400)
+        squares = np.array([[
+            np.sum((np.log(o.velocity / alpha) - MeanFieldModel(o.moved(offset, by, by), BONE.shape).log_unit(c_e)) ** 2)
+            for c_e, alpha in points] for by in drawn]) / scatter2  # fmt: skip
+        average = -2 * special.logsumexp(-squares / 2, axis=0)
+        rises = [float(fit.likelihood.at(c_e).minus2(alpha)[0]) for c_e, alpha in points]
+        assert np.subtract(rises, rises[0]) == pytest.approx(average - average[0], rel=0.1, abs=0.15)
+
+    def test_are_found_where_the_data_tell_them(self):
+        curve, (force, *_) = off(3, force=0.05, drift=0.3, within=0.01)
+        fit = burrlab.fit(curve, estimate=("force", "order"), groups=())
+        tare, drift = fit.effects
+        assert tare.ends[0] < force < tare.ends[1]
+        assert tare.errors[0] < 0.005
+        assert drift.values[0] == pytest.approx(0.3, abs=0.03)
+        assert drift.p_value < 1e-6
+        assert "The force is off by" in fit.verdict
+        assert "From the first run to the last ln v changes by 0.3" in fit.verdict
+        assert fit.aic < burrlab.fit(curve, groups=()).aic - 20
+        assert "hardly tell it" in burrlab.fit(curve, estimate=("radius",), groups=()).verdict
+
+    def test_known_values_count_as_rows(self):
+        """A c_e from elsewhere closes what small forces leave open, and its error remains."""
+        curve = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.4, 0.5, 0.6], seed=1)
+        assert burrlab.fit(curve).intervals["c_e"]["95"].upper is None
+        fit = burrlab.fit(curve, known={"c_e": (2.145, 0.1)})
+        assert fit.intervals["c_e"]["95"].ratio() == pytest.approx(np.exp(4 * 0.1 / 2.145), rel=0.03)
+        exact = burrlab.fit(curve, known={"c_e": 2.145})
+        assert exact.intervals["alpha"]["95"].ratio() < fit.intervals["alpha"]["95"].ratio()
+        assert exact.status == "ok"
+
+    def test_what_would_move_the_fit(self):
+        """The change that is said, against a fit to data that are off by so much."""
+        (curve, _), moved = off(4), burrlab.fit(off(4)[0], groups=()).sensitivity
+        straight = burrlab.fit(curve, groups=())
+        p = straight.identified.exponent
+        shifts = {"force": (0.022, 0, 0), "surface": (0, 0.05, 0), "radius": (0, 0, 0.03)}
+        for x in moved:
+            force, surface, radius = shifts[x.offset]
+            v = [burrlab.penetration_velocity(burrlab.Burr(3.0 + R), BONE, curve.force + F, 0.5 + S, 1.0 + S)
+                 for R, F, S in ((radius, force, surface), (0, 0, 0))]  # fmt: skip
+            fit = burrlab.fit(VelocityCurve(curve.force, curve.velocity * v[0] / v[1], radius=3.0))
+            change = np.log(fit.alpha / fit.c_e**p) - np.log(straight.alpha / straight.c_e**p)
+            assert x.moved == pytest.approx(change, rel=0.15)
+        assert "A surface misjudged by 0.05 mm moves alpha/c_e^" in straight.report()
+
+    def test_of_traces_indentations_and_overloaded_runs(self):
+        traces = [burrlab.synthetic_trace(BURR, BONE, F, seed=k) for k, F in enumerate((0.4, 0.8, 1.6))]
+        fit = burrlab.fit(traces, uncertain={"force": 0.02})
+        assert [len(x.levels) for x in fit.effects] == [3]  # one a data set
+        assert fit.identified.interval.ratio() / burrlab.fit(traces).identified.interval.ratio() > 1
+        depth = np.array([0.1, 0.2, 0.3, 0.4])
+        force = BONE.c_e * np.sqrt(3.0) * (depth + 0.02) ** 1.5
+        fit = burrlab.fit([off(1)[0], Indentation(force, depth, 3.0)], estimate=("surface",), groups=())
+        assert fit.effects[0].values[0] == pytest.approx(0.02, abs=3 * fit.effects[0].errors[0])
+        ends = VelocityCurve([0.3, 0.6, 1.2, 2.2, 3.9], [0.02, 0.13, 0.8, 3.5, np.nan], radius=3.0,
+                             status=["ok"] * 4 + ["overloaded"])  # fmt: skip
+        hard, soft = (
+            burrlab.fit(ends, uncertain=x).intervals["c_e"]["99.7"].upper for x in (None, {"surface": 0.05})
+        )
+        assert hard < 3.9 * 27**0.5 / 9 < soft
+
+    def test_come_back_from_json(self, tmp_path):
+        curve, _ = off(5, force=0.02, surface=0.05, between=0.1)
+        fit = burrlab.fit(
+            curve,
+            uncertain={"surface": 0.05, "force": (0.02, "day")},
+            estimate=("order",),
+            known={"alpha": (0.09, 0.01)},
+        )
+        fit.to_json(tmp_path / "fit.json")
+        again = burrlab.Fit.from_json(tmp_path / "fit.json")
+        assert (again.verdict, again.effects, again.aic) == (fit.verdict, fit.effects, fit.aic)
+        assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
+        assert again.influence()[0].c_e == fit.influence()[0].c_e
+        assert [len(x.levels) for x in fit.effects] == [3, 1, 3, 1]
+
+
+class TestWhatIsSaid:
+    def test_verdicts(self):
+        curve = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.6, 1.2, 2.4], seed=1)
+
+        def verdict(**labels):
+            return burrlab.fit(VelocityCurve(curve.force, curve.velocity, radius=3.0, **labels)).verdict
+
+        assert "All runs are of one day: nothing here tells the day from the bone." in verdict(
+            groups={"day": "Monday"}
+        )
+        assert "Each run has a day of its own: nothing tells" in verdict(groups={"day": range(12)})
+        assert "cannot be known from fewer than three" in verdict(specimen=["A", "B"] * 6)
+        text = burrlab.fit(laboratory(1, 4)).verdict
+        assert "Between the 4 days alpha differs by 7.3 % (3.9 to 28 %)." in text
+        assert text.endswith(
+            "The interval of alpha rests on 30 degrees of freedom, that of alpha/c_e^2.57 on 3."
+        )
+
+    def test_intervals_widen_and_labels_can_be_left_out(self, tmp_path):
+        curve = laboratory(1, 4)
+        fit, without = burrlab.fit(curve), burrlab.fit(curve, groups=())
+        assert fit.identified.interval.ratio() > 2 * without.identified.interval.ratio() - 1
+        unlabelled = burrlab.fit(VelocityCurve(curve.force, curve.velocity, radius=3.0))
+        assert (without.intervals, without.identified) == (unlabelled.intervals, unlabelled.identified)
+        assert without.evidence.mixed is None
+        fit.to_json(tmp_path / "fit.json")
+        again = burrlab.Fit.from_json(tmp_path / "fit.json")
+        assert (again.verdict, again.intervals) == (fit.verdict, fit.intervals)
+        assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
+        assert again.influence()[0].c_e == pytest.approx(fit.influence()[0].c_e)
+
+    def test_velocities_of_a_new_run_and_day(self):
+        """The mean's interval is that of the fit's combination; a new day and a new run add their variances."""
+        curve = laboratory(1, 6)
+        fit, plain = burrlab.fit(curve), burrlab.fit(curve, groups=())
+        widths = {
+            new: np.log(np.divide(*fit.velocity_interval(0.8, new=new)[::-1])) for new in ("", "day", "run")
+        }
+        t = stats.t.ppf(0.975, 5)
+        assert widths[""] == pytest.approx(2 * t * fit.effects[0].deviation / 6**0.5, rel=0.1)
+        assert widths["day"] == pytest.approx(2 * t * fit.effects[0].deviation * (1 + 1 / 6) ** 0.5, rel=0.1)
+        assert widths["run"] > widths["day"]
+        low, high = plain.velocity_interval([0.8, 9.0], level=68)
+        assert np.log(high[0] / low[0]) == pytest.approx(
+            2 * 1.01 * plain.evidence.scatters[0].value / 48**0.5, rel=0.2
+        )
+        assert np.isnan(low[1])
+        with pytest.raises(ValueError, match="new must be one of run, day: got 'bone'"):
+            fit.velocity_interval(1.0, new="bone")
+
+    def test_one_day_a_set_allows_no_decision(self):
+        first, second = (laboratory(seed, 1, between=0.0) for seed in (1, 2))
+        second = VelocityCurve(second.force, 2 * second.velocity, radius=3.0, groups={"day": "day 9"})
+        (pair,) = burrlab.compare(burrlab.fit(first), burrlab.fit(second)).pairs
+        assert (pair.p_differ < ERROR, pair.differ, pair.equivalent) == (True, False, False)
+        assert "no test can tell the sets from the days" in pair.obstacle
+
+
+def pair_of_sets(seed, n, *, ratio=1.0, varies=0.0, force=0.0):
+    """Two drills on the same days: alpha of the second is `ratio` times that of the first, which varies by day."""
+    random = np.random.default_rng(seed)
+    days, tare, curves = 0.1 * random.normal(size=n), force * random.normal(), []
+    for factor in (1.0, ratio):
+        day, F = np.repeat(np.arange(n), 8), np.tile(FORCES, n)
+        change = (days + varies * random.normal(size=n))[day] + 0.05 * random.normal(size=8 * n)
+        v = burrlab.penetration_velocity(BURR, BONE, F + tare) * factor * np.exp(change)
+        curves.append(VelocityCurve(F, v, radius=3.0, groups={"day": day}))
+    return curves
+
+
+class TestPairs:
+    """Sets on the same days, or with the same load cell: what they share cancels."""
+
+    def test_of_days(self):
+        first, second = (burrlab.fit(x) for x in pair_of_sets(1, 4, ratio=0.9))
+        (pair,) = burrlab.compare(first, second).pairs
+        assert (pair.pairing, pair.differ) == ("day", True)
+        others = VelocityCurve(
+            second.curve.force, second.curve.velocity, radius=3.0, groups={"day": np.repeat(list("abcd"), 8)}
+        )
+        (apart,) = burrlab.compare(first, burrlab.fit(others)).pairs
+        assert (apart.pairing, apart.differ) == ("", False)
+        velocity = pair.velocity.at_middle.interval
+        assert 0.9 in velocity
+        assert velocity.ratio() < apart.velocity.at_middle.interval.ratio() / 1.1
+        compared = burrlab.compare(first, second, margin=0.3)
+        assert compared.verdict.startswith("A and B, paired by day, differ (B over A: velocity 0.9")
+        assert compared.pairs[0].equivalent
+        assert burrlab.Comparison.from_dict(compared.to_dict()) == compared
+
+    def test_of_balanced_days_are_a_paired_t_test(self):
+        """Of the days' mean log velocities, where the difference varies."""
+        sets = pair_of_sets(2, 6, ratio=0.8, varies=0.1)
+        (pair,) = burrlab.compare(*(burrlab.fit(x) for x in sets)).pairs
+        first, second = (np.log(x.velocity).reshape(6, 8).mean(axis=1) for x in sets)
+        t = stats.ttest_rel(second, first).confidence_interval()
+        middle = pair.velocity.at_middle
+        assert np.log(middle.value) == pytest.approx(np.mean(second - first), abs=0.02)
+        assert np.log(middle.interval.ratio()) == pytest.approx(t.high - t.low, rel=0.1)
+
+    def test_of_a_load_cell(self):
+        fits = [burrlab.fit(x, uncertain={"force": 0.02}) for x in pair_of_sets(3, 4, force=0.02)]
+        shared, apart = (burrlab.compare(*fits, shared=names).pairs[0] for names in (("force",), ()))
+        widths = [x.velocity.at_middle.interval.ratio() for x in (shared, apart)]
+        assert np.log(widths[0]) < np.log(widths[1])
+        with pytest.raises(
+            ValueError, match="shared offsets must be uncertain in each fit, with one value: got 'surface'"
+        ):
+            burrlab.compare(*fits, shared=("surface",))
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        ("n", "varies", "ratio"), [(3, 0.0, 1.0), (6, 0.0, 1.0), (6, 0.05, 1.0), (3, 0.0, 0.9), (6, 0.0, 0.9)]
+    )
+    def test_seldom_differ_by_chance(self, n, varies, ratio):
+        sets, differ, apart = 200, 0, 0
+        for seed in range(sets):
+            first, second = pair_of_sets(seed, n, varies=varies, ratio=ratio)
+            fits = [burrlab.fit(x, plausible=None) for x in (first, second)]
+            differ += burrlab.compare(*fits).pairs[0].differ
+            others = replace(second, groups={"day": [f"other {x}" for x in second.groups["day"]]})
+            apart += burrlab.compare(fits[0], burrlab.fit(others, plausible=None)).pairs[0].differ
+        print(n, varies, ratio, f"differ: paired {differ / 2:.1f} %, other days {apart / 2:.1f} %")
+        if ratio == 1.0:
+            assert differ < sets * ERROR + 4 * np.sqrt(sets * ERROR)
+        else:
+            assert differ > apart
+
+
+def curve(**labels):
+    return VelocityCurve([1.0, 2.0, 3.0], [0.1, 0.4, 0.9], radius=3.0, **labels)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (lambda: curve(groups={"day": ["a", "b"]}), ValueError, "day must have 3 labels, one a row: got 2"),
+        (lambda: curve(groups=3), TypeError, "groups must be a mapping"),
+        (lambda: curve(groups={"a,b": "x"}), ValueError, "name of a group must be of letters"),
+        (lambda: curve(specimen=["a", None, "b"]), ValueError, "row 1, specimen: every row needs a label"),
+        (lambda: burrlab.fit(curve(specimen="a"), groups=["day"]), ValueError, "groups may be of specimen: got 'day'"),
+        (lambda: burrlab.fit([curve(specimen="a"), curve()]), ValueError, "data set 2 has no specimen, which others have"),
+        (lambda: burrlab.fit(curve(specimen=[1, 2, 2], groups={"day": [3, 4, 4]})), ValueError,
+         "specimen and day cannot be told apart: each specimen has one day"),
+        (lambda: burrlab.fit(laboratory(1, 3)).bootstrap(5, seed=1), ValueError, "a bootstrap draws runs, not groups"),
+        (lambda: burrlab.design(burrlab.fit(laboratory(1, 3)), [1.0], [3.0], 1), ValueError, "a design needs a fit without groups"),
+        (lambda: burrlab.fit(curve(), uncertain={"farce": 1.0}), ValueError, "uncertain may hold force, surface, radius: got 'farce'; did"),
+        (lambda: burrlab.fit(curve(), uncertain={"force": -1.0}), ValueError, r"uncertain of force must be a standard deviation above 0 \[N\]"),
+        (lambda: burrlab.fit(curve(), uncertain={"force": (1.0, "day")}), ValueError, "uncertain of force: the data have no group 'day'"),
+        (lambda: burrlab.fit(curve(), uncertain={"surface": 0.5}), ValueError, "uncertain of surface must be below 0.278 mm"),
+        (lambda: burrlab.fit(curve(), uncertain=0.1), TypeError, "uncertain must be a dict such as"),
+        (lambda: burrlab.fit(curve(), estimate=("tare",)), ValueError, "estimate may hold force, surface, radius, order: got 'tare'"),
+        (lambda: burrlab.fit(curve(), estimate=("force",), uncertain={"force": 1.0}), ValueError, "got 'force' twice"),
+        (lambda: burrlab.fit(curve(), estimate="force"), TypeError, "estimate must be a sequence"),
+        (lambda: burrlab.fit(curve(), known={"c_e": (2.0, 0.0)}), ValueError, "known c_e must be a value, or a value and its standard"),
+        (lambda: burrlab.fit(curve(), known={"f": 1.0}), ValueError, "known may hold 'c_e' and 'alpha' alone: got 'f'"),
+        (lambda: burrlab.fit(curve(), known=2.0), TypeError, "known must be a dict"),
+        (lambda: burrlab.fit(curve(), estimate=("surface",), engine="voxel"), ValueError, "takes offsets of force alone: got surface"),
+        (lambda: burrlab.fit(laboratory(1, 3), residuals="student"), ValueError, "residuals must be 'relative' with groups"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(call, error, text):
+    with pytest.raises(error, match=text):
+        call()
+
+
+class TestFiles:
+    def test_labels_come_back(self):
+        labelled, file = (
+            curve(groups={"day": [1.0, 1, 2]}, specimen=["A, left", "A, left", "B"]),
+            io.StringIO(),
+        )
+        labelled.to_csv(file)
+        file.seek(0)
+        assert VelocityCurve.from_csv(file) == labelled
+        trace = burrlab.synthetic_trace(BURR, BONE, 1.0, seed=1)
+        trace = burrlab.DepthTrace(
+            trace.time, trace.immersion, 1.0, 3.0, groups={"day": "3 May"}, specimen="Ä"
+        )
+        file = io.StringIO()
+        trace.to_csv(file)
+        file.seek(0)
+        assert burrlab.DepthTrace.from_csv(file) == trace
+        with pytest.raises(ValueError, match="groups in the comments must be JSON"):
+            burrlab.DepthTrace.from_csv(io.StringIO(file.getvalue().replace("{", "")))
+
+    def test_of_a_laboratory(self, tmp_path, capsys):
+        text = "Kraft;v;Messtag;Probe\n1;0,1;Mo;a\n2;0,4;Di;b\n3;0,9;Di;\n"
+        columns = {"force": "Kraft", "velocity": "v"}
+        read = VelocityCurve.from_csv(
+            io.StringIO(text), columns=columns, decimal=",", groups={"day": "Messtag"}
+        )
+        assert read.groups == {"day": ("Mo", "Di", "Di")}
+        assert read.others == {"Probe": ("a", "b", "")}
+        for specimen, message in (
+            ("Probe", "row 2, specimen: every row needs a label"),
+            ("Bone", "no column is Bone; there are Messtag, Pr"),
+        ):
+            with pytest.raises(ValueError, match=message):
+                VelocityCurve.from_csv(io.StringIO(text), columns=columns, decimal=",", specimen=specimen)
+        frame = {"F": [1.0, 2.0], "v": [0.1, 0.4], "who": ["AB", "CD"]}
+        assert VelocityCurve.from_dataframe(
+            frame, force="F", velocity="v", groups={"operator": "who"}
+        ).groups == {"operator": ("AB", "CD")}
+
+        laboratory(1, 4).to_csv(tmp_path / "lab.csv")
+        command = ["fit", str(tmp_path / "lab.csv"), "--json", str(tmp_path / "fit.json")]
+        offsets = [
+            "--uncertain",
+            "surface=0.05,force=0.02:day",
+            "--estimate",
+            "order",
+            "--known",
+            "c_e=2.1:0.1",
+        ]
+        assert main(command + offsets) == 0
+        out = capsys.readouterr().out
+        assert "That the surface may be off by 0.05 mm" in out
+        assert "From the first run to the last ln v changes by" in out
+        laboratory(2, 4).to_csv(tmp_path / "other.csv")
+        pair = [
+            "compare",
+            str(tmp_path / "lab.csv"),
+            str(tmp_path / "other.csv"),
+            "--uncertain",
+            "force=0.02",
+        ]
+        assert main([*pair, "--shared", "force"]) == 0
+        assert "paired by day" in capsys.readouterr().out
+        for options, said in ([], "Between the 4 days"), (["--groups", "none"], ""):
+            assert main(command + options) == 0
+            assert said in capsys.readouterr().out
+            groups = json.loads((tmp_path / "fit.json").read_text())["evidence"]["mixed"]
+            assert bool(groups) == bool(said)
+
+
+# A share of 400 lies within four standard errors of its probability but once in 16 000.
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("design", "n", "between", "of_c_e"),
+    [
+        ("crossed", 2, 0.1, 0.0), ("crossed", 3, 0.1, 0.0), ("crossed", 6, 0.1, 0.0), ("crossed", 6, 0.05, 0.0),
+        ("crossed", 3, 0.0, 0.0), ("blocks", 3, 0.1, 0.0), ("blocks", 6, 0.1, 0.0), ("specimen", 3, 0.1, 0.1), ("specimen", 6, 0.1, 0.1),
+    ],
+)  # fmt: skip
+def test_intervals_hold_the_truth(design, n, between, of_c_e):
+    sets, held = 400, dict.fromkeys(("c_e", "alpha", "combination", "region", "deviation"), 0)
+    for seed in range(sets):
+        group = "specimen" if of_c_e else "day"
+        fit = burrlab.fit(
+            laboratory(seed, n, design=design, between=between, of_c_e=of_c_e, group=group), plausible=None
+        )
+        held["c_e"] += BONE.c_e in fit.intervals["c_e"]["95"]
+        held["alpha"] += BONE.alpha in fit.intervals["alpha"]["95"]
+        held["combination"] += BONE.alpha / BONE.c_e**fit.identified.exponent in fit.identified.interval
+        held["region"] += fit.test(BONE.c_e, BONE.alpha).p_value > 0.05
+        held["deviation"] += between in fit.effects[-1].interval
+    print(design, n, between, {name: f"{100 * k / sets:.1f} %" for name, k in held.items()})
+    error = np.sqrt(0.05 * 0.95 * sets)
+    assert min(held.values()) > 0.95 * sets - 4 * error, held
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("design", "n", "of_c_e"), [("crossed", 3, 0.0), ("blocks", 3, 0.0), ("specimen", 3, 0.1)]
+)
+def test_sets_of_one_bone_seldom_differ(design, n, of_c_e):
+    """Each set has days or specimens of its own, with other labels."""
+    sets, group, differ = 200, "specimen" if of_c_e else "day", 0
+    for seed in range(sets):
+        curves = [laboratory(2 * seed + k, n, design=design, of_c_e=of_c_e, group=group) for k in (0, 1)]
+        curves[1] = replace(curves[1], groups={group: [f"other {x}" for x in curves[1].groups[group]]})
+        differ += burrlab.compare(*(burrlab.fit(x, plausible=None) for x in curves)).pairs[0].differ
+    print(design, n, f"false 'differ' {100 * differ / sets:.1f} %")
+    assert differ < sets * ERROR + 4 * np.sqrt(sets * ERROR)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("drawn", "how"),
+    [
+        ({"force": 0.022}, {}), ({"surface": 0.05}, {}), ({"radius": 0.06}, {}),
+        ({"force": 0.022, "surface": 0.05, "between": 0.1}, {}), ({"force": 0.022}, {"estimate": ("force",)}),
+    ],
+    ids=["force", "surface", "radius", "days", "told"],
+)  # fmt: skip
+def test_intervals_hold_the_truth_with_offsets(drawn, how):
+    """Offsets drawn with the sizes that the fit is told, as those of a fit that is not told them."""
+    sets, held = 200, {}
+    uncertain = {} if how else {name: size for name, size in drawn.items() if name != "between"}
+    for told in (True, False):
+        hits = dict.fromkeys(("c_e", "alpha", "combination", "region"), 0)
+        for seed in range(sets if told else 100):
+            groups = None if "between" in drawn else ()
+            options = {"uncertain": uncertain, **how} if told else {}
+            fit = burrlab.fit(off(seed, **drawn)[0], plausible=None, groups=groups, **options)
+            hits["c_e"] += BONE.c_e in fit.intervals["c_e"]["95"]
+            hits["alpha"] += BONE.alpha in fit.intervals["alpha"]["95"]
+            hits["combination"] += BONE.alpha / BONE.c_e**fit.identified.exponent in fit.identified.interval
+            hits["region"] += fit.test(BONE.c_e, BONE.alpha).p_value > 0.05
+        held[told] = {name: round(100 * k / (seed + 1), 1) for name, k in hits.items()}
+    print(drawn, how, "told", held[True], "not told", held[False])
+    error = 100 * np.sqrt(0.05 * 0.95 / sets)
+    assert min(held[True].values()) > 95 - 4 * error, held
+    assert min(held[False].values()) < 70

@@ -17,15 +17,16 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.diagnostics import HypothesisTest, judged, p_text
+from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.observations import Floats, bounds_of
-from burrlab.fitting.profile import C_E, ENDLESS, Domain, Interval, close_walk
+from burrlab.fitting.paired import ERROR, LinearDifference, Paired
+from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.verdict import span
 from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
 LEVEL = 0.95  # of the intervals of ratios, all pairs together
-ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
 _FORCES = 15  # at which velocities are compared
 _OPEN = 1e3  # logarithm that stands for an open end; beyond `ENDLESS` all are
 #: Distances from a best value in standard errors, at which its ends are known
@@ -43,6 +44,7 @@ class ComparedSet:
     alpha: float  #: [1/ms]
     residual_kind: str
     status: str  #: of the fit
+    groups: tuple[str, ...] = ()  #: days, specimens ... that the fit knows
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ class ComparedPair:
     p_differ: float  #: its p-value, corrected for the number of pairs
     velocity: VelocityRatio | None  #: None where the sets share no force at one radius
     p_equivalent: float  #: of a velocity ratio outside the margin, corrected; 1 without a margin
+    pairing: str = ""  #: the group whose levels both sets have, so that its effects cancel
     obstacle: str = ""  #: Why no test can tell the sets apart from their days or specimens, in a sentence.
 
     @property
@@ -117,11 +120,20 @@ class Comparison(InJson):
             if pair.obstacle:
                 lines.append(pair.obstacle)
                 continue
-            sentence = " and ".join(pair.names) + (" differ" if pair.differ else " can be of one material")
+            units = f", paired by {pair.pairing}," if pair.pairing else ""
+            runs = "" if any(s.groups for s in self.sets if s.name in pair.names) else "these runs of "
+            sentence = runs + " and ".join(pair.names) + units
+            sentence += " differ" if pair.differ else " can be of one material"
+            if pair.velocity is not None:
+                at = pair.velocity.at_middle
+                sentence += (
+                    f" ({pair.names[1]} over {pair.names[0]}: velocity {at.value:.3g}, {span(at.interval)}, at "
+                    f"{pair.velocity.middle[1]:.3g} N)"
+                )
             if self.margin is not None:
                 shown_to = "" if pair.equivalent else "not shown to be "
                 sentence += f", and are {shown_to}equivalent within {100 * self.margin:g} % of velocity"
-            lines.append(f"{sentence}.")
+            lines.append(f"{sentence[0].upper() if runs else sentence[0]}{sentence[1:]}.")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -215,7 +227,12 @@ Comparison._codec = Codec(
 )
 
 
-def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] | None = None) -> Comparison:
+def compare(
+    *fits: FitRecord,
+    margin: float | None = None,
+    names: Sequence[str] | None = None,
+    shared: Sequence[str] = (),
+) -> Comparison:
     """Whether the data of two or more fits are of one material.
 
     Parameters
@@ -228,6 +245,8 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         equivalent: 0.2 allows ratios from 1/1.2 to 1.2. Without it nothing is called equivalent.
     names : sequence of str, optional
         Names of the sets; A, B, C, ... by default.
+    shared : sequence of str
+        Uncertain offsets that the sets have in common, such as ``("force",)`` for one load cell: they cancel.
 
     Raises
     ------
@@ -235,7 +254,8 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
         If a set is no fit.
     ValueError
         If there are fewer than two fits, one is of another kind than above or gave nothing, the margin is not
-        above 0 and at most 1, or the names are not one a fit and distinct.
+        above 0 and at most 1, the names are not one a fit and distinct, or a shared offset is not uncertain in
+        each fit, with one value.
 
     Notes
     -----
@@ -248,8 +268,11 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     the half widths at t = 1. The joint test is the same for both parameters, F(2, nu).
 
     Where the fits know groups (days, specimens), these are the units: the limits have the degrees of freedom that
-    the groups leave. The sets are taken as independent, so for days that both share the test is conservative. A
-    set of one day or specimen, where the other has others, allows no decision.
+    the groups leave. Labels that both sets have are pairs, the best design: the effects of two or more common days
+    or specimens, and shared offsets, are one for both sets, and the differences of log c_e and log alpha are those
+    of one mixed model, in which the difference may vary from pair to pair. It is linear, so a set that leaves c_e
+    open is compared as an independent one. A set of one day or specimen, where the other has others, allows no
+    decision.
 
     Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
     one-sided tests at 5 %, which need no correction for the number of forces (intersection-union).
@@ -260,18 +283,26 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     Statistical Science 11 (1996). Holm, Scand. J. Statistics 6 (1979).
     """
     named = _checked_names(fits, margin, names)
+    _check_shared(fits, shared)
     sides = [_Side(fit) for fit in fits]
     places = list(combinations(range(len(fits)), 2))
     level = 1 - (1 - LEVEL) / len(places)
-    of_c_e = [_LogRatio(sides[i].ends_of_c_e, sides[k].ends_of_c_e).ratio(level) for i, k in places]
+    of_c_e = [_ratio(_LogRatio(sides[i].ends_of_c_e, sides[k].ends_of_c_e), level) for i, k in places]
     on_ridge = not all(ratio.interval.closed for ratio in of_c_e)
     on_ridge |= any(fit.intervals["c_e"]["95"].upper is None for fit in fits)
     exponent = 4 * (fits[0].shape.order + 1) / 3
     if not on_ridge:  # the p of the smallest summed variance of log alpha - p log c_e
         variance = np.sum([side.variance for side in sides], axis=0)
         exponent = float(np.clip(variance[0, 1] / variance[0, 0], 0.0, 3 * exponent))
-    joint = [_joint(sides[i], sides[k]) for i, k in places]
-    velocities = [_velocities(sides[i], sides[k], margin, level) for i, k in places]
+    linear = [Paired.of(fits[i], fits[k], shared) for i, k in places]
+    joint = [
+        pair.joint if pair else _joint(sides[i], sides[k])
+        for pair, (i, k) in zip(linear, places, strict=True)
+    ]
+    velocities = [
+        _velocities(sides[i], sides[k], margin, level, pair)
+        for pair, (i, k) in zip(linear, places, strict=True)
+    ]
     p_differ = _holm([test.p_value for test in joint])
     # a pair without shared forces or margin counts as not equivalent
     p_equivalent = _holm(
@@ -279,15 +310,21 @@ def compare(*fits: FitRecord, margin: float | None = None, names: Sequence[str] 
     )
     pairs = []
     for n, (i, k) in enumerate(places):
-        ratios = {"c_e": of_c_e[n]}
-        for name, p in (("alpha", 0.0), ("combination", exponent)):
-            ends = (sides[j].ends(-p * sides[j].x, np.array([-p, 1.0])) for j in (i, k))
-            ratios[name] = _LogRatio(*ends).ratio(level)
+        ratios = {"c_e": of_c_e[n]} | _ratios(sides[i], sides[k], linear[n], exponent, level)
         judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
         obstacle = _obstacle((fits[i], fits[k]), (named[i], named[k]))
-        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so, obstacle))
+        pairing = getattr(linear[n], "group", "")
+        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so, pairing, obstacle))
     sets = [
-        ComparedSet(name, fit.n_points, fit.c_e, fit.alpha, fit.residual_kind, fit.status)
+        ComparedSet(
+            name,
+            fit.n_points,
+            fit.c_e,
+            fit.alpha,
+            fit.residual_kind,
+            fit.status,
+            tuple(group.name for group in fit.observations.groups),
+        )
         for name, fit in zip(named, fits, strict=True)
     ]
     origin = provenance(shape=fits[0].shape.name, margin=margin)
@@ -328,6 +365,14 @@ def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Seque
         f"names must be {len(fits)} different texts: got {names!r}",
     )
     return named
+
+
+def _check_shared(fits: Sequence[FitRecord], shared: Sequence[str]) -> None:
+    """Refuse offsets that a fit does not have, or has more than one of."""
+    for name in shared:
+        for fit in fits:
+            has = [x for x in fit.effects if x.quantity == name and name in OFFSETS and len(x.levels) == 1]
+            refuse(not has, f"shared offsets must be uncertain in each fit, with one value: got {name!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,11 +481,6 @@ class _LogRatio:
         low = low if self.low[above] > -ENDLESS else -np.inf
         return low, high if self.high[above] < ENDLESS else np.inf
 
-    def ratio(self, level: float) -> Ratio:
-        low, high = self.ends(level)
-        lower, upper = (float(np.exp(end)) if np.isfinite(end) else None for end in (low, high))
-        return Ratio(float(np.exp(self.value)), Interval(lower, upper))
-
     def outside(self, bound: float) -> float:
         """p-value of a difference of `bound` or more in size."""
         signed = [
@@ -451,6 +491,25 @@ class _LogRatio:
             )
         ]
         return float(special.stdtr(self.nu, -min(signed)))
+
+
+def _ratio(difference: _LogRatio | LinearDifference, level: float) -> Ratio:
+    """The ratio that a difference of logarithms is; an end that is not finite is open."""
+    ends = difference.ends(level)
+    lower, upper = (float(np.exp(end)) if np.isfinite(end) else None for end in ends)
+    return Ratio(float(np.exp(difference.value)), Interval(lower, upper))
+
+
+def _ratios(a: _Side, b: _Side, pair: Paired | None, exponent: float, level: float) -> dict[str, Ratio]:
+    """Ratios of alpha and the combination; of c_e too where effects are shared."""
+    directions = {"alpha": ALPHA, "combination": np.array([-exponent, 1.0])}
+    if pair is not None:
+        return {name: _ratio(pair.along(d), level) for name, d in ({"c_e": C_E} | directions).items()}
+    ratios = {}
+    for name, direction in directions.items():
+        ends = (side.ends(direction[0] * side.x, direction) for side in (a, b))
+        ratios[name] = _ratio(_LogRatio(*ends), level)
+    return ratios
 
 
 def _joint(a: _Side, b: _Side) -> HypothesisTest:
@@ -487,7 +546,9 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {outcome}.")
 
 
-def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> VelocityRatio | None:
+def _velocities(
+    a: _Side, b: _Side, margin: float | None, level: float, pair: Paired | None
+) -> VelocityRatio | None:
     """The velocities that both fits predict over the forces that both sets share, in the default window."""
     rows, middles, curve = [], [], MasterCurve(a.fit.shape)
     of_a, of_b = a.likelihood.observations, b.likelihood.observations
@@ -502,14 +563,18 @@ def _velocities(a: _Side, b: _Side, margin: float | None, level: float) -> Veloc
         pressure = force / R**2
         unit = [np.log(PER_SECOND * R * curve.velocity_ratio(pressure / s.walk.c_e[:, None])) for s in (a, b)]
         for k, F in enumerate(force.tolist()):
-            ends = []
-            for side, h in zip((a, b), unit, strict=True):
-                slope = float(np.gradient(h[:, k], side.x)[side.best])
-                ends.append(side.ends(h[:, k], np.array([slope, 1.0])))
-            difference = _LogRatio(*ends)
+            slopes = [float(np.gradient(h[:, k], s.x)[s.best]) for s, h in zip((a, b), unit, strict=True)]
+            difference: _LogRatio | LinearDifference
+            if pair is None:
+                difference = _LogRatio(*(
+                    side.ends(h[:, k], np.array([slope, 1.0]))
+                    for side, h, slope in zip((a, b), unit, slopes, strict=True)
+                ))  # fmt: skip
+            else:
+                difference = pair.along(np.array([float(np.mean(slopes)), 1.0]))
             p = 1.0 if margin is None else difference.outside(float(np.log1p(margin)))
             if k == len(force) // 2:
-                middles.append(((R, F), difference.ratio(level)))
+                middles.append(((R, F), _ratio(difference, level)))
             rows.append((R, F, difference.value, *difference.ends(1 - 2 * ERROR), p))
     if not rows:
         return None

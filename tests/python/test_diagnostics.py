@@ -171,6 +171,19 @@ class TestOrder:
         _, found = self.rows(1, bend=0.2)
         assert min(found["drift"].p_value, found["neighbours"].p_value) > 0.01
 
+    def test_rows_of_one_force_have_no_scatter_over_it(self):
+        v = 0.5 * np.exp(0.05 * np.random.default_rng(1).normal(size=14))
+        curve = burrlab.VelocityCurve(np.ones(14), v, radius=3.0)
+        traces = [
+            burrlab.synthetic_trace(burrlab.Burr(3.0), burrlab.materials["bone"], F, seed=1)
+            for F in (0.5, 1.5)
+        ]
+        fit = burrlab.fit([curve, *traces])
+        assert [test.name for test in order_tests(fit.likelihood, (fit.c_e, fit.alpha))] == [
+            "drift",
+            "neighbours",
+        ]
+
     @pytest.mark.slow
     def test_clean_sets_are_left_alone(self):
         """4000 sets: at most 2 % in all, within four standard errors."""

@@ -217,6 +217,15 @@ class TestOffsets:
             assert x.moved == pytest.approx(change, rel=0.15)
         assert "A surface misjudged by 0.05 mm moves alpha/c_e^" in straight.report()
 
+    def test_of_windows_that_end_at_the_equator(self):
+        """There the window cannot move deeper: the report still says what would move the fit."""
+        v = burrlab.penetration_velocity(BURR, BONE, FORCES, 0.5, 3.0) * np.exp(0.02 * np.sin(range(8)))
+        ends = VelocityCurve(FORCES, v, radius=3.0, window_start=np.full(8, 0.5), window_end=np.full(8, 3.0))
+        assert "A surface misjudged by 0.05 mm moves" in burrlab.fit(ends).report()
+        assert [x.quantity for x in burrlab.fit(ends, estimate=("surface",)).effects] == ["surface"]
+        with pytest.raises(ValueError, match="uncertain of surface must be below 0 mm"):
+            burrlab.fit(ends, uncertain={"surface": 0.01})
+
     def test_of_traces_indentations_and_overloaded_runs(self):
         traces = [burrlab.synthetic_trace(BURR, BONE, F, seed=k) for k, F in enumerate((0.4, 0.8, 1.6))]
         fit = burrlab.fit(traces, uncertain={"force": 0.02})

@@ -210,7 +210,7 @@ def fit(
     _check_ranges("plausible", plausible)
     check_offsets(uncertain, estimate)
     observations, beliefs = Observations.of(sets, burr, groups), _beliefs(known)
-    bounds = _around(beliefs) | (bounds or {})
+    given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
     components = components_of(observations, uncertain, estimate)
     mixed = bool(components or beliefs)
     _check_rows(observations, residuals, mixed)
@@ -263,7 +263,7 @@ def fit(
         reason=reason,
         starts=starts,
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
-        given_bounds=tuple(name for name in bounds if name not in (known or {})),
+        given_bounds=given_bounds,
         evidence=evidence,
         lack_of_fit=lack,
         **_described(likelihood, best.end, evidence is not None),

@@ -41,9 +41,7 @@ _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
-_APART = (
-    0.04  # of the bound of c_e: how far apart the middles of parts of an offset's distribution may move it
-)
+_APART = 0.04  # of the bound of c_e: by how much it differs between parts of an offset's distribution
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 _LARGEST = 500.0  # largest |log alpha|
 
@@ -592,19 +590,18 @@ def sensitivities(
     likelihood: Likelihood, point: tuple[float, float], identified: Combination
 ) -> tuple[Sensitivity, ...]:
     """What a surface misjudged by 0.05 mm would change, a force by 1 % of the largest, and a radius by 1 %."""
-    o = likelihood.observations
-    present = likelihood.components if isinstance(likelihood, MixedLikelihood) else ()
+    mixed = likelihood if isinstance(likelihood, MixedLikelihood) else None
+    plain, present = (mixed.plain, mixed.components) if mixed else (likelihood, ())
+    o = plain.observations
     sizes = {"surface": 0.05, "force": 0.01 * float(o.force.max()), "radius": 0.01 * float(o.radius.max())}
     sizes = {name: size for name, size in sizes.items() if name not in [x.quantity for x in present]}
     components = (*components_of(o, estimate=tuple(sizes))[-len(sizes) :], *present) if sizes else present
-    plain = Likelihood(o, likelihood.kind, likelihood.model, likelihood.beliefs)
     model = LinearModel(
         plain, components, point, np.zeros(blocks_of(components)[-1].stop if components else 0)
     )
-    if isinstance(likelihood, MixedLikelihood):
-        scatter2, effect2 = likelihood.equations.scatter2, likelihood.equations.effect2
-    else:
-        scatter2, effect2 = np.array(list(likelihood.variances(*point).values())), np.empty(0)
+    scatter2, effect2 = np.array(list(plain.variances(*point).values())), np.empty(0)
+    if mixed:
+        scatter2, effect2 = mixed.equations.scatter2, mixed.equations.effect2
     equations = MixedEquations(model, scatter2, np.append(model.effect2[: len(sizes)], effect2))
     known = np.arange(len(sizes), len(equations.c))
     steps = equations.inverse(known)[0][-2:] @ equations.C[np.ix_(known, np.arange(len(sizes)))]

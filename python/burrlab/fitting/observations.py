@@ -24,12 +24,7 @@ C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
 _EXTREME = 1e9  # forces, velocities and radii lie between 1/_EXTREME and this, in N, mm/s and mm
 _VELOCITY = ("force", "velocity", "sigma", "window_start", "window_end", "radius", "run", "log_sigma")
-_PRESSED = (
-    "pressed",
-    "pressed_sigma",
-    "pressed_depth",
-    "pressed_radius",
-)  # columns of velocity rows, and of pressed
+_PRESSED = ("pressed", "pressed_sigma", "pressed_depth", "pressed_radius")  # as _VELOCITY, of pressed rows
 _MARGIN = 1e-4  # relative distance from the hard bound of c_e, where the window has no length
 
 
@@ -191,7 +186,7 @@ class Observations:
         offset : {"force", "surface", "radius"}
         velocity, pressed : float or ndarray
             True less measured force [N], depth or radius [mm], of velocity rows and of pressed rows. Windows stay
-            where they were measured, in mm.
+            where they were measured, in mm, and end at R at the latest.
         """
         start, end = (
             np.where(np.isnan(window), part * self.radius, window)
@@ -211,9 +206,12 @@ class Observations:
                 measured_force=self.recorded_force,
             )
         if offset == "radius":
-            return replace(moved, radius=self.radius + velocity, pressed_radius=self.pressed_radius + pressed)
+            R = self.radius + velocity
+            return replace(
+                moved, radius=R, window_end=np.minimum(end, R), pressed_radius=self.pressed_radius + pressed
+            )
         return replace(
-            moved, window_start=np.maximum(start + velocity, 0.0), window_end=end + velocity,
+            moved, window_start=np.maximum(start + velocity, 0.0), window_end=np.minimum(end + velocity, self.radius),
             pressed_depth=self.pressed_depth + pressed,
         )  # fmt: skip
 

@@ -13,7 +13,7 @@ from burrlab.common.figures import REFERENCE, new_figure
 
 PACKAGE = Path(__file__).parents[1] / "python" / "burrlab"
 #: In the order of the work: each room imports only from those before it.
-ROOMS = ("common", "theory", "bone", "measured", "descent", "fitting", "anatomy", "session", "foreign", "effects", "view",
+ROOMS = ("common", "theory", "bone", "measured", "descent", "fitting", "comparing", "planning", "anatomy", "session", "foreign", "effects", "view",
          "psychophysics", "cli")  # fmt: skip
 
 

@@ -66,7 +66,7 @@ curve = burrlab.force_sweep(burr, bone, [0.4, 0.6, 0.8, 1.2, 1.6, 2.0], voxel=0.
 """
 _COVERAGE = """
 import numpy as np, burrlab
-from burrlab.fitting.coverage import ExperimentPlan, coverage_study
+from burrlab.planning.coverage import ExperimentPlan, coverage_study
 forces = np.linspace(0.3, 2.6, 10)
 plan = ExperimentPlan([(3.0, forces.tolist(), 3)])
 """

@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.optimize import minimize
 
 from burrlab._core import Material
-from burrlab.fitting.comparison import Comparison, _holm, compare
+from burrlab.comparing.comparison import Comparison, _holm, compare
 from burrlab.fitting.fit import Fit, fit
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import penetration_velocity

@@ -11,13 +11,13 @@ from command_line import refusal, said
 from command_line import result as result_of
 from fit_scenes import BONE, BURR, curve_of, with_sigma
 
-import burrlab.fitting.region as region_grid
+import burrlab.planning.region as region_grid
 from burrlab._core import Burr, Material
-from burrlab.fitting.design import design
+from burrlab.comparing.shapes import compare_shapes
 from burrlab.fitting.fit import fit
-from burrlab.fitting.region import RegionGrid
-from burrlab.fitting.shapes import compare_shapes
 from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation
+from burrlab.planning.design import design
+from burrlab.planning.region import RegionGrid
 from burrlab.theory.continuum import MasterCurve
 
 mpl.use("Agg")

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
+from burrlab.comparing.comparison import compare
+from burrlab.comparing.shapes import compare_shapes
 from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.profile import ALPHA, C_E
-from burrlab.fitting.shapes import compare_shapes
 from burrlab.fitting.voxel import VoxelEngine
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_trace
@@ -189,7 +190,7 @@ class TestHonesty:
             "must be positive and finite, got") for values in ((0.0, 0.1), (2.0, NAN))),
         (lambda: fitted("wide").plot_profile("R"), ValueError, "name must be 'c_e' or 'alpha': got 'R'"),
         (lambda: fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)]).curve, ValueError, "hold no velocity curve"),
-        (lambda: fitted("wide").differs_from(fitted("wide", shape="linear")), ValueError,
+        (lambda: compare(fitted("wide"), fitted("wide", shape="linear")), ValueError,
          "all fits must be mean-field ones with the same shape"),
     ],
 )  # fmt: skip

@@ -8,6 +8,7 @@ import pytest
 from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, fitted, with_sigma
 from scipy import stats
 
+from burrlab.comparing.comparison import compare
 from burrlab.fitting.diagnostics import POOR, fall_with_depth, goodness, indentation_tests, lack_of_fit
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -165,6 +166,6 @@ class TestGivenValues:
 class TestOneMaterial:
     def test_windows_that_contradict(self):
         other = fit(VelocityCurve([1.0, 2.0, 5.0], [0.1, 0.5, 3.0], radius=3.0))
-        test = fitted("overloaded").differs_from(other)
+        test = compare(fitted("overloaded"), other).pairs[0].joint
         assert test.p_value == 0
         assert "contradict one another" in str(test)

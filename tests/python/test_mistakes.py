@@ -151,8 +151,6 @@ burrlab.compare(fit(curve, burr), fit(curve, burr), names="ab")
     ValueError: names must be 2 different texts: got 'ab'
 burrlab.compare(fit(curve, burr), fit(curve, burr), margin="a")
     ValueError: margin must be of real numbers that a float holds, got 'a'
-fit(curve, burr).differs_from(curve)
-    TypeError: other must be a Fit, such as fit(curve, burr), got VelocityCurve(3 rows, 3 with a velocity, 1..3 N)
 fit(curve, burr).test("1.5", 0.1)
     TypeError: c_e must be a number, got '1.5'
 fit(curve, burr, plausible=(1, 2))

@@ -11,9 +11,9 @@ from scipy import special, stats
 import burrlab
 from burrlab import Indentation, VelocityCurve
 from burrlab.cli import main
+from burrlab.comparing.paired import ERROR
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.linear import LinearModel, components_of
-from burrlab.fitting.paired import ERROR
 from burrlab.fitting.profile import C_E
 
 BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]

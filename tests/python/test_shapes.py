@@ -12,12 +12,12 @@ from scipy import stats
 
 from burrlab._core import Material
 from burrlab.common.study import run_items
+from burrlab.comparing.shape_comparison import NODES
+from burrlab.comparing.shapes import SHAPES, FamilyCurve, PowerFamily, compare_shapes, member, weigh_shapes
 from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest
-from burrlab.fitting.shape_comparison import NODES
-from burrlab.fitting.shapes import SHAPES, FamilyCurve, PowerFamily, compare_shapes, member, weigh_shapes
 from burrlab.measured.synthetic import synthetic_indentation
 from burrlab.theory.continuum import MasterCurve
 

@@ -16,7 +16,7 @@ from scipy import special
 
 import burrlab.fitting.report as report
 from burrlab._core import Material
-from burrlab.common.check import check_positive, refuse, require_type, scalar
+from burrlab.common.check import check_positive, refuse, scalar
 from burrlab.common.figures import (
     FORCE,
     POSITION,
@@ -32,7 +32,6 @@ from burrlab.common.figures import (
 from burrlab.common.progress import Progress
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
-from burrlab.fitting.comparison import compare
 from burrlab.fitting.diagnostics import HypothesisTest, Row, given_values, influence, rows_limit
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, LEVELS, Region, level_name
@@ -87,14 +86,6 @@ class Fit(FitRecord):
         return given_values(
             self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
         )
-
-    def differs_from(self, other: Fit) -> HypothesisTest:
-        """Whether the data of two fits can be of one material: the joint test of `burrlab.compare`.
-
-        The hypothesis is one c_e and alpha: a small p-value says that the two differ. Each has its own scatter.
-        """
-        require_type("other", other, Fit, "fit(curve, burr)")
-        return compare(self, other).pairs[0].joint
 
     def influence(self) -> tuple[Row, ...]:
         """Every row of the curves: leverage, studentised residual, and the fit without it.

@@ -15,11 +15,11 @@ from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styl
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
 from burrlab.common.table import by_value
+from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.diagnostics import HypothesisTest, judged, p_text
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.observations import Floats, bounds_of
-from burrlab.fitting.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks

@@ -15,9 +15,9 @@ from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
-from burrlab.fitting.region import NewData, NewRegion, RegionGrid
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
+from burrlab.planning.region import NewData, NewRegion, RegionGrid
 from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
 if TYPE_CHECKING:

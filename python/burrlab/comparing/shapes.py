@@ -13,13 +13,20 @@ from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
+from burrlab.comparing.shape_comparison import (
+    NODES,
+    ForceThird,
+    Pair,
+    PowerProfile,
+    ShapeComparison,
+    ShapeRow,
+)
 from burrlab.fitting.calibration import Calibration, RowScatter, Threshold
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind, bounds_of
 from burrlab.fitting.profile import LEVELS, Domain, Interval, Minimum, lowest
 from burrlab.fitting.result import Fit
-from burrlab.fitting.shape_comparison import NODES, ForceThird, Pair, PowerProfile, ShapeComparison, ShapeRow
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
 SHAPES = shape_names

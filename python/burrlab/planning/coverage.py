@@ -281,6 +281,7 @@ def _place(name: str, value: str, allowed: tuple[str, ...]) -> int:
     return allowed.index(value)
 
 
+@stored_as("burrlab.fitting.coverage.CoverageItem")
 @dataclass(frozen=True)
 class CoverageItem:
     """One data set: small, picklable and self-contained."""
@@ -303,6 +304,7 @@ def _template(experiment: ExperimentPlan, shape: str, c_e: float) -> tuple[Likel
     return likelihood, Domain.of(likelihood, bounds_of(o, None), {}), likelihood.model.unit(c_e)
 
 
+@stored_as("burrlab.fitting.coverage.replicate")
 def replicate(item: CoverageItem) -> Floats:
     """Intervals of the fit to one synthetic data set, and the rises of -2 log L at the truth.
 

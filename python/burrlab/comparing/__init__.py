@@ -1,0 +1,1 @@
+"""Fits beside one another: data sets of one material or not, and laws of erosion."""

@@ -1,0 +1,1 @@
+"""What to measure next, how many specimens and runs a comparison needs, and how often intervals hold the truth."""

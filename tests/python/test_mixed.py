@@ -217,6 +217,58 @@ class TestOffsets:
             assert x.moved == pytest.approx(change, rel=0.15)
         assert "A surface misjudged by 0.05 mm moves alpha/c_e^" in straight.report()
 
+    def test_two_drills_in_one_bone(self, tmp_path):
+        """One c_e and an alpha each, also with burrs of different radius."""
+        faster = burrlab.Material("faster", c_e=BONE.c_e, alpha=2.5 * BONE.alpha)
+        curves = [burrlab.synthetic_curve(burrlab.Burr(R), m, F, repeats=2, scatter=0.05, seed=k)
+                  for k, (R, m, F) in enumerate(((3.0, BONE, FORCES), (2.0, faster, FORCES[:5] * 0.6)))]  # fmt: skip
+        fit = burrlab.fit(curves, share=("c_e",))
+        (own,) = fit.effects
+        assert (own.group, own.quantity, own.levels, fit.status) == ("data set", "alpha", ("2",), "ok")
+        assert own.ends[0] < np.log(2.5) < own.ends[1]
+        assert BONE.c_e in fit.intervals["c_e"]["95"]
+        assert fit.residual_norm < 0.07
+        assert f"alpha of data set 2 is {np.exp(own.values[0]):.3g} times that of the first" in fit.verdict
+        assert fit.n_parameters == 4
+        apart = [burrlab.fit(curve) for curve in curves]
+        assert fit.intervals["c_e"]["95"].ratio() < min(x.intervals["c_e"]["95"].ratio() for x in apart)
+        fit.to_json(tmp_path / "fit.json")
+        again = burrlab.Fit.from_json(tmp_path / "fit.json")
+        assert again.likelihood.objective(2.0, 0.08) == pytest.approx(
+            fit.likelihood.objective(2.0, 0.08), rel=1e-12
+        )
+        assert burrlab.fit(curves).status == "poor-fit"
+        with pytest.raises(ValueError, match="compare needs fits of one alpha each"):
+            burrlab.compare(fit, apart[0])
+        for data, share, message in ((curves, ("alpha",), r"share must be \('c_e', 'alpha'\) or"),
+                                     (curves[0], ("c_e",), "is for two data sets or more")):  # fmt: skip
+            with pytest.raises(ValueError, match=message):
+                burrlab.fit(data, share=share)
+
+    def test_what_would_repair_the_fit(self):
+        """A tare, another law and a diameter are found; the right model is not told to be repaired."""
+        quartic = burrlab.Material("other law", c_e=BONE.c_e, alpha=BONE.alpha, shape="quartic")
+        windows = {"window_start": np.full(24, 0.5), "window_end": np.full(24, 1.0)}
+        (clean, _), F = off(6), np.tile(FORCES, 3)
+        tared, _ = off(6, force=0.06)
+        other = replace(
+            clean, velocity=burrlab.penetration_velocity(BURR, quartic, F) * (1 + 0.05 * np.sin(7 * F))
+        )
+        small = burrlab.Material("steep", c_e=1.2, alpha=BONE.alpha)
+        v = burrlab.penetration_velocity(BURR, small, F, 0.5, 1.0) * (1 + 0.01 * np.sin(7 * F))
+        doubled = VelocityCurve(F[np.isfinite(v)], v[np.isfinite(v)], radius=6.0,
+                                **{name: ends[np.isfinite(v)] for name, ends in windows.items()})  # fmt: skip
+        for curve, what in ((tared, "a tare or a friction"), (other, "f = "), (doubled, "half the radius")):
+            fit = burrlab.fit(curve, groups=(), plausible=None)
+            assert fit.repairs[0].what.startswith(what)
+            assert f"with this (AIC lower by): {what}" in fit.report()
+        with_days = burrlab.fit(tared)
+        assert with_days.effects
+        assert with_days.repairs[0].what.startswith("a tare")
+        fit = burrlab.fit(clean, groups=())
+        assert max(x.gain for x in fit.repairs) < 4
+        assert "AIC lower by" not in fit.report()
+
     def test_of_windows_that_end_at_the_equator(self):
         """There the window cannot move deeper: the report still says what would move the fit."""
         v = burrlab.penetration_velocity(BURR, BONE, FORCES, 0.5, 3.0) * np.exp(0.02 * np.sin(range(8)))

@@ -316,6 +316,10 @@ COMMANDS = {
         option("--profile", "write a figure of c_e's profile likelihood", metavar="FILE"),
         option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
         option("--store", "voxel engine: keeps descents, the same command goes on", metavar="FILE"),
+        option(
+            "--share", "what several data sets have in common, default c_e,alpha; with c_e each has its own alpha",
+            default=("c_e", "alpha"), type=lambda text: text.split(","), metavar="NAME,...",
+        ),
         LAYOUT,
         _OFFSETS,
         *OUTPUT,

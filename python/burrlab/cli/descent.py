@@ -127,6 +127,7 @@ def do_fit(options: Options) -> int:
         engine=_engine(options),
         residuals=options.residuals,
         seed=options.seed,
+        share=options.share,
         **_effects(options),
     )
     points = {} if options.test is None else {"given": options.test}

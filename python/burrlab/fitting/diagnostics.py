@@ -324,7 +324,7 @@ def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) 
 
 def _off(likelihood: Likelihood, point: Point) -> float:
     """RMS of the logarithm of velocity over prediction."""
-    predicted = point[1] * likelihood.model.unit(point[0])
+    predicted = point[1] * likelihood.model.unit(point[0]) * np.exp(likelihood.own_alpha)
     return float(np.sqrt(np.mean(np.log(likelihood.observations.velocity / predicted) ** 2)))
 
 
@@ -699,7 +699,8 @@ def plausibility(
         return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
     inside, off = p_of(), _off(likelihood, point)
-    line = scipy.stats.linregress(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius))
+    log_velocity = np.log(o.velocity / o.radius) - likelihood.own_alpha
+    line = scipy.stats.linregress(np.log(o.force / o.radius**2), log_velocity)
     # upper end of the slope's 95 % interval
     slope = float(line.slope + scipy.stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
     wrong = {

@@ -83,6 +83,7 @@ def fit(
     groups: Sequence[str] | None = None,
     uncertain: Uncertain | None = None,
     estimate: Sequence[str] = (),
+    share: Sequence[str] = ("c_e", "alpha"),
     known: Mapping[str, float | tuple[float, float]] | None = None,
     seed: int | None = None,
     bounds: Bounds | None = None,
@@ -125,6 +126,9 @@ def fit(
         ``"surface"``, ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). They are
         taken within half the median force, R/10, and a factor of e (standard deviations, ours): more than data that
         tell them leave open.
+    share : ("c_e", "alpha") or ("c_e",)
+        What several data sets have in common. With c_e alone, such as of two drills in one bone, each has an alpha of
+        its own: `alpha` is then that of the first, and `effects` has ln of the others' over it.
     known : dict, optional
         ``{"c_e": (value, standard deviation)}`` from elsewhere [N/mm^2], or of ``"alpha"`` [1/ms]; a value alone is
         taken to 0.1 %.
@@ -211,7 +215,7 @@ def fit(
     check_offsets(uncertain, estimate)
     observations, beliefs = Observations.of(sets, burr, groups), _beliefs(known)
     given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
-    components = components_of(observations, uncertain, estimate)
+    components = components_of(observations, uncertain, (*estimate, *_own_alphas(share, sets)))
     mixed = bool(components or beliefs)
     _check_rows(observations, residuals, mixed)
     _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
@@ -292,6 +296,16 @@ def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
     groups = [group.name for group in observations.groups]
     known = {name: (value, deviation) for name, value, deviation in beliefs}
     return ({"groups": groups} if groups else {}) | ({"known": known} if known else {})
+
+
+def _own_alphas(share: Sequence[str], sets: Sequence[Data]) -> tuple[str, ...]:
+    """What data sets do not share: nothing, or alpha."""
+    refuse(
+        {*share} not in ({"c_e", "alpha"}, {"c_e"}),
+        f"share must be ('c_e', 'alpha') or ('c_e',): got {share!r}",
+    )
+    refuse("alpha" not in share and len(sets) < 2, "share=('c_e',) is for two data sets or more: got one")
+    return () if "alpha" in share else ("alpha",)
 
 
 def _box(likelihood: Likelihood, bounds: Bounds) -> Box:
@@ -577,7 +591,7 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
     o = likelihood.observations
     c_e, alpha = best if usable else (np.nan, np.nan)
     unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
-    predicted = {"velocity": alpha * unit, "pressed": c_e * o.pressed_unit}
+    predicted = {"velocity": alpha * unit * np.exp(likelihood.own_alpha), "pressed": c_e * o.pressed_unit}
     residuals = {name: np.log(getattr(o, name) / model) for name, model in predicted.items()}
     if not likelihood.log:
         residuals["velocity"] = likelihood.velocity_residuals(unit, alpha)

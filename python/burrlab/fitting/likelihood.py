@@ -132,6 +132,9 @@ class Likelihood:
     data without scatter. Student's t has no such form: see `StudentSlices`.
     """
 
+    #: ln alpha of each velocity row over that of the first data set, where data sets have one each
+    own_alpha: Floats | float = 0.0
+
     def __init__(
         self,
         observations: Observations,
@@ -150,6 +153,8 @@ class Likelihood:
             kind == "student" and len(observations.pressed),
             "residuals 'student' are for velocity curves alone, and the data hold an indentation",
         )
+        #: of each residual of the velocities its row, or the first of its run
+        self.first_rows = np.append(self._single, [rows[0] for rows in self._runs]).astype(np.intp)
         self.log = kind in ("relative", "student")
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
@@ -188,8 +193,11 @@ class Likelihood:
     def linear_rows(self, c_e: float, alpha: float) -> list[LinearRows]:
         """All rows near a point, by scatter."""
         segments = np.concatenate([np.empty(0, np.intp), *self._runs])
-        velocity = np.append(self._single, [rows[0] for rows in self._runs]).astype(np.intp)
-        tables, run = [], np.unique(self.observations.run_number, return_inverse=True)[1]
+        velocity, tables, run = (
+            self.first_rows,
+            [],
+            np.unique(self.observations.run_number, return_inverse=True)[1],
+        )
         rise = run / max(run.max(initial=0), 1) - 0.5
         for name, known, J, r, n in self._derivatives(c_e, alpha):
             at = {"velocity": velocity, "segments": segments, "force": np.arange(len(r))}.get(

@@ -17,7 +17,7 @@ Kenward and Roger, Small sample inference for fixed effects from restricted maxi
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -35,6 +35,7 @@ from burrlab.theory.continuum import WINDOW_STOP
 Uncertain: TypeAlias = Mapping[str, float | tuple[float, str]]
 #: Offsets, and their units
 OFFSETS = {"force": "N", "surface": "mm", "radius": "mm"}
+OWN_ALPHA = 3.0  # standard deviation of ln alpha of data sets that have one each: a factor of 20 (ours)
 _RIDGE = 1e-10  # of the information's trace, added to it: along a ridge it has one direction alone
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # of radius and least force: offsets that the rows are moved by are multiples, so that windows recur
@@ -46,7 +47,7 @@ _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest s
 class Component:
     """One quantity that differs between the levels of a group, and their standard deviation where it is given.
 
-    `told` is an offset of one level that the data shall tell: a parameter of the fit.
+    `told` is an offset of one level that the data shall tell, a parameter of the fit; or alphas of data sets.
     """
 
     group: Group
@@ -55,6 +56,11 @@ class Component:
     told: bool = False
     varies: bool = False  # of a pair: by how much the difference of two sets varies
 
+    def of_rows(self, o: Observations) -> "Component":
+        """The same of other rows."""
+        groups = {group.name: group for group in (o.sets, *o.groups)}
+        return replace(self, group=_told_group(o, self.quantity) if self.told else groups[self.group.name])
+
 
 def components_of(
     observations: Observations, uncertain: Uncertain | None = None, estimate: Sequence[str] = ()
@@ -62,7 +68,7 @@ def components_of(
     """What differs between the groups, and the offsets.
 
     alpha differs by day; c_e, from three specimens on, and alpha by specimen. A group of one level tells nothing, as
-    does one with a level for every run.
+    does one with a level for every run. "alpha" in `estimate` gives each data set an alpha of its own.
     """
     components = []
     for group in observations.groups:
@@ -89,11 +95,19 @@ def components_of(
             deviation >= room,
             f"uncertain of {name} must be below {room:.3g} mm, so that windows stay between 0 and R: got {deviation:g}",
         )
-    n_velocity, n_pressed = len(observations.force), len(observations.pressed)
-    whole = Group("data", ("all",), np.zeros(n_velocity, np.intp), np.zeros(n_pressed, np.intp))
     lengths, force = float(observations.radius.max()) / 10, float(np.median(observations.force)) / 2
-    weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0}
-    return (*components, *(Component(whole, name, weak[name], True) for name in estimate))
+    weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0, "alpha": OWN_ALPHA}
+    return (
+        *components,
+        *(Component(_told_group(observations, name), name, weak[name], True) for name in estimate),
+    )
+
+
+def _told_group(o: Observations, quantity: str) -> Group:
+    """Where what the data shall tell differs: alpha between the first data set and others, all else nowhere."""
+    if quantity == "alpha":
+        return Group(o.sets.name, o.sets.levels[1:], o.sets.velocity - 1, o.sets.pressed - 1)
+    return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
 
 
 def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
@@ -192,10 +206,10 @@ class LinearModel(RowProducts):
 
 
 def _places(group: Group, rows: LinearRows) -> Floats:
-    """1 where a row has a level, else 0; shape (rows, levels)."""
+    """1 where a row has a level, else 0; shape (rows, levels). A level of -1 is none."""
     table = np.zeros((len(rows.r), len(group.levels)))
     place = (group.pressed if rows.name == "force" else group.velocity)[rows.at]
-    table[np.arange(len(place)), place] = 1.0
+    table[np.flatnonzero(place >= 0), place[place >= 0]] = 1.0
     return table
 
 

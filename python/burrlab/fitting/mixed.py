@@ -19,6 +19,7 @@ from scipy import special
 
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
+from burrlab.fitting.diagnostics import p_text
 from burrlab.fitting.likelihood import AlphaSlices, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EDGE,
@@ -197,6 +198,9 @@ class MixedLikelihood(Likelihood):
         self.components, self.point, self.shifts, self.plain = tuple(components), point, shifts, plain
         model = LinearModel(plain, components, point, shifts)
         self.linear, self.equations = model, MixedEquations(model, scatter2, effect2)
+        for component, block in zip(self.components, model.blocks, strict=True):
+            if component.told and component.quantity == "alpha":
+                self.own_alpha = np.append(-self.equations.solution[block], 0.0)[component.group.velocity]
         self._parts = self._nodes(plain, model) or [
             _Part(plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts)
         ]
@@ -329,12 +333,7 @@ class MixedLikelihood(Likelihood):
     def of_rows(self, observations: Observations, model: Model) -> Likelihood:
         """See `Likelihood`; at the same variances and offsets."""
         plain = super().of_rows(replace(observations, eased=1.0, raised=None), model)
-        groups = {group.name: group for group in (observations.sets, *observations.groups)}
-        whole = np.zeros(len(observations.force), np.intp)
-        components = [
-            replace(x, group=replace(x.group, velocity=whole) if x.told else groups[x.group.name])
-            for x in self.components
-        ]
+        components = [component.of_rows(observations) for component in self.components]
         equations = self.equations
         return MixedLikelihood(
             plain, components, self.point, self.shifts, equations.scatter2, equations.effect2
@@ -466,7 +465,7 @@ class MixedEvidence:
         M = at_best.inverse(np.arange(len(variance)), at_best.C, variance)[0]
         values, errors = -M @ at_best.c, np.sqrt(np.maximum(np.diag(M), 0.0))
         estimated = model.n[equations.free]
-        freedom = float(estimated.sum()) - 2 - sum(x.told for x in model.components)
+        freedom = float(estimated.sum()) - 2 - sum(len(x.group.levels) for x in model.components if x.told)
         for component, block, variance in zip(model.components, model.blocks, equations.effect2, strict=True):
             effects.append(MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
@@ -533,11 +532,19 @@ def _offset_sentences(
     sentences = []
     for k, (component, x) in enumerate(zip(likelihood.components, effects, strict=True)):
         unit = f" {OFFSETS[x.quantity]}" if x.quantity in OFFSETS else ""
-        if x.deviation is None:
+        if x.deviation is None and x.quantity == "alpha":
+            for name, value, error in zip(x.levels, x.values, x.errors, strict=True):
+                one = replace(x, values=(value,), errors=(error,))
+                sentences.append(
+                    f"alpha of data set {name} is {np.exp(value):.3g} times that of the first "
+                    f"({np.exp(one.ends[0]):.3g} to {np.exp(one.ends[1]):.3g}, {p_text(one.p_value)})."
+                )
+        elif x.deviation is None:
             what = f"The {x.quantity} is off by" if unit else "From the first run to the last ln v changes by"
-            p = "p < 0.0001" if x.p_value < 1e-4 else f"p = {x.p_value:.2g}"
             low, high = x.ends
-            sentences.append(f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {p}).")
+            sentences.append(
+                f"{what} {x.values[0]:.3g}{unit} ({low:.3g} to {high:.3g}, {p_text(x.p_value)})."
+            )
             weak = component.deviation or 0.0
             if x.errors[0] > weak / 2:
                 sentences.append(
@@ -563,55 +570,6 @@ def what_opens(likelihood: Likelihood, domain: Domain, point: tuple[float, float
             interval = ranges(rest, rest.calibration(*point), domain, point, ridge).intervals["c_e"]["95"]
             opening += [component.quantity] if interval.upper is not None else []
     return f"Were the {' or the '.join(opening)} known, c_e would have an upper end." if opening else ""
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """How far an offset that the fit does not know of moves alpha/c_e^p."""
-
-    offset: str  #: "surface", "force" or "radius"
-    size: float  #: of the offset, true less measured [mm], [N]
-    moved: float  #: fitted less true ln(alpha/c_e^p): 0.1 is about 10 %
-    widths: float  #: its size over half the width of the 95 % interval; 0 where that has an open end
-
-
-def sensitivity_sentence(moves: Sequence[Sensitivity], exponent: float) -> list[str]:
-    """How far the combination is off, in plain words; none without moves."""
-    texts: list[str] = []
-    for x in moves:
-        text = f"a {x.offset}{' misjudged' * (not texts)} by {x.size:.2g} {OFFSETS[x.offset]}"
-        text += f"{'' if texts else f' moves alpha/c_e^{exponent:.3g}'} by {100 * abs(x.moved):.2g} %"
-        widths = f" ({x.widths:.2g} times{'' if texts else ' half the width of its 95 % interval'})"
-        texts.append(text + (widths if x.widths else ""))
-    return [f"A{', '.join(texts)[1:]}."] if texts else []
-
-
-def sensitivities(
-    likelihood: Likelihood, point: tuple[float, float], identified: Combination
-) -> tuple[Sensitivity, ...]:
-    """What a surface misjudged by 0.05 mm would change, a force by 1 % of the largest, and a radius by 1 %."""
-    mixed = likelihood if isinstance(likelihood, MixedLikelihood) else None
-    plain, present = (mixed.plain, mixed.components) if mixed else (likelihood, ())
-    o = plain.observations
-    sizes = {"surface": 0.05, "force": 0.01 * float(o.force.max()), "radius": 0.01 * float(o.radius.max())}
-    sizes = {name: size for name, size in sizes.items() if name not in [x.quantity for x in present]}
-    components = (*components_of(o, estimate=tuple(sizes))[-len(sizes) :], *present) if sizes else present
-    model = LinearModel(
-        plain, components, point, np.zeros(blocks_of(components)[-1].stop if components else 0)
-    )
-    scatter2, effect2 = np.array(list(plain.variances(*point).values())), np.empty(0)
-    if mixed:
-        scatter2, effect2 = mixed.equations.scatter2, mixed.equations.effect2
-    equations = MixedEquations(model, scatter2, np.append(model.effect2[: len(sizes)], effect2))
-    known = np.arange(len(sizes), len(equations.c))
-    steps = equations.inverse(known)[0][-2:] @ equations.C[np.ix_(known, np.arange(len(sizes)))]
-    ratio = identified.interval.ratio()
-    half = np.log(ratio) / 2 if 1 < ratio < np.inf else np.inf
-    results = []
-    for k, (name, size) in enumerate(sizes.items()):
-        moved = float(np.array([-identified.exponent, 1.0]) @ steps[:, k]) * size
-        results.append(Sensitivity(name, size, moved, float(abs(moved) / half)))
-    return tuple(results)
 
 
 def _widening(equations: MixedEquations, k: int, direction: Floats) -> float:

@@ -15,9 +15,10 @@ from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.diagnostics import Goodness, HypothesisTest, Plausibility, Row
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.mixed import MixedEffect, MixedEvidence, Sensitivity, sensitivities
+from burrlab.fitting.mixed import MixedEffect, MixedEvidence
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Combination, Interval, Profile, plain_ends
+from burrlab.fitting.repairs import Repair, Sensitivity, repairs, sensitivities
 from burrlab.fitting.verdict import Ridge, Start, obstacle
 from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of
 from burrlab.measured.curve import Indentation, VelocityCurve
@@ -197,7 +198,9 @@ class FitRecord(InJson):
         """c_e, alpha and the scatters that were estimated."""
         if self.evidence is None:
             return 2
-        estimated = sum(x.deviation is None or x.interval is not None for x in self.effects)  # not the given
+        estimated = sum(
+            len(x.levels) if x.deviation is None else x.interval is not None for x in self.effects
+        )
         return 2 + sum(not s.known for s in self.evidence.scatters) + estimated
 
     @property
@@ -233,11 +236,15 @@ class FitRecord(InJson):
     @cached_property
     def likelihood(self) -> Likelihood:
         """-2 log L of the data, with the model that was fitted."""
-        model, known = self.model_of(self.observations), self.provenance.get("known", {})
-        beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
-        plain = Likelihood(self.observations, self.residual_kind, model, beliefs)
         mixed = self.evidence.mixed if self.evidence is not None else None
-        return mixed.likelihood(plain, (self.c_e, self.alpha)) if mixed else plain
+        return mixed.likelihood(self._plain, (self.c_e, self.alpha)) if mixed else self._plain
+
+    @property
+    def _plain(self) -> Likelihood:
+        """The likelihood without groups and offsets."""
+        known = self.provenance.get("known", {})
+        beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
+        return Likelihood(self.observations, self.residual_kind, self.model_of(self.observations), beliefs)
 
     @cached_property
     def sensitivity(self) -> tuple[Sensitivity, ...]:
@@ -248,6 +255,16 @@ class FitRecord(InJson):
         if self.identified is None:
             return ()
         return sensitivities(self.likelihood, (self.c_e, self.alpha), self.identified)
+
+    @cached_property
+    def repairs(self) -> tuple[Repair, ...]:
+        """Other explanations of the data, by falling gain of AIC: an offset, another radius, another shape.
+
+        Empty if the fit gave nothing, or for the voxel engine. Calculated when first asked for.
+        """
+        if self.evidence is None or self.table is not None:
+            return ()
+        return repairs(self._plain, self.likelihood, (self.c_e, self.alpha), self.aic, self.n_parameters)
 
     def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
         """The model of this fit; the voxel engine's serves only the rows of its own data."""

@@ -8,8 +8,8 @@ import numpy as np
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
-from burrlab.fitting.mixed import sensitivity_sentence
 from burrlab.fitting.record import Evidence, FitRecord
+from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
 from burrlab.fitting.verdict import Ridge
 from burrlab.measured.curve import VelocityCurve
 
@@ -187,6 +187,7 @@ def _judgements(fit: FitRecord, evidence: Evidence) -> list[str]:
         lines.append(
             "The rows are in the order of their forces: nothing tells a drift or days from the force."
         )
+    lines += repair_sentence(fit.repairs)
     lines += sensitivity_sentence(fit.sensitivity, evidence.profile.identified.exponent)
     if good is not None and fit.n_points < FEWEST:
         lines.append(f"With fewer than {FEWEST} rows none is named as standing out.")

@@ -65,7 +65,8 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
     on_ridge = c_e > entry
     at = c_e if on_ridge else entry / _RIDGE_PHI
     alpha_there = float(likelihood.at(at).best_alpha[0])
-    r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there)
+    own_alpha = np.broadcast_to(likelihood.own_alpha, len(o.force))[likelihood.first_rows]
+    r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there) - own_alpha
     excluded = profile.intervals["c_e"]["95"].upper is not None
     if profile.c_e[-1] <= entry:  # the bounds end below the ridge
         excluded = True

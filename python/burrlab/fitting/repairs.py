@@ -1,0 +1,135 @@
+"""What would move a fit that does not know of it, and what would repair one that the data contradict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from burrlab._core import Shape, shape_names
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
+from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
+from burrlab.fitting.observations import bounds_of
+from burrlab.fitting.profile import Combination, Domain, minima
+
+_ALONE = 4.0  # of AIC: an explanation is named alone if the others lie farther
+_NAMED = 6.0  # of AIC, by which an explanation must be better to be named: 1 % of clean sets have such a one (ours)
+_TEXTS = {"force": "a tare or a friction, an offset of the force"}
+_RADII = {"half the radius, as if the diameter had been given": 0.5, "twice the radius": 2.0}
+Point: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How far an offset that the fit does not know of moves alpha/c_e^p."""
+
+    offset: str  #: "surface", "force" or "radius"
+    size: float  #: of the offset, true less measured [mm], [N]
+    moved: float  #: fitted less true ln(alpha/c_e^p): 0.1 is about 10 %
+    widths: float  #: its size over half the width of the 95 % interval; 0 where that has an open end
+
+
+def sensitivity_sentence(moves: Sequence[Sensitivity], exponent: float) -> list[str]:
+    """How far the combination is off, in plain words; none without moves."""
+    texts: list[str] = []
+    for x in moves:
+        text = f"a {x.offset}{' misjudged' * (not texts)} by {x.size:.2g} {OFFSETS[x.offset]}"
+        text += f"{'' if texts else f' moves alpha/c_e^{exponent:.3g}'} by {100 * abs(x.moved):.2g} %"
+        widths = f" ({x.widths:.2g} times{'' if texts else ' half the width of its 95 % interval'})"
+        texts.append(text + (widths if x.widths else ""))
+    return [f"A{', '.join(texts)[1:]}."] if texts else []
+
+
+def sensitivities(
+    likelihood: Likelihood, point: tuple[float, float], identified: Combination
+) -> tuple[Sensitivity, ...]:
+    """What a surface misjudged by 0.05 mm would change, a force by 1 % of the largest, and a radius by 1 %."""
+    mixed = likelihood if isinstance(likelihood, MixedLikelihood) else None
+    plain, present = (mixed.plain, mixed.components) if mixed else (likelihood, ())
+    o = plain.observations
+    sizes = {"surface": 0.05, "force": 0.01 * float(o.force.max()), "radius": 0.01 * float(o.radius.max())}
+    sizes = {name: size for name, size in sizes.items() if name not in [x.quantity for x in present]}
+    components = (*components_of(o, estimate=tuple(sizes))[-len(sizes) :], *present) if sizes else present
+    model = LinearModel(
+        plain, components, point, np.zeros(blocks_of(components)[-1].stop if components else 0)
+    )
+    scatter2, effect2 = np.array(list(plain.variances(*point).values())), np.empty(0)
+    if mixed:
+        scatter2, effect2 = mixed.equations.scatter2, mixed.equations.effect2
+    equations = MixedEquations(model, scatter2, np.append(model.effect2[: len(sizes)], effect2))
+    known = np.arange(len(sizes), len(equations.c))
+    steps = equations.inverse(known)[0][-2:] @ equations.C[np.ix_(known, np.arange(len(sizes)))]
+    ratio = identified.interval.ratio()
+    half = np.log(ratio) / 2 if 1 < ratio < np.inf else np.inf
+    results = []
+    for k, (name, size) in enumerate(sizes.items()):
+        moved = float(np.array([-identified.exponent, 1.0]) @ steps[:, k]) * size
+        results.append(Sensitivity(name, size, moved, float(abs(moved) / half)))
+    return tuple(results)
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Another explanation of the data than the one that the fit assumes."""
+
+    what: str  #: such as "a force offset of 0.03 N (a tare, or a friction)"
+    gain: float  #: AIC of the fit less that with it
+
+
+def repairs(
+    plain: Likelihood, fitted: Likelihood, point: Point, aic: float, n_parameters: int
+) -> tuple[Repair, ...]:
+    """Offsets, another radius and other shapes of erosion, by falling gain.
+
+    Parameters
+    ----------
+    plain : Likelihood
+        The rows as they were measured, in the mean field.
+    fitted : Likelihood
+        That of the fit; its groups and offsets are kept.
+    point : (c_e, alpha)
+        The fit [N/mm^2], [1/ms].
+    aic, n_parameters
+        Those of the fit.
+    """
+    present = fitted.components if isinstance(fitted, MixedLikelihood) else ()
+    o, shape, gains = plain.observations, plain.model.shape, []
+
+    def weigh(what: str, other: Likelihood, offset: Sequence[Component] = ()) -> None:
+        """Add the best fit of another likelihood, with one more offset."""
+        components = (*present, *offset)
+        if other.observations.c_e_bounds().max() >= other.observations.ceiling:
+            return
+        box = bounds_of(other.observations, None)
+        end: Point | None = point
+        if components:
+            mixed, end = at_best_variances(other, components, point, (box.lower[0], box.upper[0]))
+            u = -float(mixed.equations.solution[mixed.linear.blocks[-1]][0])
+            what += f" of {u:.2g} {OFFSETS[offset[0].quantity]}" if offset else ""
+            other = mixed if present else mixed.plain
+        if not present:
+            box = bounds_of(other.observations, None)
+            end = next((x.point for x in minima(other, Domain.of(other, box, {}))), None)
+        if end is not None:
+            better = 2 * other.log_likelihood(*end) - 2 * (n_parameters + len(offset))
+            gains.append(Repair(what, aic + better))
+
+    for name in OFFSETS:
+        if plain.kind != "student" and name not in {x.quantity for x in present}:
+            weigh(_TEXTS.get(name, f"a {name} offset"), plain, components_of(o, estimate=(name,))[-1:])
+    for text, factor in _RADII.items():  # windows that go with R leave a factor of R to c_e and alpha
+        there = o.moved("radius", (factor - 1) * o.radius, (factor - 1) * o.pressed_radius)
+        if np.isfinite(o.window_end).all() and (there.window_start < there.window_end).all():
+            weigh(text, plain.of_rows(there, MeanFieldModel(there, shape)))
+    for name in shape_names:
+        if name != shape.name:
+            weigh(f"f = {Shape(name).label}", plain.of_rows(o, MeanFieldModel(o, Shape(name))))
+    return tuple(sorted(gains, key=lambda repair: -repair.gain))
+
+
+def repair_sentence(ranked: Sequence[Repair]) -> list[str]:
+    """The best explanations, all that lie within 4 of the best, in plain words; none that gain little."""
+    best = [f"{x.what} ({x.gain:.3g})" for x in ranked if x.gain > max(_NAMED, ranked[0].gain - _ALONE)]
+    alone = "one of these" if len(best) > 1 else "this"
+    return [f"The data would fit better with {alone} (AIC lower by): {', or '.join(best)}."] if best else []

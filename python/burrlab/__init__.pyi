@@ -68,6 +68,9 @@ from burrlab.planning.coverage import ExperimentPlan as ExperimentPlan
 from burrlab.planning.coverage import coverage_study as coverage_study
 from burrlab.planning.design import Design as Design
 from burrlab.planning.design import design as design
+from burrlab.planning.power import ComparisonPower as ComparisonPower
+from burrlab.planning.power import compare_power as compare_power
+from burrlab.planning.power import run_sheet as run_sheet
 from burrlab.session.devices import DeviceFrame as DeviceFrame
 from burrlab.session.devices import DeviceLimits as DeviceLimits
 from burrlab.session.devices import device_limits as device_limits

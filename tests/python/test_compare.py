@@ -219,6 +219,6 @@ def test_command(tmp_path, capsys, monkeypatch):
     assert found["pairs"][0]["equivalent"] is True
     assert (tmp_path / "f.png").stat().st_size > 1000
     assert "b.csv over a.csv" in said(capsys, *words)
-    assert "needs two FILE.csv or more: got 1" in refusal(capsys, "compare", "a.csv")
+    assert "needs two FILE.csv or more, or one and --by: got 1" in refusal(capsys, "compare", "a.csv")
     assert "The 2 files are pooled" in said(capsys, "fit", "a.csv", "b.csv")
     assert "pooled" not in said(capsys, "fit", "a.csv")

@@ -82,6 +82,12 @@ def _numbers(text: str) -> list[float]:
     return [float(f) for f in np.linspace(positive(parts[0]), positive(parts[1]), count(parts[2]))]
 
 
+def _counts(text: str) -> list[int]:
+    """FIRST:LAST, or N,N,..."""
+    first, colon, last = text.partition(":")
+    return list(range(count(first), count(last) + 1)) if colon else [count(part) for part in text.split(",")]
+
+
 KINDS = {"file": "VelocityCurve", "indentation": "Indentation", "trace": "DepthTrace"}
 
 
@@ -324,8 +330,9 @@ COMMANDS = {
         _OFFSETS,
         *OUTPUT,
     )),
-    "compare": Command("descent", "Are velocity-force curves of one material? Each file is fitted by itself.", (
+    "compare": Command("descent", "Are velocity-force curves of one material? Each data set is fitted by itself.", (
         option("file", "velocity-force curves, one a data set", metavar="FILE.csv", nargs="+"),
+        option("--by", "take one file apart by a group, such as drill, into the data sets", metavar="NAME"),
         option(
             "--margin", "difference of velocity that counts as equivalent, set beforehand: 0.2 is 20 %%",
             type=positive,
@@ -355,6 +362,21 @@ COMMANDS = {
         option("--static-scatter", "of new static forces; default that of the data, or 0.1", type=positive),
         option("--truths", "values of c_e and alpha that the mean is taken over, default 100", type=count, default=100),
         option("--seed", "default: drawn and recorded", type=seed),
+        OptionGroup("how large a comparison of two drills must be, instead", (
+            option("--compare", "alpha of the second drill over that of the first, to be seen: 0.9", type=positive, metavar="RATIO"),
+            option("--specimens", "how many, default 3:12", type=_counts, default=range(3, 13), metavar="FIRST:LAST"),
+            option(
+                "--runs", "of each drill in each specimen, default 6:24", type=_counts, default=range(6, 25),
+                metavar="FIRST:LAST",
+            ),
+            option(
+                "--between", "standard deviations between specimens, of ln c_e and ln alpha, and of the drills' "
+                "difference: alpha=0.1,difference=0.05; default those of the fit, 0 for the difference",
+                type=_sizes, metavar="NAME=SIZE,...",
+            ),
+            option("--power", "that is wanted, default 0.8", type=positive, default=0.8),
+            option("--sheet", "write the runs of the smallest such comparison, in random order", metavar="FILE.csv"),
+        )),
         *OUTPUT,
     )),
     "session": Command("session", "Burr in real time, with a device or a simulated hand.", (

@@ -147,13 +147,18 @@ def do_fit(options: Options) -> int:
 
 
 def do_compare(options: Options) -> int:
-    refuse(len(options.file) < 2, f"needs two FILE.csv or more: got {len(options.file)}")
+    refuse(
+        (len(options.file) > 1) == (options.by is not None),
+        f"needs two FILE.csv or more, or one and --by: got {len(options.file)}",
+    )
     same = [file for file in options.file if options.file.count(file) > 1]
     refuse(same, f"needs another FILE.csv for each data set: got {same[0] if same else ''} twice")
     options.indentation, options.trace = [], []
-    fits: list[burrlab.Fit] = []
-    for curve in _data(options):
-        assert isinstance(curve, burrlab.VelocityCurve)
+    curves, fits = [x for x in _data(options) if isinstance(x, burrlab.VelocityCurve)], []
+    names = ["standard input" if file == "-" else file for file in options.file]
+    if options.by is not None:
+        names, curves = map(list, zip(*curves[0].split(options.by).items(), strict=True))
+    for curve in curves:
         sigma = curve.sigma is not None and bool(np.isfinite(curve.sigma[curve.ok]).all())
         fits.append(
             burrlab.fit(
@@ -163,7 +168,6 @@ def do_compare(options: Options) -> int:
                 **_effects(options),
             )
         )
-    names = ["standard input" if file == "-" else file for file in options.file]
     result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), result.report())
@@ -172,6 +176,9 @@ def do_compare(options: Options) -> int:
 
 def do_design(options: Options) -> int:
     known = burrlab.Fit.from_json(options.fit)
+    if options.compare is not None:
+        return _compare_power(options, known)
+    refuse_options(options, ("between", "sheet"), "goes with --compare")
     radii = options.radii or known.radius
     refuse(options.forces and radii is None, "--radii must be given: the data are of several radii")
     result = burrlab.design(
@@ -181,6 +188,24 @@ def do_design(options: Options) -> int:
     )  # fmt: skip
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), f"{result!r}\nseed {result.seed}")
+    return 0
+
+
+def _compare_power(options: Options, known: burrlab.Fit) -> int:
+    study = burrlab.compare_power(
+        known, options.compare, specimens=options.specimens, runs=options.runs, between=options.between,
+        within=options.scatter, forces=options.forces or None, aim=options.power, progress=on_terminal(),
+    )  # fmt: skip
+    plot(options.plot, study.plot)
+    if options.sheet is not None:
+        size = study.smallest()
+        if size is None:
+            raise ValueError("--sheet: no comparison of these sizes reaches the power; try more --specimens")
+        sheet = burrlab.run_sheet(
+            study.forces, specimens=size[0], runs=size[1], radius=known.radius, seed=options.seed
+        )
+        sheet.to_csv(options.sheet)
+    deliver(options, study.to_dict(), repr(study))
     return 0
 
 

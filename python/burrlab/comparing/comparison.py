@@ -270,8 +270,8 @@ def compare(
     Where the fits know groups (days, specimens), these are the units: the limits have the degrees of freedom that
     the groups leave. Labels that both sets have are pairs, the best design: the effects of two or more common days
     or specimens, and shared offsets, are one for both sets, and the differences of log c_e and log alpha are those
-    of one mixed model, in which the difference may vary from pair to pair. It is linear, so a set that leaves c_e
-    open is compared as an independent one. A set of one day or specimen, where the other has others, allows no
+    of one mixed model, in which the difference may vary from pair to pair. It is linear, so where a set leaves c_e
+    open, both have one c_e in it, and the test is of alpha. A set of one day or specimen, where the other has others, allows no
     decision.
 
     Velocities are equivalent if at each of 15 shared forces the 90 % interval lies inside the margin: two
@@ -507,12 +507,14 @@ def _ratio(difference: _LogRatio | LinearDifference, level: float) -> Ratio:
 def _ratios(a: _Side, b: _Side, pair: Paired | None, exponent: float, level: float) -> dict[str, Ratio]:
     """Ratios of alpha and the combination; of c_e too where effects are shared."""
     directions = {"alpha": ALPHA, "combination": np.array([-exponent, 1.0])}
-    if pair is not None:
+    if pair is not None and not pair.one_c_e:
         return {name: _ratio(pair.along(d), level) for name, d in ({"c_e": C_E} | directions).items()}
     ratios = {}
     for name, direction in directions.items():
         ends = (side.ends(direction[0] * side.x, direction) for side in (a, b))
         ratios[name] = _ratio(_LogRatio(*ends), level)
+    if pair is not None:
+        ratios["combination"] = _ratio(pair.along(directions["combination"]), level)
     return ratios
 
 

@@ -15,16 +15,19 @@ from burrlab.fitting.linear import (
     OFFSETS,
     Component,
     LinearModel,
+    MixedEquations,
     RowProducts,
     blocks_of,
     reml,
 )
 from burrlab.fitting.mixed import MixedLikelihood
-from burrlab.fitting.observations import Floats, Group, Observations
+from burrlab.fitting.observations import C_E_RANGE, Floats, Group, Observations
+from burrlab.fitting.profile import ALPHA
 from burrlab.fitting.record import FitRecord
 
 ERROR = 0.05  # of "differ" and of "equivalent", all pairs together
 _ROUNDS = 30  # of linearising, at most
+_POINTS = 200  # of c_e, among which the best that two sets have in common is sought
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +53,21 @@ class Paired:
     """Two sets in one mixed model."""
 
     group: str
+    one_c_e: bool  # whether c_e is common to both, as where a set leaves it open
     change: Floats  # of log c_e and log alpha
     calibration: MixedCalibration
 
     @classmethod
     def of(cls, a: FitRecord, b: FitRecord, shared: Sequence[str]) -> "Paired | None":
-        """None where the sets share neither levels nor offsets, or a linear model does not describe them."""
+        """None where the sets share neither levels nor offsets, or have other residuals than relative ones."""
         levels = [{group.name: set(group.levels) for group in x.observations.groups} for x in (a, b)]
         pairing = [name for name in levels[0] if len(levels[0][name] & levels[1].get(name, set())) > 1]
-        closed = all(x.intervals["c_e"]["95"].closed for x in (a, b))
-        if not closed or not (pairing or shared) or {a.residual_kind, b.residual_kind} != {"relative"}:
+        if not (pairing or shared) or {a.residual_kind, b.residual_kind} != {"relative"}:
             return None
+        one_c_e = not all(x.intervals["c_e"]["95"].closed for x in (a, b))
         points = [(x.c_e, x.alpha) for x in (a, b)]
-        return cls(" and ".join(pairing), *_fitted_jointly((a.likelihood, b.likelihood), points, shared))
+        fitted = _fitted_jointly((a.likelihood, b.likelihood), points, shared, one_c_e)
+        return cls(" and ".join(pairing), one_c_e, *fitted)
 
     def along(self, direction: Floats) -> LinearDifference:
         """The difference of a quantity with a gradient over (log c_e, log alpha)."""
@@ -72,17 +77,23 @@ class Paired:
     @property
     def joint(self) -> HypothesisTest:
         """Whether both sets have one c_e and alpha."""
-        rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
-        p, freedom = self.calibration.probability(rise), self.calibration.joint_freedom
-        F, text = rise / 2, ", ".join(f"{number:.3g}" for number in freedom)
+        if self.one_c_e:
+            rise = float(self.change[1] ** 2 / self.calibration.covariance[1, 1])
+            freedom: tuple[float, ...] = (1.0, self.calibration.freedom(ALPHA))
+            p = self.calibration.probability(rise, ALPHA)
+        else:
+            rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
+            p, freedom = self.calibration.probability(rise), self.calibration.joint_freedom
+        F, text = rise / freedom[0], ", ".join(f"{number:.3g}" for number in freedom)
         differ = "differ" if p < ERROR else "can be of one material"
         units = f", paired by {self.group}" if self.group else ""
-        sentence = f"The two {differ} (one c_e and alpha{units}): F({text}) = {F:.3g}, {p_text(p)}."
+        what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
+        sentence = f"The two {differ} ({what}{units}): F({text}) = {F:.3g}, {p_text(p)}."
         return HypothesisTest("one material", F, freedom, p, sentence)
 
 
-class _JointModel(RowProducts):
-    """The rows of two likelihoods that share effects, with c_e and alpha of each: [Z, J, J', r].
+class JointModel(RowProducts):
+    """The rows of two likelihoods that share effects, with c_e and alpha of each: [Z, J, J', r]; or with one c_e.
 
     Parameters
     ----------
@@ -92,14 +103,15 @@ class _JointModel(RowProducts):
         Offsets that both have in common.
     varies : bool
         Whether the difference varies from pair to pair.
+    one_c_e : bool
+        Whether c_e is common to both: columns c_e, alpha, alpha'.
     """
-
-    n_fixed = 4
 
     def __init__(
         self, likelihoods: Sequence[Likelihood], points: Sequence[tuple[float, float]], shared: Sequence[str],
-        varies: bool,
+        varies: bool, one_c_e: bool = False,
     ) -> None:  # fmt: skip
+        self.n_fixed = 3 if one_c_e else 4
         plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
         common, own = _effects_of_groups([x.observations for x in plain], varies)
         offsets = [_offsets(likelihood) for likelihood in likelihoods]
@@ -114,6 +126,11 @@ class _JointModel(RowProducts):
             shift = np.concatenate([np.empty(0), *shifts])
             models.append(LinearModel(plain[side], effects, points[side], shift))
         self.products = _embedded(models, sum(len(pair[0].group.levels) for pair in common))
+        if one_c_e:
+            table = np.eye(len(self.products[0]))
+            table[-3, -5] = 1.0  # the second's c_e is the first's
+            table = np.delete(table, -3, axis=1)
+            self.products = [table.T @ G @ table for G in self.products]
         self.components = [pair[0] for pair in common]
         self.components += [x for model in models for x in model.components[len(common) :]]
         self.blocks = blocks_of(self.components)
@@ -178,28 +195,43 @@ def _renamed(group: Group, levels: tuple[str, ...]) -> Group:
 
 
 def _fitted_jointly(
-    likelihoods: Sequence[Likelihood], points: Sequence[tuple[float, float]], shared: Sequence[str]
+    likelihoods: Sequence[Likelihood],
+    points: Sequence[tuple[float, float]],
+    shared: Sequence[str],
+    one_c_e: bool,
 ) -> tuple[Floats, MixedCalibration]:
     """Differences of log c_e and log alpha, second less first, of likelihoods that share effects; and their limits."""
     logs, varies = np.log(np.array(points)), True
+    hard = [float(x.observations.c_e_bounds().max()) for x in likelihoods]
+    if one_c_e:  # the best of both together
+        c_e = np.geomspace(max(hard), C_E_RANGE * max(hard), _POINTS)[1:]
+        logs[:, 0] = np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))])
     for _ in range(_ROUNDS):
-        model = _JointModel(likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, varies)
+        model = JointModel(
+            likelihoods, [(float(c), float(a)) for c, a in np.exp(logs)], shared, varies, one_c_e
+        )
         equations = reml(model)
-        step = np.clip(-equations.solution[-4:].reshape(2, 2), -0.5, 0.5)
-        logs = logs + step
-        hard = [float(x.observations.c_e_bounds().max()) for x in likelihoods]
-        logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
+        if one_c_e:  # linear in log alpha: the first step is the last
+            step = np.zeros((2, 2))
+            change = np.diff(logs[:, 1] - equations.solution[-2:])
+        else:
+            step = np.clip(-equations.solution[-4:].reshape(2, 2), -0.5, 0.5)
+            logs = logs + step
+            logs[:, 0] = np.maximum(logs[:, 0], np.log(hard) + EDGE)
         if np.abs(step).max() < 1e-6:
             own = [k for k, x in enumerate(model.components) if x.varies]
             if not varies or equations.effect2[own].any():
                 break
             varies = False  # the difference is one for all pairs
-    all_four = equations.uncertainty()
+    return np.array([0.0, change[0]]) if one_c_e else logs[1] - logs[0], difference_of(equations)
+
+
+def difference_of(equations: MixedEquations) -> MixedCalibration:
+    """The limits of the differences of log c_e and log alpha between the two sides of a `JointModel`."""
+    fixed = equations.uncertainty()
     L = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
-    calibration = MixedCalibration(
-        L @ all_four.covariance @ L.T,
-        L @ all_four.adjusted @ L.T,
-        L @ all_four.changes @ L.T,
-        all_four.of_variances,
+    if equations.model.n_fixed == 3:
+        L = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 1.0]])
+    return MixedCalibration(
+        L @ fixed.covariance @ L.T, L @ fixed.adjusted @ L.T, L @ fixed.changes @ L.T, fixed.of_variances
     )
-    return logs[1] - logs[0], calibration

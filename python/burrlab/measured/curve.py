@@ -253,6 +253,29 @@ class VelocityCurve(TableData):
         layout = TableLayout(cls._TABLE, columns, unit, groups=groups, specimen=specimen)
         return layout.frame(frame).data(cls, radius=radius, source=source)
 
+    def split(self, name: str) -> "dict[str, VelocityCurve]":
+        """A curve for each label of a group, such as "drill", which the curves no longer carry.
+
+        Raises
+        ------
+        ValueError
+            If the rows have no such group.
+        """
+        refuse(
+            name not in self.groups, f"the rows have no {name}, but {', '.join(self.groups) or 'no group'}"
+        )
+        curves = {}
+        for label in dict.fromkeys(self.groups[name]):
+            rows = [row for row, other in enumerate(self.groups[name]) if other == label]
+            columns = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
+            columns = {key: None if x is None else [x[row] for row in rows] for key, x in columns.items()}
+            others = {key: [x[row] for row in rows] for key, x in self.groups.items() if key != name}
+            curves[label] = VelocityCurve(
+                **columns, groups=others, radius=self.radius, provenance=self.provenance,
+                source=f"{self.source}, {name} {label}".removeprefix(", "),
+            )  # fmt: skip
+        return curves
+
     @property
     def ok(self) -> NDArray[np.bool_]:
         """Usable rows: with a velocity, and with a status of "ok", "" or none. Shape (n,)."""

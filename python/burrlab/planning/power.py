@@ -1,0 +1,389 @@
+"""How many specimens and runs a comparison of two drills needs, and the sheet of its runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import ArrayLike
+from scipy import special
+
+from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, whole
+from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
+from burrlab.common.progress import Progress, counter
+from burrlab.common.provenance import provenance
+from burrlab.common.records import Codec, InJson
+from burrlab.common.table import by_value
+from burrlab.comparing.paired import ERROR, JointModel, difference_of
+from burrlab.fitting.calibration import MixedCalibration
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.linear import MixedEquations
+from burrlab.fitting.observations import Floats, Observations
+from burrlab.fitting.report import columns
+from burrlab.fitting.result import Fit
+from burrlab.measured.curve import VelocityCurve
+
+_NODES, _DRAWS = 12, 500  # over the estimated variance of the difference, and of estimated differences
+WAYS = ("paired", "apart")  #: whether both drills work in the same specimens
+
+
+@by_value
+@dataclass(frozen=True, repr=False)
+class ComparisonPower(InJson):
+    """How often a comparison finds a difference of alpha. Made by `burrlab.compare_power`.
+
+    Attributes
+    ----------
+    ratio : float
+        alpha of the second drill over that of the first.
+    specimens, runs : tuple of int
+        Specimens (or days), and runs of each drill in each of them.
+    power : ndarray, shape (2, len(specimens), len(runs))
+        Probability that `burrlab.compare` says "differ": with both drills in the same specimens, and in others.
+    aim : float
+        Power that is wanted.
+    unit : str
+        Group that the specimens stand for, such as "specimen" or "day".
+    between : dict
+        Standard deviations between them: of ln ``c_e``, of ln ``alpha``, and of the ``difference`` of ln alpha
+        between the drills.
+    within : float
+        Standard deviation of ln v between runs.
+    forces : ndarray
+        F of the runs [N]; runs go through them in turn.
+    provenance : dict
+    """
+
+    ratio: float
+    specimens: tuple[int, ...]
+    runs: tuple[int, ...]
+    power: Floats
+    aim: float
+    unit: str
+    between: Mapping[str, float]
+    within: float
+    forces: Floats
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def smallest(self, way: str = "paired") -> tuple[int, int] | None:
+        """Specimens and runs of the smallest comparison that reaches the aim, by its runs in all; None if none does."""
+        refuse(way not in WAYS, f"way must be one of {', '.join(WAYS)}: got {way!r}")
+        table = self.power[WAYS.index(way)]
+        sizes = [
+            (n * m, n, m)
+            for i, n in enumerate(self.specimens)
+            for k, m in enumerate(self.runs)
+            if table[i, k] >= self.aim
+        ]
+        return min(sizes)[1:] if sizes else None
+
+    @property
+    def verdict(self) -> str:
+        """The smallest comparisons, in plain words."""
+        aim = f"alpha that differs by {100 * abs(self.ratio - 1):.3g} % is seen in {100 * self.aim:.3g} %"
+        texts = []
+        for way, how in zip(WAYS, (f"the same {self.unit}s", f"{self.unit}s of their own"), strict=True):
+            size = self.smallest(way)
+            with_it = f"with {size[0]} {self.unit}s and {size[1]} runs of each drill in each" if size else (
+                f"by none of these (at best {100 * self.power[WAYS.index(way)].max():.3g} %)"
+            )  # fmt: skip
+            texts.append(f"With both drills in {how}, {aim} {with_it}.")
+        return "\n".join(texts)
+
+    def __repr__(self) -> str:
+        shown = np.unique(np.linspace(0, len(self.runs) - 1, 8).round().astype(int))
+        lines = []
+        for way, table in zip(WAYS, self.power, strict=True):
+            head = [f"{way}, runs:", *(str(self.runs[k]) for k in shown)]
+            rows = [
+                [f"{n} {self.unit}s", *(f"{100 * row[k]:.0f} %" for k in shown)]
+                for n, row in zip(self.specimens, table, strict=True)
+            ]
+            lines += columns([head, *rows])
+        return "\n".join([self.verdict, *lines])
+
+    @drawing
+    def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Power over specimens, a line for each of at most four numbers of runs; dashed with other specimens."""
+        ax = axes_or_new(ax)
+        shown = np.unique(np.linspace(0, len(self.runs) - 1, 4).round().astype(int))
+        for look, k in zip(SERIES, shown, strict=False):
+            for way, table in zip(WAYS, self.power, strict=True):
+                label = f"{self.runs[k]} runs of each drill" if way == "paired" else None
+                dress = styled(style, **look | {"label": label, "markersize": 4})
+                ax.plot(
+                    self.specimens, table[:, k], **dress | {"linestyle": "-" if way == "paired" else "--"}
+                )
+        ax.plot([], [], "-", color=REFERENCE, label=f"both drills in the same {self.unit}s")
+        ax.plot([], [], "--", color=REFERENCE, label=f"{self.unit}s of their own")
+        ax.axhline(self.aim, color=REFERENCE, linewidth=0.8, linestyle=":")
+        ax.set(
+            xlabel=f"{self.unit}s of each drill [1]", ylim=(0, 1.02), xticks=self.specimens,
+            ylabel=f"power to see {100 * abs(self.ratio - 1):.3g} % of α [1]",
+        )  # fmt: skip
+        ax.legend()
+        return ax
+
+
+ComparisonPower._codec = Codec(
+    keys={
+        ComparisonPower: {name: name for name in ComparisonPower.__dataclass_fields__}
+        | {"smallest": lambda study: study.smallest(), "verdict": lambda study: study.verdict}
+    }
+)
+
+
+def compare_power(
+    fit: Fit,
+    ratio: float = 0.9,
+    *,
+    specimens: Sequence[int] = range(3, 13),
+    runs: Sequence[int] = range(6, 25),
+    between: Mapping[str, float] | None = None,
+    within: float | None = None,
+    forces: ArrayLike | None = None,
+    aim: float = 0.8,
+    progress: Progress | None = None,
+) -> ComparisonPower:
+    """How many specimens and runs until a difference of two drills in alpha is seen.
+
+    Parameters
+    ----------
+    fit : Fit
+        The fit to a first series, which gives c_e, alpha, burr, shape, scatter and, where it knows specimens or days,
+        their standard deviations.
+    ratio : float
+        alpha of the second drill over that of the first: 0.9 is 10 % less.
+    specimens, runs : sequence of int
+        Specimens (or days) of each drill, 2 or more; and runs of each drill in each of them, 3 or more.
+    between : dict, optional
+        Standard deviations between specimens: of ln ``"c_e"`` and ln ``"alpha"``, and of the ``"difference"`` of ln
+        alpha between the drills. Those of the fit by default; 0 for the difference, which a fit cannot tell.
+    within : float, optional
+        Standard deviation of ln v between runs: 0.08 is 8 %. That of the fit by default.
+    forces : array_like, optional
+        F of the runs [N], three or more; those of the fit by default.
+    aim : float
+        Power that is wanted.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar on standard error.
+
+    Returns
+    -------
+    ComparisonPower
+
+    Raises
+    ------
+    TypeError
+        If fit is no `Fit`.
+    ValueError
+        If the fit failed or has several radii, a number is out of range, a force leaves no window, or neither the fit
+        nor `between` says how much specimens differ.
+
+    Notes
+    -----
+    The test is that of `burrlab.compare`: one c_e and alpha in both sets, with rows that are linear about the fit. Of
+    pairs it is averaged over the estimated variance of the difference, which decides the limit; of specimens that
+    each drill has for itself its statistic is a noncentral F with the degrees of freedom that Kenward and Roger's
+    rule gives at the true variances. Both drills go through the same forces in each specimen (docs/inference.md has
+    powers of simulated comparisons beside these).
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> bone = burrlab.materials["bone"]
+    >>> fit = burrlab.fit(burrlab.synthetic_curve(burrlab.Burr(3.0), bone, [0.3, 0.6, 1.2, 2.2], repeats=2, seed=1))
+    >>> study = burrlab.compare_power(fit, 0.9, specimens=[3, 6], runs=[8, 16], between={"alpha": 0.1}, within=0.05)
+    >>> study.smallest()
+    (3, 8)
+    """
+    require_type("fit", fit, Fit, "burrlab.fit(curve)")
+    fit._evidence()
+    R = fit.radius
+    if R is None:
+        raise ValueError("the fit must be of one radius: it has several")
+    refuse(
+        not 0 < scalar(ratio, "ratio") < np.inf or ratio == 1,
+        f"ratio must be above 0 and other than 1: got {ratio!r}",
+    )
+    refuse(not 0 < scalar(aim, "aim") < 1, f"aim must be above 0 and below 1: got {aim!r}")
+    sizes = [tuple(whole(f"{name} of a comparison", n, 1000, "1000") for n in numbers)
+             for name, numbers in (("specimens", specimens), ("runs", runs))]  # fmt: skip
+    for name, numbers, least in (("specimens", sizes[0], 2), ("runs", sizes[1], 3)):
+        refuse(not numbers or min(numbers) < least, f"{name} must be {least} or more each: got {numbers}")
+    unit, deviations = _between(fit, between)
+    scatter = fit._evidence().scatters[0].value if within is None else scalar(within, "within")
+    refuse(not 0 < scatter < np.inf, f"within must be positive and finite: got {scatter!r}")
+    force = np.unique(fit.observations.force if forces is None else real(forces, "forces"))
+    lost = ~np.isfinite(np.atleast_1d(fit.velocity(force)))
+    refuse(
+        lost.any() or len(force) < 3,
+        f"forces must be three or more that leave a window: got {force.tolist()}",
+    )
+    report_progress, total = counter(progress, "comparisons"), 2 * len(sizes[0]) * len(sizes[1])
+    power = np.zeros((2, len(sizes[0]), len(sizes[1])))
+    for number, place in enumerate(np.ndindex(power.shape), start=1):
+        way, n, m = WAYS[place[0]], sizes[0][place[1]], sizes[1][place[2]]
+        power[place] = _power(fit, ratio, way, n, _in_turn(force, m), unit, deviations, scatter)
+        report_progress(number, total)
+    return ComparisonPower(
+        float(ratio), sizes[0], sizes[1], power, float(aim), unit, deviations, float(scatter), force,
+        provenance(fit=repr(fit), radius_mm=R, shape=fit.shape.name),
+    )  # fmt: skip
+
+
+def _between(fit: Fit, between: Mapping[str, float] | None) -> tuple[str, dict[str, float]]:
+    """The unit of a comparison, and the standard deviations between its levels."""
+    names, estimated = ("c_e", "alpha", "difference"), [x for x in fit.effects if x.interval is not None]
+    unit = next(
+        (x.group for x in estimated if x.quantity == "c_e"), estimated[-1].group if estimated else "specimen"
+    )
+    variance = dict.fromkeys(names, 0.0)
+    for effect in estimated:
+        variance[effect.quantity] += float(effect.deviation or 0.0) ** 2
+    refuse(
+        between is None and not estimated,
+        "between must be given, such as {'alpha': 0.1}: the fit knows no specimens or days",
+    )
+    deviations = {name: variance[name] ** 0.5 for name in names}
+    for name, value in (between or {}).items():
+        refuse(name not in names, f"between may hold {', '.join(names)}: got {name!r}")
+        refuse(
+            not 0 <= scalar(value, f"between of {name}") < np.inf,
+            f"between of {name} must be 0 or more: got {value!r}",
+        )
+        deviations[name] = float(value)
+    return unit, deviations
+
+
+def _in_turn(force: Floats, n: int) -> Floats:
+    """n forces: all of them in turn, or some that are spread over them."""
+    few = force[np.linspace(0, len(force) - 1, min(n, len(force))).round().astype(int)]
+    return np.resize(few, n)
+
+
+def _power(
+    fit: Fit,
+    ratio: float,
+    way: str,
+    n: int,
+    force: Floats,
+    unit: str,
+    between: Mapping[str, float],
+    within: float,
+) -> float:
+    """Probability that a comparison of given size finds the difference."""
+    likelihoods, labels = [], np.repeat(np.arange(n), len(force)).astype(str)
+    for drill in ("A", "B"):
+        names = labels if way == "paired" else np.char.add(drill, labels)
+        curve = VelocityCurve(
+            np.tile(force, n), np.ones(n * len(force)), radius=fit.radius, groups={unit: names}
+        )
+        o = Observations.of([curve], None, None)
+        likelihoods.append(Likelihood(o, "relative", MeanFieldModel(o, fit.shape)))
+    points = [(fit.c_e, fit.alpha), (fit.c_e, fit.alpha * ratio)]
+    models = [JointModel(likelihoods, points, (), varies) for varies in (False, True)]
+
+    def calibration(difference2: float) -> MixedCalibration:
+        """At a variance of the drills' difference; 0 is dropped from the model, as `burrlab.compare` does."""
+        model = models[difference2 > 0]
+        effect2 = [difference2 / 2 if x.varies else between[x.quantity] ** 2 for x in model.components]
+        return difference_of(MixedEquations(model, np.full(2, within**2), np.array(effect2)))
+
+    change, of_mean = (
+        np.array([0.0, np.log(ratio)]),
+        2 * within**2 / len(force),
+    )  # variance of a pair's mean difference
+    true = calibration(between["difference"] ** 2 if way == "paired" else 0.0)
+    if way == "apart":
+        freedom = min(true.joint_freedom[1], 1e6)
+        shift = float(change @ np.linalg.solve(true.covariance, change))
+        return 1 - float(special.ncfdtr(2.0, freedom, shift, float(special.fdtri(2, freedom, 1 - ERROR))))
+    estimates = (
+        np.random.default_rng(0).standard_normal((_DRAWS, 2)) @ np.linalg.cholesky(true.covariance).T + change
+    )
+    # the variance of the difference is estimated from n - 1 degrees of freedom, and at least 0
+    quantiles = special.fdtri(n - 1, 2 * n * (len(force) - 1), (np.arange(_NODES) + 0.5) / _NODES)
+    total = 0.0
+    for variance in (of_mean + between["difference"] ** 2) * quantiles - of_mean:
+        seen = calibration(max(float(variance), 0.0))
+        rise = np.einsum("ki,ij,kj->k", estimates, np.linalg.inv(seen.covariance), estimates)
+        total += float(np.mean(rise > seen.limit(1 - ERROR)))
+    return total / _NODES
+
+
+def run_sheet(
+    forces: ArrayLike,
+    *,
+    specimens: int | Sequence[str],
+    runs: int,
+    drills: Sequence[str] = ("A", "B"),
+    days: int = 2,
+    radius: float | None = None,
+    seed: int | None = None,
+) -> VelocityCurve:
+    """The runs of a comparison in the order to make them: a curve without velocities, to write and to fill in.
+
+    Parameters
+    ----------
+    forces : array_like
+        F [N]; runs go through them in turn.
+    specimens : int or sequence of str
+        How many, or their labels. Every drill works in each of them.
+    runs : int
+        Runs of each drill in each specimen.
+    drills : sequence of str
+    days : int
+        The runs of each drill in each specimen are dealt over these, so that a day costs the comparison nothing.
+    radius : float, optional
+        Burr radius [mm].
+    seed : int, optional
+        Of the order; None draws one, which the provenance records.
+
+    Returns
+    -------
+    VelocityCurve
+        With the groups "day", "specimen" and "drill". On each day specimens are in random order; in each of them the
+        drills and forces are. `VelocityCurve.split("drill")` gives the curves to compare.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range, or labels are not distinct.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> sheet = burrlab.run_sheet([0.5, 1.0, 2.0], specimens=3, runs=6, seed=1)
+    >>> len(sheet), sheet.groups["drill"][:4]
+    (36, ('A', 'B', 'B', 'A'))
+    """
+    force = np.atleast_1d(real(forces, "forces"))
+    labels = (
+        [f"specimen {k + 1}" for k in range(specimens)]
+        if isinstance(specimens, int)
+        else list(map(str, specimens))
+    )
+    for name, names in (("specimens", labels), ("drills", list(drills))):
+        refuse(
+            not names or len(set(names)) < len(names),
+            f"{name} must be one or more, with different labels: got {names}",
+        )
+    counts = {name: whole(name, n, 10000, "10000") for name, n in (("runs", runs), ("days", days))}
+    refuse(not 1 <= days <= runs, f"days must be 1 or more, and at most runs: got {days} and {runs} runs")
+    seed = seed_or_new(seed)
+    random, rows = np.random.default_rng(seed), []
+    each = np.resize(force, counts["runs"])
+    for day in range(days):
+        for k in random.permutation(len(labels)).tolist():
+            block = [(drill, F) for F in each[(day + k) % days :: days].tolist() for drill in drills]
+            rows += [
+                (f"day {day + 1}", labels[k], *block[i]) for i in random.permutation(len(block)).tolist()
+            ]
+    day_names, specimen_names, drill_names, F = zip(*rows, strict=True)
+    groups = {"specimen": specimen_names, "drill": drill_names}
+    return VelocityCurve(
+        F, np.full(len(F), np.nan), radius=radius, source="run sheet", provenance=provenance(seed=seed),
+        groups={"day": day_names} | groups if days > 1 else groups,
+    )  # fmt: skip

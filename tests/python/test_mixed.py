@@ -370,6 +370,39 @@ class TestWhatIsSaid:
         with pytest.raises(ValueError, match="new must be one of run, day: got 'bone'"):
             fit.velocity_interval(1.0, new="bone")
 
+    def test_tables_and_figures(self):
+        """Each level has its own values in the figures; the table has what was estimated."""
+        fit = burrlab.fit(laboratory(2, 6, of_c_e=0.1, group="specimen"), plausible=None)
+        levels = fit.levels("specimen")
+        values = {x.quantity: x.values for x in fit.effects}
+        assert list(levels) == [f"specimen {k}" for k in range(6)]
+        assert [c_e for c_e, _ in levels.values()] == pytest.approx(fit.c_e * np.exp(values["c_e"]))
+        assert [alpha for _, alpha in levels.values()] == pytest.approx(fit.alpha * np.exp(values["alpha"]))
+        ax = fit.plot(log=True)
+        labels = ax.get_legend_handles_labels()[1]
+        assert {*levels, "95 %, mean of a new specimen"} < {*labels}
+        assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+        effects = fit.plot_effects()
+        assert [x.get_text() for x in effects.get_yticklabels()] == 2 * list(levels)
+        assert fit.plot_residuals(over="order").get_xlabel().startswith("row")
+        table = fit.to_dataframe()
+        assert list(table["quantity"][3:5]) == [
+            "sd of ln c_e between specimens",
+            "sd of ln alpha between specimens",
+        ]
+        assert (table["value"][0], table["lower_95"][0]) == (fit.c_e, fit.intervals["c_e"]["95"].lower)
+        assert f"c\\_e & N/mm\\^{{}}2 & {fit.c_e:.4g} &" in fit.to_latex()
+        compared = burrlab.compare(fit, fit)
+        assert len(compared.to_dataframe()) == 4
+        assert "B over A & velocity at 0.812 N & 1 &" in compared.to_latex()
+        small = burrlab.synthetic_curve(BURR, BONE, [0.3, 0.4, 0.5, 0.6], seed=1)
+        assert "& open" in burrlab.fit(small).to_latex()
+        for call, match in ((lambda: fit.levels("day"), r"group must be one with effects, \['specimen'\]: got 'day'"),
+                            (lambda: fit.plot_residuals(over="v"), "over must be 'force' or 'order'"),
+                            (burrlab.fit(small).plot_effects, "effects of groups need a fit with groups")):  # fmt: skip
+            with pytest.raises(ValueError, match=match):
+                call()
+
     def test_one_day_a_set_allows_no_decision(self):
         first, second = (laboratory(seed, 1, between=0.0) for seed in (1, 2))
         second = VelocityCurve(second.force, 2 * second.velocity, radius=3.0, groups={"day": "day 9"})

@@ -621,6 +621,45 @@ def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":
     return pandas.DataFrame(dict(columns))
 
 
+class Tabulated:
+    """A result that is a table too, for pandas and for a paper."""
+
+    def _columns(self) -> Mapping[str, Sequence[Any]]:
+        raise NotImplementedError
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The estimates and the ends of their 95 % intervals, a row each; an open end is None, and NaN stands where
+        there is no interval.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return dataframe(self._columns())
+
+    def to_latex(self) -> str:
+        """The table of `to_dataframe` in LaTeX, with the rules of the package booktabs; an open end is called open."""
+
+        def cell(value: object) -> str:
+            text = "open" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+            text = "" if text == "nan" else text
+            return _LATEX.sub(lambda found: "\\^{}" if found[0] == "^" else f"\\{found[0]}", text)
+
+        columns = self._columns()
+        kinds = [
+            "r" if all(isinstance(x, float | None) for x in column) else "l" for column in columns.values()
+        ]
+        lines = [
+            " & ".join(map(cell, row)) + r" \\" for row in (columns, *zip(*columns.values(), strict=True))
+        ]
+        begin = [rf"\begin{{tabular}}{{{''.join(kinds)}}}", r"\toprule", lines[0], r"\midrule"]
+        return "\n".join([*begin, *lines[1:], r"\bottomrule", r"\end{tabular}"])
+
+
+_LATEX = re.compile(r"[%&_#$^{}]")
+
+
 def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
     """HTML of a title and a table, for notebooks."""
 

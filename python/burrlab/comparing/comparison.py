@@ -14,7 +14,7 @@ from burrlab.common.check import refuse, scalar, shown
 from burrlab.common.figures import REFERENCE, SERIES, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec, InJson
-from burrlab.common.table import by_value
+from burrlab.common.table import Tabulated, by_value
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.diagnostics import HypothesisTest, judged, p_text
@@ -102,7 +102,7 @@ class ComparedPair:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(InJson):
+class Comparison(InJson, Tabulated):
     """Data sets compared two by two. Made by `burrlab.compare`."""
 
     sets: tuple[ComparedSet, ...]
@@ -191,6 +191,21 @@ class Comparison(InJson):
             return f"{seen}; without a margin nothing is called equivalent."
         outcome = "equivalent" if pair.equivalent else "not shown to be equivalent"
         return f"{seen}: {outcome} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
+
+    def _columns(self) -> dict[str, list[Any]]:
+        rows: list[tuple[Any, ...]] = []
+        for pair in self.pairs:
+            ratios = dict(pair.ratios)
+            ratios[f"alpha/c_e^{self.exponent:.3g}"] = ratios.pop("combination")
+            if pair.velocity is not None:
+                ratios[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
+            what = f"{pair.names[1]} over {pair.names[0]}"
+            rows += [
+                (what, name, x.value, x.interval.lower, x.interval.upper, pair.p_differ)
+                for name, x in ratios.items()
+            ]
+        names = ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ")
+        return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:

@@ -431,6 +431,12 @@ class MixedEffect:
     errors: tuple[float, ...]
     freedom: float = np.inf
 
+    def level(self, k: int) -> "MixedEffect":
+        """The effect of one level alone."""
+        return replace(
+            self, levels=self.levels[k : k + 1], values=self.values[k : k + 1], errors=self.errors[k : k + 1]
+        )
+
     @property
     def p_value(self) -> float:
         """Of the first level's value, if it were 0."""
@@ -533,11 +539,11 @@ def _offset_sentences(
     for k, (component, x) in enumerate(zip(likelihood.components, effects, strict=True)):
         unit = f" {OFFSETS[x.quantity]}" if x.quantity in OFFSETS else ""
         if x.deviation is None and x.quantity == "alpha":
-            for name, value, error in zip(x.levels, x.values, x.errors, strict=True):
-                one = replace(x, values=(value,), errors=(error,))
+            for level in map(x.level, range(len(x.levels))):
+                low, ratio, high = np.exp([level.ends[0], level.values[0], level.ends[1]])
                 sentences.append(
-                    f"alpha of data set {name} is {np.exp(value):.3g} times that of the first "
-                    f"({np.exp(one.ends[0]):.3g} to {np.exp(one.ends[1]):.3g}, {p_text(one.p_value)})."
+                    f"alpha of data set {level.levels[0]} is {ratio:.3g} times that of the first ({low:.3g} to {high:.3g}, "
+                    f"{p_text(level.p_value)})."
                 )
         elif x.deviation is None:
             what = f"The {x.quantity} is off by" if unit else "From the first run to the last ln v changes by"

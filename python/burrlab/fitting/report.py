@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
 
 import burrlab.fitting.verdict as verdict
 from burrlab.fitting.calibration import RowScatter
 from burrlab.fitting.diagnostics import FEWEST, indentation_tests, order_tests
+from burrlab.fitting.linear import OFFSETS
+from burrlab.fitting.profile import Interval
 from burrlab.fitting.record import Evidence, FitRecord
 from burrlab.fitting.repairs import repair_sentence, sensitivity_sentence
 from burrlab.fitting.verdict import Ridge
@@ -121,6 +124,33 @@ def variable_rows(fit: FitRecord) -> list[list[str]]:
         for name, unit in _UNITS.items()
         for low, high in [fit.bounds[name]]
     ]
+
+
+def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
+    """What was estimated, with its 95 % interval: constants, combination, deviations between groups, offsets, scatters."""
+    p = f"{fit.identified.exponent:.4g}" if fit.identified else ""
+    rows: list[tuple[str, str, float, float | None, float | None]] = [
+        (name, _UNITS[name], getattr(fit, name), *_ends(fit.intervals[name]["95"])) for name in _UNITS
+    ]
+    if fit.identified is not None:
+        unit = f"(1/ms)/(N/mm^2)^{p}"
+        rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *_ends(fit.identified.interval)))
+    for x in fit.effects:
+        if x.interval is not None and x.deviation is not None:
+            rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *_ends(x.interval)))
+        for k, label in enumerate(x.levels if x.deviation is None else ()):
+            of = f"ln alpha, data set {label} over 1" if x.quantity == "alpha" else f"offset of {x.quantity}"
+            rows.append((of, OFFSETS.get(x.quantity, "1"), x.values[k], *x.level(k).ends))
+    for s in fit.evidence.scatters if fit.evidence else ():
+        if not s.known:
+            unit = "mm/s" if s.name == "velocity" and fit.residual_kind == "absolute" else "1"
+            rows.append((f"scatter of {s.name}", unit, s.value, np.nan, np.nan))
+    names = ("quantity", "unit", "value", "lower_95", "upper_95")
+    return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
+
+
+def _ends(interval: Interval) -> tuple[float | None, float | None]:
+    return interval.lower, interval.upper
 
 
 def identification(fit: FitRecord) -> dict[str, str]:

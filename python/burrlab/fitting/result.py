@@ -31,6 +31,7 @@ from burrlab.common.figures import (
 )
 from burrlab.common.progress import Progress
 from burrlab.common.study import StorePath
+from burrlab.common.table import Tabulated
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.diagnostics import HypothesisTest, Row, given_values, influence, rows_limit
 from burrlab.fitting.observations import Floats
@@ -42,7 +43,7 @@ from burrlab.theory.continuum import PER_SECOND, WINDOW_START, MasterCurve, posi
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(FitRecord):
+class Fit(FitRecord, Tabulated):
     """c_e and alpha fitted to data, and what the data determine. Made by `burrlab.fit`.
 
     `burrlab.fitting.record.FitRecord` describes its attributes: `c_e` [N/mm^2], `alpha` [1/ms], `status`
@@ -117,6 +118,37 @@ class Fit(FitRecord):
         )
         source = f"fit to {data} ({self.engine}, status {self.status})"
         return Material(name, c_e=self.c_e, alpha=self.alpha, shape=self.shape, source=source)
+
+    def levels(self, group: str) -> dict[str, tuple[float, float]]:
+        """c_e [N/mm^2] and alpha [1/ms] of each level of a group, by its label; `effects` has their errors.
+
+        Parameters
+        ----------
+        group : str
+            Such as "day" or "specimen"; "data set" where data sets have an alpha each.
+
+        Raises
+        ------
+        ValueError
+            If no such group has effects.
+        """
+        effects = [x for x in self.effects if x.group == group and x.quantity in ("c_e", "alpha")]
+        refuse(not effects, f"group must be one with effects, {sorted(self._groups)}: got {group!r}")
+        logs = {
+            label: {"c_e": 0.0, "alpha": 0.0} for label in ("1",) * (group == "data set") + effects[0].levels
+        }
+        for effect in effects:
+            for label, value in zip(effect.levels, effect.values, strict=True):
+                logs[label][effect.quantity] = value
+        return {
+            label: (self.c_e * float(np.exp(x["c_e"])), self.alpha * float(np.exp(x["alpha"])))
+            for label, x in logs.items()
+        }
+
+    @property
+    def _groups(self) -> dict[str, None]:
+        """Groups whose levels have values of their own."""
+        return dict.fromkeys(x.group for x in self.effects if x.quantity in ("c_e", "alpha"))
 
     def velocity(
         self,
@@ -235,7 +267,8 @@ class Fit(FitRecord):
 
         The line is the mean-field prediction over the default window, one per radius. The band is the range
         of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows
-        have windows of their own, or the engine is voxel, a dot is the prediction of a row.
+        have windows of their own, or the engine is voxel, a dot is the prediction of a row. Where the fit knows
+        days or specimens, points and thin lines have a colour for each, and a paler band is for the mean of a new one.
 
         Parameters
         ----------
@@ -263,7 +296,12 @@ class Fit(FitRecord):
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
         dress = {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"}
-        for curve in (data_set for data_set in self.data if isinstance(data_set, VelocityCurve)):
+        grouped = "" if named else next(iter(self._groups), "")
+        if grouped:
+            self._plot_levels(ax, grouped, log)
+        for curve in (
+            data_set for data_set in self.data if isinstance(data_set, VelocityCurve) and not grouped
+        ):
             curve.plot(ax, log=log, **dress)
         segment, default = o.run >= 0, np.isnan(o.window_start)
         if segment.any():
@@ -293,14 +331,70 @@ class Fit(FitRecord):
             ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
         return ax
 
+    def _plot_levels(self, ax: Axes, name: str, log: bool) -> None:
+        """The points of each level of a group with its thin line, and the band of a new level's mean."""
+        o = self.observations
+        (group,) = (group for group in (o.sets, *o.groups) if group.name == name)
+        levels = self.levels(name)
+        ax.set(xscale="log" if log else "linear", yscale="log" if log else "linear")
+        for k, (look, (label, (c_e, alpha))) in enumerate(
+            zip(itertools.cycle(SERIES), levels.items(), strict=False)
+        ):
+            rows, text = group.velocity == k, label if label.startswith(name) else f"{name} {label}"
+            dress: dict[str, Any] = {"color": look["color"], "linestyle": "", "marker": look["marker"]}
+            text = text if len(levels) <= _NAMED else "_"
+            ax.plot(o.force[rows], o.velocity[rows], label=text, markersize=4, zorder=3, **dress)
+            for R in sorted(set(o.radius[rows & np.isnan(o.window_start)].tolist())):
+                force = _span_of(o.force[rows & (o.radius == R)], c_e, R, log)
+                phi = force / (c_e * R**2)
+                ax.plot(force, PER_SECOND * alpha * R * MasterCurve(self.shape).velocity_ratio(phi),
+                        color=look["color"], linewidth=0.6, alpha=0.8)  # fmt: skip
+        if self.radius is not None and name != "data set" and np.isnan(o.window_start).any():
+            force = _span_of(o.force, self.c_e, self.radius, log)
+            ends = self.velocity_interval(force, new=name)
+            ax.fill_between(
+                force, *ends, color=FORCE, alpha=0.1, linewidth=0, label=f"95 %, mean of a new {name}"
+            )
+
+    @drawing
+    def plot_effects(self, ax: Axes | None = None, **style: Any) -> Axes:
+        """Each level's own c_e and alpha over the population's, in per cent, with standard errors.
+
+        Raises
+        ------
+        ValueError
+            If the fit has no groups.
+        """
+        effects = [x for x in self.effects if x.quantity in ("c_e", "alpha")]
+        refuse(not effects, "effects of groups need a fit with groups: it has none")
+        ax, names = axes_or_new(ax), list[str]()
+        for look, x in zip(itertools.cycle(SERIES), effects, strict=False):
+            place = len(names) + np.arange(len(x.levels))
+            value, error = (100 * np.array(column) for column in (x.values, x.errors))
+            dress = styled(
+                {"linestyle": "", **style}, color=look["color"], marker=look["marker"], markersize=5
+            )
+            ax.errorbar(
+                value,
+                place,
+                xerr=error,
+                capsize=2,
+                elinewidth=0.9,
+                label=f"{x.quantity} by {x.group}",
+                **dress,
+            )
+            names += [label if label.startswith(x.group) else f"{x.group} {label}" for label in x.levels]
+        ax.axvline(0, color=REFERENCE, linewidth=0.8)
+        ax.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
+        ax.set_xlabel("100 ln of its value over the population's [%]")
+        return ax
+
     def _plot_radius(
         self, ax: Axes, R: float, log: bool, alpha_lines: float | None, shade: Any, look: Any
     ) -> None:
         """The line and band of one radius over its forces in the default window, and alpha plus and minus."""
         o = self.observations
-        force = o.force[np.isnan(o.window_start) & (o.radius == R)]
-        high = min(1.04 * force.max(), 0.999 * self.c_e * R**2 / 27**0.5)
-        force = np.geomspace((0.85 if log else 0.3) * force.min(), high, 300)
+        force = _span_of(o.force[np.isnan(o.window_start) & (o.radius == R)], self.c_e, R, log)
         velocity = self.velocity(force, radius=R)
         ax.fill_between(force, *band(self, force, R), zorder=1, linewidth=0, alpha=0.2, **shade)
         ax.plot(force, velocity, **look)
@@ -403,8 +497,13 @@ class Fit(FitRecord):
         return ax
 
     @drawing
-    def plot_residuals(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Externally studentised residuals of the curves' rows over force, with the limit of `influence`.
+    def plot_residuals(self, ax: Axes | None = None, *, over: str = "force", **style: Any) -> Axes:
+        """Externally studentised residuals of the curves' rows over force or order, with the limit of `influence`.
+
+        Parameters
+        ----------
+        over : {"force", "order"}
+            What is on the axis: F, or the number of the row in the data.
 
         A row that stands out has its number, from 1 after the header; of several data sets also the set's.
 
@@ -413,33 +512,37 @@ class Fit(FitRecord):
         ValueError
             If the fit failed, or has no curve.
         """
+        refuse(over not in ("force", "order"), f"over must be 'force' or 'order': got {over!r}")
         rows = self.influence()
         refuse(not rows, "residuals of rows need a curve: the fit has none")
         ax = axes_or_new(ax)
         force, size = (np.array([getattr(row, name) for row in rows]) for name in ("force", "studentised"))
+        x = force if over == "force" else np.arange(1, len(rows) + 1)
         named = np.array([row.named for row in rows])
         style = {"linestyle": "", **style}
         look = next_look(ax, style, color=FORCE, marker="o", markersize=4, zorder=3, label="rows")
-        ax.plot(force[~named], size[~named], **look)
+        ax.plot(x[~named], size[~named], **look)
         limit = rows_limit(self.likelihood, (self.c_e, self.alpha), ~named)
         if limit is not None:
             ax.axhspan(-limit, limit, color="0.95", zorder=0)
             for sign, limit_label in ((1, f"limit ±{limit:.2g}: 5 % of clean sets pass it"), (-1, None)):
                 ax.axhline(sign * limit, color=REFERENCE, linewidth=0.8, linestyle="--", label=limit_label)
         if named.any():
-            ax.plot(
-                force[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"})
-            )
-        for row in rows:
+            ax.plot(x[named], size[named], **(look | {"marker": "D", "mfc": "white", "label": "stands out"}))
+        for row, place in zip(rows, x.tolist(), strict=True):
             if row.named:
                 number = f"{row.data_set + 1}: {row.row}" if len(self.data) > 1 else f"{row.row}"
-                ax.annotate(f"row {number}", (row.force, row.studentised), xytext=(6, 0), va="center",
+                ax.annotate(f"row {number}", (place, row.studentised), xytext=(6, 0), va="center",
                             textcoords="offset points", fontsize=8)  # fmt: skip
         ax.axhline(0, color=REFERENCE, linewidth=0.6)
         ax.margins(x=0.1)
         why = "" if limit else "\n(no limit below 8 rows)"
-        ax.set(xlabel="force [N]", ylabel=f"studentised residual [sigma]{why}")
+        place = "force [N]" if over == "force" else "row, in the order of the data [1]"
+        ax.set(xlabel=place, ylabel=f"studentised residual [sigma]{why}")
         return ax
+
+    def _columns(self) -> dict[str, list[Any]]:
+        return report.parameter_columns(self)
 
     def __repr__(self) -> str:
         parameters = f"c_e={self.c_e:.4g} N/mm^2, alpha={self.alpha:.4g} /ms"
@@ -457,6 +560,7 @@ class Fit(FitRecord):
 
 LINES = (FORCE, VELOCITY, POSITION, "black")  # one per radius
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
+_NAMED = 8  # levels of a group that a legend names
 _BAND = 60  # lines whose envelope is the band
 Items: TypeAlias = "Sequence[VelocityCurve | Fit] | Mapping[str, VelocityCurve | Fit]"
 
@@ -515,6 +619,12 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     if kinks:
         ax.plot([], [], color=REFERENCE, ms=11, label="kink: $c_e$ shows above", **bar)
     return ax
+
+
+def _span_of(force: Floats, c_e: float, R: float, log: bool) -> Floats:
+    """Forces that a line is drawn over, about those of some rows."""
+    high = min(1.04 * force.max(), 0.999 * c_e * R**2 / 27**0.5)
+    return np.geomspace((0.85 if log else 0.3) * force.min(), high, 300)
 
 
 def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:

@@ -351,6 +351,31 @@ class TestWhatIsSaid:
         assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
         assert again.influence()[0].c_e == pytest.approx(fit.influence()[0].c_e)
 
+    def test_given_sigma_is_that_of_log_velocity(self, tmp_path):
+        """Equal relative sigmas give the weights of the relative fit, unequal ones theirs; too small ones show."""
+        curve = laboratory(1, 4)
+
+        def with_sigma(relative):
+            return burrlab.fit(replace(curve, sigma=relative * curve.velocity), residuals="sigma")
+
+        plain, fit = burrlab.fit(curve), with_sigma(0.05)
+        assert (fit.c_e, fit.alpha) == pytest.approx((plain.c_e, plain.alpha), rel=1e-6)
+        assert fit.effects[0].deviation == pytest.approx(plain.effects[0].deviation, rel=0.01)
+        assert "agrees with the given sigma" in fit.report()
+        weights = np.where(np.arange(len(curve)) < 16, 0.02, 0.5)  # the last two days hardly count
+        first = replace(
+            curve,
+            force=curve.force[:16],
+            velocity=curve.velocity[:16],
+            groups={"day": curve.groups["day"][:16]},
+        )
+        assert with_sigma(weights).c_e == pytest.approx(burrlab.fit(first).c_e, rel=0.01)
+        assert with_sigma(0.01).evidence.calibration.inflation > 5
+        fit.to_json(tmp_path / "fit.json")
+        again = burrlab.Fit.from_json(tmp_path / "fit.json")
+        assert again.test(2.0, 0.08).p_value == fit.test(2.0, 0.08).p_value
+        assert burrlab.compare(fit, fit).pairs[0].pairing == "day"
+
     def test_velocities_of_a_new_run_and_day(self):
         """The mean's interval is that of the fit's combination; a new day and a new run add their variances."""
         curve = laboratory(1, 6)
@@ -540,7 +565,7 @@ def curve(**labels):
         (lambda: burrlab.fit(curve(), known={"f": 1.0}), ValueError, "known may hold 'c_e' and 'alpha' alone: got 'f'"),
         (lambda: burrlab.fit(curve(), known=2.0), TypeError, "known must be a dict"),
         (lambda: burrlab.fit(curve(), estimate=("surface",), engine="voxel"), ValueError, "takes offsets of force alone: got surface"),
-        (lambda: burrlab.fit(laboratory(1, 3), residuals="student"), ValueError, "residuals must be 'relative' with groups"),
+        (lambda: burrlab.fit(laboratory(1, 3), residuals="student"), ValueError, "residuals must be 'relative' or 'sigma' with groups"),
     ],
 )  # fmt: skip
 def test_what_is_refused(call, error, text):

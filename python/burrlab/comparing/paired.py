@@ -59,10 +59,10 @@ class Paired:
 
     @classmethod
     def of(cls, a: FitRecord, b: FitRecord, shared: Sequence[str]) -> "Paired | None":
-        """None where the sets share neither levels nor offsets, or have other residuals than relative ones."""
+        """None where the sets share neither levels nor offsets, or have absolute residuals."""
         levels = [{group.name: set(group.levels) for group in x.observations.groups} for x in (a, b)]
         pairing = [name for name in levels[0] if len(levels[0][name] & levels[1].get(name, set())) > 1]
-        if not (pairing or shared) or {a.residual_kind, b.residual_kind} != {"relative"}:
+        if not (pairing or shared) or not {a.residual_kind, b.residual_kind} <= {"relative", "sigma"}:
             return None
         one_c_e = not all(x.intervals["c_e"]["95"].closed for x in (a, b))
         points = [(x.c_e, x.alpha) for x in (a, b)]

@@ -95,7 +95,8 @@ def fit(
 
     * ``"relative"``  log-normal velocities, r = ln(v/v_predicted),
     * ``"absolute"``  normal velocities of one scatter, r = v - v_predicted [mm/s], the paper's least squares,
-    * ``"sigma"``     normal velocities of given sigma, r = (v - v_predicted)/sigma,
+    * ``"sigma"``     normal velocities of given sigma, r = (v - v_predicted)/sigma; with groups, offsets or known
+      values log-normal ones of relative scatter sigma/v,
     * ``"student"``   Student's t with 4 degrees of freedom in log velocity, for curves with outliers.
 
     Parameters
@@ -220,7 +221,8 @@ def fit(
     _check_rows(observations, residuals, mixed)
     _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
     seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
-    likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape), beliefs)
+    kind: ResidualKind | Literal["log-sigma"] = "log-sigma" if mixed and residuals == "sigma" else residuals
+    likelihood = Likelihood(observations, kind, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
     # walk
     domain = Domain.of(likelihood, box, bounds)
@@ -235,7 +237,7 @@ def fit(
             failure = descents
         else:
             table, record = descents
-            likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table), beliefs)
+            likelihood = Likelihood(observations, kind, VoxelModel(observations, shape, table), beliefs)
             searches, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field))
             starts = searches or starts
             failure = "" if searches else "No c_e within its bounds gave every row a velocity."
@@ -364,8 +366,8 @@ def _around(beliefs: Beliefs) -> Bounds:
 
 def _check_rows(observations: Observations, residuals: str, mixed: bool) -> None:
     refuse(
-        mixed and residuals != "relative",
-        "residuals must be 'relative' with groups, offsets or known values, or groups=() leave them out: got "
+        mixed and residuals not in ("relative", "sigma"),
+        "residuals must be 'relative' or 'sigma' with groups, offsets or known values, or groups=() leave them out: got "
         f"{residuals!r}",
     )
     refuse(
@@ -593,8 +595,8 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
     unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
     predicted = {"velocity": alpha * unit * np.exp(likelihood.own_alpha), "pressed": c_e * o.pressed_unit}
     residuals = {name: np.log(getattr(o, name) / model) for name, model in predicted.items()}
-    if not likelihood.log:
-        residuals["velocity"] = likelihood.velocity_residuals(unit, alpha)
+    if likelihood.known or not likelihood.log:
+        residuals["velocity"] = likelihood.velocity_residuals(unit * np.exp(likelihood.own_alpha), alpha)
     if likelihood.pressed_known:
         residuals["pressed"] = likelihood.pressed_residuals(c_e)
     r, chi2 = np.concatenate([residuals[kind][rows] for kind, rows in o.rows]), None

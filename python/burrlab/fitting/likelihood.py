@@ -11,7 +11,7 @@ A scatter is estimated, unless sigma is given: -2 log L is taken at the best sca
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import numpy as np
 import scipy
@@ -114,7 +114,8 @@ class Likelihood:
     observations : Observations
     kind : {"relative", "absolute", "sigma", "student"}
         Log-normal scatter of the velocities, normal scatter, normal with the given sigma, or Student's t with
-        4 degrees of freedom in log velocity, which bears outliers.
+        4 degrees of freedom in log velocity, which bears outliers. With effects sigma is that of log v, sigma/v:
+        ``"log-sigma"``.
     model : Model
     beliefs : tuple of (str, float, float)
         What is known of ``"c_e"`` and ``"alpha"`` from elsewhere: name, value and relative standard deviation. They
@@ -138,7 +139,7 @@ class Likelihood:
     def __init__(
         self,
         observations: Observations,
-        kind: ResidualKind,
+        kind: ResidualKind | Literal["log-sigma"],
         model: Model,
         beliefs: Beliefs = (),
     ) -> None:
@@ -155,7 +156,7 @@ class Likelihood:
         )
         #: of each residual of the velocities its row, or the first of its run
         self.first_rows = np.append(self._single, [rows[0] for rows in self._runs]).astype(np.intp)
-        self.log = kind in ("relative", "student")
+        self.log = kind in ("relative", "student", "log-sigma")
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
         scatters_of_runs = [
@@ -167,14 +168,19 @@ class Likelihood:
             if scatters_of_runs
             else np.empty(0)
         )
-        self.known = kind == "sigma"
+        self.known = kind in ("sigma", "log-sigma")
         self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
         self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
-        if isinstance(model, MeanFieldModel) and self.n > _MANY and kind != "student" and not self._runs:
+        if (
+            isinstance(model, MeanFieldModel)
+            and self.n > _MANY
+            and kind not in ("student", "log-sigma")
+            and not self._runs
+        ):
             y = np.log(observations.velocity) if self.log else observations.velocity
             weights = observations.sigma**-2 if self.known else np.ones(len(y))
             weight = np.asarray(np.bincount(model.group, weights), np.float64)
@@ -237,6 +243,8 @@ class Likelihood:
         raw = np.log(self.observations.velocity) - log_unit
         if alpha != 1.0:
             raw -= np.log(alpha)
+        if self.known:
+            raw *= self.observations.velocity / self.observations.sigma
         if not self._runs:
             return np.asfortranarray(raw)  # as below: a sum over rows then adds one after another
         raw = np.ascontiguousarray(raw)
@@ -297,6 +305,14 @@ class Likelihood:
                 r = self._log_residuals(self.model.log_unit(stiffness))
                 if self.kind == "student":
                     return StudentSlices.of(stiffness, r, self.floor)
+                if self.known:
+                    weight = self.observations.velocity / self.observations.sigma
+                    B = np.full(len(stiffness), float(weight @ weight))
+                    m = r @ weight / B
+                    A = np.sum((r - m[:, None] * weight) ** 2, axis=-1)
+                    return AlphaSlices(
+                        stiffness, A, B, m, self._without_alpha(stiffness), self.n, True, 0.0, True
+                    )
                 m, B = r.sum(axis=-1) / self.n, np.full(len(stiffness), float(self.n))
                 r -= m[:, None]
                 A = np.sum(np.square(r, out=r), axis=-1)
@@ -443,10 +459,10 @@ class Likelihood:
     def log_jacobian(self) -> float:
         """log of the density of the data in their units over that of the residuals."""
         o, total = self.observations, 0.0
-        if self.log:  # the density is of v, not of log v
-            total -= float(np.sum(np.log(o.velocity)))
-        elif self.known:
+        if self.known:
             total -= float(np.sum(np.log(o.sigma)))
+        elif self.log:  # the density is of v, not of log v
+            total -= float(np.sum(np.log(o.velocity)))
         # a rotation turns the K rows of a run into sqrt(K) times their mean and K - 1 contrasts;
         # the contrasts are over run_scatter
         for rows, scatter in zip(self._runs, self.run_scatter, strict=True):

@@ -244,7 +244,9 @@ class FitRecord(InJson):
         """The likelihood without groups and offsets."""
         known = self.provenance.get("known", {})
         beliefs = tuple((name, value, deviation) for name, (value, deviation) in known.items())
-        return Likelihood(self.observations, self.residual_kind, self.model_of(self.observations), beliefs)
+        logs = self.residual_kind == "sigma" and bool(self.effects or known)
+        kind = "log-sigma" if logs else self.residual_kind
+        return Likelihood(self.observations, kind, self.model_of(self.observations), beliefs)
 
     @cached_property
     def sensitivity(self) -> tuple[Sensitivity, ...]:

@@ -395,6 +395,35 @@ class TestWhatIsSaid:
         with pytest.raises(ValueError, match="new must be one of run, day: got 'bone'"):
             fit.velocity_interval(1.0, new="bone")
 
+    def test_a_new_day_limits_what_more_runs_tell(self):
+        """The runs of one new day narrow the region less than those of a fit without days, and 100 hardly more than 20."""
+        fit = burrlab.fit(laboratory(1, 4))
+        areas = [burrlab.design(fit, [0.5], 3.0, n, seed=1).best.area_ratio for n in (4, 20, 100)]
+        without = burrlab.design(
+            burrlab.fit(laboratory(1, 4), groups=()), [0.5], 3.0, 20, seed=1
+        ).best.area_ratio
+        assert 1 > areas[0] > areas[1] > areas[2] > 0.95 * areas[1]
+        assert without < areas[1]
+
+    def test_a_fit_without_each_specimen(self):
+        """The one that differs most moves the fit most; a fit to the others' rows is the same."""
+        curve = laboratory(3, 5, of_c_e=0.1, group="specimen")
+        fit = burrlab.fit(curve, plausible=None)
+        levels = fit.influence_by("specimen")
+        keep = np.array(curve.groups["specimen"]) != levels[2].label
+        rest = burrlab.fit(
+            VelocityCurve(curve.force[keep], curve.velocity[keep], radius=3.0,
+                          specimen=np.array(curve.groups["specimen"])[keep]), plausible=None,
+        )  # fmt: skip
+        assert (levels[2].c_e, levels[2].alpha) == pytest.approx((rest.c_e, rest.alpha), rel=1e-3)
+        ends, theirs = levels[2].c_e_interval, rest.intervals["c_e"]["95"]
+        assert (ends.lower, ends.upper) == pytest.approx((theirs.lower, theirs.upper), rel=5e-3)
+        moves = [abs(np.log(x.combination / fit.identified.value)) for x in levels]
+        values = {x.quantity: np.array(x.values) for x in fit.effects}
+        own = np.abs(values["alpha"] - fit.identified.exponent * values["c_e"])
+        assert np.argmax(moves) == np.argmax(own)
+        assert [x.n for x in levels] == [8] * 5
+
     def test_tables_and_figures(self):
         """Each level has its own values in the figures; the table has what was estimated."""
         fit = burrlab.fit(laboratory(2, 6, of_c_e=0.1, group="specimen"), plausible=None)
@@ -552,7 +581,8 @@ def curve(**labels):
         (lambda: burrlab.fit(curve(specimen=[1, 2, 2], groups={"day": [3, 4, 4]})), ValueError,
          "specimen and day cannot be told apart: each specimen has one day"),
         (lambda: burrlab.fit(laboratory(1, 3)).bootstrap(5, seed=1), ValueError, "a bootstrap draws runs, not groups"),
-        (lambda: burrlab.design(burrlab.fit(laboratory(1, 3)), [1.0], [3.0], 1), ValueError, "a design needs a fit without groups"),
+        (lambda: burrlab.design(burrlab.fit(curve(), estimate=("order",)), [1.0], [3.0], 1), ValueError, "a design needs a fit without offsets"),
+        (lambda: burrlab.fit(laboratory(1, 3)).influence_by("specimen"), ValueError, r"group must be one with effects, \['day'\]"),
         (lambda: burrlab.fit(curve(), uncertain={"farce": 1.0}), ValueError, "uncertain may hold force, surface, radius: got 'farce'; did"),
         (lambda: burrlab.fit(curve(), uncertain={"force": -1.0}), ValueError, r"uncertain of force must be a standard deviation above 0 \[N\]"),
         (lambda: burrlab.fit(curve(), uncertain={"force": (1.0, "day")}), ValueError, "uncertain of force: the data have no group 'day'"),

@@ -10,8 +10,8 @@ from burrlab._core import Shape, shape_names
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
 from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
-from burrlab.fitting.observations import bounds_of
-from burrlab.fitting.profile import Combination, Domain, minima
+from burrlab.fitting.observations import Group, bounds_of
+from burrlab.fitting.profile import Combination, Domain, Interval, minima, ranges
 
 _ALONE = 4.0  # of AIC: an explanation is named alone if the others lie farther
 _NAMED = 6.0  # of AIC, by which an explanation must be better to be named: 1 % of clean sets have such a one (ours)
@@ -66,6 +66,41 @@ def sensitivities(
     for k, (name, size) in enumerate(sizes.items()):
         moved = float(np.array([-identified.exponent, 1.0]) @ steps[:, k]) * size
         results.append(Sensitivity(name, size, moved, float(abs(moved) / half)))
+    return tuple(results)
+
+
+@dataclass(frozen=True)
+class LevelLeftOut:
+    """A fit without the velocities of one day or specimen."""
+
+    label: str
+    n: int  #: velocities that were left out
+    c_e: float  #: without them [N/mm^2]; NaN where nothing could be fitted, as the next two
+    alpha: float  #: [1/ms]
+    combination: float  #: alpha/c_e^p, with the fit's p
+    c_e_interval: Interval  #: at 95 %
+
+
+def without_levels(
+    plain: Likelihood, fitted: MixedLikelihood, group: Group, exponent: float
+) -> tuple[LevelLeftOut, ...]:
+    """The fits without each level of a group; variances are estimated again."""
+    results = []
+    for k, label in enumerate(group.levels):
+        keep, c_e, alpha, interval = group.velocity != k, np.nan, np.nan, Interval(None, None)
+        try:
+            o = plain.observations.kept(keep)
+            rest = plain.of_rows(o, MeanFieldModel(o, plain.model.shape))
+            components, box = [x.of_rows(o) for x in fitted.components], bounds_of(o, None)
+            mixed, _ = at_best_variances(rest, components, fitted.point, (box.lower[0], box.upper[0]))
+            domain = Domain.of(mixed, bounds_of(mixed.observations, None), {})
+            c_e, alpha = minima(mixed, domain)[0].point
+            interval = ranges(mixed, mixed.calibration(c_e, alpha), domain, (c_e, alpha), 0.0).intervals[
+                "c_e"
+            ]["95"]
+        except (ValueError, IndexError):  # too few forces are left, or no window
+            pass
+        results.append(LevelLeftOut(label, int((~keep).sum()), c_e, alpha, alpha / c_e**exponent, interval))
     return tuple(results)
 
 

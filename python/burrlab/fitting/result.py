@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -34,9 +34,11 @@ from burrlab.common.study import StorePath
 from burrlab.common.table import Tabulated
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
 from burrlab.fitting.diagnostics import HypothesisTest, Row, given_values, influence, rows_limit
+from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E, LEVELS, Region, level_name
 from burrlab.fitting.record import FitRecord
+from burrlab.fitting.repairs import LevelLeftOut, without_levels
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import PER_SECOND, WINDOW_START, MasterCurve, positive
@@ -96,6 +98,25 @@ class Fit(FitRecord, Tabulated):
         self._evidence()
         bounds = {name: self.bounds[name] for name in self.given_bounds}
         return influence(self.likelihood, (self.c_e, self.alpha), self.data, bounds)
+
+    def influence_by(self, group: str) -> tuple[LevelLeftOut, ...]:
+        """The fit without the velocities of each day or specimen, with the variances estimated again.
+
+        Parameters
+        ----------
+        group : str
+            One with effects, such as "specimen".
+
+        Raises
+        ------
+        ValueError
+            If there is no such group, or the fit is of the voxel engine.
+        """
+        groups = {x.name: x for x in self.observations.groups if x.name in self._groups}
+        refuse(group not in groups, f"group must be one with effects, {sorted(groups)}: got {group!r}")
+        refuse(self.table is not None, "the voxel engine's table serves the rows of its own data alone")
+        exponent = self._evidence().profile.identified.exponent
+        return without_levels(self._plain, cast("MixedLikelihood", self.likelihood), groups[group], exponent)
 
     def bootstrap(
         self,

@@ -265,7 +265,8 @@ def design(
 
     where mu is the log of the outcome. A window bounds c_e from below, an overloaded run from above. The
     region keeps its limit: what more data say about the scatter is left out. The first static pairs have a
-    scatter of their own, estimated from the n alone, and its limit.
+    scatter of their own, estimated from the n alone, and its limit. After a fit with days or specimens the new data are
+    of a new one, whose mean differs by the standard deviations of the fit.
 
     In simulations with new fits, up to a third more rows after 12 or more give this area within 10 %. More
     new rows, or fewer old ones, give a smaller area: 10 after 4 give two thirds of it. The order of
@@ -314,17 +315,24 @@ def design(
     c_e = np.exp(grid.log_c_e)
     curve = MasterCurve(fit.shape)
     candidates = []
-    new = NewData(n, scatter)
+    between = {
+        name: sum(float(x.deviation or 0.0) ** 2 for x in fit.effects if x.quantity == name)
+        for name in ("c_e", "alpha")
+    }
     for R in radius.tolist():
         for F in force.tolist():
             log_unit = np.log(PER_SECOND * R * curve.velocity_ratio(F / (c_e * R**2)))
             log_velocity = log_unit[:, None] + grid.log_alpha
+            slope = float(
+                np.nan_to_num(curve.local_slope(F / (fit.c_e * R**2)))
+            )  # of ln v by ln F: less that by ln c_e
+            new = NewData(n, scatter, between=(between["alpha"] + slope**2 * between["c_e"]) ** 0.5)
             ceiling = F / (R**2 * WINDOW_STOP**1.5)
             after, overloaded = _expected(grid, truth, log_velocity, new, ceiling)
             candidates.append(_candidate(grid, after, overloaded, n, R, force=F))
             report_progress(len(candidates), total)
     if len(depth):
-        pairs = NewData(n, static_scatter, own=first)
+        pairs = NewData(n, static_scatter, own=first, between=between["c_e"] ** 0.5)
         after, _ = _expected(grid, truth, grid.log_c_e[:, None], pairs, 0.0)
         candidates += [_candidate(grid, after, 0.0, n, static_radius, depth=h) for h in depth.tolist()]
         report_progress(total, total)

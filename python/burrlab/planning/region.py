@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from burrlab.fitting.calibration import Calibration, RowScatter
+from burrlab.common.check import refuse
+from burrlab.fitting.calibration import AnyCalibration, Calibration, RowScatter
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Box, Floats, Rows
 from burrlab.fitting.profile import C_E, LEVELS, Domain, Walk
@@ -25,7 +26,7 @@ class RiseLimits:
     c_e: float  #: bounds c_e's interval
 
     @classmethod
-    def of(cls, calibration: Calibration) -> "RiseLimits":
+    def of(cls, calibration: AnyCalibration) -> "RiseLimits":
         return cls(calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E))
 
 
@@ -36,6 +37,7 @@ class NewData:
     n: int
     scatter: float
     own: bool = False  #: no other data share the scatter, which is estimated from the n alone
+    between: float = 0.0  #: standard deviation of their mean, as they are of a new day or specimen
 
     def rise(self, d: Floats) -> Floats:
         """The rise of -2 log L for a prediction that is off by d; overwrites d.
@@ -45,14 +47,14 @@ class NewData:
         """
         d *= d
         if not self.own:
-            d *= self.n / self.scatter**2
+            d *= self.n / (self.scatter**2 + self.n * self.between**2)
             return d
         d /= (self.n - 1) / self.n * self.scatter**2 + MODEL_ERROR**2
         return self.n * np.log1p(d, out=d)
 
-    def limits(self, old: Calibration) -> RiseLimits:
+    def limits(self, old: AnyCalibration) -> RiseLimits:
         """Limits of the fit with these data, which are of c_e alone; a scatter of their own changes them."""
-        if not self.own:
+        if not (self.own and isinstance(old, Calibration)):
             return RiseLimits.of(old)
         share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
         total = old.total + share
@@ -88,7 +90,7 @@ class RegionGrid:
     log_alpha: Floats  # shape (m, a)
     minus2: Floats  # shape (m, a), above its minimum
     width: Floats  # of each row in log c_e, shape (m,); 0 for the far ones
-    calibration: Calibration
+    calibration: AnyCalibration
     limits: RiseLimits
     farthest: float  # rise up to which truths are drawn
     low_hard: bool
@@ -98,10 +100,10 @@ class RegionGrid:
     def of(cls, fit: FitRecord) -> "RegionGrid":
         """The grid of a fit, up to the upper bound of its search where the region is open."""
         calibration = fit._evidence().calibration
-        if not isinstance(calibration, Calibration):
-            raise ValueError(
-                "a design needs a fit without groups and offsets, such as fit(data, groups=()): got one with them"
-            )
+        refuse(
+            any(x.interval is None for x in fit.effects),
+            "a design needs a fit without offsets and of one alpha: new velocities would share them",
+        )
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
         domain = Domain.of(
             fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)

@@ -7,6 +7,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -15,14 +16,17 @@ from burrlab.common.check import refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
-from burrlab.fitting.likelihood import FREEDOM, Likelihood
-from burrlab.fitting.observations import Box, Floats, Observations, ResidualKind
-from burrlab.fitting.profile import LEVELS, ByLevel, ByName, Domain, Interval, lowest
+from burrlab.fitting.likelihood import FREEDOM, Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
+from burrlab.fitting.linear import OFFSETS
+from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, at_best_variances
+from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows, bounds_of
+from burrlab.fitting.profile import BEYOND, LEVELS, ByLevel, ByName, Domain, Interval, lowest, minima
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelTable, model_of
 
-KINDS = ("parametric", "residual")
+KINDS = ("parametric", "residual", "groups")
+FEWEST_GROUPS = 6  # levels of a group that are drawn whole: with fewer, too many sets are alike
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,108 @@ def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Fl
     return log
 
 
+@dataclass(frozen=True)
+class MixedItem:
+    """One replicate of a fit with groups or offsets."""
+
+    observations: Observations
+    shape: Shape
+    residual_kind: LikelihoodKind
+    beliefs: Beliefs
+    evidence: MixedEvidence
+    c_e: float
+    alpha: float
+    group: str  # whose levels are drawn; empty draws effects
+    seed: int
+    replicate: int
+
+
+def mixed_replicate(item: MixedItem) -> tuple[float, float]:
+    """c_e [N/mm^2] and alpha [1/ms] fitted to a set with other effects, offsets and scatter, or with other levels."""
+    point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
+
+    def likelihood(o: Observations) -> Likelihood:
+        return Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
+
+    fitted = item.evidence.likelihood(likelihood(item.observations), point)
+    redrawn = _redrawn_levels(item, random) if item.group else _redrawn_effects(item, fitted, random)
+    box = bounds_of(redrawn, None)
+    components = [component.of_rows(redrawn) for component in fitted.components]
+    again, end = at_best_variances(likelihood(redrawn), components, point, (box.lower[0], box.upper[0]))
+    places = minima(again, Domain.of(again, bounds_of(again.observations, None), {}))
+    return places[0].point if places else end
+
+
+def _redrawn_effects(item: MixedItem, fitted: MixedLikelihood, random: np.random.Generator) -> Observations:
+    """The same runs with other effects, offsets and scatter; runs without a window then are left out."""
+    o = true = item.observations
+    log_c_e, log_alpha, log_pressed = np.zeros(len(o.force)), np.zeros(len(o.force)), np.zeros(len(o.pressed))
+    order = np.zeros(len(o.force))
+    for rows in fitted.linear.rows:
+        if rows.name == "velocity":
+            runs = np.array(o.run_number)
+            order = -rows.order[np.unique(runs[rows.at], return_inverse=True)[1]][
+                np.searchsorted(np.unique(runs), runs)
+            ]
+    for x, effect in zip(fitted.components, item.evidence.effects, strict=True):
+        n = len(x.group.levels)
+        u = np.array(effect.values) if x.told else float(effect.deviation or 0.0) * random.standard_normal(n)
+        u = np.append(u, 0.0)  # a level of -1 has no effect
+        if x.quantity in OFFSETS:
+            true = true.moved(x.quantity, u[x.group.velocity], u[x.group.pressed])
+        elif x.quantity == "c_e":
+            log_c_e, log_pressed = log_c_e + u[x.group.velocity], log_pressed + u[x.group.pressed]
+        else:
+            log_alpha = log_alpha + (u[0] * order if x.quantity == "order" else u[x.group.velocity])
+    values, places = np.unique(log_c_e, return_inverse=True)
+    unit = MeanFieldModel(true, item.shape).unit(item.c_e * np.exp(values))[places, np.arange(len(o.force))]
+    scatter = dict(
+        zip([rows.name for rows in fitted.linear.rows], np.sqrt(fitted.equations.scatter2), strict=True)
+    )
+    ends = scatter["velocity"] * random.standard_normal(fitted.n)
+    log = np.zeros(len(o.force))
+    log[fitted.first_rows] = ends
+    if fitted.n_within:
+        within = scatter["segments"] * random.standard_normal(fitted.n_within + len(set(o.run[o.run >= 0])))
+        log = np.where(o.run < 0, log, _runs(o, ends[int((o.run < 0).sum()) :], within, fitted.run_scatter))
+    log *= o.sigma / o.velocity if fitted.known else 1.0
+    velocity = item.alpha * unit * np.exp(log_alpha + log)
+    pressed = item.c_e * true.pressed_unit * np.exp(log_pressed)
+    if len(pressed):
+        z = scatter["force"] * random.standard_normal(len(pressed))
+        pressed = pressed + z * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(z)
+    keep = np.isfinite(velocity)
+    return o.with_outcomes(np.where(keep, velocity, 1.0), pressed).kept(keep)
+
+
+def _redrawn_levels(item: MixedItem, random: np.random.Generator) -> Observations:
+    """The rows of as many levels of a group, drawn with replacement; each draw is a level of its own."""
+    o = item.observations
+    (group,) = (group for group in o.groups if group.name == item.group)
+    draws = random.integers(0, len(group.levels), len(group.levels))
+
+    def taken(places: Rows) -> tuple[Rows, Rows]:
+        rows = [np.flatnonzero(places == level) for level in draws]
+        return np.concatenate(rows), np.repeat(np.arange(len(draws)), [len(part) for part in rows])
+
+    (velocity, copy), (pressed, copy_pressed) = taken(group.velocity), taken(group.pressed)
+    groups = []
+    for other in o.groups:
+        pairs = {*zip(other.velocity.tolist(), group.velocity.tolist(), strict=True),
+                 *zip(other.pressed.tolist(), group.pressed.tolist(), strict=True)}  # fmt: skip
+        nested = len(pairs) == len(other.levels)  # each level lies in one of the group's: it comes with it
+        keys = np.concatenate([other.velocity[velocity], other.pressed[pressed]])
+        keys = keys + nested * len(other.levels) * np.concatenate([copy, copy_pressed])
+        labels, place = np.unique(keys, return_inverse=True)
+        groups.append(
+            Group(other.name, tuple(map(str, labels)), place[: len(velocity)], place[len(velocity) :])
+        )
+    runs = o.run[velocity]
+    number = np.unique(runs + (1 + runs.max(initial=0)) * copy, return_inverse=True)[1]
+    number = np.unique(np.where(runs < 0, -1, number), return_inverse=True)[1] - bool((runs < 0).any())
+    return o.taken(velocity, pressed, run=number, groups=tuple(groups))
+
+
 @by_value
 @dataclass(frozen=True, repr=False)
 class Bootstrap:
@@ -124,7 +230,7 @@ class Bootstrap:
         alpha/c_e^exponent, with the exponent of the fit's best-determined combination.
     exponent : float
     kind : str
-        ``"parametric"`` or ``"residual"``.
+        ``"parametric"``, ``"residual"`` or ``"groups"``.
     seed : int
         Replicate k depends on (seed, k) and the data alone.
     """
@@ -182,9 +288,10 @@ def bootstrap(
     fit : FitRecord
     n : int
         Number of replicates.
-    kind : {"parametric", "residual"}
-        Draws the scatter from normal distributions, or with replacement from the fit's residuals, centred
-        and enlarged by sqrt(n/(n - p)), p the number of parameters fitted.
+    kind : {"parametric", "residual", "groups"}
+        Draws the scatter from normal distributions, and with it the effects of days and specimens and given offsets;
+        or with replacement from the fit's residuals, centred and enlarged by sqrt(n/(n - p)), p the number of
+        parameters fitted; or whole specimens (or days) with replacement, of which six are needed.
     seed : int, optional
         None draws one, which the result records.
     executor : concurrent.futures.Executor, optional
@@ -220,9 +327,16 @@ def bootstrap(
         seed is None and store is not None, "a store needs a seed, for it finds results by it: got seed None"
     )
     evidence = fit._evidence()
+    sizes = {x.group: len(x.levels) for x in fit.effects if x.interval is not None}
+    group = max(sizes, key=lambda name: sizes[name], default="") if kind == "groups" else ""
     refuse(
-        evidence.mixed is not None,
-        "a bootstrap draws runs, not groups or offsets: it needs a fit without, such as fit(data, groups=())",
+        kind == "groups" and sizes.get(group, 0) < FEWEST_GROUPS,
+        f"kind 'groups' needs a fit with {FEWEST_GROUPS} days or specimens or more: got {sizes.get(group, 0)}",
+    )
+    mixed = evidence.mixed
+    refuse(
+        mixed is not None and (kind == "residual" or fit.table is not None),
+        "with groups, offsets or known values a bootstrap is 'parametric' or of 'groups', and of the mean field",
     )
     identified = evidence.profile.identified
     seed = seed_or_new(seed)
@@ -230,6 +344,7 @@ def bootstrap(
     scatters = tuple(
         (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
     )
+    items: list[BootstrapItem] | list[MixedItem]
     items = [
         BootstrapItem(
             fit.observations,
@@ -247,15 +362,24 @@ def bootstrap(
         )
         for k in range(n)
     ]
+    function: Any = replicate
+    if mixed is not None:
+        function, plain = mixed_replicate, fit._plain
+        items = [
+            MixedItem(fit.observations, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
+            for k in range(n)
+        ]  # fmt: skip
     report_progress = counter(progress, "fits")
     # a fit holds the interpreter: more threads than one only wait
     with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        replicates = run_items(replicate, items, executor=workers, store=store, progress=report_progress)
+        replicates = run_items(function, items, executor=workers, store=store, progress=report_progress)
     ends = np.array(replicates)
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations
     endless = not len(o.pressed) and np.isinf(o.ceiling)
-    on_ridge = ends[:, 0] > (float(o.ridge_entries().max()) if endless else np.inf)
+    # data that close c_e's interval tell c_e beyond the ridge's beginning, where v is a power law but for some per cent
+    entry = float(o.ridge_entries().max()) * (BEYOND if evidence.ridge.excluded else 1.0)
+    on_ridge = ends[:, 0] > (entry if endless else np.inf)
     c_e, alpha = (np.where(on_ridge, np.inf, column) for column in ends.T)
     return Bootstrap(c_e, alpha, combination, identified.exponent, kind, seed)

@@ -25,7 +25,7 @@ from burrlab.fitting.diagnostics import (
     order_tests,
     plausibility,
 )
-from burrlab.fitting.likelihood import Beliefs, Likelihood, MeanFieldModel
+from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
 from burrlab.fitting.linear import Uncertain, check_offsets, components_of
 from burrlab.fitting.mixed import (
     MixedEvidence,
@@ -221,7 +221,7 @@ def fit(
     _check_rows(observations, residuals, mixed)
     _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
     seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
-    kind: ResidualKind | Literal["log-sigma"] = "log-sigma" if mixed and residuals == "sigma" else residuals
+    kind: LikelihoodKind = "log-sigma" if mixed and residuals == "sigma" else residuals
     likelihood = Likelihood(observations, kind, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
     # walk

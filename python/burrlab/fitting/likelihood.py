@@ -23,6 +23,7 @@ from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
+LikelihoodKind: TypeAlias = ResidualKind | Literal["log-sigma"]
 Beliefs: TypeAlias = tuple[tuple[str, float, float], ...]  # see `Likelihood`
 
 
@@ -139,7 +140,7 @@ class Likelihood:
     def __init__(
         self,
         observations: Observations,
-        kind: ResidualKind | Literal["log-sigma"],
+        kind: LikelihoodKind,
         model: Model,
         beliefs: Beliefs = (),
     ) -> None:

@@ -219,6 +219,17 @@ class Observations:
         """The same experiment with other outcomes."""
         return replace(self, velocity=velocity, pressed=pressed)
 
+    def taken(self, velocity: Rows, pressed: Rows, *, run: Rows, groups: tuple[Group, ...]) -> "Observations":
+        """Some rows, which may come more than once, with other runs and groups; `rows` stays."""
+        columns: dict[str, Any] = {name: getattr(self, name)[velocity] for name in _VELOCITY}
+        columns |= {name: getattr(self, name)[pressed] for name in _PRESSED} | {"run": run, "groups": groups}
+        sets = Group(
+            self.sets.name, self.sets.levels, self.sets.velocity[velocity], self.sets.pressed[pressed]
+        )
+        taken = replace(self, sets=sets, measured_force=self.recorded_force[velocity], **columns)
+        taken._check()
+        return taken
+
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
         groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)

@@ -162,7 +162,7 @@ _POINTS, _SUBPOINTS = 240, 12
 _KINKS = 1000  # of more kinks 240 part the first walk, and all those beside its minima the last one
 _CLOSER = 4
 _ACROSS = 60  # points over the range inside each limit, which may be narrower than the first cells
-_BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
+BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # further points, times the same c_e: there v is a power law of c_e
 ENDLESS = 400.0  # an end is open where the |log| of alpha or the combination is larger
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
@@ -225,7 +225,7 @@ class Domain:
     def grid(self) -> Floats:
         """First points: even in log c_e, and the far ones."""
         begin = self.entry if np.isfinite(self.entry) else self.low
-        top = min(self.high, _BEYOND * begin)
+        top = min(self.high, BEYOND * begin)
         far = [begin * factor for factor in _FAR if top < begin * factor < self.high]
         even = np.geomspace(self.low, max(top, self.low * 1.0001), self.points)
         return np.unique(np.concatenate([even, far, [self.high]]))
@@ -502,7 +502,7 @@ def close_walk(likelihood: Likelihood, domain: Domain, best: float, limits: list
     """A walk that is closer at its lowest point and wherever its rise crosses a limit."""
     walk = Walk(likelihood, domain, domain.grid)
     part, rises = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1), np.unique(limits)[:, None]
-    end = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
+    end = min(domain.high, BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
     for _ in range(3):
         c_e, i = walk.c_e, int(np.argmin(walk.minus2))
         inside = walk.minus2 - walk.minus2[i] <= rises
@@ -593,7 +593,7 @@ def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded:
 def _alphas(walk: Walk, base: float, rise: float) -> Floats:
     low, high = walk.band(base + rise)
     best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end; the curve is cut
-    begin, end = max(float(np.nanmin(low)), best / _BEYOND), min(float(np.nanmax(high)), best * _BEYOND)
+    begin, end = max(float(np.nanmin(low)), best / BEYOND), min(float(np.nanmax(high)), best * BEYOND)
     return np.geomspace(begin, end, 120)
 
 
@@ -625,7 +625,7 @@ def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]
     Half are even by index, so that ends stay sharp; half in log c_e, so that no gap is left.
     """
     rows = np.flatnonzero(inside)
-    near, far = rows[c_e[rows] <= _BEYOND * c_e[best]], rows[c_e[rows] > _BEYOND * c_e[best]]
+    near, far = rows[c_e[rows] <= BEYOND * c_e[best]], rows[c_e[rows] > BEYOND * c_e[best]]
     by_number = np.linspace(0, len(near) - 1, _SHOWN // 2).round().astype(int)
     even = np.searchsorted(c_e[near], np.geomspace(c_e[near[0]], c_e[near[-1]], _SHOWN // 2)[1:-1])
     return np.unique(np.concatenate([near[np.union1d(by_number, even)], far, [best]]))

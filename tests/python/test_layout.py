@@ -177,7 +177,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
         # our own headings: unknown columns are kept apart only if no column is missing; all faults are told
         ("force_N,velocity\n1,1\n0,1\n", [],
          "3 faults: line 1: unknown column 'velocity'; known are force_N, velocity_mm_s, sigma_mm_s, window_start_mm, "
-         "window_end_mm, status; line 1: column velocity_mm_s is missing; line 3, column force_N: must be a finite number "
+         "window_end_mm, status, limit_mm_s; line 1: column velocity_mm_s is missing; line 3, column force_N: must be a finite number "
          "above 0, in N: got 0.0; for a file of another program, give columns, unit, sep, decimal or encoding\n"),
         ("force_N,velocity_mm_s,day,day\n1,1,2,2\n", [], "line 1: column day is there twice"),
         ("force_N,velocity_mm_s\n" + "x,1\n" * 12, [], "line 11, column force_N: 'x' is not a number; and 2 more\n"),
@@ -187,7 +187,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
         ("x", ["--encoding", "latin-0"], "encoding must be one such as cp1252 or utf-16, got 'latin-0'"),
         ("", ["--columns", NAMES, "--unit", "furlong"], "unit must be one of N, mN, "),
         ("", ["--unit", "velocity=N"], "unit of velocity must be one of mm/s, "),
-        ("", ["--unit", "status=N"], "unit must be of force, velocity, sigma, window_start, window_end: got 'status'"),
+        ("", ["--unit", "status=N"], "unit must be of force, velocity, sigma, window_start, window_end, limit: got 'status'"),
         ("", ["--columns", "Kraft"], "--columns: must begin with NAME=, a NAME of force, velocity, "),
         ("", ["--columns", "time=t"], "--columns: no file has a time"),
         ("", ["--columns", "force=a,velocity=a"], "columns must differ: got a, a"),

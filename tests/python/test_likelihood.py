@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, with_sigma
-from scipy import stats
+from scipy import optimize, stats
 from scipy.optimize import brentq
 
 from burrlab._core import Burr, Material, Shape
@@ -241,3 +241,68 @@ class TestManyRows:
 
         log_c_e = np.log(fit(curve, BURR).c_e)
         assert log_c_e == pytest.approx(brentq(slope, log_c_e - 1e-6, log_c_e + 1e-6, xtol=1e-14), abs=1e-9)
+
+
+class TestRunsThatWereTooSlow:
+    """Below what could be measured: their probability counts, as in a Tobit model."""
+
+    LIMIT, FORCE = 0.02, np.repeat(np.geomspace(0.2, 2.2, 10), 3)
+
+    def curve(self, seed=1):
+        v = penetration_velocity(BURR, BONE, self.FORCE)
+        v = v * np.exp(0.15 * np.random.default_rng(seed).normal(size=len(v)))
+        slow = v < self.LIMIT
+        status, limit = np.where(slow, "too-slow", "ok").tolist(), np.where(slow, self.LIMIT, np.nan)
+        return VelocityCurve(self.FORCE, np.where(slow, np.nan, v), radius=3.0, status=status, limit=limit)
+
+    def test_of_scipy(self):
+        """The fit is the maximum of the densities and probabilities, and the profile that of each c_e."""
+        curve = self.curve()
+        result, ok = fit(curve), curve.ok
+
+        def minus2(logs):
+            c_e, alpha, scatter = np.exp(logs)
+            u = np.log(penetration_velocity(BURR, Material("m", c_e=c_e, alpha=alpha), self.FORCE))
+            density = stats.norm.logpdf(np.log(curve.velocity[ok]), u[ok], scatter).sum()
+            return -2 * (density + stats.norm.logcdf(np.log(self.LIMIT), u[~ok], scatter).sum())
+
+        begin = np.log([result.c_e, result.alpha, 0.15])
+        best = optimize.minimize(minus2, begin, method="Nelder-Mead", options={"xatol": 1e-7, "fatol": 1e-9})
+        assert (result.c_e, result.alpha) == pytest.approx(np.exp(best.x[:2]), rel=1e-5)
+        assert -2 * (result.log_likelihood - result.likelihood.log_jacobian()) == pytest.approx(
+            best.fun, abs=0.02
+        )
+        end = result.intervals["c_e"]["95"].upper
+        there = optimize.minimize(lambda x: minus2([np.log(end), *x]), begin[1:], method="Nelder-Mead")
+        assert there.fun - best.fun == pytest.approx(result.evidence.profile.limits["95"], rel=0.02)
+        slices = result.likelihood.at([result.c_e, end])
+        low, high = slices.alpha_below(slices.profile.max() + 1.0)
+        assert slices.minus2(low) == pytest.approx(slices.profile.max() + 1.0, abs=1e-6)
+        assert slices.minus2(high) == pytest.approx(slices.profile.max() + 1.0, abs=1e-6)
+        assert (result.n_points, result.n_censored) == (24, 6)
+
+    def test_files_and_what_is_refused(self, tmp_path):
+        curve = self.curve()
+        curve.to_csv(tmp_path / "curve.csv")
+        again = VelocityCurve.from_csv(tmp_path / "curve.csv")
+        assert again == curve
+        assert "limit_mm_s" in (tmp_path / "curve.csv").read_text("utf-8")
+        result = fit(again)
+        result.to_json(tmp_path / "fit.json")
+        assert Fit.from_json(tmp_path / "fit.json").likelihood.objective(
+            2.0, 0.1
+        ) == result.likelihood.objective(2.0, 0.1)
+        assert "below the limit" in curve.plot().get_legend_handles_labels()[1]
+        with pytest.raises(ValueError, match="needs the smallest velocity that could be measured"):
+            VelocityCurve([1.0], [np.nan], status=["too-slow"])
+        for options, match in (({"residuals": "absolute"}, "residuals must be 'relative' with runs that were too slow"),
+                               ({"uncertain": {"force": 0.1}}, "go without groups, offsets and known values"),
+                               ({"engine": "voxel", "seed": 1}, "need the mean-field engine")):  # fmt: skip
+            with pytest.raises(ValueError, match=match):
+                fit(curve, **options)
+
+    def test_they_count(self):
+        """Below a limit that only lucky runs pass, leaving slow runs out would raise the combination."""
+        curve = self.curve(3)
+        rest = VelocityCurve(curve.force[curve.ok], curve.velocity[curve.ok], radius=3.0)
+        assert fit(curve).identified.value < fit(rest).identified.value

@@ -103,7 +103,8 @@ def fit(
     ----------
     data : VelocityCurve, Indentation, DepthTrace or a sequence of them
         Rows of a curve without a velocity are skipped and counted; those of status ``"overloaded"`` are
-        censored: they bound c_e from above. Each repeat is a row. A row with a window of its own is compared
+        censored: they bound c_e from above; of ``"too-slow"`` ones the velocity lies below `limit` (a Tobit
+        term, for ``"relative"`` without groups). Each repeat is a row. A row with a window of its own is compared
         over that window, a trace in five parts of equal depth. Velocities of all curves, and of the runs of
         all traces, share one scatter; indentations have another.
     burr : Burr, optional
@@ -371,6 +372,10 @@ def _check_rows(observations: Observations, residuals: str, mixed: bool) -> None
         f"{residuals!r}",
     )
     refuse(
+        mixed and observations.slow.size,
+        "runs that were too slow go without groups, offsets and known values",
+    )
+    refuse(
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
@@ -578,7 +583,7 @@ def _weighed(
         at,
         *doubts(likely, o, rows),
         "Try residuals='student', which bear them."
-        if rows and likelihood.kind == "relative" and mixed is None
+        if rows and likelihood.kind == "relative" and mixed is None and not o.slow.size
         else "",
         *(test.sentence for test in against_order([] if mixed else order_tests(likelihood, best))),
         conclusion,

@@ -9,6 +9,7 @@ Three kinds of rows scatter independently of one another:
 A scatter is estimated, unless sigma is given: -2 log L is taken at the best scatters.
 """
 
+import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol, TypeAlias
@@ -48,7 +49,17 @@ class MeanFieldModel:
     """
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
-        self._n, self._curve, self.shape = len(observations.force), MasterCurve(shape), shape
+        self._curve, self.shape = MasterCurve(shape), shape
+        self._arrange(observations)
+
+    def for_rows(self, observations: Observations) -> "MeanFieldModel":
+        """The same model of other rows."""
+        other = copy.copy(self)
+        other._arrange(observations)
+        return other
+
+    def _arrange(self, observations: Observations) -> None:
+        self._n = len(observations.force)
         self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
         #: the number of each row's prediction, which equal rows share
         self.group: Rows = np.empty(self._n, np.intp)
@@ -175,6 +186,15 @@ class Likelihood:
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
         self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
         #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
+        self._slow: tuple[MeanFieldModel, Floats] | None = None
+        if observations.slow.size:
+            refuse(
+                kind != "relative", f"residuals must be 'relative' with runs that were too slow: got {kind!r}"
+            )
+            if not isinstance(model, MeanFieldModel):
+                raise ValueError("runs that were too slow need the mean-field engine")
+            slow = observations.slow_rows()
+            self._slow = model.for_rows(slow), np.log(slow.velocity)
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
         if (
             isinstance(model, MeanFieldModel)
@@ -325,6 +345,9 @@ class Likelihood:
                 m = np.sum(u * v, axis=-1) / B
                 A = np.sum((v - m[:, None] * u) ** 2, axis=-1)
             other = self._without_alpha(stiffness)
+            if self._slow is not None:
+                limits = self._slow[1] - self._slow[0].log_unit(stiffness)
+                return TobitSlices.of(stiffness, A, m, other, self.n, self.floor, limits)
         return AlphaSlices(stiffness, A, B, m, other, self.n, self.known, self.floor, self.log)
 
     def _without_alpha(self, stiffness: Floats) -> Floats:
@@ -369,6 +392,8 @@ class Likelihood:
             r = self._log_residuals(self.model.log_unit(c_e), alpha)
             return float(self.n * np.exp(_best_scale(r, self.floor)[0] / self.n))
         slices = self.at(c_e)
+        if self._slow is not None:
+            return float(self.n * np.exp(slices.minus2(alpha)[0] / self.n))
         g = np.log(alpha) if slices.log else alpha
         S = float(slices.A[0] + slices.B[0] * (g - slices.m[0]) ** 2)
         other = float(slices.other[0])
@@ -444,6 +469,11 @@ class Likelihood:
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """log L with all constants and the best scatters: the log density of the data in their units."""
         tables = self.residuals(c_e, alpha)
+        if self._slow is not None:
+            n = sum(n for _, _, _, n in tables)
+            return self.log_jacobian() - 0.5 * float(
+                self.at(c_e).minus2(alpha)[0] + n * (np.log(2 * np.pi) + 1)
+            )
         if self.kind == "student":
             s = np.sqrt(_best_scale(tables[0][2], 1e-30)[1])
             total = float(np.sum(scipy.stats.t.logpdf(tables[0][2] / s, FREEDOM) - np.log(s)))
@@ -530,6 +560,107 @@ class AlphaSlices:
 
     def _minus2(self, S: Floats) -> Floats:
         return self.other + (S if self.known else self.n * np.log(S / self.n + self.floor))
+
+
+@dataclass(frozen=True, eq=False)
+class TobitSlices(AlphaSlices):
+    """-2 log L of log-normal velocities and of others that lie below limits, with the best scatter at each alpha.
+
+    Over 1/s and g/s it is convex, s the scatter and g = log alpha.
+
+    References
+    ----------
+    Olsen, Note on the uniqueness of the maximum likelihood estimator for the Tobit model, Econometrica 46 (1978).
+    """
+
+    limits: Floats  # log of the limits less log of the model's velocity at alpha = 1, shape (m, k)
+    g: Floats  # best log alpha
+    height: Floats  # -2 log L there
+
+    @classmethod
+    def of(
+        cls, c_e: Floats, A: Floats, mean: Floats, other: Floats, n: int, floor: float, limits: Floats
+    ) -> "TobitSlices":
+        """By Newton's method in 1/s and g/s."""
+        S = A + n * floor
+        steep, level = np.sqrt(n / S), np.sqrt(n / S) * mean
+        for _ in range(_ROUNDS):
+            hazard, bend = _hazard(steep[:, None] * limits - level[:, None])
+            off = n * (steep * mean - level)
+            slopes = (
+                -n / steep + S * steep + mean * off - np.sum(hazard * limits, axis=1),
+                np.sum(hazard, axis=1) - off,
+            )
+            a = n / steep**2 + S + n * mean**2 + np.sum(bend * limits**2, axis=1)
+            b, c = -n * mean - np.sum(bend * limits, axis=1), n + np.sum(bend, axis=1)
+            step = (c * slopes[0] - b * slopes[1]) / (a * c - b**2)
+            last, steep = steep, np.maximum(steep - step, steep / 4)
+            level = level - (slopes[1] + b * (steep - last)) / c
+            if not np.any(np.abs(steep - last) > 1e-12 * last):
+                break
+        g = level / steep
+        slices = cls(c_e, A, np.full(len(c_e), float(n)), mean, other, n, False, floor, True, limits, g, g)
+        return replace(slices, height=slices._over(g)[0])
+
+    def _over(self, g: Floats) -> tuple[Floats, Floats]:
+        """-2 log L at log alpha = g, whose last axis is that of c_e, and its slope."""
+        S, d = self.A + self.n * (self.floor + (g - self.m) ** 2), self.limits - g[..., None]
+        steep = np.sqrt(self.n / S)
+        for _ in range(_ROUNDS):
+            hazard, bend = _hazard(steep[..., None] * d)
+            slope = -self.n / steep + S * steep - np.sum(hazard * d, axis=-1)
+            stiff = self.n / steep**2 + S + np.sum(bend * d**2, axis=-1)
+            last, steep = steep, np.maximum(steep - slope / stiff, steep / 4)
+            if not np.any(np.abs(steep - last) > _ENOUGH * last):
+                break
+        below = np.sum(scipy.special.log_ndtr(steep[..., None] * d), axis=-1)
+        height = self.other - 2 * self.n * np.log(steep) + S * steep**2 - self.n - 2 * below
+        rise = 2 * steep**2 * self.n * (g - self.m) + 2 * steep * np.sum(hazard, axis=-1)
+        return np.asarray(np.where(np.isfinite(height), height, np.inf)), rise
+
+    @property
+    def best_alpha(self) -> Floats:
+        """See `AlphaSlices`."""
+        return np.exp(self.g)
+
+    @property
+    def profile(self) -> Floats:
+        """See `AlphaSlices`."""
+        return self.height
+
+    def minus2(self, alpha: ArrayLike) -> Floats:
+        """See `AlphaSlices`."""
+        return self._over(np.broadcast_to(np.log(alpha), np.broadcast_shapes(np.shape(alpha), self.g.shape)))[
+            0
+        ]
+
+    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
+        """See `AlphaSlices`; by Newton's method from the end without the limits, halving where it leaves the bracket."""
+        inside = self.height <= target
+        with np.errstate(invalid="ignore", over="ignore"):
+            S = self.n * (np.exp((target - self.other) / self.n) - self.floor)
+            reach = np.minimum(np.sqrt((S - self.A) / self.B), _LARGEST)
+        ends = []
+        for sign in (-1, 1):
+            near, far = self.g, np.where(inside, self.m + sign * reach, self.g)
+            g = far
+            for _ in range(_ROUNDS):
+                height, slope = self._over(g)
+                near, far = np.where(height <= target, g, near), np.where(height > target, g, far)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    step = g - (height - target) / slope
+                last, within = g, (sign * (step - near) >= 0) & (sign * (far - step) >= 0)
+                g = np.where(within, step, (near + far) / 2)
+                if not np.any(np.abs(g - last)[inside] > _ENOUGH):
+                    break
+            ends.append(np.where(inside, np.exp(np.clip(g, -_LARGEST, _LARGEST)), np.nan))
+        return ends[0], ends[1]
+
+
+def _hazard(z: Floats) -> tuple[Floats, Floats]:
+    """Slope of log Phi(z), and less its curvature."""
+    hazard = np.exp(-0.5 * (z**2 + np.log(2 * np.pi)) - scipy.special.log_ndtr(z))
+    return hazard, hazard * (z + hazard)
 
 
 FREEDOM = 4.0  #: degrees of freedom of the robust likelihood (ours)

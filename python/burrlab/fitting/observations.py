@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
-from burrlab.measured.curve import Indentation, VelocityCurve
+from burrlab.measured.curve import TOO_SLOW, Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
@@ -61,7 +61,7 @@ class Observations:
     rows: tuple[tuple[str, Rows], ...]  # of each data set: which table, and its rows there
     overloaded: Floats  # F [N], end of window [mm] and R [mm] of runs whose static contact passed that end, shape (3, m)
     n_skipped: int
-    n_censored: int
+    n_censored: int  # rows without a velocity that tell something: overloaded and too-slow ones
     eased: float = 1.0  # c_e's lower bound over that of the rows as they are
     raised: float | None = None  # [N/mm^2], c_e's upper bound instead of that of the overloaded rows
     measured_force: Floats | None = field(default=None, compare=False)  # [N], where `force` is another
@@ -69,6 +69,8 @@ class Observations:
         default_factory=lambda: Group("data set", (), *np.empty((2, 0), np.intp)), compare=False
     )
     groups: tuple[Group, ...] = field(default=(), compare=False)
+    #: F [N], smallest measurable velocity [mm/s], window [mm] and R [mm] of runs that were too slow, shape (5, k)
+    slow: Floats = field(default_factory=lambda: np.empty((5, 0)), compare=False)
 
     @classmethod
     def of(cls, data: Sequence[Data], burr: Burr | None, groups: Sequence[str] | None = ()) -> "Observations":
@@ -83,7 +85,7 @@ class Observations:
         """
         parts: dict[str, list[Floats]] = {name: [np.empty(0)] for name in (*_VELOCITY, *_PRESSED)}
         rows: list[tuple[str, Rows]] = []
-        overloaded, n_skipped, n_censored, n_runs = [np.empty((3, 0))], 0, 0, 0
+        overloaded, slow, n_skipped, n_censored, n_runs = [np.empty((3, 0))], [np.empty((5, 0))], 0, 0, 0
         for data_set in data:
             radius = _radius(data_set, burr)
             columns: dict[str, Any] = {"force": data_set.force, "radius": radius, "run": -1}
@@ -100,10 +102,16 @@ class Observations:
                 for name in ("force", "velocity", "sigma", "window_start", "window_end"):
                     column = getattr(data_set, name)
                     columns[name] = None if column is None else column[ok]
-                over = np.array([s == "overloaded" for s in data_set.status or len(data_set) * ("",)])
-                end = np.full(len(data_set), np.nan) if data_set.window_end is None else data_set.window_end
-                overloaded.append(np.stack([data_set.force[over], end[over], np.full(over.sum(), radius)]))
-                n_skipped, n_censored = n_skipped + int((~ok).sum()), n_censored + int(over.sum())
+                status = np.array(data_set.status or len(data_set) * ("",))
+                over, below = status == "overloaded", status == TOO_SLOW
+                nan, of_all = np.full(len(data_set), np.nan), np.full(len(data_set), radius)
+                limit, start, end = (
+                    nan if column is None else column
+                    for column in (data_set.limit, data_set.window_start, data_set.window_end)
+                )
+                overloaded.append(np.stack([data_set.force, end, of_all])[:, over])
+                slow.append(np.stack([data_set.force, limit, start, end, of_all])[:, below])
+                n_skipped, n_censored = n_skipped + int((~ok).sum()), n_censored + int((over | below).sum())
             kind, names = ("velocity", _VELOCITY) if "velocity" in columns else ("pressed", _PRESSED)
             begin, n = sum(map(len, parts[kind])), len(columns[kind])
             rows.append((kind, np.arange(begin, begin + n)))
@@ -117,7 +125,8 @@ class Observations:
         ]
         sets = Group("data set", tuple(map(str, range(1, len(rows) + 1))), *of_set)
         observations = cls(
-            **tables, rows=tuple(rows), overloaded=np.concatenate(overloaded, axis=1), n_skipped=n_skipped, n_censored=n_censored, sets=sets,
+            **tables, rows=tuple(rows), overloaded=np.concatenate(overloaded, axis=1),
+            slow=np.concatenate(slow, axis=1), n_skipped=n_skipped, n_censored=n_censored, sets=sets,
             groups=_groups(data, rows, groups),
         )  # fmt: skip
         observations._check()
@@ -167,6 +176,11 @@ class Observations:
     @property
     def has_sigma(self) -> bool:
         return bool(np.isfinite(self.sigma).all())
+
+    def slow_rows(self) -> "Observations":
+        """The runs that were too slow as rows of a model, with the smallest measurable velocity."""
+        force, limit, start, end, radius = self.slow
+        return replace(self, force=force, velocity=limit, window_start=start, window_end=end, radius=radius)
 
     @property
     def recorded_force(self) -> Floats:

@@ -264,7 +264,7 @@ class FitRecord(InJson):
 
         Empty if the fit gave nothing, or for the voxel engine. Calculated when first asked for.
         """
-        if self.evidence is None or self.table is not None:
+        if self.evidence is None or self.table is not None or self.observations.slow.size:
             return ()
         return repairs(self._plain, self.likelihood, (self.c_e, self.alpha), self.aic, self.n_parameters)
 

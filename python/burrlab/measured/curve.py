@@ -18,13 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def _window_rule(row: Mapping[str, Any]) -> Problem:
+TOO_SLOW = "too-slow"  # status of a run whose velocity lies below what could be measured
+
+
+def _row_rule(row: Mapping[str, Any]) -> Problem:
     start, end = row.get("window_start", math.nan), row.get("window_end", math.nan)
     if math.isnan(start) != math.isnan(end):
         missing = "window_start" if math.isnan(start) else "window_end"
         return missing, "a window needs both its ends or neither"
     if start >= end:
         return "window_start", f"must be below the window's end of {end!r} mm: got {start!r}"
+    if row.get("status") == TOO_SLOW and math.isnan(row.get("limit", math.nan)):
+        return "limit", f"a run that was {TOO_SLOW} needs the smallest velocity that could be measured"
     return None
 
 
@@ -48,7 +53,10 @@ class VelocityCurve(TableData):
         Immersions [mm] between which `velocity` was taken; both or neither. NaN in a row means the default
         window max(R/6, static immersion) .. R/3.
     status : sequence of str, optional
-        How each run ended; ``"ok"`` or ``""`` for a run with a velocity.
+        How each run ended; ``"ok"`` or ``""`` for a run with a velocity. ``"overloaded"``: static contact alone passed
+        the window's end. ``"too-slow"``: the velocity lies below `limit`.
+    limit : array_like, shape (n,), optional
+        Smallest velocity that could be measured [mm/s], > 0, of runs that were too slow; NaN in other rows.
     source : str
         Source of the numbers, one line.
     provenance : mapping
@@ -90,9 +98,10 @@ class VelocityCurve(TableData):
             Column("window_start", "mm", check=table.not_negative, optional=True),
             Column("window_end", "mm", check=table.positive, optional=True),
             Column("status", type=str, optional=True),
+            Column("limit", "mm/s", check=table.positive, optional=True),
         ),
         pairs=(("window_start", "window_end"),),
-        rule=_window_rule,
+        rule=_row_rule,
     )
     _WHAT = "a velocity curve"
 
@@ -102,6 +111,7 @@ class VelocityCurve(TableData):
     window_start: Floats | None = None
     window_end: Floats | None = None
     status: tuple[str, ...] | None = None
+    limit: Floats | None = None
     source: str = ""
     provenance: Mapping[str, Any] = field(default_factory=dict)
     radius: float | None = None
@@ -120,11 +130,13 @@ class VelocityCurve(TableData):
         radius: float | None = None,
         groups: Mapping[str, Any] | None = None,
         specimen: Any = None,
+        limit: ArrayLike | None = None,
     ) -> None:
         refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
         columns = {
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
+            "limit": limit,
         }  # fmt: skip
         self._keep(columns, source, provenance, groups, specimen, radius=radius)
         refuse(
@@ -146,7 +158,7 @@ class VelocityCurve(TableData):
         """Read a curve from a CSV file.
 
         Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]
-        [, status]``. An empty velocity (or ``nan``) is a run without one; an empty window is the default window.
+        [, status][, limit_mm_s]``. An empty velocity (or ``nan``) is a run without one; an empty window is the default window.
         Lines that begin with ``#`` are comments; ``# source:``, ``# radius_mm:`` and ``# provenance:`` above
         the column names are kept. Other columns become the texts in `others`.
 
@@ -286,6 +298,8 @@ class VelocityCurve(TableData):
     def plot(self, ax: "Axes | None" = None, *, log: bool = False, **style: Any) -> "Axes":
         """Draw the velocities as squares over the force, with error bars if sigma is known.
 
+        A run that was too slow is a hollow triangle at its limit.
+
         `style`: `label`, `color` and other properties of the points.
 
         Parameters
@@ -299,6 +313,10 @@ class VelocityCurve(TableData):
         sigma = None if self.sigma is None else self.sigma[ok]
         style = next_look(ax, style, color="black", marker="s")
         plot_points(ax, force, velocity, sigma, style, table.data_label(self.source))
+        slow = np.array([text == TOO_SLOW for text in self.status or ()], dtype=np.bool_)
+        if self.limit is not None and slow.any():
+            ax.plot(self.force[slow], self.limit[slow], "v", color=style["color"], mfc="none", ms=4, mew=0.8,
+                    label="below the limit")  # fmt: skip
         if log:
             ax.set(xscale="log", yscale="log")
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")

@@ -91,6 +91,7 @@ figures: $(VENV)/developed
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png
 	$(BIN)/python examples/hierarchy.py docs/hierarchy.png
 	$(BIN)/python examples/rooms.py docs/architecture.png
+	$(BIN)/python examples/offsets.py docs/offsets.png
 
 # Every warning is an error, also a link that leads nowhere. The site is build/docs/index.html.
 docs: $(VENV)/documented

@@ -95,6 +95,19 @@ class TestStudy:
             assert low <= study.coverage(name).k <= high
         assert study.closed().all()
 
+    def test_days_and_offsets_that_the_fits_know(self):
+        """At 95 % 40 sets hold the truth 31 times or more, and 10 five times, but in one case of 10 000."""
+        plan = ExperimentPlan([(3.0, evenly(0.3, 2.2, 8), 6)], static=[(3.0, [0.1, 0.2], 3)])
+        days = coverage_study(plan, BONE, n=40, scatter=0.05, between={"day": (3, 0.1)}, seed=1)
+        told = coverage_study(plan, BONE, n=10, scatter=0.05, uncertain={"force": 0.02}, seed=1)
+        assert days.provenance["between"] == {"day": (3, 0.1)}
+        for quantity in ("c_e", "alpha", "identified", "joint"):
+            assert days.coverage(quantity).k >= 31
+            assert told.coverage(quantity).k >= 5
+        runs = coverage_study(plan, BONE, n=10, scatter=0.05, seed=1)
+        for study in (days, told):
+            assert np.log(study.ratio("identified")) > 1.5 * np.log(runs.ratio("identified"))
+
     def test_narrow_data_are_open(self):
         # 95.3 % of 4000 are open: fewer than this in 50 sets has a probability below 1e-12
         study = coverage_study(one_burr(0.3, 0.6), BONE, n=50, seed=1)
@@ -124,6 +137,8 @@ def study():
         (lambda _: coverage_study(one_burr(0.5, 4.0), BONE, n=1), ValueError, r"leave a window, below 0\.1925 c_e R\^2 = 3\.72 N: got 4 N"),
         (lambda _: coverage_study(ExperimentPlan([(3.0, [0.5, 1.0], 3)]), BONE, n=1), ValueError,
          "three or more distinct forces: got 2"),
+        (lambda _: coverage_study(WIDE, BONE, between={"day": (3, -1.0)}), ValueError, "between must be of 1 or more, 0 or more"),
+        (lambda _: coverage_study(WIDE, BONE, uncertain={"surface": 1.0}), ValueError, "uncertain of surface must be below"),
         (lambda _: ExperimentPlan([(0.0, [1.0], 1)]), ValueError,
          "radius in velocities must be positive and finite: got 0.0"),
         (lambda _: ExperimentPlan([(3.0, [1.0, -1.0], 1)]), ValueError,

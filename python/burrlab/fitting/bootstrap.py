@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -138,7 +138,12 @@ def mixed_replicate(item: MixedItem) -> tuple[float, float]:
         return Likelihood(o, item.residual_kind, MeanFieldModel(o, item.shape), item.beliefs)
 
     fitted = item.evidence.likelihood(likelihood(item.observations), point)
-    redrawn = _redrawn_levels(item, random) if item.group else _redrawn_effects(item, fitted, random)
+    told = {x.quantity: x.values for x in item.evidence.effects if x.deviation is None}
+    redrawn = (
+        _redrawn_levels(item, random)
+        if item.group
+        else redrawn_effects(item.observations, fitted, point, told, random)
+    )
     box = bounds_of(redrawn, None)
     components = [component.of_rows(redrawn) for component in fitted.components]
     again, end = at_best_variances(likelihood(redrawn), components, point, (box.lower[0], box.upper[0]))
@@ -146,9 +151,24 @@ def mixed_replicate(item: MixedItem) -> tuple[float, float]:
     return places[0].point if places else end
 
 
-def _redrawn_effects(item: MixedItem, fitted: MixedLikelihood, random: np.random.Generator) -> Observations:
-    """The same runs with other effects, offsets and scatter; runs without a window then are left out."""
-    o = true = item.observations
+def redrawn_effects(
+    o: Observations, fitted: MixedLikelihood, point: tuple[float, float], told: Mapping[str, Sequence[float]],
+    random: np.random.Generator,
+) -> Observations:  # fmt: skip
+    """The same runs with other effects, offsets and scatter; runs without a window then are left out.
+
+    Parameters
+    ----------
+    o : Observations
+        The rows, as they were measured.
+    fitted : MixedLikelihood
+        Of these rows: its components, and its variances.
+    point : (c_e, alpha)
+        The truth [N/mm^2], [1/ms].
+    told : mapping
+        Values of what the data shall tell, by quantity; these are not drawn.
+    """
+    true = o
     log_c_e, log_alpha, log_pressed = np.zeros(len(o.force)), np.zeros(len(o.force)), np.zeros(len(o.pressed))
     order = np.zeros(len(o.force))
     for rows in fitted.linear.rows:
@@ -157,10 +177,9 @@ def _redrawn_effects(item: MixedItem, fitted: MixedLikelihood, random: np.random
             order = -rows.order[np.unique(runs[rows.at], return_inverse=True)[1]][
                 np.searchsorted(np.unique(runs), runs)
             ]
-    for x, effect in zip(fitted.components, item.evidence.effects, strict=True):
-        n = len(x.group.levels)
-        u = np.array(effect.values) if x.told else float(effect.deviation or 0.0) * random.standard_normal(n)
-        u = np.append(u, 0.0)  # a level of -1 has no effect
+    for x, variance in zip(fitted.components, fitted.equations.effect2.tolist(), strict=True):
+        drawn = told[x.quantity] if x.told else variance**0.5 * random.standard_normal(len(x.group.levels))
+        u = np.append(drawn, 0.0)  # a level of -1 has no effect
         if x.quantity in OFFSETS:
             true = true.moved(x.quantity, u[x.group.velocity], u[x.group.pressed])
         elif x.quantity == "c_e":
@@ -168,7 +187,9 @@ def _redrawn_effects(item: MixedItem, fitted: MixedLikelihood, random: np.random
         else:
             log_alpha = log_alpha + (u[0] * order if x.quantity == "order" else u[x.group.velocity])
     values, places = np.unique(log_c_e, return_inverse=True)
-    unit = MeanFieldModel(true, item.shape).unit(item.c_e * np.exp(values))[places, np.arange(len(o.force))]
+    unit = MeanFieldModel(true, fitted.model.shape).unit(point[0] * np.exp(values))[
+        places, np.arange(len(o.force))
+    ]
     scatter = dict(
         zip([rows.name for rows in fitted.linear.rows], np.sqrt(fitted.equations.scatter2), strict=True)
     )
@@ -179,8 +200,8 @@ def _redrawn_effects(item: MixedItem, fitted: MixedLikelihood, random: np.random
         within = scatter["segments"] * random.standard_normal(fitted.n_within + len(set(o.run[o.run >= 0])))
         log = np.where(o.run < 0, log, _runs(o, ends[int((o.run < 0).sum()) :], within, fitted.run_scatter))
     log *= o.sigma / o.velocity if fitted.known else 1.0
-    velocity = item.alpha * unit * np.exp(log_alpha + log)
-    pressed = item.c_e * true.pressed_unit * np.exp(log_pressed)
+    velocity = point[1] * unit * np.exp(log_alpha + log)
+    pressed = point[0] * true.pressed_unit * np.exp(log_pressed)
     if len(pressed):
         z = scatter["force"] * random.standard_normal(len(pressed))
         pressed = pressed + z * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(z)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -19,8 +19,10 @@ from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
-from burrlab.fitting.calibration import Calibration
+from burrlab.fitting.bootstrap import redrawn_effects
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.linear import check_offsets, components_of
+from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
 from burrlab.fitting.observations import Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
@@ -73,13 +75,25 @@ class ExperimentPlan:
         parts += [f"static R = {R:g} mm: {_range(h, 'depth', 'mm')} x {k}" for R, h, k in self.static]
         return f"ExperimentPlan({'; '.join(parts)})"
 
-    def observations(self) -> Observations:
-        """The rows of a fit, every outcome 1 [mm/s] or [N]."""
+    def observations(self, levels: Mapping[str, int] | None = None) -> Observations:
+        """The rows of a fit, every outcome 1 [mm/s] or [N]; repeats are dealt over the levels of groups."""
+
+        def groups(values: tuple[float, ...], k: int) -> dict[str, list[int]]:
+            labels, every = {}, 1
+            for name, number in (levels or {}).items():
+                labels[name] = [repeat // every % number for _ in values for repeat in range(k)]
+                every *= number
+            return labels
+
         sets: list[Data] = [
-            VelocityCurve(np.repeat(F, k), np.ones(len(F) * k), radius=R) for R, F, k in self.velocities
+            VelocityCurve(np.repeat(F, k), np.ones(len(F) * k), radius=R, groups=groups(F, k))
+            for R, F, k in self.velocities
         ]
-        sets += [Indentation(np.ones(len(h) * k), np.repeat(h, k), R) for R, h, k in self.static]
-        return Observations.of(sets, None)
+        sets += [
+            Indentation(np.ones(len(h) * k), np.repeat(h, k), R, groups=groups(h, k))
+            for R, h, k in self.static
+        ]
+        return Observations.of(sets, None, None)
 
 
 def _series(name: str, what: str, radius: float, values: Sequence[float], repeats: int) -> Series:
@@ -322,9 +336,61 @@ def replicate(item: CoverageItem) -> Floats:
     velocity = item.alpha * unit * np.exp(item.scatter * z[:n])
     pressed = item.c_e * o.pressed_unit * np.exp(item.static_scatter * z[n:])
     likelihood = Likelihood(o.with_outcomes(velocity, pressed), "relative", template.model)
+    return _judged(likelihood, domain, item)
+
+
+@dataclass(frozen=True)
+class MixedCoverageItem:
+    """One data set with groups and offsets."""
+
+    plain: CoverageItem
+    between: tuple[tuple[str, int, float], ...]
+    uncertain: tuple[tuple[str, float], ...]
+
+
+def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
+    """As `replicate`; effects and offsets are drawn, and the fit is told of them."""
+    item = mixed.plain
+    o = mixed_rows(item.experiment, mixed.between)
+    components = components_of(o, dict(mixed.uncertain))
+    sizes = {name: size for name, _, size in mixed.between}
+    effect2 = np.array(
+        [(sizes[x.group.name] if x.deviation is None else x.deviation) ** 2 for x in components]
+    )
+    names = ("velocity",) + ("force",) * bool(len(o.pressed))
+    scatter2 = np.array(
+        [{"velocity": item.scatter, "force": item.static_scatter}[name] ** 2 for name in names]
+    )
+
+    def likelihood(rows: Observations) -> Likelihood:
+        return Likelihood(rows, "relative", MeanFieldModel(rows, Shape(item.shape)))
+
+    point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
+    true = MixedLikelihood(
+        likelihood(o),
+        components,
+        point,
+        np.zeros(sum(len(x.group.levels) for x in components)),
+        scatter2,
+        effect2,
+    )
+    rows = redrawn_effects(o, true, point, {}, random)
+    box = bounds_of(rows, None)
+    components = tuple(component.of_rows(rows) for component in components)
+    fitted, _ = at_best_variances(likelihood(rows), components, point, (box.lower[0], box.upper[0]))
+    return _judged(fitted, Domain.of(fitted, bounds_of(fitted.observations, None), {}), item)
+
+
+@lru_cache(maxsize=8)
+def mixed_rows(experiment: ExperimentPlan, between: tuple[tuple[str, int, float], ...]) -> Observations:
+    """The rows of an experiment, its repeats dealt over the levels of groups."""
+    return experiment.observations({name: levels for name, levels, _ in between})
+
+
+def _judged(likelihood: Likelihood, domain: Domain, item: CoverageItem) -> Floats:
+    """Intervals and rises of one data set, as `replicate` returns them."""
     best = lowest(likelihood, domain).point
-    total, scatters, shares = likelihood.information(*best)
-    calibration = Calibration(scatters, total, shares)
+    calibration, o = likelihood.calibration(*best), likelihood.observations
     evidence = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
     tables = (evidence.intervals["c_e"], evidence.intervals["alpha"], evidence.identified.intervals)
     ends = [
@@ -349,6 +415,8 @@ def coverage_study(
     n: int = 2000,
     scatter: float = 0.08,
     static_scatter: float = 0.1,
+    between: Mapping[str, tuple[int, float]] | None = None,
+    uncertain: Mapping[str, float] | None = None,
     seed: int | None = None,
     executor: Executor | None = None,
     store: StorePath | None = None,
@@ -368,6 +436,11 @@ def coverage_study(
         Number of data sets.
     scatter, static_scatter : float
         Standard deviation of ln v and of ln F; 0.08 is 8 %.
+    between : dict, optional
+        ``{"day": (3, 0.1)}``: how many days or specimens the repeats are dealt over, and the standard deviation
+        between them, of ln alpha; of specimens, from three on, of ln c_e too. The fits estimate it.
+    uncertain : dict, optional
+        As in `burrlab.fit`: offsets are drawn with these standard deviations, and the fits are told of them.
     seed : int, optional
         None draws one, which the result records. Data set k depends on (seed, k) alone.
     executor : concurrent.futures.Executor, optional
@@ -409,6 +482,15 @@ def coverage_study(
     refuse(whole("n", n, 2**31, "2^31") < 1, f"n must be at least 1: got {n!r}")
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
         refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
+    check_offsets(uncertain, ())
+    groups = tuple(
+        (name, whole(f"{name} of between", k, 10000, "10000"), float(size))
+        for name, (k, size) in (between or {}).items()
+    )
+    refuse(
+        any(k < 1 or not 0 <= size < np.inf for _, k, size in groups),
+        f"between must be of 1 or more, 0 or more: got {between!r}",
+    )
     seed = seed_or_new(seed)
     template, _, unit = _template(experiment, material.shape.name, material.c_e)
     o, lost = template.observations, ~np.isfinite(unit)
@@ -431,10 +513,16 @@ def coverage_study(
         )
         for k in range(n)
     ]
+    function: Any = replicate
+    studied: Any = items
+    if groups or uncertain:
+        told = tuple((uncertain or {}).items())
+        components_of(mixed_rows(experiment, groups), dict(told))  # refuses what no window allows
+        function, studied = mixed_replicate, [MixedCoverageItem(item, groups, told) for item in items]
     report_progress = counter(progress, "fits")
     # a fit holds the interpreter: more threads than one only wait
     with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        outcomes = run_items(replicate, items, executor=workers, store=store, progress=report_progress)
+        outcomes = run_items(function, studied, executor=workers, store=store, progress=report_progress)
     columns = np.array(outcomes)
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(
@@ -459,5 +547,7 @@ def coverage_study(
             static_scatter=float(static_scatter),
             n=n,
             seed=seed,
+            **({"between": dict(between)} if between else {}),
+            **({"uncertain": dict(uncertain)} if uncertain else {}),
         ),
     )

@@ -17,7 +17,6 @@ from burrlab.fitting.linear import (
     LinearModel,
     MixedEquations,
     RowProducts,
-    blocks_of,
     reml,
 )
 from burrlab.fitting.mixed import MixedLikelihood
@@ -125,22 +124,14 @@ class JointModel(RowProducts):
             ]
             shift = np.concatenate([np.empty(0), *shifts])
             models.append(LinearModel(plain[side], effects, points[side], shift))
-        self.products = _embedded(models, sum(len(pair[0].group.levels) for pair in common))
-        if one_c_e:
-            table = np.eye(len(self.products[0]))
-            table[-3, -5] = 1.0  # the second's c_e is the first's
-            table = np.delete(table, -3, axis=1)
-            self.products = [table.T @ G @ table for G in self.products]
+        self.products = _embedded(models, sum(len(pair[0].group.levels) for pair in common), one_c_e)
         self.components = [pair[0] for pair in common]
         self.components += [x for model in models for x in model.components[len(common) :]]
-        self.blocks = blocks_of(self.components)
         self.known = np.concatenate([model.known for model in models])
         self.n = np.concatenate([model.n for model in models])
-        self.estimated = [k for k, x in enumerate(self.components) if x.deviation is None]
-        self.effect2 = np.array([np.square(x.deviation or 0.0) for x in self.components])
 
 
-def _embedded(models: Sequence[LinearModel], n_common: int) -> list[Floats]:
+def _embedded(models: Sequence[LinearModel], n_common: int, one_c_e: bool) -> list[Floats]:
     """Products of each side among the columns of both: common effects, own ones of each, J of each, r."""
     n_own = [len(model.products[0]) - 3 - n_common for model in models]
     width, tables = n_common + sum(n_own) + 5, []
@@ -151,7 +142,12 @@ def _embedded(models: Sequence[LinearModel], n_common: int) -> list[Floats]:
             G = np.zeros((width, width))
             G[np.ix_(at, at)] = product
             tables.append(G)
-    return tables
+    if not one_c_e:
+        return tables
+    merged = np.eye(width)
+    merged[-3, -5] = 1.0  # the second's c_e is the first's
+    merged = np.delete(merged, -3, axis=1)
+    return [merged.T @ G @ merged for G in tables]
 
 
 _Both: TypeAlias = tuple[Component, Component]  # one of each side

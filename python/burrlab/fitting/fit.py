@@ -219,10 +219,9 @@ def fit(
     given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
     components = components_of(observations, uncertain, (*estimate, *_own_alphas(share, sets)))
     mixed = bool(components or beliefs)
-    _check_rows(observations, residuals, mixed)
+    kind = _likelihood_kind(observations, residuals, mixed)
     _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
     seed = seed_or_new(0 if seed is None and voxels is None else seed)  # the mean field draws nothing
-    kind: LikelihoodKind = "log-sigma" if mixed and residuals == "sigma" else residuals
     likelihood = Likelihood(observations, kind, MeanFieldModel(observations, shape), beliefs)
     box = _box(likelihood, bounds)
     # walk
@@ -365,7 +364,8 @@ def _around(beliefs: Beliefs) -> Bounds:
     return {name: (value / factor, value * factor) for name, (value, factor) in reach.items()}
 
 
-def _check_rows(observations: Observations, residuals: str, mixed: bool) -> None:
+def _likelihood_kind(observations: Observations, residuals: ResidualKind, mixed: bool) -> LikelihoodKind:
+    """What residuals are of; ValueError where the rows do not go with it."""
     refuse(
         mixed and residuals not in ("relative", "sigma"),
         "residuals must be 'relative' or 'sigma' with groups, offsets or known values, or groups=() leave them out: got "
@@ -379,6 +379,7 @@ def _check_rows(observations: Observations, residuals: str, mixed: bool) -> None
         residuals == "sigma" and not observations.has_sigma,
         "residuals 'sigma' need a sigma in every row that has a velocity",
     )
+    return "log-sigma" if mixed and residuals == "sigma" else residuals
 
 
 def _check_voxels(voxels: VoxelEngine | None, seed: int | None, lengths: set[str]) -> None:

@@ -162,10 +162,22 @@ class RowProducts:
     n: Floats  # rows of each scatter
     known: NDArray[np.bool_]  # whether its size is
     components: Sequence[Component]
-    blocks: list[slice]  # columns of each component
-    estimated: list[int]  # components whose standard deviation is estimated
-    effect2: Floats  # variance of the others
     n_fixed = 2  # columns of J
+
+    @cached_property
+    def blocks(self) -> list[slice]:
+        """Columns of each component."""
+        return blocks_of(self.components)
+
+    @cached_property
+    def estimated(self) -> list[int]:
+        """Components whose standard deviation is estimated."""
+        return [k for k, component in enumerate(self.components) if component.deviation is None]
+
+    @cached_property
+    def effect2(self) -> Floats:
+        """Variance of the others."""
+        return np.array([np.square(component.deviation or 0.0) for component in self.components])
 
 
 class LinearModel(RowProducts):
@@ -184,7 +196,6 @@ class LinearModel(RowProducts):
         self.rows, self.components = likelihood.linear_rows(*point), components
         self.known = np.array([rows.known for rows in self.rows])
         self.n = np.array([float(rows.n) for rows in self.rows])
-        self.blocks = blocks_of(components)
         residuals = [rows.r for rows in self.rows]
         self.slopes = {
             x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.told else x.deviation)
@@ -201,8 +212,6 @@ class LinearModel(RowProducts):
             Z = np.concatenate([np.empty((len(rows.r), 0)), *parts], axis=1)
             self.columns.append(np.column_stack([Z, rows.J, rows.r - Z @ shifts]))
         self.products = [columns.T @ columns for columns in self.columns]
-        self.estimated = [k for k, component in enumerate(components) if component.deviation is None]
-        self.effect2 = np.array([np.square(component.deviation or 0.0) for component in components])
 
 
 def _places(group: Group, rows: LinearRows) -> Floats:

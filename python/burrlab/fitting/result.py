@@ -317,17 +317,8 @@ class Fit(FitRecord, Tabulated):
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
         dress = {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"}
-        grouped = "" if named else next(iter(self._groups), "")
-        if grouped:
-            self._plot_levels(ax, grouped, log)
-        for curve in (
-            data_set for data_set in self.data if isinstance(data_set, VelocityCurve) and not grouped
-        ):
-            curve.plot(ax, log=log, **dress)
-        segment, default = o.run >= 0, np.isnan(o.window_start)
-        if segment.any():
-            ax.plot(o.force[segment], o.velocity[segment], "D", color="black", mfc="none", ms=3.5, mew=0.7,
-                    label="segments of traces")  # fmt: skip
+        self._plot_points(ax, log, "" if named else next(iter(self._groups), ""), dress)
+        default = np.isnan(o.window_start)
         label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
         if ridge := self._on_ridge:
             label = f"ridge: $\\alpha/c_e^{{{ridge.exponent:.3g}}}$ = {span(ridge.interval)} (95 %)"
@@ -351,6 +342,18 @@ class Fit(FitRecord, Tabulated):
         else:
             ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
         return ax
+
+    def _plot_points(self, ax: Axes, log: bool, grouped: str, dress: dict[str, Any]) -> None:
+        """The velocities, by the levels of a group if one is named."""
+        if grouped:
+            self._plot_levels(ax, grouped, log)
+            return
+        for curve in (data_set for data_set in self.data if isinstance(data_set, VelocityCurve)):
+            curve.plot(ax, log=log, **dress)
+        o, segment = self.observations, self.observations.run >= 0
+        if segment.any():
+            ax.plot(o.force[segment], o.velocity[segment], "D", color="black", mfc="none", ms=3.5, mew=0.7,
+                    label="segments of traces")  # fmt: skip
 
     def _plot_levels(self, ax: Axes, name: str, log: bool) -> None:
         """The points of each level of a group with its thin line, and the band of a new level's mean."""

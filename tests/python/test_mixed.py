@@ -209,6 +209,8 @@ class TestOffsets:
         fit = burrlab.fit(curve, known={"c_e": (2.145, 0.1)})
         assert fit.intervals["c_e"]["95"].ratio() == pytest.approx(np.exp(4 * 0.1 / 2.145), rel=0.03)
         exact = burrlab.fit(curve, known={"c_e": 2.145})
+        given = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, bounds={"c_e": (1.0, 2.2)})
+        assert (given.given_bounds, given.intervals["c_e"]["95"].upper) == (("c_e",), None)
         assert exact.intervals["alpha"]["95"].ratio() < fit.intervals["alpha"]["95"].ratio()
         assert exact.status == "ok"
 
@@ -225,7 +227,12 @@ class TestOffsets:
             fit = burrlab.fit(VelocityCurve(curve.force, curve.velocity * v[0] / v[1], radius=3.0))
             change = np.log(fit.alpha / fit.c_e**p) - np.log(straight.alpha / straight.c_e**p)
             assert x.moved == pytest.approx(change, rel=0.15)
-        assert "A surface misjudged by 0.05 mm moves alpha/c_e^" in straight.report()
+        report = straight.report()
+        for text in (
+            "A surface misjudged by 0.05 mm moves alpha/c_e^",
+            "a force by 1 % of the largest (0.022 N) by",
+        ):
+            assert text in report
 
     def test_two_drills_in_one_bone(self, tmp_path):
         """One c_e and an alpha each, also with burrs of different radius."""

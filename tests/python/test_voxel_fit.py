@@ -47,6 +47,23 @@ def test_resumes_and_any_executor_gives_the_same(sparse, tmp_path):
     assert n < len(store) < 3 * n  # only a third replicate is new
 
 
+def test_knows_days_and_an_uncertain_force():
+    """The columns of both are the mean field's, so the effects are those of the mean-field fit."""
+    days = np.repeat(["Monday", "Tuesday"], 3)
+    velocity = CURVE.velocity * np.where(np.tile([0, 1], 3), 1.3, 1.0)
+    curve = replace(CURVE, velocity=velocity, groups={"day": np.tile(days[[0, 3]], 3)})
+    options = {"uncertain": {"force": 0.005}, "known": {"c_e": (PVC.c_e, 0.1)}}
+    found, expected = fit(curve, engine=VoxelEngine(**SPARSE), seed=0, **options), fit(curve, **options)
+    assert [(x.group, x.quantity) for x in found.effects] == [("day", "alpha"), ("data set", "force")]
+    assert found.effects[0].values == pytest.approx(expected.effects[0].values, abs=0.05)
+    assert found.effects[1].errors == pytest.approx(expected.effects[1].errors, rel=0.3)
+    assert "Between the 2 days alpha differs by" in found.verdict
+    with pytest.raises(ValueError, match="the voxel engine takes offsets of force alone: got surface"):
+        fit(curve, engine=VoxelEngine(**SPARSE), seed=0, uncertain={"surface": 0.01})
+    with pytest.raises(ValueError, match="the voxel engine's table serves the rows of its own data alone"):
+        found.influence_by("day")
+
+
 def test_the_best_point_may_lie_at_the_edge_of_the_window():
     """There a difference over c_e has a velocity on one side only."""
     found = voxel_fit(curve_of([1.4, 2.6, 3.55], scatter=0.05, repeats=2, seed=3))

@@ -15,6 +15,7 @@ from burrlab.fitting.profile import Combination, Domain, Interval, minima, range
 
 _ALONE = 4.0  # of AIC: an explanation is named alone if the others lie farther
 _NAMED = 6.0  # of AIC, by which an explanation must be better to be named: 1 % of clean sets have such a one (ours)
+_AMOUNTS = {"force": "1 % of the largest ({})", "radius": "1 % ({})"}
 _TEXTS = {"force": "a tare or a friction, an offset of the force"}
 _RADII = {"half the radius, as if the diameter had been given": 0.5, "twice the radius": 2.0}
 Point: TypeAlias = tuple[float, float]
@@ -34,7 +35,8 @@ def sensitivity_sentence(moves: Sequence[Sensitivity], exponent: float) -> list[
     """How far the combination is off, in plain words; none without moves."""
     texts: list[str] = []
     for x in moves:
-        text = f"a {x.offset}{' misjudged' * (not texts)} by {x.size:.2g} {OFFSETS[x.offset]}"
+        amount = _AMOUNTS.get(x.offset, "{}").format(f"{x.size:.2g} {OFFSETS[x.offset]}")
+        text = f"a {x.offset}{' misjudged' * (not texts)} by {amount}"
         text += f"{'' if texts else f' moves alpha/c_e^{exponent:.3g}'} by {100 * abs(x.moved):.2g} %"
         widths = f" ({x.widths:.2g} times{'' if texts else ' half the width of its 95 % interval'})"
         texts.append(text + (widths if x.widths else ""))

@@ -563,7 +563,60 @@ class AlphaSlices:
 
 
 @dataclass(frozen=True, eq=False)
-class TobitSlices(AlphaSlices):
+class CurvedSlices(AlphaSlices):
+    """-2 log L over alpha where it is no parabola; a subclass says how high it is."""
+
+    g: Floats  # log alpha of the lowest
+    height: Floats  # -2 log L there
+
+    def _over(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats]:
+        """-2 log L at log alpha = g and its slope; the last axis of g is that of c_e, or of some of its points."""
+        raise NotImplementedError
+
+    def _beyond(self, target: float, points: Rows) -> Floats:
+        """How far from m the target is reached at the latest."""
+        raise NotImplementedError
+
+    @property
+    def best_alpha(self) -> Floats:
+        """See `AlphaSlices`."""
+        return np.exp(self.g)
+
+    @property
+    def profile(self) -> Floats:
+        """See `AlphaSlices`."""
+        return self.height
+
+    def minus2(self, alpha: ArrayLike) -> Floats:
+        """See `AlphaSlices`."""
+        return self._over(np.broadcast_to(np.log(alpha), np.broadcast_shapes(np.shape(alpha), self.g.shape)))[
+            0
+        ]
+
+    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
+        """See `AlphaSlices`; by Newton's method from beyond the end, halving where it leaves the bracket."""
+        ends, points = np.full((2, len(self.g)), np.nan), np.flatnonzero(self.height <= target)
+        middle, reach = self.m[points], self._beyond(target, points)
+        if middle.ndim == 1:
+            middle, reach = middle[:, None], reach[:, None]
+        for side, end in zip((-1, 1), ends, strict=True):
+            near, far = self.g[points], side * np.max(side * middle + reach, axis=1)
+            g = far
+            for _ in range(_ROUNDS):
+                height, slope = self._over(g, points)
+                near, far = np.where(height <= target, g, near), np.where(height > target, g, far)
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    step = g - (height - target) / slope
+                last, within = g, side * (step - near) * (far - step) >= 0
+                g = np.where(within & (side * (step - near) >= 0), step, (near + far) / 2)
+                if np.abs(g - last).max(initial=0.0) < _CLOSE:
+                    break
+            end[points] = np.exp(np.clip(g, -_LARGEST, _LARGEST))
+        return ends[0], ends[1]
+
+
+@dataclass(frozen=True, eq=False)
+class TobitSlices(CurvedSlices):
     """-2 log L of log-normal velocities and of others that lie below limits, with the best scatter at each alpha.
 
     Over 1/s and g/s it is convex, s the scatter and g = log alpha.
@@ -574,8 +627,6 @@ class TobitSlices(AlphaSlices):
     """
 
     limits: Floats  # log of the limits less log of the model's velocity at alpha = 1, shape (m, k)
-    g: Floats  # best log alpha
-    height: Floats  # -2 log L there
 
     @classmethod
     def of(
@@ -599,12 +650,18 @@ class TobitSlices(AlphaSlices):
             if not np.any(np.abs(steep - last) > 1e-12 * last):
                 break
         g = level / steep
-        slices = cls(c_e, A, np.full(len(c_e), float(n)), mean, other, n, False, floor, True, limits, g, g)
+        slices = cls(c_e, A, np.full(len(c_e), float(n)), mean, other, n, False, floor, True, g, g, limits)
         return replace(slices, height=slices._over(g)[0])
 
-    def _over(self, g: Floats) -> tuple[Floats, Floats]:
-        """-2 log L at log alpha = g, whose last axis is that of c_e, and its slope."""
-        S, d = self.A + self.n * (self.floor + (g - self.m) ** 2), self.limits - g[..., None]
+    def _beyond(self, target: float, points: Rows) -> Floats:
+        """See `CurvedSlices`: without the limits."""
+        S = self.n * (np.exp((target - self.other[points]) / self.n) - self.floor)
+        return np.asarray(np.sqrt((S - self.A[points]) / self.n))
+
+    def _over(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats]:
+        """See `CurvedSlices`."""
+        off = g - self.m[points]
+        S, d = self.A[points] + self.n * (self.floor + off**2), self.limits[points] - g[..., None]
         steep = np.sqrt(self.n / S)
         for _ in range(_ROUNDS):
             hazard, bend = _hazard(steep[..., None] * d)
@@ -614,47 +671,9 @@ class TobitSlices(AlphaSlices):
             if not np.any(np.abs(steep - last) > _ENOUGH * last):
                 break
         below = np.sum(scipy.special.log_ndtr(steep[..., None] * d), axis=-1)
-        height = self.other - 2 * self.n * np.log(steep) + S * steep**2 - self.n - 2 * below
-        rise = 2 * steep**2 * self.n * (g - self.m) + 2 * steep * np.sum(hazard, axis=-1)
+        height = self.other[points] - 2 * self.n * np.log(steep) + S * steep**2 - self.n - 2 * below
+        rise = 2 * steep**2 * self.n * off + 2 * steep * np.sum(hazard, axis=-1)
         return np.asarray(np.where(np.isfinite(height), height, np.inf)), rise
-
-    @property
-    def best_alpha(self) -> Floats:
-        """See `AlphaSlices`."""
-        return np.exp(self.g)
-
-    @property
-    def profile(self) -> Floats:
-        """See `AlphaSlices`."""
-        return self.height
-
-    def minus2(self, alpha: ArrayLike) -> Floats:
-        """See `AlphaSlices`."""
-        return self._over(np.broadcast_to(np.log(alpha), np.broadcast_shapes(np.shape(alpha), self.g.shape)))[
-            0
-        ]
-
-    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
-        """See `AlphaSlices`; by Newton's method from the end without the limits, halving where it leaves the bracket."""
-        inside = self.height <= target
-        with np.errstate(invalid="ignore", over="ignore"):
-            S = self.n * (np.exp((target - self.other) / self.n) - self.floor)
-            reach = np.minimum(np.sqrt((S - self.A) / self.B), _LARGEST)
-        ends = []
-        for sign in (-1, 1):
-            near, far = self.g, np.where(inside, self.m + sign * reach, self.g)
-            g = far
-            for _ in range(_ROUNDS):
-                height, slope = self._over(g)
-                near, far = np.where(height <= target, g, near), np.where(height > target, g, far)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    step = g - (height - target) / slope
-                last, within = g, (sign * (step - near) >= 0) & (sign * (far - step) >= 0)
-                g = np.where(within, step, (near + far) / 2)
-                if not np.any(np.abs(g - last)[inside] > _ENOUGH):
-                    break
-            ends.append(np.where(inside, np.exp(np.clip(g, -_LARGEST, _LARGEST)), np.nan))
-        return ends[0], ends[1]
 
 
 def _hazard(z: Floats) -> tuple[Floats, Floats]:
@@ -666,6 +685,7 @@ def _hazard(z: Floats) -> tuple[Floats, Floats]:
 FREEDOM = 4.0  #: degrees of freedom of the robust likelihood (ours)
 _FLATTER = (FREEDOM + 1) / (FREEDOM + 3)  # its information, over that of a normal distribution of equal scale
 _ROUNDS = 30  # of Newton's method or reweighting, at most; 6 are usual
+_CLOSE = 1e-8  # a step of log alpha that ends Newton's method
 _ENOUGH = 1e-6  # a relative step of Newton's method after which the error is below 1e-11
 
 

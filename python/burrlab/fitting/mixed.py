@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 from scipy import special
 
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
 from burrlab.fitting.diagnostics import p_text
-from burrlab.fitting.likelihood import AlphaSlices, Likelihood, MeanFieldModel, Model
+from burrlab.fitting.likelihood import AlphaSlices, CurvedSlices, Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EDGE,
     OFFSETS,
@@ -44,7 +43,6 @@ _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is o
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # of the bound of c_e: by how much it differs between parts of an offset's distribution
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
-_LARGEST = 500.0  # largest |log alpha|
 
 
 def at_best_variances(
@@ -87,11 +85,8 @@ def at_best_variances(
 
 
 @dataclass(frozen=True, eq=False)
-class MixtureSlices(AlphaSlices):
+class MixtureSlices(CurvedSlices):
     """-2 log of a sum of likelihoods over alpha at each c_e; A, B and m have shape (len(c_e), parts)."""
-
-    g: Floats  # log alpha of the lowest
-    height: Floats  # -2 log L there
 
     @classmethod
     def of(cls, c_e: Floats, A: Floats, B: Floats, m: Floats, n: int) -> "MixtureSlices":
@@ -104,19 +99,28 @@ class MixtureSlices(AlphaSlices):
             g = g - step
             if np.abs(step).max(initial=0.0) < _CLOSE:
                 break
-        return replace(slices, g=g, height=slices._over(g))
+        return replace(slices, g=g, height=slices._over(g)[0])
 
-    def _over(self, g: Floats, points: Rows | slice = slice(None)) -> Floats:
-        """-2 log L at log alpha = g, whose last axis is that of c_e or of some of its points."""
-        q = self.A[points] + self.B[points] * np.square(g[..., None] - self.m[points])
+    def _over(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats]:
+        """See `CurvedSlices`."""
+        off = g[..., None] - self.m[points]
+        stiff = self.B[points] * off
+        q = self.A[points] + stiff * off
         low = q.min(axis=-1)
         with np.errstate(invalid="ignore"):
-            q -= low[..., None]
-        return np.asarray(np.where(np.isfinite(low), low - 2 * np.log(np.exp(-0.5 * q).sum(axis=-1)), np.inf))
+            share = np.exp(-0.5 * (q - low[..., None]))
+            total = share.sum(axis=-1)
+            slope = 2 * np.einsum("...k,...k->...", share, stiff) / total
+        return np.where(np.isfinite(low), low - 2 * np.log(total), np.inf), slope
 
-    def _slope(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats, Floats]:
+    def _beyond(self, target: float, points: Rows) -> Floats:
+        """See `CurvedSlices`: where no part is below."""
+        room = target + 2 * np.log(self.A.shape[1]) - self.A[points]
+        return np.asarray(np.sqrt(np.maximum(room, 0.0) / self.B[points]))
+
+    def _slope(self, g: Floats) -> tuple[Floats, Floats, Floats]:
         """Half the slope of -2 log L by log alpha, half its curvature, and that without the parts' differences."""
-        A, B, off = self.A[points], self.B[points], g[:, None] - self.m[points]
+        A, B, off = self.A, self.B, g[:, None] - self.m
         q = A + B * off**2
         share = np.exp(
             -0.5 * (np.where(np.isfinite(q), q, 1e300) - np.minimum(q.min(axis=1), 1e299)[:, None])
@@ -124,41 +128,6 @@ class MixtureSlices(AlphaSlices):
         share /= np.maximum(share.sum(axis=1), 1e-300)[:, None]
         slope, stiff = np.sum(share * B * off, axis=1), np.sum(share * B, axis=1)
         return slope, stiff - np.sum(share * (B * off - slope[:, None]) ** 2, axis=1), stiff
-
-    @property
-    def best_alpha(self) -> Floats:
-        """See `AlphaSlices`."""
-        return np.exp(self.g)
-
-    @property
-    def profile(self) -> Floats:
-        """See `AlphaSlices`."""
-        return self.height
-
-    def minus2(self, alpha: ArrayLike) -> Floats:
-        """See `AlphaSlices`."""
-        return self._over(np.broadcast_to(np.log(alpha), np.broadcast_shapes(np.shape(alpha), self.g.shape)))
-
-    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
-        """See `AlphaSlices`; by Newton's method from where no part is below, and halving where it leaves the bracket."""
-        ends, points = np.full((2, len(self.g)), np.nan), np.flatnonzero(self.height <= target)
-        reach = np.sqrt(
-            np.maximum(target + 2 * np.log(self.A.shape[1]) - self.A[points], 0.0) / self.B[points]
-        )
-        for side, end in zip((-1, 1), ends, strict=True):
-            near, far = self.g[points], side * np.max(side * self.m[points] + reach, axis=1)
-            g = far
-            for _ in range(_ROUNDS):
-                excess = self._over(g, points) - target
-                near, far = np.where(excess <= 0, g, near), np.where(excess > 0, g, far)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    step = g - excess / (2 * self._slope(g, points)[0])
-                last, between = g, side * (step - near) * (far - step) >= 0
-                g = np.where(between & (side * (step - near) >= 0), step, (near + far) / 2)
-                if np.abs(g - last).max(initial=0.0) < _CLOSE:
-                    break
-            end[points] = np.exp(np.clip(g, -_LARGEST, _LARGEST))
-        return ends[0], ends[1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,7 +139,7 @@ def do_fit(options: Options) -> int:
         test = result.test(*options.test)
         plain["test"] = {"c_e": options.test[0], "alpha": options.test[1], "p_value": test.p_value}
         text += f"\n    - {test}"
-    if len(result.data) > 1:
+    if len(result.data) > 1 and "alpha" in options.share:
         text += f"\n    - The {len(result.data)} files are pooled: one c_e and alpha, as of one material."
         text += " `burrlab compare` asks whether curves differ." if len(options.file) > 1 else ""
     deliver(options, plain, text)

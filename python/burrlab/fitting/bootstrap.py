@@ -16,12 +16,13 @@ from burrlab.common.check import refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
-from burrlab.fitting.likelihood import FREEDOM, Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
+from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS
 from burrlab.fitting.mixed import MixedEvidence, MixedLikelihood, at_best_variances
 from burrlab.fitting.observations import Box, Floats, Group, Observations, ResidualKind, Rows, bounds_of
 from burrlab.fitting.profile import BEYOND, LEVELS, ByLevel, ByName, Domain, Interval, lowest, minima
 from burrlab.fitting.record import FitRecord
+from burrlab.fitting.slices import FREEDOM
 from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelTable, model_of
 

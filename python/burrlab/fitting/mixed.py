@@ -19,7 +19,7 @@ from scipy import special
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration, RowScatter
 from burrlab.fitting.diagnostics import p_text
-from burrlab.fitting.likelihood import AlphaSlices, CurvedSlices, Likelihood, MeanFieldModel, Model
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel, Model
 from burrlab.fitting.linear import (
     EDGE,
     OFFSETS,
@@ -35,6 +35,7 @@ from burrlab.fitting.linear import (
 )
 from burrlab.fitting.observations import Floats, Observations, Rows
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
+from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 from burrlab.theory.continuum import WINDOW_STOP
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from burrlab.common.check import nearest, refuse
 from burrlab.common.table import by_value
 from burrlab.fitting.calibration import AnyCalibration, MixedCalibration
-from burrlab.fitting.likelihood import AlphaSlices, Likelihood
+from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Box, Floats
+from burrlab.fitting.slices import AlphaSlices
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
 

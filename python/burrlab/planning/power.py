@@ -357,7 +357,7 @@ def run_sheet(
     >>> import burrlab
     >>> sheet = burrlab.run_sheet([0.5, 1.0, 2.0], specimens=3, runs=6, seed=1)
     >>> len(sheet), sheet.groups["drill"][:4]
-    (36, ('A', 'B', 'B', 'A'))
+    (36, ('B', 'A', 'B', 'A'))
     """
     force = np.atleast_1d(real(forces, "forces"))
     labels = (

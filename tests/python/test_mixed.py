@@ -286,6 +286,18 @@ class TestOffsets:
         assert max(x.gain for x in fit.repairs) < 4
         assert "AIC lower by" not in fit.report()
 
+    def test_an_explanation_that_leaves_no_window_is_none(self):
+        """Velocities as no burring gives them, over windows in mm: the report is made all the same."""
+        force = np.geomspace(0.15, 3.0, 12)
+        for seed in range(4):
+            v = np.exp(np.random.default_rng(seed).normal(size=12))
+            windows = {"window_start": np.full(12, 0.3), "window_end": np.full(12, 2.9)}
+            fit = burrlab.fit(
+                VelocityCurve(force, v, radius=3.0, groups={"day": np.arange(12) % 3}, **windows)
+            )
+            assert "Notes" in fit.report()
+            assert np.isfinite([x.gain for x in fit.repairs]).all()
+
     def test_of_windows_that_end_at_the_equator(self):
         """There the window cannot move deeper: the report still says what would move the fit."""
         v = burrlab.penetration_velocity(BURR, BONE, FORCES, 0.5, 3.0) * np.exp(0.02 * np.sin(range(8)))

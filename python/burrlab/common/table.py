@@ -621,11 +621,12 @@ def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":
     return pandas.DataFrame(dict(columns))
 
 
-class Tabulated:
+class Tabulated(ABC):
     """A result that is a table too, for pandas and for a paper."""
 
+    @abstractmethod
     def _columns(self) -> Mapping[str, Sequence[Any]]:
-        raise NotImplementedError
+        """The columns by their names."""
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """The estimates and the ends of their 95 % intervals, a row each; an open end is None, and NaN stands where

@@ -199,7 +199,12 @@ def _fitted_jointly(
     """Differences of log c_e and log alpha, second less first, of likelihoods that share effects; and their limits."""
     logs, varies = np.log(np.array(points)), True
     hard = [float(x.observations.c_e_bounds().max()) for x in likelihoods]
-    if one_c_e:  # the best of both together
+    if one_c_e:  # the best of both together, where each row of both has a window
+        hard += [
+            float(x.plain.observations.c_e_bounds().max())
+            for x in likelihoods
+            if isinstance(x, MixedLikelihood)
+        ]
         c_e = np.geomspace(max(hard), C_E_RANGE * max(hard), _POINTS)[1:]
         logs[:, 0] = np.log(c_e[int(np.argmin(sum(x.at(c_e).profile for x in likelihoods)))])
     for _ in range(_ROUNDS):

@@ -110,7 +110,7 @@ def without_levels(
 class Repair:
     """Another explanation of the data than the one that the fit assumes."""
 
-    what: str  #: such as "a force offset of 0.03 N (a tare, or a friction)"
+    what: str  #: such as "a tare or a friction, an offset of the force of 0.03 N"
     gain: float  #: AIC of the fit less that with it
 
 
@@ -141,7 +141,10 @@ def repairs(
         box = bounds_of(other.observations, None)
         end: Point | None = point
         if components:
-            mixed, end = at_best_variances(other, components, point, (box.lower[0], box.upper[0]))
+            try:
+                mixed, end = at_best_variances(other, components, point, (box.lower[0], box.upper[0]))
+            except (ValueError, np.linalg.LinAlgError):  # it leaves a row without a window: no explanation
+                return
             u = -float(mixed.equations.solution[mixed.linear.blocks[-1]][0])
             what += f" of {u:.2g} {OFFSETS[offset[0].quantity]}" if offset else ""
             other = mixed if present else mixed.plain

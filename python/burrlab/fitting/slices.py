@@ -1,5 +1,6 @@
 """-2 log L over alpha at each of several c_e, and where it stays below a target: parabolas, and where it is none."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,19 +73,19 @@ class AlphaSlices:
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedSlices(AlphaSlices):
+class CurvedSlices(AlphaSlices, ABC):
     """-2 log L over alpha where it is no parabola; a subclass says how high it is."""
 
     g: Floats  # log alpha of the lowest
     height: Floats  # -2 log L there
 
+    @abstractmethod
     def _over(self, g: Floats, points: Rows | slice = slice(None)) -> tuple[Floats, Floats]:
         """-2 log L at log alpha = g and its slope; the last axis of g is that of c_e, or of some of its points."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _beyond(self, target: float, points: Rows) -> Floats:
         """How far from m the target is reached at the latest."""
-        raise NotImplementedError
 
     @property
     def best_alpha(self) -> Floats:

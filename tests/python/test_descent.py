@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import inspect
 import itertools
 import pkgutil
 import re
@@ -215,7 +216,7 @@ def test_results_with_arrays_are_compared():
         kinds = [kind for kind in kinds if isinstance(kind, type) and kind.__module__ == module]
         for kind in filter(dataclasses.is_dataclass, kinds):
             columns = {f.name: bool(ARRAYS.search(str(f.type))) for f in dataclasses.fields(kind)}
-            if kind.__name__.startswith("_") or not any(columns.values()):
+            if kind.__name__.startswith("_") or inspect.isabstract(kind) or not any(columns.values()):
                 continue
             one, other = object.__new__(kind), object.__new__(kind)
             for made, (name, is_array) in itertools.product((one, other), columns.items()):

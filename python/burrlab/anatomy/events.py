@@ -1,8 +1,6 @@
 """Results of a watch: tables at known places in a trace, and events that print as a sentence."""
 
 import json
-import os
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, cast
@@ -83,48 +81,6 @@ def create_watch(file: "h5py.File", settings: str, burrs: int, tissues: int) -> 
     }
 
 
-class WatchWriter:
-    """Writes events as they come, and the sums at the end. OSError if the disk fails.
-
-    `places` are the byte offsets of the watch's datasets in the file.
-    """
-
-    def __init__(self, places: Mapping[str, int]) -> None:
-        self._places = places
-        self._recorded = 0
-        self._pending = np.zeros(0, EVENT_DTYPE)
-        self._sums: Watched | None = None
-        self._lock = threading.Lock()
-
-    def add(self, events: NDArray[np.void]) -> None:
-        """Takes events to write. Any thread may call it."""
-        with self._lock:
-            self._pending = np.concatenate([self._pending, events])
-
-    def set_sums(self, watched: Watched) -> None:
-        """Takes the sums that `finish` writes."""
-        self._sums = watched
-
-    def write(self, file: int, until: int) -> None:
-        """Writes the events of ticks before `until`, and then their count; later events wait."""
-        with self._lock:
-            ready = int(np.argmin(np.append(self._pending["tick"] < until, False)))
-            rows, self._pending = self._pending[:ready], self._pending[ready:]
-        rows = rows[: _core.most_watch_events - self._recorded]
-        if not len(rows):
-            return
-        _write(file, rows, self._places["events"] + self._recorded * EVENT_DTYPE.itemsize)
-        self._recorded += len(rows)
-        _write(file, np.uint64(self._recorded), self._places["events_recorded"])
-
-    def finish(self, file: int) -> None:
-        """Writes the sums, and then the flag that they are there."""
-        if (sums := self._sums) is not None:
-            parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
-            for name, values in {**parts, "summed": np.uint8(1)}.items():
-                _write(file, values, self._places[name])
-
-
 def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched | None, NDArray[np.void]]:
     """(settings, results if the session came to its end, events); empty without a watch."""
     if GROUP not in file:
@@ -156,12 +112,6 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
 def _read_only(values: NDArray[Any]) -> NDArray[Any]:
     values.flags.writeable = False
     return values
-
-
-def _write(file: int, values: Any, at: int) -> None:
-    data, done = memoryview(values.tobytes()), 0
-    while done < len(data):
-        done += os.pwrite(file, data[done:], at + done)
 
 
 @dataclass(frozen=True)

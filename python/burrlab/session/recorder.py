@@ -6,14 +6,15 @@ import os
 import re
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import VoxelBone
-from burrlab.anatomy.events import Watched, WatchWriter
+from burrlab._core import VoxelBone, most_watch_events
+from burrlab.anatomy.events import EVENT_DTYPE, Watched
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_part
 from burrlab.session.trace import (
@@ -37,6 +38,15 @@ class Reader(Protocol):
 
     def take(self, most: int = ...) -> tuple[NDArray[np.void], bool]:
         """(records since the last call, whether some were lost before the next)"""
+
+
+@dataclass
+class _Queue:
+    """Rows of a table that wait until their ticks are in the file."""
+
+    waiting: NDArray[np.void]
+    room: int  # rows of the table
+    recorded: int = 0
 
 
 class TraceWriter:
@@ -108,7 +118,7 @@ class TraceWriter:
             raise FileExistsError(f"path must be a new file, {self.path} exists")
         with new_part(self.path) as part:  # a kill meanwhile leaves no file of this name
             try:
-                self._places, places = create(part, bone, header, capacity=rows, digest_capacity=digests)
+                self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)
             except (RuntimeError, ValueError) as error:  # raised by HDF5 if a limit is too small
                 raise OSError(f"{self.path} could not be made: {error}") from None
             except OSError as error:
@@ -118,12 +128,14 @@ class TraceWriter:
             _name(part, self.path)
         self._reader: Reader | None = reader
         self._burrs, self._first, self._on_end = len(header.tools), header.first_tick, on_end
-        self._row_bytes, self._room, self._digest_room = row_dtype(self._burrs).itemsize, rows, digests
-        self.recorded = self._digests_recorded = 0
+        self._row_bytes, self._room, self.recorded = row_dtype(self._burrs).itemsize, rows, 0
         self.ended = self.warning = self.rescued = ""
         self.complete = False
-        self._pending: list[tuple[int, str]] = []
-        self._watch = WatchWriter(places) if places else None
+        self._queues = {
+            "digests": _Queue(np.zeros(0, DIGEST_DTYPE), digests),
+            "events": _Queue(np.zeros(0, EVENT_DTYPE), most_watch_events if "events" in self._places else 0),
+        }
+        self._watched: Watched | None = None
         self._lock, self._wake = threading.Lock(), threading.Event()
         self._stopping: str | None = None
         self._thread = threading.Thread(target=self._run, name="burrlab trace", daemon=True)
@@ -143,20 +155,21 @@ class TraceWriter:
             not re.fullmatch("[0-9a-f]{32}", digest),
             f"digest must be 32 hexadecimal digits, got '{digest}'",
         )
-        with self._lock:
-            self._pending.append((tick, digest))
+        self._queue("digests", np.array([(tick, digest.encode())], DIGEST_DTYPE))
 
     def add_events(self, events: NDArray[np.void]) -> None:
         """Keeps events of a watch, in order. Any thread may call it. ValueError if the trace has no watch."""
-        if self._watch is None:
-            raise ValueError("events must be of a trace with a watch")
-        self._watch.add(events)
+        refuse("events" not in self._places, "events must be of a trace with a watch")
+        self._queue("events", events)
 
     def set_watched(self, watched: Watched) -> None:
         """Takes the results of a watch, for `stop` to write. ValueError if the trace has no watch."""
-        if self._watch is None:
-            raise ValueError("what was watched must be of a trace with a watch")
-        self._watch.set_sums(watched)
+        refuse("events" not in self._places, "what was watched must be of a trace with a watch")
+        self._watched = watched
+
+    def _queue(self, name: str, rows: NDArray[np.void]) -> None:
+        with self._lock:
+            self._queues[name].waiting = np.concatenate([self._queues[name].waiting, rows])
 
     def start(self) -> None:
         """Starts recording. ValueError if it was started or stopped before."""
@@ -189,8 +202,11 @@ class TraceWriter:
                     break
                 last = self._stopping is not None  # read before the ring is emptied
                 self._empty_ring(last)
-                self._write_digests()
-                self._write_watch(last)
+                reached = self._first + self.recorded
+                self._write_queue("digests", reached + 1)  # counts ticks done
+                self._write_queue("events", reached)
+                if last:
+                    self._write_sums()
                 if last and not self.ended:
                     self._end(self._stopping or "stopped", complete=True)
                 elif not self.ended:
@@ -242,31 +258,30 @@ class TraceWriter:
     def _put_count(self, name: str, count: int) -> str:
         return self._put(np.uint64(count).tobytes(), self._places[name])[1]
 
-    def _write_digests(self) -> None:
-        """Writes the digests whose ticks are in the file; the others wait."""
-        last = self._first + self.recorded
+    def _write_queue(self, name: str, until: int) -> None:
+        """Writes the rows of ticks before `until`, and then their count; the others wait."""
+        queue = self._queues[name]
         with self._lock:
-            ready = [d for d in self._pending if d[0] <= last]
-            self._pending = [d for d in self._pending if d[0] > last]
-        ready = ready[: self._digest_room - self._digests_recorded]
-        if not ready or self.ended:
+            ready = queue.waiting["tick"] < until
+            rows, queue.waiting = queue.waiting[ready], queue.waiting[~ready]
+        rows = rows[: queue.room - queue.recorded]
+        if self.ended or not len(rows):
             return
-        table = np.array([(tick, digest.encode()) for tick, digest in ready], DIGEST_DTYPE)
-        at = self._places["digests"] + self._digests_recorded * DIGEST_DTYPE.itemsize
-        _, why = self._put(table.tobytes(), at)
-        self._digests_recorded += 0 if why else len(ready)
-        if why := why or self._put_count("digests_recorded", self._digests_recorded):
+        queue.recorded += len(rows)
+        _, why = self._put(rows.tobytes(), self._places[name] + (queue.recorded - len(rows)) * rows.itemsize)
+        if why := why or self._put_count(f"{name}_recorded", queue.recorded):
             self._end(why)
 
-    def _write_watch(self, last: bool) -> None:
-        if self._watch is None or self.ended:
+    def _write_sums(self) -> None:
+        """Writes the results of the watch, and then the flag that they are there."""
+        if self.ended or (sums := self._watched) is None:
             return
-        try:
-            self._watch.write(self._file, self._first + self.recorded)
-            if last:
-                self._watch.finish(self._file)
-        except OSError as error:
-            self._end(f"the file could not be written: {error.strerror or error}")
+        parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
+        for name, numbers in {**parts, "summed": np.uint8(1)}.items():
+            _, why = self._put(numbers.tobytes(), self._places[name])
+            if why:
+                self._end(why)
+                return
 
     def _end(self, reason: str, *, complete: bool = False) -> None:
         self.complete = complete

@@ -141,8 +141,8 @@ class TraceHeader:
 
 def create(
     path: Path, bone: VoxelBone, header: TraceHeader, *, capacity: int, digest_capacity: int
-) -> tuple[dict[str, int], dict[str, int]]:
-    """Makes the file without ticks; returns byte offsets of its datasets and of those of the watch.
+) -> dict[str, int]:
+    """Makes the file without ticks; returns byte offsets of its datasets, those of a watch among them.
 
     The tables are allocated at once and never filled. On file systems with sparse files they take room only
     as they are written. Each dataset begins at a multiple of 64 bytes, so that no count crosses a memory
@@ -170,27 +170,22 @@ def create(
                 "device": header.devices[i] if i < len(header.devices) else "",
             })  # fmt: skip
         file.create_dataset("note", data=np.bytes_(json_text("note", header.note).encode()))
-        names = {  # before the tables, so that a limit of the file's length cannot stop `ended`
+        parts = {  # before the tables, so that a limit of the file's length cannot stop `ended`
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
             "ended": file.create_dataset("ended", data=np.bytes_(b""), dtype=f"S{ENDED_LENGTH}"),
             "complete": file.create_dataset("complete", data=np.uint8(0)),
         }
-        watched = {}
         if header.watch:
-            watched = create_watch(
-                file, json_text("watch", header.watch), len(tools), len(bone.tissues or ())
-            )
-            watched["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
-        names |= {
+            settings = json_text("watch", header.watch)
+            parts |= create_watch(file, settings, len(tools), len(bone.tissues or ()))
+            parts["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
+        parts |= {
             "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),
             "ticks": _table(file, "ticks", row, capacity),
         }
         file.flush()
-        places, watch_places = (
-            {name: dataset.id.get_offset() for name, dataset in parts.items()} for parts in (names, watched)
-        )
-    return places, watch_places
+        return {name: dataset.id.get_offset() for name, dataset in parts.items()}
 
 
 def _table(file: "h5py.File", name: str, dtype: np.dtype[Any], length: int) -> "h5py.Dataset":

@@ -48,11 +48,9 @@ class Leader:
             "tools": [TOOL] * burrs,
             "source": source,
         }
-        tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * burrs
-        starts = [(0.0, 2.5 * i, 3.3) for i in range(burrs)]
-        self.tools = tools
-        self.executor = _core.TickExecutor(make_bone(BLOCK), tools, seed)
-        devices = [burrlab.HandDevice(start=start, strokes_after=0.0) for start in starts]
+        self.tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * burrs
+        self.executor = _core.TickExecutor(make_bone(BLOCK), self.tools, seed)
+        devices = [burrlab.HandDevice(start=(0.0, 2.5 * i, 3.3), strokes_after=0.0) for i in range(burrs)]
         # On a busy machine threads may wait for seconds. The tests check content, not times.
         self.loop = _core.HapticLoop(
             self.executor, devices, wall_clock=wall_clock, ticks=ticks, stall_limit=5000.0
@@ -143,13 +141,10 @@ def pass_all(source, sink):
 
 
 def receive_exactly(source, size):
-    data = bytearray()
-    while len(data) < size:
-        part = source.recv(size - len(data))
-        if not part:
-            raise ConnectionError("ended")
-        data += part
-    return bytes(data)
+    data = source.recv(size, socket.MSG_WAITALL)
+    if len(data) < size:
+        raise ConnectionError("ended")
+    return data
 
 
 def messages_of(source):
@@ -163,16 +158,11 @@ def name_of(message):
     return message[14:34].rstrip(b"\0").decode()
 
 
-class Dropper:
+def dropper(source, sink, *, probability, random):
     """Drops whole messages, each with the same probability."""
-
-    def __init__(self, probability, random):
-        self.probability, self.random = probability, random
-
-    def __call__(self, source, sink):
-        for message in messages_of(source):
-            if self.random.random() >= self.probability:
-                sink.sendall(message)
+    for message in messages_of(source):
+        if random.random() >= probability:
+            sink.sendall(message)
 
 
 class TickEditor:
@@ -252,7 +242,5 @@ class ReplicaProcess:
         self.process.communicate()
 
     def result(self):
-        text, _ = self.process.communicate(
-            timeout=120
-        )  # longer than the replica's own timeout, which gives a reason
-        return json.loads(text)
+        # Longer than the replica's own timeout, which gives a reason.
+        return json.loads(self.process.communicate(timeout=120)[0])

@@ -3,6 +3,7 @@
 from dataclasses import fields
 
 import numpy as np
+import pytest
 
 import burrlab
 import burrlab._core as _core
@@ -38,10 +39,8 @@ def small_bone():
 
 
 def tools(burrs=1):
-    made = [
-        (burrlab.Burr(2.0), burrlab.materials["bone"]), (burrlab.Burr(1.5), burrlab.materials["pettigrew"])
-    ]  # fmt: skip
-    return made[:burrs]
+    pairs = (2.0, "bone"), (1.5, "pettigrew")
+    return [(burrlab.Burr(radius), burrlab.materials[name]) for radius, name in pairs[:burrs]]
 
 
 def path(tick, burr):
@@ -120,6 +119,13 @@ def recorded(file, *batches, **options):
     """The trace of a `record`."""
     record(file, *batches, **options)
     return burrlab.load_trace(file)
+
+
+def refused(*rows, error=ValueError):
+    """Each call of the rows (call, words) is refused in these words."""
+    for call, words in rows:
+        with pytest.raises(error, match=words):
+            call()
 
 
 def ended(session):

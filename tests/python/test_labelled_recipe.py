@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from drilled_scenes import stack
 from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
-from session_scenes import session_of
+from session_scenes import ended, session_of
 from test_stack import wrapped
 
 from burrlab import materials
@@ -93,8 +93,7 @@ def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
         assert recipe.plain() == kept
         bone, device = recipe.bone(), ScriptedDevice([0, 0.5], [(2.5, 2.4, 6), (2.5, 2.4, 4.6)])
         options = {"seed": 1, "duration": 0.5, "wall_clock": False, "watch": Watch(bone)}
-        with session_of(bone, (Burr(1.0), materials["bone"]), device, **options) as session:
-            session.wait()
+        session = ended(session_of(bone, (Burr(1.0), materials["bone"]), device, **options))
         assert {e.structure for e in session.anatomy().events if e.kind == "touch"} == touched
 
 
@@ -163,19 +162,14 @@ def test_a_kept_bone_is_the_same(
         one = recipe()
         one.check_burr(Burr(3.0))
         corners = one.grid().corners()
-        above = [*corners.mean(axis=0)[:2], corners[:, 2].max() + 1]
-        found = one.specimen(entry=above, axis=(0, 0, -1))
+        found = one.specimen(entry=[*corners.mean(axis=0)[:2], corners[:, 2].max() + 1], axis=(0, 0, -1))
         bone, masses = one.bone(), [found.bone.mass_of(i) for i in range(len(found.bone.tissues or ()))]
         return bone.digest(), found.bone.digest(), bone.mass, masses, found.made, one.notes(), one.plain()
 
     first = made()
     assert len(list(cache.iterdir())) == 1
-
-    def none(*_: object) -> None:
-        raise AssertionError("a volume is read")
-
-    monkeypatch.setattr("burrlab.bone.recipe.read_volume", none)
-    monkeypatch.setattr("burrlab.bone.recipe.labels_of", none)
+    for reader in ("read_volume", "labels_of"):
+        monkeypatch.setattr(f"burrlab.bone.recipe.{reader}", lambda *_: pytest.fail("a volume is read"))
     assert made() == first
 
 
@@ -186,11 +180,10 @@ def test_a_kept_bone_of_other_files_or_a_damaged_one_is_made_anew(cache: Path) -
         kept.write_bytes(damage(kept.read_bytes()))
         assert recipe().bone().digest() == first
     before, content = Path("ct.nrrd").stat(), Path("ct.nrrd").read_bytes()
-    inode = before.st_ino
     Path("ct.nrrd").write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
     os.utime("ct.nrrd", ns=(before.st_atime_ns, before.st_mtime_ns))
     now = Path("ct.nrrd").stat()
-    assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, inode)
+    assert (now.st_size, now.st_mtime_ns, now.st_ino) == (before.st_size, before.st_mtime_ns, before.st_ino)
     with pytest.raises(ValueError, match="compressed data"):  # its checksum is wrong by now
         recipe().bone()
     Path("ct.nrrd").unlink()

@@ -24,8 +24,7 @@ def random(spacing: tuple[float, float, float], direction: np.ndarray | None = N
 
 def grid_of(labels: LabelVolume, **changes: object) -> Volume:
     place = {"spacing": labels.spacing, "origin": labels.origin, "direction": labels.direction, **changes}
-    shape = place.pop("shape", labels.shape)
-    return Volume(np.zeros(shape), path="grid", **place)  # type: ignore[arg-type]
+    return Volume(np.zeros(place.pop("shape", labels.shape)), path="grid", **place)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("direction", [np.eye(3), TURN])
@@ -59,8 +58,9 @@ def test_the_same_grid_and_one_elsewhere() -> None:
     turned, straight = random((0.4, 0.5, 0.6), TURN), random((0.4, 0.5, 0.6))
     np.testing.assert_array_equal(turned.on(grid_of(turned)).labels, turned.labels)
     half = straight.on(grid_of(straight, origin=(4, -5, 9.0)))
-    told = "labels are the nearest of random on the voxels of grid, of which they cover 44.4 %"
-    assert half.notes[-1] == told
+    assert (
+        half.notes[-1] == "labels are the nearest of random on the voxels of grid, of which they cover 44.4 %"
+    )
     np.testing.assert_array_equal(half.labels[:4], straight.labels[5:])
     assert not half.labels[4:].any()
     corner = straight.on(grid_of(straight, origin=(8, -0.5, 10.8)))

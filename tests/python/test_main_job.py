@@ -38,8 +38,7 @@ _ARGUMENTS = {
 )
 def test_examples_run(script, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    arguments = _ARGUMENTS.get(script, [])
-    monkeypatch.setattr(sys, "argv", [script, *arguments])
+    monkeypatch.setattr(sys, "argv", [script, *_ARGUMENTS.get(script, [])])
     runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
     figures = list(tmp_path.rglob("*.png"))
     assert figures or script.startswith("session_")

@@ -5,12 +5,12 @@ import itertools
 import numpy as np
 import pytest
 from scipy import ndimage
+from session_scenes import ended, session_of
 
 import burrlab
 from burrlab.anatomy.mastoidectomy import mastoidectomy_path
 from burrlab.anatomy.target import compare_with_target
 from burrlab.bone.phantom.phantom import Phantom, temporal_bone
-from burrlab.view.pictures import plot_depth_map
 
 BURR = burrlab.Burr(3.0)
 
@@ -30,8 +30,8 @@ def sampled(path, dt: float) -> tuple[np.ndarray, np.ndarray]:
 def drill(phantom: Phantom, path) -> burrlab.VoxelBone:
     contact = burrlab.BurrContact(phantom.bone, BURR, burrlab.materials["bone"], seed=1)
     center, on = sampled(path, 2.0)
-    edges = [0, *(np.flatnonzero(np.diff(on.astype(int))) + 1), len(on)]
-    for a, b in itertools.pairwise(edges):
+    turns = np.flatnonzero(np.diff(on.astype(int))) + 1
+    for a, b in itertools.pairwise([0, *turns, len(on)]):
         contact.run(center[a:b], 2.0, bool(on[a]))
     return contact.bone
 
@@ -60,18 +60,9 @@ def test_the_turning_burr_stays_in_the_plan_or_in_the_open(phantom):
 
 def test_a_session_takes_it(phantom):
     path = mastoidectomy_path(phantom, BURR, layer=1.5, step=2.0, speed=60, depth=4.0)
-    tool = BURR, burrlab.materials["bone"]
-    with burrlab.Session(
-        phantom.bone,
-        tool,
-        path.device(),
-        seed=1,
-        clock=burrlab.Clock(wall_clock=False),
-        safety=burrlab.Safety(coupling=5.0),
-    ) as session:
-        session.wait()
-        bone, _ = session.snapshot()
-    assert compare_with_target(bone, phantom.target).overlap.sum() > 100
+    tool, options = (BURR, burrlab.materials["bone"]), {"seed": 1, "wall_clock": False, "coupling": 5.0}
+    session = ended(session_of(phantom.bone, tool, path.device(), **options))
+    assert compare_with_target(session.snapshot()[0], phantom.target).overlap.sum() > 100
 
 
 def test_depth_and_layers(phantom):
@@ -100,14 +91,3 @@ PART = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
 def test_what_is_refused(phantom, place, burr, options, told):
     with pytest.raises(ValueError, match=told):
         mastoidectomy_path(place or phantom, burr, **options)
-
-
-@pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
-def test_depth_maps_are_not_mirror_images(axis):
-    """The right of a viewer along the axis, with the map's vertical up, is the right of the map."""
-    axes = plot_depth_map(burrlab.VoxelBone.block((2, 2, 2), 0.5), axis=axis)
-    across = "xyz".index(axis[-1])
-    right, up = (k for k in range(3) if k != across)
-    sight = np.eye(3)[across] * (-1 if axis[0] == "-" else 1)
-    towards = np.cross(sight, np.eye(3)[up])
-    assert axes.xaxis_inverted() == (towards[right] < 0)

@@ -462,8 +462,7 @@ class TestRising:
     @pytest.mark.parametrize("end", [0.995, 0.999, 1.003])
     def test_steps_are_joined(self, end):
         immersion = np.linspace(0.503, end, 5000)
-        stepped = 0.01 * np.round(immersion / 0.01)
-        np.testing.assert_allclose(rising(stepped), immersion, rtol=0, atol=2e-4)
+        np.testing.assert_allclose(rising(0.01 * np.round(immersion / 0.01)), immersion, rtol=0, atol=2e-4)
 
     def test_noise_does_not_bring_a_depth_forward(self):
         immersion = np.linspace(0.5, 1.0, 20000)
@@ -501,8 +500,7 @@ class TestSegments:
     def test_agree_with_the_model(self, material, force, sample_ms, n):
         given = {"run_scatter": 0, "noise": 0, "step": 0, "sample_ms": sample_ms, "seed": 1}
         trace = synthetic_trace(BURR, material, force, **given)
-        velocity = trace.segments(n).velocity
-        np.testing.assert_allclose(velocity, by_the_model(trace, n, material), rtol=3e-3)
+        np.testing.assert_allclose(trace.segments(n).velocity, by_the_model(trace, n, material), rtol=3e-3)
 
     @pytest.mark.parametrize(
         ("trace", "n", "told"),
@@ -543,8 +541,7 @@ class TestSlopeError:
     def test_covers_the_slope(self, n, rho, covered):
         repeats = 800
         error, told = slopes(n, rho, repeats)
-        inside = int(np.count_nonzero(np.abs(error) < 1.96 * told))
-        assert inside >= binom.ppf(1e-6, repeats, covered)
+        assert np.count_nonzero(np.abs(error) < 1.96 * told) >= binom.ppf(1e-6, repeats, covered)
         # not too large either: the variance of the draws has a relative deviation of sqrt(2/repeats)
         assert np.mean(told**2) < 2 * np.mean(error**2) * (1 + 4.9 * math.sqrt(2 / repeats))
 
@@ -589,5 +586,4 @@ class TestSyntheticStatistics:
         allowed = 0.005 if force == 1.0 else 0.01
         limit = allowed + 4.9 * error.std(axis=0) / math.sqrt(repeats)
         assert (np.abs(error.mean(axis=0)) < limit).all()
-        inside = np.count_nonzero(np.abs(error) < 1.96 * told)
-        assert inside >= binom.ppf(1e-6, error.size, 0.95)
+        assert np.count_nonzero(np.abs(error) < 1.96 * told) >= binom.ppf(1e-6, error.size, 0.95)

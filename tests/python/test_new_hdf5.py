@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from session_scenes import ended, session_of, tools
 
 import burrlab
 from burrlab.common.files import new_hdf5
@@ -42,12 +43,8 @@ burrlab.save_bone(part.with_name("bone.h5"), bone)
 
 def test_a_full_disk_leaves_the_process_whole(tmp_path: Path) -> None:
     trace, part, bone = tmp_path / "trace.h5", tmp_path / "part", burrlab.VoxelBone.block((8, 8, 4), 0.2)
-    hand = burrlab.HandDevice((4.0, 4.0, 6.0))
-    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
-    with burrlab.Session(
-        bone, tool, hand, seed=1, duration=2.0, record=trace, clock=burrlab.Clock(wall_clock=False)
-    ) as session:
-        session.wait()
+    options = {"seed": 1, "duration": 2.0, "record": trace, "wall_clock": False}
+    ended(session_of(bone, tools(), burrlab.HandDevice((4.0, 4.0, 6.0)), **options))
     sizes = [str(size) for size in (0, 4096, 8192, 16384, 24576, 32768)]
     run = subprocess.run(
         [sys.executable, "-c", LIMITED, str(trace), str(part), *sizes], capture_output=True, text=True, check=False,

@@ -4,16 +4,17 @@ The tests take two seconds each; those marked slow take half a minute.
 """
 
 import random
+from functools import partial
 
 import pytest
 from replica_scenes import (
-    Dropper,
     Leader,
     Proxy,
     ReplicaProcess,
     Slower,
     TickEditor,
     cutter,
+    dropper,
     mangler,
     soon,
 )
@@ -26,6 +27,14 @@ from burrlab.session.network import follow, make_bone
 def lengths(short):
     """Lengths [ticks]: always `short`, and half a minute if slow tests run."""
     return pytest.mark.parametrize("ticks", [short, pytest.param(30_000, marks=pytest.mark.slow)])
+
+
+def finish(leader, ticks, *replicas, within=5):
+    """Ends the session at a tick; every replica hears of it."""
+    leader.run_to(ticks)
+    leader.end()
+    for replica in replicas:
+        assert replica.wait(within), replica.status
 
 
 def check_equal(leader, status, digest):
@@ -43,8 +52,7 @@ def test_replica_in_another_process(burrs, version, path, ticks):
     """The replica may use another CPU path than the leader."""
     with Leader(burrs=burrs, header_version=version) as leader:
         replica = ReplicaProcess(leader.port, cpu_path=path)
-        leader.run_to(leader.tick + ticks)  # its start may have taken longer than the log
-        leader.end()
+        finish(leader, leader.tick + ticks)  # its start may have taken longer than the log
     result = replica.result()
     check_equal(leader, result, result["digest"])
     assert result["waited"]
@@ -60,8 +68,7 @@ def test_killed_and_restarted_replica_catches_up(ticks):
             leader.run_to(int(share * ticks))
             replica.kill()
         replica = ReplicaProcess(leader.port)
-        leader.run_to(ticks)
-        leader.end()
+        finish(leader, ticks)
     result = replica.result()
     check_equal(leader, result, result["digest"])
     # Missing ticks are in the log of 10 s; otherwise bricks come.
@@ -73,15 +80,15 @@ def followed_through(pump, ticks):
     """Status of a replica that followed `ticks` through a proxy and holds the leader's bone."""
     with Leader() as leader, Proxy(leader.port, pump) as proxy:
         replica = follow("127.0.0.1", proxy.port)
-        leader.run_to(ticks)
-        leader.end()
-        assert replica.wait(20), replica.status
-    status = replica.status
-    check_equal(leader, status, replica.digest())
-    return status
+        finish(leader, ticks, replica, within=20)
+    check_equal(leader, replica.status, replica.digest())
+    return replica.status
 
 
-@pytest.mark.parametrize(("pump", "least"), [(Dropper(0.01, random.Random(1)), 1), (cutter, 2), (mangler, 2)])
+@pytest.mark.parametrize(
+    ("pump", "least"),
+    [(partial(dropper, probability=0.01, random=random.Random(1)), 1), (cutter, 2), (mangler, 2)],
+)
 @lengths(3000)
 def test_proxy_that_breaks_the_stream(pump, least, ticks):
     """The proxy drops messages, cuts the stream, or drops bytes."""
@@ -107,9 +114,7 @@ def test_corrupted_brick_is_named_and_repaired(burrs):
         replica = follow("127.0.0.1", proxy.port)
         leader.run_to(500)
         assert soon(lambda: replica.status["divergences"])
-        leader.run_to(1500)
-        leader.end()
-        assert replica.wait(5)
+        finish(leader, 1500, replica)
     status = replica.status
     (found,) = status["divergences"]
     assert (found["what"], found["exact"], found["tick"] % 100) == ("digest", True, 0)
@@ -138,11 +143,9 @@ def test_corruption_under_the_burr_is_found_by_its_force():
     ):
         replica = follow("127.0.0.1", proxy.port)
         assert soon(lambda: replica.status["divergences"])
-        leader.end()
-        assert replica.wait(5)
+        finish(leader, 0, replica)
     status = replica.status
-    found = status["divergences"][0]
-    assert found["what"].endswith("of burr 0")
+    assert status["divergences"][0]["what"].endswith("of burr 0")
     assert status["differing_ticks"] >= 1
     assert replica.digest() == leader.digest
 
@@ -151,9 +154,7 @@ def test_out_of_the_log_it_is_given_bricks():
     with Leader(log=0.2) as leader:
         leader.run_to(1500)
         replica = follow("127.0.0.1", leader.port)
-        leader.run_to(2000)
-        leader.end()
-        assert replica.wait(5)
+        finish(leader, 2000, replica)
     check_equal(leader, replica.status, replica.digest())
     assert replica.status["by_bricks"] >= 1
 
@@ -164,8 +165,7 @@ def test_bricks_are_there_after_the_end():
         late = _core.Replica("127.0.0.1", leader.port)
         assert late.fetch_hello()
         leader.run_to(1000)
-        waiting_proxy = Proxy(leader.port, Slower(40_000))
-        with waiting_proxy as proxy:
+        with Proxy(leader.port, Slower(40_000)) as proxy:
             slow = follow("127.0.0.1", proxy.port)  # keeps the leader's end from finishing at once
             leader.loop.stop()
             leader.follower.stop()
@@ -190,12 +190,10 @@ def test_slow_replica_is_cut_off_and_comes_back(ticks):
         proxy.pump.rate = 1e9
         # Leaders that end await a lost replica for 3 s. A busy machine may tell it of its cut later.
         assert soon(lambda: slow.status["tick"] >= ticks), slow.status
-        leader.end()
-        assert slow.wait(20)
-        assert quick.wait(20)
+        finish(leader, ticks, slow, quick, within=20)
     assert leader.publisher.status["cut_off"] >= 1
-    check_equal(leader, quick.status, quick.digest())
-    check_equal(leader, slow.status, slow.digest())
+    for replica in (quick, slow):
+        check_equal(leader, replica.status, replica.digest())
     assert slow.status["faults"] >= 1
     assert slow.status["by_bricks"] + slow.status["by_ticks"] >= 1
 
@@ -207,9 +205,7 @@ def test_rebuilt_follower_sends_bricks():
         leader.run_to(500)
         leader.follower.ask_rebuild()
         assert soon(lambda: leader.follower.status["rebuilds"] == 1)
-        leader.run_to(1500)
-        leader.end()
-        assert replica.wait(5)
+        finish(leader, 1500, replica)
     assert replica.digest() == leader.digest == leader.executor.bone.digest()
     assert leader.follower.status["differing"] == 0
 

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab.bone.header import Header, medical, plain_name
+from burrlab.bone.header import Header, itk_image, medical, plain_name
 from burrlab.bone.image import Array, Volume, checked_direction, point_text
 from burrlab.common.check import DEFLATE, check_memory, refuse
 from burrlab.common.files import check_folder, new_folder
@@ -89,42 +89,35 @@ def read_dicom(
     _check_alike(slices, where)
     turn = np.column_stack([slices[0].rows, slices[0].columns])
     direction = checked_direction(np.column_stack([turn, np.cross(*turn.T)]), where, _FOUR_DIGITS)
+    slices.sort(key=lambda s: float(s.position @ direction[:, 2]))
     along = np.array([s.position @ direction[:, 2] for s in slices])
-    order = np.argsort(along, kind="stable")
-    slices, along = [slices[i] for i in order], along[order]
-    apart = _distance(slices, along, where)
+    spacing = np.array([*slices[0].spacing, _distance(slices, along, where)])
     _check_straight(slices, direction, where)
-    columns, rows = slices[0].size
-    spacing = np.array([*slices[0].spacing, apart])
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
-    values = np.stack([_values(s, (rows, columns)) for s in slices])
-    notes = _notes(slices, others)
+    values = np.stack([_values(s) for s in slices])
     files = tuple(s.name for s in slices)
-    return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values
+    place = (spacing, slices[0].position, direction)
+    return Header(values.shape, *place, _notes(slices, others), files=files), values
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
     """Notes on slices that may be missing although the positions are regular, and on files left out."""
-    notes = []
-    numbers = sorted({s.number for s in slices if s.number is not None})
-    if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
-        absent = numbers[-1] - numbers[0] + 1 - len(numbers)
-        notes.append(
-            f"the slices are numbered {numbers[0]} to {numbers[-1]}, of which {absent} are absent: slices "
-            "may be missing"
-        )
-    stated_count = max((s.images or 0 for s in slices), default=0)
-    if stated_count > len(slices):
-        notes.append(
-            f"the DICOM headers count {stated_count} images in the acquisition, {len(slices)} are there: slices may "
-            "be missing"
-        )
-    if others:
-        first = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
-        notes.append(
-            f"{len(others)} file{'s' * (len(others) > 1)} of the folder left out, as no DICOM: {first}"
-        )
-    return tuple(notes)
+    numbers = {s.number for s in slices if s.number is not None}
+    low, high = min(numbers, default=0), max(numbers, default=0)
+    absent = high - low + 1 - len(numbers)
+    stated_count = max(s.images or 0 for s in slices)
+    first = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
+    notes = {
+        f"the slices are numbered {low} to {high}, of which {absent} are absent: slices may be missing": (
+            len(numbers) == len(slices) and absent > 0
+        ),
+        f"the DICOM headers count {stated_count} images in the acquisition, {len(slices)} are there: slices may be "
+        "missing": stated_count > len(slices),
+        f"{len(others)} file{'s' * (len(others) > 1)} of the folder left out, as no DICOM: {first}": bool(
+            others
+        ),
+    }
+    return tuple(note for note, due in notes.items() if due)
 
 
 def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple[list[str], list[str]]:
@@ -171,11 +164,11 @@ def dataset(name: str) -> Any:
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         attributes: Any = pydicom.dcmread(io.BytesIO(content), force=True)
-        raw = [item for item in map(attributes.get_item, attributes.keys()) if item.is_raw]
-        whole = all(
-            item.length in (_OPEN, len(item.value or b"")) for item in raw
-        )  # GDCM allocates the length that an element states
-        if whole and isinstance(attributes.get_item("PixelData").value, bytes):
+        raw = [element for element in map(attributes.get_item, attributes.keys()) if element.is_raw]
+        # GDCM allocates the length that an element states.
+        if all(element.length in (_OPEN, len(element.value or b"")) for element in raw) and isinstance(
+            attributes.get_item("PixelData").value, bytes
+        ):
             return attributes
     raise ValueError(f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image")
 
@@ -305,15 +298,14 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
 
 def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
     way = slices[-1].position - slices[0].position
-    aside = way - (way @ direction[:, 2]) * direction[:, 2]
-    shift = float(np.linalg.norm(aside))
+    along = float(way @ direction[:, 2])
+    shift = float(np.linalg.norm(way - along * direction[:, 2]))
     pixel = float(np.nanmin(slices[0].spacing)) if np.any(np.isfinite(slices[0].spacing)) else 1.0
-    if shift > STRAIGHT * pixel:
-        tilt = np.degrees(np.arctan2(shift, abs(float(way @ direction[:, 2]))))
-        raise ValueError(
-            f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm "
-            "sideways from the first to the last; sheared volumes are not supported"
-        )
+    refuse(
+        shift > STRAIGHT * pixel,
+        f"{where}: the slices are sheared, by a gantry tilt of {math.degrees(math.atan2(shift, abs(along))):.3g} "
+        f"degrees: {shift:.3g} mm sideways from the first to the last; sheared volumes are not supported",
+    )
 
 
 def _size(part: _Slice) -> int:
@@ -347,7 +339,7 @@ def _check_whole(part: _Slice) -> None:
     )
 
 
-def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
+def _values(part: _Slice) -> NDArray[Any]:
     import SimpleITK as sitk
 
     _check_whole(part)
@@ -356,8 +348,10 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
             values = np.asarray(sitk.GetArrayFromImage(sitk.ReadImage(part.name, imageIO="GDCMImageIO")))
     except RuntimeError:
         values = np.empty(0)
-    refuse(values.size != math.prod(shape), f"{part.name}: the pixel data of the slice cannot be read whole")
-    return values.reshape(shape)
+    refuse(
+        values.size != math.prod(part.size), f"{part.name}: the pixel data of the slice cannot be read whole"
+    )
+    return values.reshape(part.size[::-1])
 
 
 @contextlib.contextmanager
@@ -380,9 +374,8 @@ def _listening(name: str) -> Iterator[None]:
             stderr.value = before
             libc.fflush(memory)
             message = ctypes.string_at(text, size.value) if size.value else b""
-    if message:
-        first = message.decode("utf-8", "replace").splitlines()[0]
-        raise ValueError(f"{name}: the pixel data of the slice is damaged ({first[:200]})")
+    first = "".join(message.decode("utf-8", "replace").splitlines()[:1])
+    refuse(message, f"{name}: the pixel data of the slice is damaged ({first[:200]})")
 
 
 @functools.cache
@@ -467,15 +460,12 @@ def write_slices(folder: Path, volume: Volume) -> None:
     writer.KeepOriginalImageUIDOn()
     try:
         for k, pixels in enumerate(volume.values):
-            image = sitk.GetImageFromArray(np.ascontiguousarray(pixels[None]))
-            image.SetSpacing(volume.spacing.tolist())
-            image.SetOrigin((volume.origin + volume.patient_point((0, 0, k * volume.spacing[2]))).tolist())
-            image.SetDirection(volume.direction.ravel().tolist())
             of_slice = {"0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
-            for tag, value in {**shared, **of_slice}.items():
-                image.SetMetaData(tag, value)
+            origin = volume.origin + volume.patient_point((0, 0, k * volume.spacing[2]))
             writer.SetFileName(str(folder / slice_name(k)))
-            writer.Execute(image)
+            writer.Execute(
+                itk_image(np.ascontiguousarray(pixels[None]), volume, origin, {**shared, **of_slice})
+            )
     except RuntimeError as error:
         raise OSError(
             errno.EIO, "the slices cannot be written (is the disk full?)", os.fspath(folder)

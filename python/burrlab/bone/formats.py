@@ -23,10 +23,12 @@ from burrlab.bone.header import (
     LPS_ASSUMED,
     Header,
     Storage,
+    itk_image,
     medical,
     meta_header,
     nifti_header,
     nrrd_header,
+    numbers_in,
     plain_name,
     settled_spacing,
     three_sizes,
@@ -172,13 +174,15 @@ def _read(
             f"{', '.join(suffix for known in FORMATS for suffix in known.suffixes)}"
         )
     header, layout = file_format.read(name)
-    header = _noted(header, name)
+    if any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
+        note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
+        header = replace(header, notes=(*header.notes, note))
     checked_direction(header.direction, name)
     settled_spacing(header, spacing, name)
     if header.layers > most:
         three_sizes([header.layers, *header.shape[::-1]], name)
-    layers = (header.layers,) if header.layers > 1 else ()
-    return name, header, _read_values(layout, (*header.shape, *layers), name)
+    shape = (*header.shape, header.layers) if header.layers > 1 else header.shape
+    return name, header, _read_values(layout, shape, name)
 
 
 def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]:
@@ -231,8 +235,8 @@ def _bytes(at: Storage, path: Path, size: int, name: str) -> NDArray[np.uint8]:
             warnings.simplefilter("error")
             if at.encoding == "hex":
                 return np.frombuffer(bytes.fromhex(text.decode("latin-1")), np.uint8)
-            numbers = np.fromstring(text.replace(b",", b" "), at.kind, size // at.kind.itemsize, sep=" ")
-            return numbers.view(np.uint8)
+            count = size // at.kind.itemsize
+            return np.fromstring(text.replace(b",", b" "), at.kind, count, sep=" ").view(np.uint8)
     except (ValueError, DeprecationWarning) as error:
         raise ValueError(f"{name}: the values are cut short, or no numbers ({error})") from None
 
@@ -280,19 +284,10 @@ def write_volume(
 _ASSUMED, _NIFTI_NOTES = "burrlab_orientation", "ITK_FileNotes"
 
 
-def _noted(header: Header, name: str) -> Header:
-    """The header, with a note if burrlab wrote the file and assumed its orientation."""
-    if not any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
-        return header
-    note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
-    return replace(header, notes=(*header.notes, note))
-
-
 def ending_of(target: Path, endings: str) -> str:
     """Ending of a path, one of `ENDINGS`; ValueError, which names the endings `endings`, for another."""
-    ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
-    if ending is None:
-        raise ValueError(f"path must end in {endings}, got {target}")
+    ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), "")
+    refuse(not ending, f"path must end in {endings}, got {target}")
     return ending
 
 
@@ -345,12 +340,7 @@ def _head(
     """What stands before the values: as ITK writes it for few voxels, with the volume's sizes."""
     import SimpleITK as sitk
 
-    image = sitk.GetImageFromArray(np.zeros((2, 2, 2), kind))
-    image.SetSpacing(volume.spacing.tolist())
-    image.SetOrigin(volume.origin.tolist())
-    image.SetDirection(volume.direction.ravel().tolist())
-    for key, text in fields.items():
-        image.SetMetaData(key, text)
+    image = itk_image(np.zeros((2, 2, 2), kind), volume, volume.origin, fields)
     sitk.WriteImage(image, str(part), useCompression=packed)
     content, sizes = part.read_bytes(), volume.shape[::-1]
     if part.name.endswith((".nii", ".nii.gz")):
@@ -417,12 +407,15 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
     -----
     Source of the format: 3D Slicer's developer guide, "Segmentation labelmap file format (.seg.nrrd)".
     """
-    segments = []
-    for i, parts in sorted(_parts(fields).items()):
-        name = parts.get("Name", parts.get("ID", f"segment {i}"))
-        label = _whole(f"Segment{i}_LabelValue", parts.get("LabelValue", "1"), 2**31 - 1)
-        layer = _whole(f"Segment{i}_Layer", parts.get("Layer", str(i) if layers > 1 else "0"), layers - 1)
-        segments.append(Segment(name, label, layer, _colour(f"Segment{i}_Color", parts.get("Color"))))
+    segments = [
+        Segment(
+            parts.get("Name", parts.get("ID", f"segment {i}")),
+            _whole(f"Segment{i}_LabelValue", parts.get("LabelValue", "1"), 2**31 - 1),
+            _whole(f"Segment{i}_Layer", parts.get("Layer", str(i) if layers > 1 else "0"), layers - 1),
+            _colour(f"Segment{i}_Color", parts.get("Color")),
+        )
+        for i, parts in sorted(_parts(fields).items())
+    ]
     places: dict[tuple[int, int], Segment] = {}
     for segment in segments:
         other = places.setdefault((segment.layer, segment.label), segment)
@@ -521,13 +514,9 @@ def merged(
                     f"{first}: export the segmentation as a label map"
                 )
             labels[here] = label
-    names = {label: segment.name for label, segment in zip(numbers, segments, strict=True)}
-    colours = {
-        label: segment.colour
-        for label, segment in zip(numbers, segments, strict=True)
-        if segment.colour is not None
-    }
-    return labels, names, colours, notes
+    pairs = list(zip(numbers, segments, strict=True))
+    colours = {label: segment.colour for label, segment in pairs if segment.colour is not None}
+    return labels, {label: segment.name for label, segment in pairs}, colours, notes
 
 
 def _whole(key: str, text: str, most: int) -> int:
@@ -542,12 +531,8 @@ def _whole(key: str, text: str, most: int) -> int:
 def _colour(key: str, text: str | None) -> Colour | None:
     if text is None:
         return None
-    try:
-        red, green, blue = (float(part) for part in text.split())
-    except ValueError:
-        red = green = blue = -1.0
-    refuse(
-        not all(0.0 <= part <= 1.0 for part in (red, green, blue)),
-        f"{key} must be three numbers from 0 to 1, got {text!r}",
-    )
-    return round(255 * red), round(255 * green), round(255 * blue)
+    rule = f"{key} must be three numbers from 0 to 1, got {text!r}"
+    channels = numbers_in(text, rule)
+    refuse(len(channels) != 3 or not np.all((channels >= 0) & (channels <= 1)), rule)
+    red, green, blue = (round(255 * float(channel)) for channel in channels)
+    return red, green, blue

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from burrlab.bone.image import Array
+from burrlab.bone.image import Array, LabelVolume, Volume, point_text
 from burrlab.bone.specimen import checked_spacing
 from burrlab.common.check import refuse, shown
 
@@ -68,11 +68,10 @@ class Header:
     files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        note = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
         with np.errstate(all="ignore"):  # `checked_direction` refuses values that are not finite
-            mirrored = np.linalg.det(self.direction) < 0
-        if mirrored:
-            note = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
-            object.__setattr__(self, "notes", (*self.notes, note))
+            if np.linalg.det(self.direction) < 0:
+                object.__setattr__(self, "notes", (*self.notes, note))
 
 
 @dataclass(frozen=True)
@@ -113,31 +112,44 @@ def plain_name(name: str) -> str:
     return name
 
 
-def medical(module: str, what: str) -> Any:
+def medical(module: str, what: str, usual_name: str = "") -> Any:
     """A library of the extra `medical`; ImportError if it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise ImportError(f"{what} needs {module}: pip install 'burrlab[medical]'") from error
+        raise ImportError(f"{what} needs {usual_name or module}: pip install 'burrlab[medical]'") from error
+
+
+def itk_image(
+    values: NDArray[Any], volume: Volume | LabelVolume, origin: Array, texts: Mapping[str, str]
+) -> Any:
+    """Values as an image of SimpleITK, with the spacing and direction of a volume, and texts of a header."""
+    image = medical("SimpleITK", "writing volumes").GetImageFromArray(values)
+    image.SetSpacing(volume.spacing.tolist())
+    image.SetOrigin(origin.tolist())
+    image.SetDirection(volume.direction.ravel().tolist())
+    for key, text in texts.items():
+        image.SetMetaData(key, text)
+    return image
 
 
 def settled_spacing(header: Header, spacing: float | ArrayLike | None, name: str) -> Array:
     """Spacing of the file, or the given one if it has none; ValueError if both lack it or they differ."""
     missing = ~(np.isfinite(header.spacing) & (header.spacing > 0))
     if spacing is None:
-        if missing.any():
-            axes = ", ".join(axis for axis, lost in zip("xyz", missing, strict=True) if lost)
-            raise ValueError(
-                f"{name}: the file does not say the voxel spacing along {axes}; it must be given: "
-                "spacing=(x, y, z) [mm]"
-            )
+        axes = ", ".join(axis for axis, lost in zip("xyz", missing, strict=True) if lost)
+        refuse(
+            axes,
+            f"{name}: the file does not say the voxel spacing along {axes}; it must be given: "
+            "spacing=(x, y, z) [mm]",
+        )
         return header.spacing
     wanted = checked_spacing(spacing)
-    if not np.allclose(header.spacing[~missing], wanted[~missing], rtol=1e-4, atol=0):
-        file_spacing = ", ".join(f"{s:g}" for s in header.spacing)
-        raise ValueError(
-            f"{name}: spacing must be that of the file, ({file_spacing}) mm, where the file has one, got {spacing!r}"
-        )
+    refuse(
+        not np.allclose(header.spacing[~missing], wanted[~missing], rtol=1e-4, atol=0),
+        f"{name}: spacing must be that of the file, {point_text(header.spacing)} mm, where the file has one, got "
+        f"{spacing!r}",
+    )
     return np.where(missing, wanted, header.spacing)
 
 
@@ -155,12 +167,11 @@ def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
 
 def _chosen(choices: Mapping[str, Choice], word: str, rule: str) -> Choice:
     """What a word of a header stands for; ValueError with the rule and the word if it stands for nothing."""
-    if word not in choices:
-        raise ValueError(f"{rule}, got {shown(word)}")
+    refuse(word not in choices, f"{rule}, got {shown(word)}")
     return choices[word]
 
 
-def _numbers(text: str, sentence: str, separator: str | None = None) -> Array:
+def numbers_in(text: str, sentence: str, separator: str | None = None) -> Array:
     """The numbers in a field of a header; ValueError with the sentence if it holds anything else."""
     try:
         return np.array([float(number) for number in text.split(separator)])
@@ -263,12 +274,9 @@ def nrrd_header(name: str) -> tuple[Header, Storage]:
         f"{' x '.join(map(shown, sizes))}",
     )
     shape, notes = three_sizes([sizes[i] for i in spatial], name), list[str]()
-    spacing, direction, origin = _nrrd_place(
-        fields, [vectors[i] for i in spatial] if vectors else [], spatial, name, notes
-    )
+    place = _nrrd_place(fields, [vectors[i] for i in spatial] if vectors else [], spatial, name, notes)
     custom_keys = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # ITK obeys these
-    header = Header(shape, spacing, origin, direction, tuple(notes), custom_keys, layers)
-    return header, _nrrd_layout(fields, end, name)
+    return Header(shape, *place, tuple(notes), custom_keys, layers), _nrrd_layout(fields, end, name)
 
 
 def _spatial_axes(sizes: list[int], kinds: list[str], vectors: list[Any]) -> list[int]:
@@ -282,7 +290,7 @@ def _spatial_axes(sizes: list[int], kinds: list[str], vectors: list[Any]) -> lis
 def _nrrd_place(
     fields: dict[str, str], vectors: list[Any], spatial: list[int], name: str, notes: list[str]
 ) -> tuple[Array, Array, Array]:
-    """Spacing, direction and origin; what is assumed is added to the notes."""
+    """Spacing, origin and direction; what is assumed is added to the notes."""
     turn = np.ones(3)
     if vectors or "space origin" in fields:
         space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
@@ -300,13 +308,13 @@ def _nrrd_place(
         notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
     if (origin_text := fields.get("space origin")) is None:
         notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
-        return spacing, direction, np.zeros(3)
+        return spacing, np.zeros(3), direction
     origin = _vector(origin_text, name)
     refuse(
         origin.shape != (3,) or not np.all(np.isfinite(origin)),
         f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(origin_text)}",
     )
-    return spacing, direction, turn * origin
+    return spacing, turn * origin, direction
 
 
 def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
@@ -336,8 +344,7 @@ def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
                 key = _SYNONYMS.get(key, key)
                 if key == "data file" and value.startswith("LIST"):
                     value += "\n" + file.read(1 << 24).decode("utf-8", "replace")
-                if key in fields:
-                    raise ValueError(f"{name}: {shown(key)} must be once in the NRRD header, got it twice")
+                refuse(key in fields, f"{name}: {shown(key)} must be once in the NRRD header, got it twice")
                 fields[key] = value
             refuse(
                 len(fields) + len(keys) > 100_000 or file.tell() > 1 << 26,
@@ -347,8 +354,11 @@ def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
 
 
 def _vector(text: str, name: str) -> Array:
-    sentence = f"{name}: cannot be read as a volume: {shown(text)} in the NRRD header is no vector"
-    return _numbers(text.strip("() "), sentence, ",")
+    return numbers_in(
+        text.strip("() "),
+        f"{name}: cannot be read as a volume: {shown(text)} in the NRRD header is no vector",
+        ",",
+    )
 
 
 def _unit(text: str | None, name: str) -> float:
@@ -366,7 +376,7 @@ def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Arr
     if (text := fields.get("spacings")) is None:
         return np.full(3, np.nan)
     sentence = f"{name}: cannot be read as a volume: spacings of the NRRD header are {shown(text)}"
-    every = _numbers(text, sentence)
+    every = numbers_in(text, sentence)
     refuse(len(every) <= max(spatial), sentence)
     spacings = every[spatial]
     _check_not_negative(spacings, f"{name}: spacings of the NRRD header")
@@ -419,19 +429,21 @@ def meta_header(name: str) -> tuple[Header, Storage]:
     """Header and layout of a MetaImage file; ValueError if the header cannot be read."""
     fields, end = _meta_fields(plain_name(name))
 
-    def numbers(*keys: str, default: list[float] | None = None) -> Array:
+    def numbers(default: list[float], *keys: str) -> Array:
         """Numbers of the first of these fields that the header has."""
-        key = next((key for key in keys if key in fields), None)
-        if key is None and default is not None:
-            return np.array(default)
-        if key is None:
-            raise ValueError(f"{name}: cannot be read as a volume: the MetaImage header has no {keys[0]}")
-        sentence = (
-            f"{name}: cannot be read as a volume: {key} of the MetaImage header is {shown(fields[key])}"
-        )
-        return _numbers(fields[key], sentence)
+        for key in keys:
+            if key in fields:
+                where = f"{name}: cannot be read as a volume: {key} of the MetaImage header is"
+                return numbers_in(fields[key], f"{where} {shown(fields[key])}")
+        return np.array(default)
 
-    sizes, needs = numbers("DimSize"), f"{name}: a volume needs three dimensions and one value a voxel, got"
+    refuse(
+        "DimSize" not in fields, f"{name}: cannot be read as a volume: the MetaImage header has no DimSize"
+    )
+    sizes, needs = (
+        numbers([], "DimSize"),
+        f"{name}: a volume needs three dimensions and one value a voxel, got",
+    )
     refuse(
         not np.all(np.isfinite(sizes) & (sizes == np.rint(sizes))),
         f"{name}: DimSize must hold whole numbers, got {fields['DimSize'][:100]}",
@@ -446,19 +458,21 @@ def meta_header(name: str) -> tuple[Header, Storage]:
         (channels := fields.get("ElementNumberOfChannels", "1")) != "1", f"{needs} {channels[:100]} values"
     )
     shape, notes = three_sizes([int(size) for size in sizes], name), []
-    units = {**MILLIMETRES, "?": 1.0}
-    rule = f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}"
-    scale = _chosen(units, fields.get("DistanceUnits", "mm").lower(), rule)
-    spacing = scale * numbers("ElementSpacing", "ElementSize", default=[np.nan] * n)[:3]
+    scale = _chosen(
+        {**MILLIMETRES, "?": 1.0},
+        fields.get("DistanceUnits", "mm").lower(),
+        f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}",
+    )
+    spacing = scale * numbers([np.nan] * n, "ElementSpacing", "ElementSize")[:3]
     _check_not_negative(spacing, f"{name}: ElementSpacing of the MetaImage header")
-    matrix = numbers("TransformMatrix", "Rotation", "Orientation", default=[])
+    matrix = numbers([], "TransformMatrix", "Rotation", "Orientation")
     if len(matrix) == 0:
         if fields.get("AnatomicalOrientation") != "RAI":  # MetaImage names where axes begin: RAI is LPS
             notes.append(f"the MetaImage header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
         matrix = np.eye(n).ravel()
     for key, quantities, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
         refuse(len(quantities) != count, f"{name}: {key} must hold {count} numbers, got {len(quantities)}")
-    origin = numbers("Offset", "Position", "Origin", default=[])
+    origin = numbers([], "Offset", "Position", "Origin")
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(n)
@@ -494,9 +508,11 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
 def _meta_layout(fields: dict[str, str], end: int, name: str) -> Storage:
     rule = f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}"
     kind = np.dtype(_chosen(_META_KINDS, fields.get("ElementType", ""), rule))
-    big = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False"))
-    switches = [fields.get("BinaryData", "True"), fields.get("CompressedData", "False"), big]
-    binary, packed, big_endian = (text[:1].lower() in ("t", "1") for text in switches)
+    switches = {"ElementByteOrderMSB": "False", "BinaryData": "True", "CompressedData": "False", **fields}
+    binary, packed, big_endian = (
+        switches.get(key, switches["ElementByteOrderMSB"])[:1].lower() in ("t", "1")
+        for key in ("BinaryData", "CompressedData", "BinaryDataByteOrderMSB")
+    )
     local, size = fields[_LAST].upper() == "LOCAL", fields.get("CompressedDataSize", "none")
     before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
     refuse(before < 0 and (packed or not binary), f"{name}: HeaderSize of -1 goes with raw values")
@@ -543,12 +559,11 @@ def nifti_header(name: str) -> tuple[Header, Storage]:
     pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
     shape = three_sizes(list(at["dim"][1 : at["dim"][0] + 1]), name)
-    kind = _NIFTI_KINDS.get(at["datatype"][0])
-    if kind is None:
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype "
-            f"{at['datatype'][0]}"
-        )
+    kind = _NIFTI_KINDS.get(at["datatype"][0], "")
+    refuse(
+        not kind,
+        f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype {at['datatype'][0]}",
+    )
     slope, inter = at["scale"]
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
         slope, inter = 1.0, 0.0
@@ -557,12 +572,11 @@ def nifti_header(name: str) -> tuple[Header, Storage]:
     layout = Storage(
         np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
     )
-    spacing, origin, direction, notes = _nifti_place(at, shape, name)
     texts = {  # ITK refuses to write a text that does not end in a zero byte
         key: at[field][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore")
         for key, field in _KEPT_NIFTI.items()
     }
-    return Header(shape, spacing, origin, direction, notes, texts), layout
+    return Header(shape, *_nifti_place(at, shape, name), texts), layout
 
 
 def _is_packed(path: str) -> bool:
@@ -584,9 +598,9 @@ def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
         magic = content[344:347] if version == 1 else content[4:7]
         if not version or magic not in (b"n+%d" % version, b"ni%d" % version) or len(content) < size:
             continue
-        places = {key: both[version - 1] for key, both in _NIFTI_FIELDS.items()}
         at: dict[str, Any] = {
-            k: struct.unpack_from(order + kind, content, n) for k, (kind, n) in places.items()
+            key: struct.unpack_from(order + places[version - 1][0], content, places[version - 1][1])
+            for key, places in _NIFTI_FIELDS.items()
         }
         apart, offset = magic[:2] == b"ni", at["offset"][0]
         if version == 1:
@@ -620,23 +634,20 @@ def _nifti_place(
         )
         lengths, direction = _unit_columns(s[:, :3])
         lengths, origin = scale * lengths, scale * s[:, 3]
-        off = np.abs(lengths - spacing) > _AGREE * lengths
-        if np.any(off) or not np.all(lengths > 0):
-            by_sform, by_pixdim = (
-                f"({', '.join(f'{v:g}' for v in values)}) mm" for values in (lengths, spacing)
-            )
-            raise ValueError(f"{name}: spacing by sform, {by_sform}, and by pixdim, {by_pixdim}, must agree")
+        refuse(
+            np.any(np.abs(lengths - spacing) > _AGREE * lengths) or not np.all(lengths > 0),
+            f"{name}: spacing by sform, {point_text(lengths)} mm, and by pixdim, {point_text(spacing)} mm, must agree",
+        )
         spacing = lengths
-        far = (np.array(shape[::-1]) - 1) * spacing
-        ends = [far * bits for bits in np.ndindex(2, 2, 2)]
+        ends = (np.array(shape[::-1]) - 1) * spacing * list(np.ndindex(2, 2, 2))
         apart = [
             np.linalg.norm((q_origin + q @ end) - (origin + direction @ end)) for end in ends if q_code > 0
         ]
-        if max(apart, default=0.0) > 0.1 * spacing.min():
-            raise ValueError(
-                f"{name}: qform and sform of the NIfTI header place the volume differently, by up to "
-                f"{max(apart):.3g} mm; set the code of the one that is wrong to 0"
-            )
+        refuse(
+            (most := max(apart, default=0.0)) > 0.1 * spacing.min(),
+            f"{name}: qform and sform of the NIfTI header place the volume differently, by up to {most:.3g} mm; set "
+            "the code of the one that is wrong to 0",
+        )
     elif q_code <= 0:
         notes.append(
             f"the NIfTI header says no orientation (qform and sform code 0): {LPS_ASSUMED}, voxel axes along "

@@ -98,10 +98,12 @@ class OnGrid(ABC):
         """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if it is wrong."""
         read_only = voxels.view()
         read_only.flags.writeable = False
-        object.__setattr__(self, self._ARRAY, read_only)
-        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
-        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
-        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
+        grid = {
+            "spacing": checked_spacing(self.spacing),
+            "origin": checked_point(self.origin, f"{self.path}: origin"),
+            "direction": checked_direction(self.direction, self.path),
+        }
+        self.__dict__.update({self._ARRAY: read_only, **grid})
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -148,8 +150,9 @@ class OnGrid(ABC):
 
     def corners(self) -> Array:
         """Centres of the eight corner voxels in the volume's own coordinates, shape (8, 3) [mm]."""
-        ends = np.array(self.shape[::-1]) - 1
-        return np.asarray(self.origin + (_ENDS * ends * self.spacing) @ self.direction.T)
+        return np.asarray(
+            self.origin + (_ENDS * (np.array(self.shape[::-1]) - 1) * self.spacing) @ self.direction.T
+        )
 
     def crop(self, low: Vector, high: Vector) -> Self:
         """The part of the volume whose voxel centres lie in a box.
@@ -175,10 +178,11 @@ class OnGrid(ABC):
             f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to "
             f"{tuple(stop)}",
         )
-        cropped = self.voxels[tuple(slice(a, b) for a, b in box)]
-        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
-        note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
-        return self._moved(cropped, note, origin=origin)
+        return self._moved(
+            self.voxels[tuple(slice(a, b) for a, b in box)],
+            f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}",
+            origin=self.origin + self.patient_point(np.array(start[::-1]) * self.spacing),
+        )
 
     @doing("resampling a volume")
     def resample(self, spacing: float | ArrayLike) -> Self:
@@ -209,9 +213,12 @@ class OnGrid(ABC):
         new = checked_spacing(spacing)
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
             return self
-        note = f"grey values resampled from {_times(self.spacing)} mm"
-        voxels = self._resampling(self.voxels, self.spacing, new)
-        return self._moved(voxels, note, spacing=new, origin=self._origin_at(new))
+        return self._moved(
+            self._resampling(self.voxels, self.spacing, new),
+            f"grey values resampled from {_times(self.spacing)} mm",
+            spacing=new,
+            origin=self._origin_at(new),
+        )
 
     def _origin_at(self, spacing: Array) -> Array:
         """Centre of the first voxel of another grid that begins at the same corner."""
@@ -257,9 +264,12 @@ def _difference(first: OnGrid, second: OnGrid) -> str | None:
 
 def grid_of_bone(bone: VoxelBone, like: OnGrid) -> "LabelVolume":
     """The voxels of a bone, all with label 0, in the coordinates of a volume with the same axes."""
-    zeros = np.broadcast_to(np.uint8(0), bone.shape)
     return LabelVolume(
-        zeros, np.array(bone.spacing), like.patient_point(bone.origin), like.direction, "the bone"
+        np.broadcast_to(np.uint8(0), bone.shape),
+        np.array(bone.spacing),
+        like.patient_point(bone.origin),
+        like.direction,
+        "the bone",
     )
 
 
@@ -283,8 +293,7 @@ def resampled_shape(
     `work` is the memory needed besides, in bytes per old voxel.
     """
     with np.errstate(over="ignore"):
-        sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
-        counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
+        counts = np.maximum(np.ceil(np.array(shape, dtype=float) * old[::-1] / new[::-1] - _WHOLE), 1.0)
         voxels = float(np.prod(counts))
     refuse(
         not voxels <= MOST_VOXELS,
@@ -349,11 +358,11 @@ def resample_linear(
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
     """Labels (z, y, x) of the old voxels at the centres of the new ones; on a face, of the lower voxel."""
-    shape = resampled_shape(labels.shape, old, new)
-    places = []
-    for axis in range(3):
-        center = (np.arange(shape[axis]) + 0.5) * (new[2 - axis] / old[2 - axis])
-        places.append(np.clip(np.ceil(center - 1e-9) - 1, 0, labels.shape[axis] - 1).astype(int))
+    sizes = zip(labels.shape, resampled_shape(labels.shape, old, new), (new / old)[::-1], strict=True)
+    places = [
+        np.clip(np.ceil((np.arange(count) + 0.5) * ratio - 1e-9) - 1, 0, side - 1).astype(int)
+        for side, count, ratio in sizes
+    ]
     return np.asarray(labels[np.ix_(*places)])
 
 
@@ -368,8 +377,7 @@ def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) 
         total = np.zeros((old + 1, *moved.shape[1:]))
         np.cumsum(moved, axis=0, out=total[1:], dtype=np.float64)
         at_edge = total[whole] + part * (total[whole + 1] - total[whole])
-        means = np.diff(at_edge, axis=0) / np.diff(edges).reshape(-1, 1, 1)
-        averages[rows] = np.moveaxis(means, 0, axis)
+        averages[rows] = np.moveaxis(np.diff(at_edge, axis=0) / np.diff(edges).reshape(-1, 1, 1), 0, axis)
     return averages
 
 
@@ -446,8 +454,7 @@ class OccupancyMap:
             not all(0.0 <= o <= 1.0 for o in occupancies),
             f"map must have occupancies within 0 to 1, got {occupancies}",
         )
-        object.__setattr__(self, "greys", greys)
-        object.__setattr__(self, "occupancies", occupancies)
+        self.__dict__.update(greys=greys, occupancies=occupancies)
 
     @classmethod
     def two_point(cls, empty: float, solid: float) -> "OccupancyMap":
@@ -512,11 +519,10 @@ class OccupancyMap:
         values = np.asarray(values)
         if values.dtype.kind in "iu" and values.dtype.itemsize <= 2:  # a look-up table is faster
             least = int(np.iinfo(values.dtype).min)
-            whole = np.arange(least, int(np.iinfo(values.dtype).max) + 1, dtype=np.float64)
-            entries = store(self._linear(whole))
+            levels = store(self._linear(np.arange(least, np.iinfo(values.dtype).max + 1, dtype=np.float64)))
             mapped = np.empty(values.shape, kind)
             for out, part in zip(mapped, values, strict=True) if values.ndim == 3 else [(mapped, values)]:
-                out[...] = entries[part.astype(np.int32) - least]
+                out[...] = levels[part.astype(np.int32) - least]
             return mapped
         levels = np.empty(values.shape, dtype=kind)
         flat, out = values.reshape(-1), levels.reshape(-1)
@@ -625,13 +631,9 @@ class Volume(OnGrid):
                 bone.write(mapping.levels(self.values[k : k + SLAB]), (k, 0, 0))
             return bone
         levels = resample_linear(
-            mapping.occupancy(self.values),
-            self.spacing,
-            new,
-            empty_outside=True,
-            kind=np.uint8,
+            mapping.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8,
             store=lambda plane: np.rint(255.0 * plane.astype(np.float64)).astype(np.uint8),
-        )
+        )  # fmt: skip
         return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
 
     def specimen(
@@ -661,8 +663,9 @@ class Volume(OnGrid):
         TypeError
             As `to_bone`.
         """
-        bone = self.to_bone(mapping, spacing=spacing)
-        return grey_specimen(self, bone, mapping, entry, axis, lambda: self)
+        return grey_specimen(
+            self, self.to_bone(mapping, spacing=spacing), mapping, entry, axis, lambda: self.values
+        )
 
 
 def grey_specimen(
@@ -671,7 +674,7 @@ def grey_specimen(
     mapping: OccupancyMap,
     entry: Vector,
     axis: Vector,
-    whole: Callable[[], Volume],
+    whole: Callable[[], NDArray[Any]],
 ) -> Specimen:
     """Specimen of a bone that a map made of a grey volume, whose voxels are looked at for a message alone.
 
@@ -687,11 +690,7 @@ def grey_specimen(
         "notes": list(grid.notes),
     }
 
-    def of() -> str:
-        values = whole().values
-        return f"{grid.path}, whose grey values are {values.min():g} to {values.max():g}"
-
-    return specimen_in(grid, bone, entry, axis, provenance, f"map {mapping.text}", of=of)
+    return specimen_in(grid, bone, entry, axis, provenance, f"map {mapping.text}", whole)
 
 
 def specimen_in(
@@ -701,12 +700,11 @@ def specimen_in(
     axis: Vector,
     provenance: dict[str, Any],
     how: str,
-    *,
-    of: Callable[[], str] | None = None,
+    whole: Callable[[], NDArray[Any]] | None = None,
 ) -> Specimen:
     """Specimen of a bone on a volume's voxel axes, with an axis in the volume's own coordinates.
 
-    Errors as `Volume.specimen`.
+    `whole` returns the grey values, which only a message needs. Errors as `Volume.specimen`.
     """
     direction = np.asarray(grid.direction.T @ unit_vector(axis))
     at = checked_point(entry, "entry")
@@ -721,16 +719,17 @@ def specimen_in(
     )
     surface = surface_along(bone, start, direction)
     if surface is None:
+        greys = f", whose grey values are {whole().min():g} to {whole().max():g}" if whole else ""
         raise ValueError(
-            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in "
-            f"{of() if of else grid.path}; " + _place(grid, at)
+            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {grid.path}{greys}; "
+            + _place(grid, at)
         )
     refuse(
         np.array_equal(surface, start),
         f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it",
     )
-    where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
-    return Specimen(bone, surface, direction, where, provenance)
+    source = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
+    return Specimen(bone, surface, direction, source, provenance)
 
 
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
@@ -800,7 +799,6 @@ class LabelVolume(OnGrid):
         self._check(whole_labels(np.asarray(self.labels), self.path))
         for name in self.names.values():
             require_type("a name", name, str, "'facial nerve'")
-        object.__setattr__(self, "names", {int(label): name for label, name in self.names.items()})
         colours = {}
         for label, colour in self.colours.items():
             r, g, b = (int(channel) for channel in colour)
@@ -809,7 +807,7 @@ class LabelVolume(OnGrid):
                 f"colours must be of channels 0 to 255, got {colour} for label {label}",
             )
             colours[int(label)] = (r, g, b)
-        object.__setattr__(self, "colours", colours)
+        self.__dict__.update(names={int(label): name for label, name in self.names.items()}, colours=colours)
 
     @doing("bringing labels on the voxels of a volume")
     def on(self, volume: OnGrid) -> "LabelVolume":
@@ -823,9 +821,9 @@ class LabelVolume(OnGrid):
         ValueError
             If no voxel of the volume has its centre in the labels.
         """
-        turn = self.direction.T @ volume.direction
         start = self.bone_point(volume.origin - self.origin)
-        steps = turn * volume.spacing  # columns: one voxel of the volume along the axes of the labels [mm]
+        # Columns: one voxel of the volume along the axes of the labels [mm].
+        steps = (self.direction.T @ volume.direction) * volume.spacing
         z, y, x = (np.arange(n) for n in volume.shape)
         sizes = self.shape[::-1]
         resampled, covered = np.zeros(volume.shape, self.labels.dtype), 0

@@ -362,7 +362,7 @@ class VolumeRecipe(_CachedRecipe):
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        specimen = grey_specimen(self.grid(), bone, self.mapping, entry, axis, self.volume)
+        specimen = grey_specimen(self.grid(), bone, self.mapping, entry, axis, lambda: self.volume().values)
         return replace(specimen, made={**specimen.made, "recipe": self.plain()})
 
     _on = volume

@@ -54,8 +54,10 @@ class Watched:
     events_lost: int = 0
 
     @classmethod
-    def of(cls, seen: Mapping[str, Any], removed: NDArray[np.int64]) -> "Watched":
-        """The results of `AnatomyWatch.seen`, bit for bit."""
+    def of(cls, seen: Mapping[str, Any] | None, removed: NDArray[np.int64], burrs: int = 0) -> "Watched":
+        """The results of `AnatomyWatch.seen`, bit for bit; without a watch only the levels removed of each tissue."""
+        if seen is None:
+            return cls(np.zeros(0, EVENT_DTYPE), np.zeros((burrs, 0), DOSE_DTYPE), removed)
         return cls(
             _read_only(seen["events"].view(EVENT_DTYPE)), _read_only(seen["doses"].view(DOSE_DTYPE)), removed,
             seen["gaps"], seen["ticks_passed_over"], seen["events_lost"],

@@ -9,11 +9,10 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 import burrlab._core as _core
 from burrlab._core import Tissues
-from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, EVENT_KEYS, AnatomyEvent, Watched
+from burrlab.anatomy.events import EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
 from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled
@@ -324,13 +323,6 @@ class AnatomyReport:
 
 def _listed(values: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in values.items()) or "nothing"
-
-
-def nothing_watched(burrs: int, removed: NDArray[np.int64] | Sequence[int]) -> Watched:
-    """Results without a watch: only the levels removed of each tissue."""
-    return Watched(
-        np.zeros(0, EVENT_DTYPE), np.zeros((burrs, 0), DOSE_DTYPE), np.asarray(removed, dtype=np.int64)
-    )
 
 
 _CODEC = Codec(

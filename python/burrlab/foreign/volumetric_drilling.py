@@ -112,8 +112,10 @@ def export_volumetric_drilling(
     """
     check_trace(trace)
     refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")
-    same = Path(path).exists() and Path(path).samefile(trace.path)
-    refuse(same, f"path must be another file than the trace, got {path}")
+    refuse(
+        Path(path).exists() and Path(path).samefile(trace.path),
+        f"path must be another file than the trace, got {path}",
+    )
     center = trace.array("center_mm", burr) / 1000.0
     start = float(trace.provenance["started_unix_s"])
     stamps = start + trace.time()
@@ -215,23 +217,20 @@ def _write_voxels(
     executor = executor_of(trace, bone)
     gone = np.zeros(bone.shape, dtype=bool)
     times: list[float] = []
-    voxels: list[NDArray[np.float64]] = []
-    colors: list[NDArray[np.float64]] = []
+    groups = [np.zeros((0, 4), np.int64)]  # rows of a group's number and a voxel's (z, y, x)
     for first in range(0, len(trace), _GROUP):
         rows = trace.ticks[first : first + _GROUP]
         executor.execute(inputs(rows))
-        removed = _newly_gone(bone, start, gone)
-        if len(removed):
-            group, opaque = np.full((len(removed), 1), float(len(times))), np.full((len(removed), 1), 255.0)
-            at = tuple(removed.T)
-            color = np.tile(before[at].astype(float)[:, None], 3) if numbers is None else table[numbers[at]]
-            voxels.append(np.hstack([group, grid.indices(removed)]))
-            colors.append(np.hstack([group, color, opaque]))
+        if len(removed := _newly_gone(bone, start, gone)):
+            groups.append(np.insert(removed, 0, len(times), axis=1))
             times.append(stamps[first + len(rows) - 1])
         report((first + len(rows)) / len(trace))
+    group, voxels = np.hsplit(np.concatenate(groups), [1])
+    at = tuple(voxels.T)
+    color = np.tile(before[at][:, None], 3) if numbers is None else table[numbers[at]]
     _put(
-        out, voxel_time_stamp=np.array(times), voxel_removed=np.vstack([np.zeros((0, 4)), *voxels]),
-        voxel_color=np.vstack([np.zeros((0, 5)), *colors]),
+        out, voxel_time_stamp=np.array(times), voxel_removed=np.hstack([group, grid.indices(voxels)]).astype(float),
+        voxel_color=np.hstack([group, color, np.full_like(group, 255)]).astype(float),
     )  # fmt: skip
     axes = _OWN_AXES if grid.turned is None else _STACK_AXES
     out.create_dataset("README", data=_VOXEL_README.format(axes=axes))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import burrlab._core as _core
 from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
-from burrlab.anatomy.report import AnatomyReport, nothing_watched
+from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch, critical_structures, options_of
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import UNREADABLE, in_one_line
@@ -57,9 +57,8 @@ class SessionAnatomy:
     def watched(self, known: int = 0) -> Watched:
         """All that was seen so far, without the first `known` events."""
         removed = self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64)
-        if self.watch is None:
-            return nothing_watched(self._burrs, removed)
-        return Watched.of(self._follower.watched(known), removed)
+        seen = None if self.watch is None else self._follower.watched(known)
+        return Watched.of(seen, removed, self._burrs)
 
     def closest(self, structure: str) -> NDArray[np.float64]:
         """(burrs,) least distance of each burr's surface to a watched structure so far [mm]."""
@@ -106,17 +105,16 @@ def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
         f"connections: {status['connections']} made, {status['faults']} given up; went on by missing ticks "
         f"{status['by_ticks']}, by bricks {status['by_bricks']} times",
     ]
-    if dropped := {reason: count for reason, count in status["dropped"].items() if count}:
-        lines.append(
-            f"messages dropped: {', '.join(f'{count} {reason}' for reason, count in dropped.items())}"
-        )
-    for tick, _, reason in status["last_faults"][-_TOLD:]:
-        lines.append(f"  connection given up at tick {tick}: {reason}")
-    for divergence in status["divergences"][-_TOLD:]:
-        lines.append(
-            f"  bone not the leader's at tick {divergence['tick']}: {divergence['what']}, {len(divergence['bricks'])} bricks "
-            "replaced"
-        )
+    if dropped := [f"{count} {reason}" for reason, count in status["dropped"].items() if count]:
+        lines.append(f"messages dropped: {', '.join(dropped)}")
+    lines += [
+        f"  connection given up at tick {tick}: {reason}"
+        for tick, _, reason in status["last_faults"][-_TOLD:]
+    ]
+    lines += [
+        f"  bone not the leader's at tick {bone['tick']}: {bone['what']}, {len(bone['bricks'])} bricks replaced"
+        for bone in status["divergences"][-_TOLD:]
+    ]
     return "\n".join(lines)
 
 
@@ -160,8 +158,7 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     voxel_volume = float(np.prod(bone.spacing))
     volumes = np.array([bone.removed_of(number) for number in range(len(bone.tissues))])
     removed = np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64)
-    burrs = len(hello["tools"])
-    watched = Watched.of(replica.watched(), removed) if settings else nothing_watched(burrs, removed)
+    watched = Watched.of(replica.watched() if settings else None, removed, len(hello["tools"]))
     return AnatomyReport.of(watched, bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume)
 
 
@@ -197,15 +194,15 @@ def anatomy_report(
     report, watch_progress = reporter(progress, "replay"), None if callable(progress) else progress
     check_trace(trace)
     bone = trace.bone()
-    tissues = bone.tissues
-    if tissues is None:
+    if bone.tissues is None:
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
         try:
             watch = Watch(bone, progress=watch_progress, **options_of(trace.watch))
         except UNREADABLE as error:
-            problem = in_one_line(repr(error))
-            raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({problem})") from None
+            raise ValueError(
+                f"{trace.path} is damaged: its watch cannot be set up ({in_one_line(repr(error))})"
+            ) from None
     elif watch is None and critical_structures(bone):
         watch = Watch(bone, progress=watch_progress)
     executor = executor_of(trace, bone)
@@ -215,7 +212,7 @@ def anatomy_report(
     for start in range(0, len(trace), _BATCH):
         executor.execute(inputs(trace.ticks[start : start + _BATCH]))
         report(min(start + _BATCH, len(trace)) / len(trace))
-    removed = before - _core.tissue_levels(bone)
-    watched = nothing_watched(trace.burrs, removed) if core is None else Watched.of(core.seen(), removed)
+    seen = None if core is None else core.seen()
+    watched = Watched.of(seen, before - _core.tissue_levels(bone), trace.burrs)
     settings = {} if watch is None else watch.settings
-    return AnatomyReport.of(watched, tissues, settings, trace.period, trace.voxel_volume)
+    return AnatomyReport.of(watched, bone.tissues, settings, trace.period, trace.voxel_volume)

@@ -132,36 +132,37 @@ def parse_device(text: str) -> DeviceText:
     >>> parse_device("omega:1").index
     1
     """
-    kind, _, rest = text.partition(":")
     if text in ("hand", "touch", "omega"):
         return DeviceText(text)
-    if text == "haply":
-        return DeviceText("haply", host="localhost", port=PORT)
-    if kind == "scripted" and rest:
-        return DeviceText("scripted", file=rest)
-    if kind == "touch" and rest:
-        return DeviceText("touch", name=rest)
-    if kind == "omega" and rest.isdecimal():
-        return DeviceText("omega", index=int(rest))
-    if kind not in ("igtl", "haply", "vrpn") or not rest:
-        raise ValueError(
-            "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or "
-            f"vrpn:NAME@[tcp://]HOST[:PORT], got '{text}'"
-        )
+    kind, _, rest = ("haply", "", f"localhost:{PORT}") if text == "haply" else text.partition(":")
+    refuse(
+        kind not in _KINDS or not rest or (kind == "omega" and not rest.isdecimal()),
+        "must be hand, scripted:FILE, igtl:HOST:PORT, touch[:NAME], omega[:N], haply[:HOST:PORT] or "
+        f"vrpn:NAME@[tcp://]HOST[:PORT], got '{text}'",
+    )
     try:
-        return _at_server(kind, rest)
+        return _KINDS[kind](rest)
     except ValueError as error:
         raise ValueError(f"{kind}: {error}") from None
 
 
-def _at_server(kind: str, text: str) -> DeviceText:
-    if kind != "vrpn":
-        return DeviceText(kind, "", *parse_address(text))
+def _vrpn(text: str) -> DeviceText:
     name, _, server = text.rpartition("@")
     address = server.removeprefix("tcp://")
     refuse(not (name and address), f"must be NAME@HOST[:PORT] or NAME@tcp://HOST[:PORT], got '{text}'")
     port = "" if re.search(r":[^:\]]+$", address) else f":{VRPN_PORT}"
-    return DeviceText(kind, "", *parse_address(address + port), name, tcp=address != server)
+    return DeviceText("vrpn", "", *parse_address(address + port), name, tcp=address != server)
+
+
+#: Readers of what follows a kind and its colon.
+_KINDS: dict[str, Callable[[str], DeviceText]] = {
+    "scripted": lambda text: DeviceText("scripted", file=text),
+    "touch": lambda text: DeviceText("touch", name=text),
+    "omega": lambda text: DeviceText("omega", index=int(text)),
+    "igtl": lambda text: DeviceText("igtl", "", *parse_address(text)),
+    "haply": lambda text: DeviceText("haply", "", *parse_address(text)),
+    "vrpn": _vrpn,
+}
 
 
 def open_device(device: DeviceText, lost_after: float) -> IgtlDevice | VrpnDevice | HeldDevice:

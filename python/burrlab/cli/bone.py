@@ -122,8 +122,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
             material = bone.tissues.material
-    as_volume = not str(options.bone or "").lower().endswith(".h5")
-    grid = recipe.grid() if as_volume else None
+    grid = None if str(options.bone or "").lower().endswith(".h5") else recipe.grid()
     return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
 
 
@@ -161,10 +160,10 @@ def _placed(
     if "hand" not in options.device:
         return recipe.bone(), {}
     specimen = recipe.specimen(entry=options.entry, axis=options.axis)
-    across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])
-    start = specimen.surface - (burr.radius + _GAP) * specimen.axis
+    into = specimen.axis
     return specimen.bone, {
-        "start": start, "into": specimen.axis, "along": across / np.linalg.norm(across),
+        "start": specimen.surface - (burr.radius + _GAP) * into, "into": into,
+        "along": _unit(np.cross(into, np.eye(3)[np.argmin(np.abs(into))])),
     }  # fmt: skip
 
 
@@ -201,26 +200,20 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
         A table of the tissues; by default they follow from the names in the file. `tissue` is None for an
         unknown label.
     """
-    table_names = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
-    voxel = float(labels.spacing.prod())
-    rows = []
-    for label, count in label_counts(labels.labels, labels.path).items():
-        name = labels.names.get(label, "")
-        if tissues is None:
-            known = known_tissue(name or (UNLABELLED if label == 0 else ""))
-            tissue_name = None if known is None else known.name
-        else:
-            tissue_name = table_names.get(label, UNLABELLED if label == 0 else None)
-        rows.append(
-            {
-                "label": label,
-                "voxels": count,
-                "volume_mm3": count * voxel,
-                "name": name,
-                "tissue": tissue_name,
-            }
-        )
-    return rows
+    counts = label_counts(labels.labels, labels.path)
+    if tissues is None:
+        unnamed = {0: UNLABELLED}
+        known = {label: known_tissue(labels.names.get(label) or unnamed.get(label, "")) for label in counts}
+        tissue_names = {label: tissue.name for label, tissue in known.items() if tissue is not None}
+    else:
+        tissue_names = {0: UNLABELLED, **{tissue.label: tissue.name for tissue in tissues}}
+    return [
+        {
+            "label": label, "voxels": count, "volume_mm3": count * float(labels.spacing.prod()),
+            "name": labels.names.get(label, ""), "tissue": tissue_names.get(label),
+        }
+        for label, count in counts.items()
+    ]  # fmt: skip
 
 
 def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
@@ -247,16 +240,13 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in a right ear and +1 in a
     left one. A mirrored file shows the other ear.
     """
-    table = labels_table(labels, tissues)
+    known = [(row["label"], known_tissue(row["tissue"] or "")) for row in labels_table(labels, tissues)]
     clouds = []
     for name in _EAR:
-        known = {row["label"]: known_tissue(row["tissue"] or "") for row in table}
-        labels_of_name = [
-            label for label, tissue in known.items() if tissue is not None and tissue.name == name
-        ]
-        if len(labels_of_name) != 1:
+        of_name = [label for label, tissue in known if tissue is not None and tissue.name == name]
+        if len(of_name) != 1:
             return None
-        places = np.argwhere(labels.labels == labels_of_name[0])[:, ::-1] * labels.spacing
+        places = np.argwhere(labels.labels == of_name[0])[:, ::-1] * labels.spacing
         clouds.append(places @ labels.direction.T)
     canal, joint, nerve = clouds
     middle = canal.mean(axis=0)
@@ -272,9 +262,9 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
         return {}
     turn = np.stack([lateral, anterior, across * np.sign(across @ to_exit)])
     nearest = max(itertools.permutations(range(3)), key=lambda p: float(np.abs(turn[range(3), p]).sum()))
-    named = zip(("lateral", "anterior", "inferior"), turn, nearest, strict=True)
-    directions = {word: "-+"[int(way[axis] > 0)] + "xyz"[axis] for word, way, axis in named}
-    return {**directions, "side": "left" if across @ to_exit > 0 else "right"}
+    signed = ["-+"[int(way[axis] > 0)] + "xyz"[axis] for way, axis in zip(turn, nearest, strict=True)]
+    side = "left" if across @ to_exit > 0 else "right"
+    return dict(zip(("lateral", "anterior", "inferior", "side"), (*signed, side), strict=True))
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -310,21 +300,27 @@ def template(labels: LabelVolume) -> Tissues:
     return Tissues(rows, bone)
 
 
-def do_tissues(options: Options) -> int:
+def do_tissues(options: Options) -> None:
     is_table = options.file is not None and options.file.lower().endswith(".csv")
     if options.file is None or is_table:
-        names = ("tissues", "template", "spacing", "unit", "unknown", "transpose")
-        refuse_options(options, names, "goes with a file of labels")
-        result: dict[str, Any] = {
-            "tissues": [
+        refuse_options(
+            options, ("tissues", "template", "spacing", "unit", "unknown", "transpose"), "goes with a file of labels"
+        )  # fmt: skip
+        if is_table:
+            rows = [
+                {"label": t.label, "name": t.name, "colour": _hex(t.colour), "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha,
+                 "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
+                for t in read_tissues(options.file)
+            ]  # fmt: skip
+        else:
+            rows = [
                 {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
                 for t in KNOWN
-            ]
-        }  # fmt: skip
-        if is_table:
-            result = {"file": options.file, "tissues": [_plain(one) for one in read_tissues(options.file)]}
-        deliver(options, result, _text(result["tissues"]))
-        return 0
+            ]  # fmt: skip
+        deliver(
+            options, {"file": options.file, "tissues": rows} if is_table else {"tissues": rows}, _text(rows)
+        )
+        return
     table = None if options.tissues is None else read_tissues(options.tissues)
     listed = options.unknown is None and is_stack(options.file)  # listed here, refused when a bone is made
     labels = labels_of(
@@ -333,8 +329,7 @@ def do_tissues(options: Options) -> int:
     )  # fmt: skip
     label_rows = labels_table(labels, table)
     lines = [_text(label_rows)]
-    strange = [row for row in label_rows if row["tissue"] is None]
-    if strange:
+    if strange := [row for row in label_rows if row["tissue"] is None]:
         lines.append(
             f"{len(strange)} of {len(label_rows)} labels are no known tissue: they need a table (--template, "
             "--tissues)"
@@ -352,10 +347,11 @@ def do_tissues(options: Options) -> int:
         lines.append("colours in no table are refused where a bone is made: --unknown says what they are")
     if options.template is not None:
         lines.append(_write_template(options.template, labels))
-    result = {"file": options.file, "labels": label_rows, "ear": ear or None, "notes": list(labels.notes)}
-    result["unknown_colours"] = [dict(colour) for colour in labels.unknown_colours]
+    result = {
+        "file": options.file, "labels": label_rows, "ear": ear or None, "notes": list(labels.notes),
+        "unknown_colours": [dict(colour) for colour in labels.unknown_colours],
+    }  # fmt: skip
     deliver(options, result, "\n".join(lines))
-    return 0
 
 
 def _write_template(file: str, labels: LabelVolume) -> str:
@@ -366,13 +362,6 @@ def _write_template(file: str, labels: LabelVolume) -> str:
     unnamed = [t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None]
     write_text(file, tissues_text(rows, unnamed))
     return f"written {file}" + (f": name what its labels are, then --tissues {file}" if unnamed else "")
-
-
-def _plain(tissue: Tissue) -> dict[str, Any]:
-    return {
-        "label": tissue.label, "name": tissue.name, "colour": _hex(tissue.colour), "c_e_N_per_mm2": tissue.c_e,
-        "alpha_per_ms": tissue.alpha, "critical": tissue.critical, "bleeds": tissue.bleeds, "assumed": tissue.assumed,
-    }  # fmt: skip
 
 
 def _hex(colour: tuple[int, int, int]) -> str:
@@ -396,7 +385,6 @@ def _text(rows: list[dict[str, Any]]) -> str:
 def _cell(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(value)
-    named = {None: "?", True: "yes", False: "no"}
     if value is None or isinstance(value, bool):
-        return named[value]
+        return {None: "?", True: "yes", False: "no"}[value]
     return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -3,7 +3,6 @@
 No room is imported here: help and the name of a mistyped option come at once.
 """
 
-import contextlib
 import importlib
 import math
 import re
@@ -24,6 +23,7 @@ from burrlab.cli.options import (
     OptionGroup,
     count,
     flag,
+    floats,
     number,
     option,
     parsed_by,
@@ -50,9 +50,7 @@ class Command(NamedTuple):
 
 @parsed_by
 def _not_negative(text: str) -> float:
-    value = math.nan
-    with contextlib.suppress(ValueError):
-        value = float(text)
+    (value,) = floats(text, 1, "zero or positive", text)
     refuse(not 0 <= value < math.inf, f"must be zero or positive, got '{text}'")
     return value
 
@@ -62,15 +60,6 @@ def _nearness(text: str) -> tuple[str, float]:
     name, _, distance = text.rpartition(":")
     refuse(not name, f"must be TISSUE:MM, got '{text}'")
     return name, _not_negative(distance)
-
-
-@parsed_by
-def _quaternion(text: str) -> tuple[float, ...]:
-    parts: tuple[float, ...] = ()
-    with contextlib.suppress(ValueError):
-        parts = tuple(map(float, text.split(",")))
-    refuse(len(parts) != 4, f"must be W,X,Y,Z, got '{text}'")
-    return parts
 
 
 @parsed_by
@@ -101,8 +90,10 @@ def _named(text: str) -> list[tuple[str, str]]:
     names = dict.fromkeys(name for kind in KINDS for name in data_kind(kind)._TABLE.named)
     parts = re.split(rf"(?:^|,)({'|'.join(names)})=", text)
     refuse(parts[0] or len(parts) < 2, f"must begin with NAME=, a NAME of {', '.join(names)}, got '{text}'")
-    texts = (re.sub(r"""^(["'])(.*)\1$""", r"\2", part) for part in parts[2::2])
-    return list(zip(parts[1::2], texts, strict=True))
+    return [
+        (name, re.sub(r"""^(["'])(.*)\1$""", r"\2", part))
+        for name, part in zip(parts[1::2], parts[2::2], strict=True)
+    ]
 
 
 @parsed_by
@@ -323,7 +314,7 @@ COMMANDS = {
         option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
         option("--store", "voxel engine: keeps descents, the same command goes on", metavar="FILE"),
         option(
-            "--share", "what several data sets have in common, default c_e,alpha; with c_e each has its own alpha",
+            "--share", "what several data sets have in common, default c_e,alpha; with c_e each has its own alpha, with alpha its own c_e",
             default=("c_e", "alpha"), type=lambda text: text.split(","), metavar="NAME,...",
         ),
         LAYOUT,
@@ -442,8 +433,8 @@ COMMANDS = {
         option("--stop-button", "end it at this button of a device, 0 the first", type=whole, metavar="INDEX"),
         option("--scale", "motion of the burr over that of the device, default 1", type=positive, metavar="S"),
         option(
-            "--rotation", "unit quaternion that turns the device's axes into the bone's", type=_quaternion,
-            metavar="W,X,Y,Z",
+            "--rotation", "unit quaternion that turns the device's axes into the bone's",
+            type=parsed_by(lambda text: floats(text, 4, "W,X,Y,Z", text)), metavar="W,X,Y,Z",
         ),
         option(
             "--offset", "place of the device's origin [mm]; default 0,0,0, of a touch, omega or haply the place where a "

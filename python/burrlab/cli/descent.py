@@ -7,7 +7,7 @@ from typing import Any, Literal
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr
+from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
 from burrlab.cli.commands import KINDS, data_kind
 from burrlab.cli.options import (
@@ -24,37 +24,33 @@ from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 
 
-def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
-    specimen = chosen_specimen(options, burr, chosen_material(options))
-    if specimen is not None or options.axis is None:
-        return specimen
-    return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)
-
-
-def _settings(options: Options) -> burrlab.DescentSettings:
-    return burrlab.DescentSettings(
+def _experiment(options: Options) -> tuple[Burr, Material, dict[str, Any]]:
+    """Burr and material, and what else descents and sweeps share."""
+    burr, material = Burr(options.radius), chosen_material(options)
+    voxel = options.voxel or 0.1
+    specimen = chosen_specimen(options, burr, material)
+    if specimen is None and options.axis is not None:
+        specimen = burrlab.half_space(burr, voxel, depth=options.stop, axis=options.axis)
+    settings = burrlab.DescentSettings(
         dt=options.dt, scheme=options.scheme, stop=options.stop, max_duration=options.max_duration
     )
+    return burr, material, {
+        "voxel": voxel, "seed": options.seed, "specimen": specimen, "settings": settings, "progress": on_terminal(),
+    }  # fmt: skip
 
 
 def do_descend(options: Options) -> int:
-    burr, material = Burr(options.radius), chosen_material(options)
-    specimen = _specimen(options, burr)
-    run = burrlab.descend(
-        burr, material, options.force, voxel=options.voxel or 0.1, seed=options.seed, ideal=options.ideal,
-        specimen=specimen, settings=_settings(options), progress=on_terminal(),
-    )  # fmt: skip
+    burr, material, shared = _experiment(options)
+    run = burrlab.descend(burr, material, options.force, ideal=options.ideal, **shared)
     plot(options.plot, lambda: run.plot()[0])
     deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}")
     return 130 if run.status == "interrupted" else 0
 
 
 def do_sweep(options: Options) -> int:
-    burr, material = Burr(options.radius), chosen_material(options)
+    burr, material, shared = _experiment(options)
     curve = burrlab.force_sweep(
-        burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, seed=options.seed,
-        ideal=not options.rig, specimen=_specimen(options, burr), settings=_settings(options), store=options.store,
-        progress=on_terminal(),
+        burr, material, options.forces, repeats=options.repeats, ideal=not options.rig, store=options.store, **shared
     )  # fmt: skip
     curve.to_csv(options.out)
     notes = told_notes(curve.provenance.get("volume"))
@@ -83,25 +79,19 @@ def do_sweep(options: Options) -> int:
     return 130 if lost else 0
 
 
-def do_materials(options: Options) -> int:
+def do_materials(options: Options) -> None:
     table = {
         name: {"c_e": m.c_e, "alpha": m.alpha, "shape": m.shape.name, "source": m.source}
         for name, m in burrlab.materials.items()
     }
     deliver(options, table, str(burrlab.materials))
-    return 0
 
 
 def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
     """The data sets in files of one kind, laid out as the options say; prints how they were read."""
     tables = {name: data_kind(name)._TABLE.named for name in KINDS if getattr(options, name, [])}
-    column_options = options.columns
-    layout = {
-        "columns": {
-            name: [text for key, text in column_options if key == name] for name, _ in column_options
-        },
-        "unit": options.unit,
-    }
+    columns = {name: [text for key, text in options.columns if key == name] for name, _ in options.columns}
+    layout = {"columns": columns, "unit": options.unit}
     for what, named in layout.items():
         if isinstance(named, dict):
             for name in named:
@@ -110,15 +100,17 @@ def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
     layout_options |= layout | {name: getattr(options, name) for name in ("sep", "decimal", "encoding")}
     if kind != "trace":  # whose file has its own labels
         layout_options |= {"groups": options.groups, "specimen": options.specimen}
-    files = (sys.stdin.buffer if file == "-" else file for file in getattr(options, kind))
-    data_sets = [data_kind(kind).from_csv(file, **layout_options) for file in files]
+    data_sets = [
+        data_kind(kind).from_csv(sys.stdin.buffer if file == "-" else file, **layout_options)
+        for file in getattr(options, kind)
+    ]
     for file, data in zip(getattr(options, kind), data_sets, strict=True):
         if "read" in data.provenance:
             print(f"burrlab: {file}: {data.provenance['read']}", file=sys.stderr)
     return data_sets
 
 
-def do_fit(options: Options) -> int:
+def do_fit(options: Options) -> None:
     if options.engine != "voxel":
         refuse_options(options, ("voxel", "store"), "goes with --engine voxel")
     result = burrlab.fit(
@@ -139,14 +131,13 @@ def do_fit(options: Options) -> int:
         test = result.test(*options.test)
         plain["test"] = {"c_e": options.test[0], "alpha": options.test[1], "p_value": test.p_value}
         text += f"\n    - {test}"
-    if len(result.data) > 1 and "alpha" in options.share:
+    if len(result.data) > 1 and len(options.share) > 1:
         text += f"\n    - The {len(result.data)} files are pooled: one c_e and alpha, as of one material."
         text += " `burrlab compare` asks whether curves differ." if len(options.file) > 1 else ""
     deliver(options, plain, text)
-    return 0
 
 
-def do_compare(options: Options) -> int:
+def do_compare(options: Options) -> None:
     refuse(
         (len(options.file) > 1) == (options.by is not None),
         f"needs two FILE.csv or more, or one and --by: got {len(options.file)}",
@@ -171,10 +162,9 @@ def do_compare(options: Options) -> int:
     result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), result.report())
-    return 0
 
 
-def do_design(options: Options) -> int:
+def do_design(options: Options) -> None:
     known = burrlab.Fit.from_json(options.fit)
     if options.compare is not None:
         return _compare_power(options, known)
@@ -188,10 +178,9 @@ def do_design(options: Options) -> int:
     )  # fmt: skip
     plot(options.plot, result.plot)
     deliver(options, result.to_dict(), f"{result!r}\nseed {result.seed}")
-    return 0
 
 
-def _compare_power(options: Options, known: burrlab.Fit) -> int:
+def _compare_power(options: Options, known: burrlab.Fit) -> None:
     study = burrlab.compare_power(
         known, options.compare, specimens=options.specimens, runs=options.runs, between=options.between,
         within=options.scatter, forces=options.forces or None, aim=options.power, progress=on_terminal(),
@@ -201,12 +190,10 @@ def _compare_power(options: Options, known: burrlab.Fit) -> int:
         size = study.smallest()
         if size is None:
             raise ValueError("--sheet: no comparison of these sizes reaches the power; try more --specimens")
-        sheet = burrlab.run_sheet(
+        burrlab.run_sheet(
             study.forces, specimens=size[0], runs=size[1], radius=known.radius, seed=options.seed
-        )
-        sheet.to_csv(options.sheet)
+        ).to_csv(options.sheet)
     deliver(options, study.to_dict(), repr(study))
-    return 0
 
 
 def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:
@@ -241,6 +228,5 @@ def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:
     return burrlab.VoxelEngine(voxel=options.voxel or 0.1, store=store, progress=on_terminal())
 
 
-def do_version(options: Options) -> int:
+def do_version(options: Options) -> None:
     deliver(options, {"version": burrlab.__version__, **provenance()}, f"burrlab {burrlab.__version__}")
-    return 0

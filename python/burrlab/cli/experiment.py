@@ -38,7 +38,7 @@ from burrlab.psychophysics.threshold_task import ThresholdTask
 from burrlab.psychophysics.trial import MODES
 
 
-def do_new(options: Options) -> int:
+def do_new(options: Options) -> None:
     path = Path(options.config)
     if os.path.lexists(path):
         raise FileExistsError(f"{path} exists and is not replaced")
@@ -48,40 +48,41 @@ def do_new(options: Options) -> int:
         f"burrlab experiment power {path} says it again.\n"
         f"A rehearsal that needs nobody: burrlab experiment run {path} --simulated --all --fast\n"
     )
-    return do_power(options)
+    do_power(options)
 
 
-def do_power(options: Options) -> int:
+def do_power(options: Options) -> None:
     protocol = Protocol.read(options.config)
-    subjects = len(protocol.subjects)
     for name, design in protocol.tasks.items():
         with working(f"task {name}: simulating"):
-            power = design.power(subjects)
+            power = design.power(len(protocol.subjects))
         print(f"task {name}\n{power}\n", flush=True)
-    return 0
 
 
 def do_run(options: Options) -> int:
     sittings = _sittings(options)
     for sitting in sittings:
-        resume = _command("resume", options, sitting.subject)
-        progress_text = f"subject {sitting.subject} has begun task {''.join(sitting.begun[:1])}"
-        refuse(sitting.begun, f"{progress_text}: {resume} goes on")
+        refuse(
+            sitting.begun,
+            f"subject {sitting.subject} has begun task {''.join(sitting.begun[:1])}: "
+            f"{_command('resume', options, sitting.subject)} goes on",
+        )
     return _sit(options, sittings)
 
 
 def do_resume(options: Options) -> int:
     sittings = _sittings(options)
-    begin = _command("run", options, sittings[0].subject)
-    begun = any(sitting.begun for sitting in sittings)
-    refuse(not begun, f"subject {sittings[0].subject} has begun no task: {begin} begins")
+    first = sittings[0].subject
+    refuse(
+        not any(sitting.begun for sitting in sittings),
+        f"subject {first} has begun no task: {_command('run', options, first)} begins",
+    )
     return _sit(options, sittings)
 
 
-def do_analyse(options: Options) -> int:
+def do_analyse(options: Options) -> None:
     figures = None if options.figures is None else Path(options.figures)
-    if figures is not None and figures.exists() and not figures.is_dir():
-        raise ValueError(f"--plot: {figures} is no folder")
+    refuse(figures and figures.exists() and not figures.is_dir(), f"--plot: {figures} is no folder")
     for name in ("json", "tsv"):
         _check_apart(name, getattr(options, name), options.config)
     with working("analysis"):
@@ -91,12 +92,9 @@ def do_analyse(options: Options) -> int:
         )  # fmt: skip
         if options.tsv is not None:
             analysis.to_tsv(options.tsv)
-        drawn = 0 if figures is None else _draw(analysis, figures)
+        drawn = "" if figures is None else _draw(analysis, figures)
     report = analysis.report(width=shutil.get_terminal_size().columns if sys.stdout.isatty() else None)
-    if figures is not None:
-        report += f"\n\n{drawn} figures are in {figures}: task-NAME_FIGURE.png"
-    deliver(options, analysis.to_dict(), report)
-    return 0
+    deliver(options, analysis.to_dict(), report + drawn)
 
 
 def _check_apart(option: str, path: str | None, config: str) -> None:
@@ -107,33 +105,33 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
     file = Path(path).resolve()
     within = file.relative_to(folder).parts[0] if folder in file.parents else ""
     described = ("participants.tsv", "participants.json", "dataset_description.json", "README", "sourcedata")
-    of_experiment = file == Path(config).resolve() or within.startswith("sub-") or within in described
-    refuse(of_experiment, f"--{option}: {path} is of the experiment and is not written to")
+    refuse(
+        file == Path(config).resolve() or within.startswith("sub-") or within in described,
+        f"--{option}: {path} is of the experiment and is not written to",
+    )
 
 
-def _draw(analysis: Analysis, folder: Path) -> int:
-    """Draws all figures into files; returns their number."""
+def _draw(analysis: Analysis, folder: Path) -> str:
+    """Draws all figures into files; returns where they are."""
     import matplotlib.pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = 0
-    for task in analysis.tasks:
-        for name, draw in _figures(task).items():
-            show_line(f"figure {name} of task {task.name}")
-            axes = draw()
-            save_figure(axes, str(folder / f"task-{task.name}_{name}.png"))
-            plt.close(axes.get_figure(root=True))
-            drawn += 1
-    return drawn
+    figures = [(task.name, *figure) for task in analysis.tasks for figure in _figures(task).items()]
+    for task_name, name, draw in figures:
+        show_line(f"figure {name} of task {task_name}")
+        axes = draw()
+        save_figure(axes, str(folder / f"task-{task_name}_{name}.png"))
+        plt.close(axes.get_figure(root=True))
+    return f"\n\n{len(figures)} figures are in {folder}: task-NAME_FIGURE.png"
 
 
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
     """The figures that a task's data allow."""
     if isinstance(task, ThresholdTask):
-        fitted = [row.subject for row in task.subjects if isinstance(row.estimate, PsychometricFit)]
         drawn: dict[str, Callable[[], Axes]] = {
-            f"psychometric_sub-{subject}": functools.partial(task.plot_psychometric, subject=subject)
-            for subject in fitted
+            f"psychometric_sub-{row.subject}": functools.partial(task.plot_psychometric, subject=row.subject)
+            for row in task.subjects
+            if isinstance(row.estimate, PsychometricFit)
         }
         with_thresholds = any(row.threshold is not None for row in task.subjects)
         return {**drawn, "thresholds": task.plot_thresholds} if with_thresholds else drawn
@@ -147,10 +145,14 @@ def _sittings(options: Options) -> list[Sitting]:
     _check_apart("experimenter", options.experimenter, options.config)
     if not options.simulated:
         refuse_options(options, ("all", "weber", "decision", "fast"), "goes with --simulated")
-    nobody = (options.subject is None) != options.all
-    refuse(nobody, "--subject LABEL or --simulated --all must say who takes part")
-    twice = options.simulated and options.device is not None
-    refuse(twice, "--device does not go with --simulated: a simulated subject has the simulated hand")
+    refuse(
+        (options.subject is None) != options.all,
+        "--subject LABEL or --simulated --all must say who takes part",
+    )
+    refuse(
+        options.simulated and options.device is not None,
+        "--device does not go with --simulated: a simulated subject has the simulated hand",
+    )
     simulated = _simulated(options) if options.simulated else None
     return [
         Sitting(
@@ -165,8 +167,7 @@ def _sittings(options: Options) -> list[Sitting]:
 def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
     at = sittings[0]
     try:
-        with ExitStack() as stack:
-            stack.enter_context(ended_by_signals())
+        with ended_by_signals(), ExitStack() as stack:
             if not options.simulated:
                 return _sit_down(stack, at)
             for at in sittings:
@@ -210,8 +211,9 @@ def _simulated(options: Options) -> Mapping[str, Any]:
 
 
 def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:
-    parameters = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
-    return default_subject(mode, **parameters)
+    return default_subject(
+        mode, **{name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
+    )
 
 
 def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:

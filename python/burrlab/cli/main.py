@@ -99,15 +99,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         texts = join_vectors(sys.argv[1:] if arguments is None else arguments)
         words = [text for text in texts if text != _QUIET]
         options = command_parser().parse_args(words)
-        module = importlib.import_module(f"burrlab.cli.{COMMANDS[options.command].module}")
-        run = getattr(module, f"do_{getattr(options, 'action', options.command)}")
+        run = getattr(
+            importlib.import_module(f"burrlab.cli.{COMMANDS[options.command].module}"),
+            f"do_{getattr(options, 'action', options.command)}",
+        )
         started()
         check_outputs(options, words)
         with contextlib.ExitStack() as quiet:
             if words != texts:
                 nowhere = quiet.enter_context(open(os.devnull, "w"))
                 quiet.enter_context(contextlib.redirect_stderr(nowhere))
-            status = int(run(options))
+            status = int(run(options) or 0)
         print(end="", flush=True)
         return status
     except (ValueError, OSError, ImportError) as error:

@@ -130,10 +130,10 @@ def shape(text: str) -> Shape:
             return "x", f"must be above the {above[-2][0]:g} of the row before: got {x:g}"
         return ("f", f"must be at most f(0) = {above[0][1]:g}: got {f:g}") if f > above[0][1] else None
 
-    columns = tuple(Column(name, check=not_negative, due="a number") for name in "xf")
-    name, _, columns_read = Table(columns, rule=rule).read(text)
+    table = Table(tuple(Column(name, check=not_negative, due="a number") for name in "xf"), rule=rule)
+    name, _, columns = table.read(text)
     try:
-        return Shape.from_table(columns_read["x"], columns_read["f"])
+        return Shape.from_table(columns["x"], columns["f"])
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
 
@@ -159,13 +159,9 @@ def chosen_material(options: Options) -> Material:
     constants = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
     if set(constants.values()) == {None}:
         return named
-    changed = {key: getattr(named, key) if value is None else value for key, value in constants.items()}
-    with warnings.catch_warnings(record=True) as doubts:
-        warnings.simplefilter("always")
-        modified = Material(f"{named.name}, modified", **changed, source="command line")
-    for doubt in doubts:
-        say(str(doubt.message))
-    return modified
+    chosen = {key: getattr(named, key) if value is None else value for key, value in constants.items()}
+    with warnings_said():
+        return Material(f"{named.name}, modified", **chosen, source="command line")
 
 
 def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
@@ -235,16 +231,15 @@ def check_outputs(options: Options, arguments: Sequence[str]) -> None:
             continue
         place, folder = Path(path).resolve(), Path(path).resolve().parent
         writable = folder.is_dir() and os.access(folder, os.W_OK)
-        is_folder = place.is_dir() and name != "save"  # slices are saved as a folder
-        refuse(not writable or is_folder, f"--{name}: {path} cannot be written")
+        # slices are saved as a folder
+        refuse(not writable or (place.is_dir() and name != "save"), f"--{name}: {path} cannot be written")
         # No command replaces a trace.
         refuse(name == "record" and place.exists(), f"--record must be a new file, {path} exists")
         other = outputs.setdefault(place, name)
         refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
         # a bone may be saved in its place; an export checks this itself
         written_anyway = name == "save" or (name, options.command) == ("out", "export")
-        lost = not written_anyway and files.count(place) > 1
-        refuse(lost, f"--{name}: {path} is read, and would be lost")
+        refuse(not written_anyway and files.count(place) > 1, f"--{name}: {path} is read, and would be lost")
         if name in _FIGURES:
             from matplotlib.figure import Figure
 
@@ -279,6 +274,16 @@ def say(text: str) -> None:
     print(f"burrlab: {text}", file=sys.stderr, flush=True)
 
 
+@contextlib.contextmanager
+def warnings_said() -> Iterator[None]:
+    """Prints warnings as messages to standard error."""
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always")
+        yield
+    for doubt in doubts:
+        say(str(doubt.message))
+
+
 def show_line(line: str) -> None:
     """Shows a line on a terminal, until the next one replaces it."""
     if sys.stderr.isatty():
@@ -304,9 +309,8 @@ def on_terminal() -> Progress | None:
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Lets SIGTERM and a closed terminal act like Ctrl-C: with force zero and a whole trace."""
-    names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        names = []  # only the main thread may set handlers
+    may_set = threading.current_thread() is threading.main_thread()
+    names = ("SIGTERM", "SIGHUP") if may_set else ()
     terminals = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and stream.isatty()]
 
     def end(*_: object) -> NoReturn:
@@ -315,21 +319,17 @@ def ended_by_signals() -> Iterator[None]:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         raise KeyboardInterrupt
 
-    before = {name: signal.signal(name, end) for name in names}
-    try:
+    with contextlib.ExitStack() as after:
+        for number in [getattr(signal, name) for name in names if hasattr(signal, name)]:
+            after.callback(signal.signal, number, signal.signal(number, end))
         yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)
 
 
 @parsed_by
 def filling(text: str) -> tuple[str, float]:
     """TISSUE:OCCUPANCY."""
     name, _, part = text.rpartition(":")
-    occupancy = math.nan
-    with contextlib.suppress(ValueError):
-        occupancy = float(part)
+    (occupancy,) = floats(part, 1, "TISSUE:OCCUPANCY, 0 to 1", text)
     refuse(not name or not 0.0 <= occupancy <= 1.0, f"must be TISSUE:OCCUPANCY, 0 to 1, got '{text}'")
     return name, occupancy
 
@@ -365,12 +365,18 @@ def box(text: str) -> tuple[Numbers, Numbers]:
 
 
 def _three(text: str, form: str, whole: str) -> Numbers:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"must be {form}, got '{whole}'") from None
+    x, y, z = floats(text, 3, form, whole)
     refuse(not all(map(math.isfinite, (x, y, z))), f"must be {form} of finite numbers, got '{whole}'")
     return x, y, z
+
+
+def floats(text: str, count: int, form: str, whole: str) -> tuple[float, ...]:
+    """So many numbers between commas; ValueError "must be FORM" for anything else in the `whole` text."""
+    numbers: tuple[float, ...] = ()
+    with contextlib.suppress(ValueError):
+        numbers = tuple(map(float, text.split(",")))
+    refuse(len(numbers) != count, f"must be {form}, got '{whole}'")
+    return numbers
 
 
 #: Options of a volume, without --voxel, which a block has too.

@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -32,6 +31,7 @@ from burrlab.cli.options import (
     refuse_options,
     say,
     show_line,
+    warnings_said,
     working,
 )
 from burrlab.common.check import refuse
@@ -92,8 +92,11 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
     lines = [f"\neffects at assumed rates, seed {effects.seed}: {report}{ended}"]
     lines += [f"{name}: {account}" for name, account in balance.items()]
     accounts = {name: {**account.volumes(), "exact": account.exact} for name, account in balance.items()}
-    plain = {"seed": effects.seed, "error": effects.error, **report.to_dict(), "balance_mm3": accounts}
-    return "\n".join(lines), {"effects": plain}
+    return "\n".join(lines), {
+        "effects": {
+            "seed": effects.seed, "error": effects.error, **report.to_dict(), "balance_mm3": accounts,
+        }
+    }  # fmt: skip
 
 
 def show_live(options: Options, source: Session | Replica, effects: Companion | None = None) -> None:
@@ -101,11 +104,8 @@ def show_live(options: Options, source: Session | Replica, effects: Companion | 
     page ends before the session."""
     if options.view:
         both_eyes: dict[str, Any] = {"stereo": True, "size": SIZE} if options.stereo else {}
-        view = LiveView(source, effects=effects, **both_eyes)
-        try:
+        with contextlib.closing(LiveView(source, effects=effects, **both_eyes)) as view:
             view.run()
-        finally:
-            view.close()
         if not source.wait(0.0):
             say("the window is closed, what it showed goes on; Ctrl-C ends that")
     elif options.web is not None:
@@ -124,15 +124,14 @@ def _placed(
     frame_options = (options.scale, options.rotation, options.offset, options.clutch)
     if not any(isinstance(device, HeldDevice) for device in devices) and frame_options == (None,) * 4:
         return list(devices)
-
-    def frame_of(device: Device) -> DeviceFrame:
-        start = place.get("start", (0.0, 0.0, 0.0)) if isinstance(device, HeldDevice) else (0.0, 0.0, 0.0)
-        offset = tuple(start if options.offset is None else options.offset)
-        return DeviceFrame(
-            options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0), offset, options.clutch
-        )
-
-    return [(device, frame_of(device)) for device in devices]
+    scale, rotation = options.scale or 1.0, options.rotation or (1.0, 0.0, 0.0, 0.0)
+    origin = (0.0, 0.0, 0.0)
+    start = tuple(place.get("start", origin))  # of a simulated hand, and of a device with axes of its own
+    offsets = [options.offset or (start if isinstance(device, HeldDevice) else origin) for device in devices]
+    return [
+        (device, DeviceFrame(scale, rotation, offset, options.clutch))
+        for device, offset in zip(devices, offsets, strict=True)
+    ]
 
 
 def watch_asked_for(options: argparse.Namespace) -> bool:
@@ -168,11 +167,9 @@ def do_session(options: Options) -> int:
         "--volume-frame goes with --volume, --labels or a volume's --bone",
     )
     devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
-    publish = None
-    if options.publish is not None or options.vrpn is not None:
-        publish = burrlab.Publish(
-            port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
-        )  # fmt: skip
+    publish = None if options.publish is None and options.vrpn is None else burrlab.Publish(
+        port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
+    )  # fmt: skip
     session = burrlab.Session(
         burrlab.StartingBone(start.bone, start.tick, start.source), [(burr, start.material)] * len(devices),
         _placed(devices, options, start.place), seed=options.seed, duration=options.duration, record=options.record,
@@ -186,10 +183,9 @@ def do_session(options: Options) -> int:
     )  # fmt: skip
     interrupted = False
     effects = start_effects(options, session)
-    if session.port is not None:
-        say(f"published on {host}, port {session.port}; there is no authentication")
-    if session.vrpn_port is not None:
-        say(f"published over VRPN on {host}, port {session.vrpn_port}; there is no authentication")
+    for where, port in (("on", session.port), ("over VRPN on", session.vrpn_port)):
+        if port is not None:
+            say(f"published {where} {host}, port {port}; there is no authentication")
     with _kept(options, start, session):
         with ended_by_signals(), session:
             try:
@@ -203,11 +199,14 @@ def do_session(options: Options) -> int:
         show_line("")
         report = session.report()
         effects_text, effects_plain = end_effects(effects)
-        result = {
-            "seed": session.seed, "interrupted": interrupted, **report.to_dict(), **effects_plain,
-            "provenance": session.provenance,
-        }  # fmt: skip
-        deliver(options, result, f"{report}\nseed {session.seed}{effects_text}")
+        deliver(
+            options,
+            {
+                "seed": session.seed, "interrupted": interrupted, **report.to_dict(), **effects_plain,
+                "provenance": session.provenance,
+            },
+            f"{report}\nseed {session.seed}{effects_text}",
+        )  # fmt: skip
         plot(options.plot, lambda: report.plot()[0])
     if options.record is not None and not report.recording["complete"]:
         return 3
@@ -262,12 +261,10 @@ def _device(text: str, options: Options, burr: Burr, start: BoneStart, number: i
     except ValueError as error:
         raise ValueError(f"--device {error}") from None
     if device.kind == "hand":
-        if number == 0 or not place:
-            return burrlab.HandDevice(push=options.push, **place)
-        along = np.asarray(place.get("along", (1.0, 0.0, 0.0)))
-        into = np.asarray(place.get("into", (0.0, 0.0, -1.0)))
-        beside = np.asarray(place["start"]) + 3 * burr.radius * np.cross(into, along)
-        return burrlab.HandDevice(push=options.push, **{**place, "start": beside})
+        if number > 0 and place:
+            beside = np.cross(place.get("into", (0.0, 0.0, -1.0)), place.get("along", (1.0, 0.0, 0.0)))
+            place = {**place, "start": np.asarray(place["start"]) + 3 * burr.radius * beside}
+        return burrlab.HandDevice(push=options.push, **place)
     if device.kind == "scripted":
         return burrlab.read_script(device.file, volume=start.grid if options.volume_frame else None)
     with _opening(f"opening {text}"):
@@ -277,19 +274,16 @@ def _device(text: str, options: Options, burr: Burr, start: BoneStart, number: i
 @contextlib.contextmanager
 def _opening(text: str) -> Iterator[None]:
     """Says what is done. Ctrl-C ends the program at once, as a vendor's library may hang."""
-    here = threading.current_thread() is threading.main_thread()
-    own_handler = here and signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    try:
-        if own_handler:
+    here, usual = threading.current_thread() is threading.main_thread(), signal.default_int_handler
+    with contextlib.ExitStack() as after:
+        if here and signal.getsignal(signal.SIGINT) is usual:
             signal.signal(signal.SIGINT, signal.SIG_DFL)
-        with working(text):
-            yield
-    finally:
-        if own_handler:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            after.callback(signal.signal, signal.SIGINT, usual)
+        after.enter_context(working(text))
+        yield
 
 
-def do_devices(options: Options) -> int:
+def do_devices(options: Options) -> None:
     rows = find_devices(_opening)
     lines = [
         f"{row['device']}: {row['hardware']}, over {row['library']}"
@@ -299,7 +293,6 @@ def do_devices(options: Options) -> int:
     ]
     lines.append("hand, scripted:FILE, igtl:HOST:PORT and vrpn:NAME@HOST need no library")
     deliver(options, {"devices": rows}, "\n".join(lines))
-    return 0
 
 
 def _line(session: burrlab.Session) -> str:
@@ -347,12 +340,12 @@ def do_replica(options: Options) -> int:
     show_line("")
     anatomy = replica_report(replica)
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    lines = [status_text(status, interrupted=interrupted)]
+    text = status_text(status, interrupted=interrupted)
     if anatomy is not None:
-        lines.append(str(anatomy))
+        text += f"\n{anatomy}"
         status["anatomy"] = anatomy.to_dict()
     try:
-        deliver(options, {**status, **effects_plain}, "\n".join(lines) + effects_text)
+        deliver(options, {**status, **effects_plain}, text + effects_text)
     finally:  # an error does not keep the bone from being saved
         if options.save is not None:
             bone, tick = replica.snapshot()
@@ -376,43 +369,43 @@ def do_replay(options: Options) -> int:
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     verdict = f"equal: {where}" if again.equal else f"different: {again.difference}"
     ended = trace.ended or "recording did not end: the session was killed, or goes on"
-    result: dict[str, Any] = {
-        "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
-        "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
-    }  # fmt: skip
-    deliver(options, result, f"{verdict}\n{ended}")
+    deliver(
+        options,
+        {
+            "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
+            "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
+        },
+        f"{verdict}\n{ended}",
+    )  # fmt: skip
     return 0 if again.equal else 1
 
 
-def do_metrics(options: Options) -> int:
+def do_metrics(options: Options) -> None:
     if options.target is None:
         refuse_options(options, ("onto",), "goes with --target")
     wanted = {"threshold": options.threshold or THRESHOLD, "hysteresis": options.hysteresis or HYSTERESIS}
+    target = None
     if is_recording(options.file):
         refuse_options(options, ("target", "watch", *LIMITS), "goes with a trace")
         recording = read_volumetric_drilling(options.file, scale=options.scale or 1.0)
-        with warnings.catch_warnings(record=True) as doubts:
-            warnings.simplefilter("always")
+        with warnings_said():
             metrics = session_metrics(recording, burr=options.burr, **wanted)
-        for doubt in doubts:
-            say(str(doubt.message))
-        plot(options.plot, lambda: metrics.plot()[0])
-        deliver(options, metrics.to_dict(), repr(metrics))
-        return 0
-    refuse_options(options, ("scale",), "goes with a recording of volumetric_drilling")
-    trace, target = load_trace(options.file), None
-    if options.target is not None:
-        target = read_labels(options.target)
-        # A wrong target is refused before the work.
-        compare_with_target(trace.bone(), target, onto=options.onto)
-    metrics = session_metrics(trace, burr=options.burr, **wanted)
-    watch_chosen = watch_asked_for(options)
-    # The report was not recorded, the session was killed, or another watch is wanted.
-    if watch_chosen or (metrics.anatomy is None and trace.tissues is not None):
-        watch = chosen_watch(options, trace.bone()) if watch_chosen else None
-        refuse(watch_chosen and watch is None, "--watch must name structures of the trace's bone, got none")
-        anatomy = anatomy_report(trace, watch=watch, progress=on_terminal())
-        metrics = replace(metrics, anatomy=anatomy)
+    else:
+        refuse_options(options, ("scale",), "goes with a recording of volumetric_drilling")
+        trace = load_trace(options.file)
+        if options.target is not None:
+            target = read_labels(options.target)
+            # A wrong target is refused before the work.
+            compare_with_target(trace.bone(), target, onto=options.onto)
+        metrics = session_metrics(trace, burr=options.burr, **wanted)
+        watch_chosen = watch_asked_for(options)
+        # The report was not recorded, the session was killed, or another watch is wanted.
+        if watch_chosen or (metrics.anatomy is None and trace.tissues is not None):
+            watch = chosen_watch(options, trace.bone()) if watch_chosen else None
+            refuse(
+                watch_chosen and watch is None, "--watch must name structures of the trace's bone, got none"
+            )
+            metrics = replace(metrics, anatomy=anatomy_report(trace, watch=watch, progress=on_terminal()))
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:
         again = replay(trace, progress=on_terminal())
@@ -425,14 +418,12 @@ def do_metrics(options: Options) -> int:
             text += f"\n{before:.2f} mm^3 of that were removed before this session"
     plot(options.plot, lambda: metrics.plot()[0])
     deliver(options, result, text)
-    return 0
 
 
-def do_export(options: Options) -> int:
+def do_export(options: Options) -> None:
     refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
     export_volumetric_drilling(
         load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
         progress=on_terminal(),
     )  # fmt: skip
     deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")
-    return 0

@@ -301,10 +301,11 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
     along = float(way @ direction[:, 2])
     shift = float(np.linalg.norm(way - along * direction[:, 2]))
     pixel = float(np.nanmin(slices[0].spacing)) if np.any(np.isfinite(slices[0].spacing)) else 1.0
+    tilt = math.degrees(math.atan2(shift, abs(along)))
     refuse(
         shift > STRAIGHT * pixel,
-        f"{where}: the slices are sheared, by a gantry tilt of {math.degrees(math.atan2(shift, abs(along))):.3g} "
-        f"degrees: {shift:.3g} mm sideways from the first to the last; sheared volumes are not supported",
+        f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm sideways from the "
+        "first to the last; sheared volumes are not supported",
     )
 
 

@@ -77,10 +77,9 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     require_type("bone", bone, VoxelBone, "VoxelBone.block((10, 10, 5), 0.1)")
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"path must be the name of a file, got {shown(path)}")
-    path = Path(path)
     check_tick(tick)
     check_bone_file(path)
-    with new_file(path) as part, new_hdf5(part) as file:
+    with new_file(Path(path)) as part, new_hdf5(part) as file:
         version = 1 if bone.tissues is None else FORMAT_VERSION
         put_attributes(file, {"format": FORMAT, "format_version": version, "burrlab": __version__})
         write_bone(file, bone, tick, source=source)
@@ -115,8 +114,8 @@ def bone_source(path: str | os.PathLike[str]) -> str:
 
 
 @contextlib.contextmanager
-def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turns every error from a damaged file's content into a ValueError that names the file."""
+def told_as_damage(path: str | os.PathLike[str], closing: "h5py.File | None" = None) -> Iterator[None]:
+    """Turns every error from a damaged file's content into a ValueError that names the file, and closes `closing`."""
     try:
         yield
     except (
@@ -129,6 +128,8 @@ def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
         AttributeError,
         RuntimeError,
     ) as error:
+        if closing is not None:
+            closing.close()
         if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
             raise
         raise ValueError(f"{path} is damaged: {in_one_line(error)}") from None
@@ -159,31 +160,24 @@ def open_any_hdf5(path: str | os.PathLike[str], kind: str) -> "h5py.File":
         if "truncated" in str(error):
             raise ValueError(f"{path} is damaged: it was cut short") from None
         raise ValueError(f"{path} is not {kind}: not an HDF5 file") from None
-    try:
-        with told_as_damage(path):
-            if (name := link_elsewhere(file)) is not None:
-                raise ValueError(f"{path} is refused: its {name} is a link, and could lead to another file")
-    except ValueError:
-        file.close()
-        raise
+    with told_as_damage(path, file):
+        name = link_elsewhere(file)
+        refuse(name is not None, f"{path} is refused: its {name} is a link, and could lead to another file")
     return file
 
 
 def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> "h5py.File":
     """The open file; ValueError unless it is of this kind and of a known version."""
     file = open_any_hdf5(path, f"a {kind}")
-    try:
-        with told_as_damage(path):
-            header = attributes(file)
-            file_kind, version = header.get("format"), int(header.get("format_version", 0))
-    except ValueError:
-        file.close()
-        raise
-    if file_kind == kind and 1 <= version <= newest:
-        return file
-    file.close()
-    refuse(file_kind != kind, f"{path} is not a {kind}")
-    raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
+    with told_as_damage(path, file):
+        header = attributes(file)
+        version = int(header.get("format_version", 0))
+        refuse(header.get("format") != kind, f"{path} is not a {kind}")
+        refuse(
+            not 1 <= version <= newest,
+            f"{path} is a {kind} of format {version}, and this version reads up to {newest}",
+        )
+    return file
 
 
 def read_dataset(group: "h5py.Group", name: str, rows: int | None = None) -> Any:
@@ -296,23 +290,23 @@ def read_bone(group: "h5py.Group") -> tuple[VoxelBone, int]:
         bone.restore(density)
     if "tissue" in group:
         bone.set_tissues(tissues_from_json(header["tissues"]), read_dataset(group, "tissue"))
-    if bone.digest() != header["digest"]:
-        raise ValueError(
-            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with "
-            + in_one_line(header["digest"])
-        )
+    refuse(
+        bone.digest() != header["digest"],
+        f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with "
+        + in_one_line(header["digest"]),
+    )
     return bone, whole("tick", header["tick"], 2**64, "2^64")
 
 
 def tissues_to_json(tissues: Tissues) -> str:
     """A table of tissues as text that `tissues_from_json` reads."""
     m = tissues.material
+    material = {"name": m.name, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name, "source": m.source}  # fmt: skip
     rows = [
         {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
          "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
         for t in tissues
     ]  # fmt: skip
-    material = {"name": m.name, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name, "source": m.source}  # fmt: skip
     return json.dumps({"material": material, "tissues": rows})
 
 

@@ -184,17 +184,15 @@ class Border:
         spacing, counts = np.array(bone.spacing), np.array(bone.shape[::-1])
         self._low = np.array(bone.origin) - 0.5 * spacing
         self._high, self._entered = self._low + counts * spacing, np.zeros(6, bool)
-        self._points: list[
-            NDArray[np.float64]
-        ] = []  # of the bone in each face, along the other two axes [mm]
+        # Of the bone in each face, along the other two axes [mm].
+        self._points: list[NDArray[np.float64]] = []
         for face in range(6):
             axis = 2 - face % 3
             size = np.where(np.arange(3) == axis, np.minimum(bone.shape, 2), bone.shape)
             start = (np.array(bone.shape) - size) * (face > 2)
             levels = bone.read(start.tolist(), size.tolist(), pristine=True)
             solid = np.argwhere(levels.max(axis=axis) >= 128)[:, ::-1]
-            others = np.delete(np.arange(3), face % 3)
-            self._points.append(self._low[others] + (solid + 0.5) * spacing[others])
+            self._points.append(np.delete(self._low, face % 3) + (solid + 0.5) * np.delete(spacing, face % 3))
 
     def count_cut(self, centers: NDArray[np.float64], radius: float) -> int:
         """Number of spheres that leave the volume through bone, of those that follow the ones before.

@@ -210,11 +210,10 @@ def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:
 
 def _smooth(field: Floats, first: NDArray[np.int64], weight: Floats, axis: int) -> Floats:
     """Weighted sums along an axis in a fixed order: every block gets the same bits, unlike with a BLAS."""
-    shape = [1, 1, 1]
-    shape[axis] = len(first)
-    total = weight[0].reshape(shape) * np.take(field, first, axis=axis)
-    for k in range(1, len(weight)):
-        total += weight[k].reshape(shape) * np.take(field, first + k, axis=axis)
+    weights = weight.reshape([len(weight), *(-1 if k == axis else 1 for k in range(3))])
+    total = weights[0] * np.take(field, first, axis=axis)
+    for k in range(1, len(weights)):
+        total += weights[k] * np.take(field, first + k, axis=axis)
     return np.asarray(total)
 
 
@@ -222,12 +221,17 @@ def _white_noise(low: list[int], high: list[int], seed: int) -> Floats:
     """Standard normal draws at nodes low..high - 1 (z, y, x); each depends on seed and node alone."""
     begin = [i // CUBE for i in low]
     count = [-(-j // CUBE) - i for i, j in zip(begin, high, strict=True)]
-    raw = np.empty([CUBE * n for n in count], dtype=np.uint64)
-    key = np.array([seed, STREAM], dtype=np.uint64)
+    uniform = np.empty([CUBE * n for n in count])
     for cube in np.ndindex(*count):
-        at = [(i + b) % 2**64 for i, b in zip(cube, begin, strict=True)]
-        draws = np.random.Philox(key=key, counter=np.array([0, *at], dtype=np.uint64)).random_raw(CUBE**3)
-        raw[tuple(slice(CUBE * i, CUBE * (i + 1)) for i in cube)] = draws.reshape(CUBE, CUBE, CUBE)
+        place = [(i + b) % 2**64 for i, b in zip(cube, begin, strict=True)]
+        draws = unit_draws(seed, STREAM, [0, *place], CUBE**3)
+        uniform[tuple(slice(CUBE * i, CUBE * (i + 1)) for i in cube)] = draws.reshape(CUBE, CUBE, CUBE)
     inside = tuple(slice(i - CUBE * b, j - CUBE * b) for i, j, b in zip(low, high, begin, strict=True))
-    uniform = ((raw[inside] >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
-    return np.asarray(special.ndtri(uniform))
+    return np.asarray(special.ndtri(uniform[inside]))
+
+
+def unit_draws(seed: int, stream: int, counter: list[int], count: int) -> Floats:
+    """Draws in (0, 1) that depend on the two words of the key and the four of the counter alone."""
+    key = np.array([seed, stream], dtype=np.uint64)
+    raw = np.random.Philox(key=key, counter=np.array(counter, dtype=np.uint64)).random_raw(count)
+    return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)

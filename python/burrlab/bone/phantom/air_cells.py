@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from burrlab.bone.phantom.shapes import FAR, Floats, Grid, Singles
+from burrlab.bone.uneven import unit_draws
 from burrlab.common.check import refuse
 
 #: Edge of the blocks that share a list of nearby cells [mm].
@@ -80,9 +81,7 @@ class AirCells:
 
 def uniform(seed: int, purpose: int, count: int) -> Floats:
     """Draws in (0, 1) that depend on seed and purpose alone."""
-    key = np.array([seed, STREAM], dtype=np.uint64)
-    raw = np.random.Philox(key=key, counter=np.array([0, 0, 0, purpose], dtype=np.uint64)).random_raw(count)
-    return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)
+    return unit_draws(seed, STREAM, [0, 0, 0, purpose], count)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,15 +124,11 @@ class Honeycomb:
         """Distance from the middle of the nearest wall [mm] where `inside`; exact below `reach`."""
         out = np.full(grid.shape, np.float32(FAR))
         edges = [_block_edges(places) for places in (grid.z, grid.y, grid.x)]
-        for z in edges[0]:
-            for y in edges[1]:
-                if not inside[z, y].any():
-                    continue
-                for x in edges[2]:
-                    met = inside[z, y, x]
-                    if met.any():
-                        part = Grid(grid.x[x], grid.y[y], grid.z[z])
-                        out[z, y, x][met] = self._block(part.points()[met.ravel()], reach)
+        for z, y, x in itertools.product(*edges):
+            met = inside[z, y, x]
+            if met.any():
+                part = Grid(grid.x[x], grid.y[y], grid.z[z])
+                out[z, y, x][met] = self._block(part.points()[met.ravel()], reach)
         return out
 
     def _block(self, points: Floats, reach: float) -> Singles:
@@ -249,9 +244,8 @@ def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:
     sites = np.empty((len(diameter), 3))
     for k, row in enumerate(draws):
         places = points[(row * len(points)).astype(np.int64)]
-        if k == 0:
-            sites[0] = places[0]
-            continue
         gap = np.linalg.norm(places[:, None, :] - sites[None, :k, :], axis=2) - diameter[:k] / 2
-        sites[k] = places[int(np.argmax(gap.min(axis=1)))]
+        sites[k] = places[
+            int(np.argmax(gap.min(axis=1, initial=np.inf)))
+        ]  # the first place for the first cell
     return sites

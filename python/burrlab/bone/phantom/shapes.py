@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -53,9 +54,7 @@ def interpolate(field: Singles, lattice: Grid, grid: Grid) -> Singles:
     for axis, (nodes, places) in enumerate([(lattice.z, grid.z), (lattice.y, grid.y), (lattice.x, grid.x)]):
         low = np.floor(places / LATTICE)
         first = (low - np.rint(nodes[0] / LATTICE)).astype(np.int64)
-        shape = [1, 1, 1]
-        shape[axis] = len(places)
-        part = (places / LATTICE - low).astype(np.float32).reshape(shape)
+        part = (places / LATTICE - low).astype(np.float32).reshape([-1 if k == axis else 1 for k in range(3)])
         below = np.take(field, first, axis=axis)
         field = below + part * (np.take(field, first + 1, axis=axis) - below)
     return field
@@ -93,34 +92,27 @@ class Tube:
 
     def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:
         """Lowers a field to the signed distance from the tube where this distance is below `reach` [mm]."""
-        for k in range(len(self.points) - 1):
-            a, b = self.points[k], self.points[k + 1]
-            _merge_piece(field, grid, (a, b), (float(self.radius[k]), float(self.radius[k + 1])), reach)
-
-
-def _merge_piece(
-    field: Floats | Singles, grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float], reach: float
-) -> None:
-    a, b = ends
-    pad = max(radii) + reach
-    slices, parts = [], []
-    for axis, places in ((2, grid.z), (1, grid.y), (0, grid.x)):
-        low, high = min(a[axis], b[axis]) - pad, max(a[axis], b[axis]) + pad
-        begin, end = np.searchsorted(places, [low, high])
-        if begin == end:
-            return
-        slices.append(slice(begin, end))
-        shape = [1, 1, 1]
-        shape[2 - axis] = end - begin
-        parts.append((places[begin:end] - a[axis]).reshape(shape))
-    z, y, x = parts
-    along = b - a
-    square = float(along @ along)
-    t = np.clip((x * along[0] + y * along[1] + z * along[2]) / square, 0.0, 1.0) if square > 0 else 0.0
-    dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
-    distance = np.sqrt(dx * dx + dy * dy + dz * dz) - (radii[0] + t * (radii[1] - radii[0]))
-    part = field[tuple(slices)]
-    np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
+        for (a, b), (start, end) in zip(pairwise(self.points), pairwise(self.radius.tolist()), strict=True):
+            pad = max(start, end) + reach
+            box = np.transpose([np.minimum(a, b) - pad, np.maximum(a, b) + pad])
+            i, j, k = (
+                slice(*np.searchsorted(places, sides))
+                for places, sides in zip((grid.x, grid.y, grid.z), box, strict=True)
+            )
+            x, y, z = Grid(grid.x[i] - a[0], grid.y[j] - a[1], grid.z[k] - a[2]).open()
+            if 0 in (x.size, y.size, z.size):
+                continue
+            along = b - a
+            square = float(along @ along)
+            t = (
+                np.clip((x * along[0] + y * along[1] + z * along[2]) / square, 0.0, 1.0)
+                if square > 0
+                else 0.0
+            )
+            dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
+            distance = np.sqrt(dx * dx + dy * dy + dz * dz) - (start + t * (end - start))
+            part = field[k, j, i]
+            np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
 
 
 def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:

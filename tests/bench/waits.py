@@ -19,10 +19,8 @@ import numpy as np
 from native import Burring, Core, Native
 from PIL import Image
 
-import burrlab
+from burrlab import Burr, Clock, LabelVolume, ScriptedDevice, Session, Volume, materials, write_volume
 from burrlab.anatomy import temporal_bone
-from burrlab.bone.formats import write_volume
-from burrlab.bone.image import LabelVolume, Volume
 from burrlab.bone.recipe import usual_recipe
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING
 
@@ -160,12 +158,10 @@ def make(folder: Path) -> None:
     )
     times = np.linspace(0.0, 4.0, 401)
     path = phantom.entry + np.outer(2.0 * times - 4.0, phantom.axis)
-    device = burrlab.ScriptedDevice(times, path)
-    tool = burrlab.Burr(3.0), burrlab.materials["bone"]
+    device = ScriptedDevice(times, path)
+    tool = Burr(3.0), materials["bone"]
     record = folder / "ear.h5"
-    with burrlab.Session(
-        phantom.bone, tool, device, seed=1, clock=burrlab.Clock(wall_clock=False), record=record
-    ) as session:
+    with Session(phantom.bone, tool, device, seed=1, clock=Clock(wall_clock=False), record=record) as session:
         session.wait()
 
 
@@ -200,7 +196,7 @@ def first_text(program: str, folder: Path) -> float:
 def longest_ticks(folder: Path, native: Native) -> Iterator[str]:
     """Lines on ticks of a burr of 5 mm at places among the structures, each the first one there: the 99th percentile
     over the median of the plain loop at the same places. Tissues differ in c_e."""
-    bone = usual_recipe(str(folder / "labels.seg.nrrd"), burrlab.materials["bone"], {}).bone()
+    bone = usual_recipe(str(folder / "labels.seg.nrrd"), materials["bone"], {}).bone()
     tissues, burring = bone.tissues or (), Burring(VOXEL, 5.0)
     p, numbers, edge = bone.density, bone.tissue_numbers, int(burring.radius / VOXEL) + 4
     inner = numbers[edge:-edge, edge:-edge, edge:-edge]

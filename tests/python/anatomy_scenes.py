@@ -2,9 +2,7 @@
 
 import numpy as np
 
-import burrlab
-from burrlab import materials
-from burrlab._core import Tissue, Tissues, VoxelBone
+from burrlab import Burr, ScriptedDevice, Tissue, Tissues, VoxelBone, materials
 
 BONE = materials["bone"]
 NAMES = ("bone", "nerve", "sinus", "unused")
@@ -32,9 +30,9 @@ def nerve_bone(voxel=0.2):
 
 
 def tool(radius=1.0):
-    return burrlab.Burr(radius), BONE
+    return Burr(radius), BONE
 
 
 def straight(points, times, on=None):
     """A device that goes from point to point in straight lines."""
-    return burrlab.ScriptedDevice(np.asarray(times, float), np.asarray(points, float), on)
+    return ScriptedDevice(np.asarray(times, float), np.asarray(points, float), on)

@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, BurrContact, VoxelBone, _core, materials
 
 pytest.register_assert_rewrite("tick_scenes")
 
@@ -49,12 +48,12 @@ def _patient_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def burr():
-    return burrlab.Burr(3.0)
+    return Burr(3.0)
 
 
 @pytest.fixture
 def bone():
-    return burrlab.materials["bone"]
+    return materials["bone"]
 
 
 @pytest.fixture(params=_core.cpu_paths())
@@ -77,8 +76,8 @@ def keep_cpu_path():
 @pytest.fixture
 def eroded_bone():
     """A small block with a dent in it."""
-    bone = burrlab.VoxelBone.block((3, 3, 2), 0.1, origin=(-1.45, -1.45, -1.95))
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1)
+    bone = VoxelBone.block((3, 3, 2), 0.1, origin=(-1.45, -1.45, -1.95))
+    contact = BurrContact(bone, Burr(1.0), materials["bone"], seed=1)
     for _ in range(10):
         contact.step((0.0, 0.0, 0.8), 1.0)
     assert bone.removed > 0

@@ -8,10 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from burrlab import materials
-from burrlab._core import Burr, VoxelBone, erode
-from burrlab.bone.formats import read_volume
-from burrlab.bone.image import OccupancyMap, Volume
+from burrlab import Burr, OccupancyMap, Volume, VoxelBone, erode, materials, read_volume
 from burrlab.bone.kept import DrilledVolume, check_drilled, load_drilled, save_drilled
 from burrlab.bone.tissues import default_tissues
 

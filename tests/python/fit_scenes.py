@@ -6,11 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from burrlab._core import Burr
-from burrlab.bone.materials import materials
-from burrlab.fitting.fit import Fit, fit
-from burrlab.measured.curve import Indentation, VelocityCurve
-from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
+from burrlab import (
+    Burr,
+    Fit,
+    Indentation,
+    VelocityCurve,
+    fit,
+    materials,
+    synthetic_curve,
+    synthetic_indentation,
+    synthetic_trace,
+)
 
 BURR, BONE = Burr(3.0), materials["bone"]
 FORCES = np.geomspace(0.3, 2.6, 6)

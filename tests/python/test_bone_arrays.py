@@ -5,8 +5,7 @@ import gc
 import numpy as np
 import pytest
 
-import burrlab
-from burrlab._core import VoxelBone
+from burrlab import Burr, BurrContact, VoxelBone, materials
 
 SOLID = np.full((4, 5, 6), 255, dtype=np.uint8)
 
@@ -34,7 +33,7 @@ def test_changing_the_bone_does_not_change_an_array(eroded_bone: VoxelBone) -> N
     present, pristine = bone.density, bone.pristine
     before = present.copy(), pristine.copy()
     assert np.any(present != pristine)
-    burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=2).step((0.0, 0.0, 0.5), 1.0)
+    BurrContact(bone, Burr(1.0), materials["bone"], seed=2).step((0.0, 0.0, 0.5), 1.0)
     assert np.any(bone.density != present)
     bone.write(SOLID // 2)
     bone.reset()
@@ -52,7 +51,7 @@ def test_read_is_a_part_of_the_dense_arrays(start: tuple[int, int, int], size: t
     levels = np.random.default_rng(1).integers(0, 256, (20, 30, 30)).astype(np.uint8)
     bone = VoxelBone(levels, 0.1)
     center = [0.1 * (a + n / 2) for a, n in zip(start[::-1], size[::-1], strict=True)]
-    burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1).erode(center, 10.0)
+    BurrContact(bone, Burr(1.0), materials["bone"], seed=1).erode(center, 10.0)
     np.testing.assert_array_equal(bone.pristine, levels)
     box = tuple(slice(a, a + n) for a, n in zip(start, size, strict=True))
     for pristine, whole in ((False, bone.density), (True, bone.pristine)):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import burrlab
-from burrlab.bone.uneven import BoneField
+from burrlab import BoneField, Burr, descend, half_space, materials
 from burrlab.descent.scatter import Scatter, predicted_scatter
 from burrlab.descent.sweep import item_seed
 
@@ -27,9 +26,7 @@ def sparse(field, n, seed, lags=(0.0, 0.0, 0.0)):
 
 
 def velocity(burr, material, force, specimen, seed=1):
-    return burrlab.descend(
-        burr, material, force, specimen=specimen, seed=seed, ideal=True
-    ).penetration_velocity
+    return descend(burr, material, force, specimen=specimen, seed=seed, ideal=True).penetration_velocity
 
 
 @pytest.mark.parametrize(("mean", "contrast"), [(0.8, 0.1), (0.8, 0.45), (0.3, 0.5), (0.5, 0.2)])
@@ -116,7 +113,7 @@ def test_block_offset_depth_and_voxel_change_nothing_in_the_bone(burr):
 
 def test_bone_is_below_the_surface_only(burr):
     field, place = BoneField(0.6, 0.1, 0.6), {"axis": (1.0, -0.5, -2.0), "offset": (0.1, 0.0, 0.0)}
-    solid, bone = burrlab.half_space(burr, 0.2, **place), field.specimen(burr, 0.2, seed=1, **place)
+    solid, bone = half_space(burr, 0.2, **place), field.specimen(burr, 0.2, seed=1, **place)
     full, levels = np.asarray(solid.bone.density), np.asarray(bone.bone.density)
     assert np.array_equal((bone.surface, bone.axis), (solid.surface, solid.axis))
     assert bone.bone.origin == solid.bone.origin
@@ -127,7 +124,7 @@ def test_bone_is_below_the_surface_only(burr):
 
 
 def test_no_contrast_is_the_homogeneous_block(burr):
-    solid = np.asarray(burrlab.half_space(burr, 0.2).bone.density)
+    solid = np.asarray(half_space(burr, 0.2).bone.density)
     for mean in (1.0, 0.8, 0.3):
         specimen = BoneField(mean, 0.0, 0.01).specimen(burr, 0.2, seed=1)
         levels = np.asarray(specimen.bone.density)
@@ -193,7 +190,7 @@ def test_specimen_parameters_are_checked(burr, options, message):
         BoneField(correlation_length=0.3).specimen(burr, **{"voxel": 0.2, "seed": 1, **options})
 
 
-BURR, BONE, FIELD = burrlab.Burr(3.0), burrlab.materials["bone"], BoneField()
+BURR, BONE, FIELD = Burr(3.0), materials["bone"], BoneField()
 
 
 def predict(field=FIELD, forces=(1.0, 2.0), burr=BURR, material=BONE, **options):

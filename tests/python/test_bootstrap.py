@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from fit_scenes import BONE, BURR, DATA, curve_of, fitted, with_sigma
 
-from burrlab._core import Material
-from burrlab.common.study import Store
-from burrlab.fitting.fit import fit
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
-from burrlab.theory.continuum import penetration_velocity
+from burrlab import (
+    Material,
+    Store,
+    VelocityCurve,
+    fit,
+    penetration_velocity,
+    synthetic_indentation,
+    synthetic_trace,
+)
 
 CURVE = curve_of(np.geomspace(0.3, 2.6, 8), repeats=3)
 RIDGE = curve_of([0.2, 0.3, 0.4, 0.5], repeats=3, scatter=0.05, seed=1)

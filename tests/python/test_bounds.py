@@ -16,8 +16,7 @@ import pytest
 from session_scenes import make_records, record, small_bone
 from volume_scenes import a_volume
 
-import burrlab
-from burrlab.bone.image import Volume
+from burrlab import Volume, VoxelBone, load_bone, load_trace, read_volume, replay, save_bone, write_volume
 from burrlab.common.check import available_memory, shown
 from burrlab.common.files import attributes
 from burrlab.volume import write_dicom
@@ -207,12 +206,12 @@ def test_what_reading_takes(tmp_path):
     values = np.random.default_rng(1).integers(0, 900, (100, 320, 320)).astype(np.int16)  # 20 MB
     volume = Volume(values, (1, 1, 1), (0, 0, 0), np.eye(3), "made")
     for name in ("a.nrrd", "a.nii.gz", "a.mha"):
-        burrlab.write_volume(tmp_path / name, volume)
+        write_volume(tmp_path / name, volume)
     write_dicom(tmp_path / "dicom", volume)
     head = nrrd("320 320 100", b"").replace(b"gzip", b"raw").replace(b"little", b"big")
     (tmp_path / "big.nrrd").write_bytes(head + values.astype(">i2").tobytes())
     (tmp_path / "scaled.nii").write_bytes(nifti(320, 320, 100, slope=0.5) + values.tobytes())
-    burrlab.save_bone(tmp_path / "a.h5", burrlab.VoxelBone(values.astype(np.uint8), 0.1))
+    save_bone(tmp_path / "a.h5", VoxelBone(values.astype(np.uint8), 0.1))
     paths = sorted(tmp_path.iterdir())
     calls = [(BONE if path.suffix == ".h5" else READ).format(str(path)) for path in paths]
     for path, (found, peak) in zip(paths, evaluated(*calls), strict=True):
@@ -226,7 +225,7 @@ def test_what_reading_takes(tmp_path):
 def files(tmp_path_factory):
     """A bone and a trace, in the present format and in that of earlier versions."""
     folder = tmp_path_factory.mktemp("files")
-    burrlab.save_bone(folder / "bone.h5", small_bone(), 5)
+    save_bone(folder / "bone.h5", small_bone(), 5)
     record(folder / "trace.h5", make_records(small_bone(), 30, first=40))
     for name in ("bone", "trace"):
         with h5py.File(folder / f"{name}.h5") as file, h5py.File(folder / f"old_{name}.h5", "w") as old:
@@ -250,13 +249,13 @@ def files(tmp_path_factory):
 
 
 def test_files_of_earlier_versions(files):
-    bones = [burrlab.load_bone(files / f"{old}bone.h5") for old in ("", "old_")]
+    bones = [load_bone(files / f"{old}bone.h5") for old in ("", "old_")]
     assert bones[0][0].digest() == bones[1][0].digest()
     assert bones[1][1] == 5
-    trace, old = (burrlab.load_trace(files / f"{old}trace.h5") for old in ("", "old_"))
+    trace, old = (load_trace(files / f"{old}trace.h5") for old in ("", "old_"))
     assert old.ticks.tobytes() == trace.ticks.tobytes()
     assert (old.note, old.provenance, old.tools) == (trace.note, trace.provenance, trace.tools)
-    assert burrlab.replay(old).equal
+    assert replay(old).equal
 
 
 @pytest.mark.parametrize(("name", "step"), [("bone", 32), ("trace", 96)])
@@ -288,11 +287,11 @@ def test_old_files_that_hang_the_library(files):
 
 def test_texts_of_any_length(tmp_path):
     text = "ä" * 100_000 + "\udcff"
-    burrlab.save_bone(tmp_path / "a.h5", small_bone(), source=text)
+    save_bone(tmp_path / "a.h5", small_bone(), source=text)
     with h5py.File(tmp_path / "a.h5") as file:
         assert attributes(file)["source"] == text
-    burrlab.save_bone(tmp_path / "a.h5", small_bone())
-    assert burrlab.load_bone(tmp_path / "a.h5")[1] == 0
+    save_bone(tmp_path / "a.h5", small_bone())
+    assert load_bone(tmp_path / "a.h5")[1] == 0
 
 
 def test_refusals_are_short():
@@ -326,4 +325,4 @@ def test_values_in_several_files(tmp_path, encoding):
     }  # fmt: skip
     for name, text in texts.items():
         (tmp_path / name).write_text(text)
-        np.testing.assert_array_equal(burrlab.read_volume(tmp_path / name).values, volume.values)
+        np.testing.assert_array_equal(read_volume(tmp_path / name).values, volume.values)

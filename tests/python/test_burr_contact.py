@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from burrlab import materials
-from burrlab._core import Burr, BurrContact, Material, VoxelBone
+from burrlab import Burr, BurrContact, Material, VoxelBone, materials
 
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
 COLUMNS = ("force", "normal", "m1", "penetration", "m0", "removed", "tick", "c_e", *FLAGS)

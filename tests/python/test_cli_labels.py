@@ -12,16 +12,13 @@ from command_line import call, said
 from drilled_scenes import stack
 from label_scenes import MAP, SPACING, greys, volume, write_files
 
-import burrlab
+from burrlab import HandDevice, Session, StartingBone, load_bone, load_trace, materials, replay, save_bone
 from burrlab._core import Burr, Replica, VoxelBone
 from burrlab.bone import slices
 from burrlab.bone.kept import load_drilled
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.slices import pixels
-from burrlab.bone.snapshot import load_bone
 from burrlab.session.network import follow
-from burrlab.session.replay import replay
-from burrlab.session.trace import load_trace
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -240,14 +237,14 @@ def test_a_kept_bone_of_another_material(run: Callable[..., str]) -> None:
 
 
 def test_a_published_session_on_a_kept_bone_is_followed(tmp_path: Path) -> None:
-    burrlab.save_bone(tmp_path / "b.h5", VoxelBone.block((8, 8, 4), 0.25), 50)
+    save_bone(tmp_path / "b.h5", VoxelBone.block((8, 8, 4), 0.25), 50)
     kept = DrilledRecipe(str(tmp_path / "b.h5"))
-    device = burrlab.HandDevice((4, 4, 6))
-    session = burrlab.Session(
-        burrlab.StartingBone(
+    device = HandDevice((4, 4, 6))
+    session = Session(
+        StartingBone(
             kept.bone(), tick=kept.tick, source=kept.plain() | {"notes": [f"read from {tmp_path / 'b.h5'}"]}
         ),
-        (Burr(1.0), burrlab.materials["bone"]),
+        (Burr(1.0), materials["bone"]),
         device,
         seed=1,
         duration=1.5,

@@ -15,8 +15,7 @@ from label_scenes import write_files
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
-from burrlab.bone.formats import write_volume
-from burrlab.bone.image import LabelVolume
+from burrlab import LabelVolume, write_volume
 from burrlab.bone.tissues import read_tissues
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")

@@ -13,9 +13,8 @@ from rendering_probe import need_drawing
 from session_scenes import small_bone
 from view_scenes import carve, frames_in, read, write_trace
 
-import burrlab
 import burrlab.cli.view as cli_view
-from burrlab.bone.snapshot import save_bone
+from burrlab import VoxelBone, export_volumetric_drilling, load_trace, save_bone
 from burrlab.effects.effects import effects_of
 from burrlab.session.player import TracePlayer
 
@@ -78,7 +77,7 @@ def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys, monke
     )
     for look in ((), ("--entry", "1,1,-1")):
         assert call(capsys, "view", trace, "--pictures", tmp_path / "a.png", *look)[0] == 0
-    last = burrlab.load_trace(trace).ticks["burr"]["center_mm"][-1, 0]
+    last = load_trace(trace).ticks["burr"]["center_mm"][-1, 0]
     assert tuple(through[0]) == tuple(last)
     assert through[1] == (1, 1, -1)
 
@@ -87,7 +86,7 @@ def test_effects_have_dust_and_water(trace, capsys, monkeypatch):
     served = {}
     monkeypatch.setattr(cli_view, "serve", lambda source, **options: served.update(options))
     assert call(capsys, "view", trace, "--web", "--effects")[0] == 0
-    list(effects_of(TracePlayer(burrlab.load_trace(trace)), served["effects"]))
+    list(effects_of(TracePlayer(load_trace(trace)), served["effects"]))
     balance = served["effects"].balance()
     assert balance["dust"].made > 0
     assert balance["water"].made > 0
@@ -157,8 +156,8 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
 @pytest.fixture(scope="module")
 def recording(trace):
     """The trace as the other simulator would have recorded it, and --bone with its bone."""
-    found, file = burrlab.load_trace(trace), trace.with_name("there.hdf5")
-    burrlab.export_volumetric_drilling(found, file)
+    found, file = load_trace(trace), trace.with_name("there.hdf5")
+    export_volumetric_drilling(found, file)
     save_bone(trace.with_name("whole.h5"), found.bone(), 0)
     return file, "--bone", trace.with_name("whole.h5")
 
@@ -168,7 +167,7 @@ def test_pictures_of_a_recording(recording, tmp_path, capsys):
     told = result(capsys, "view", *recording, "--at", 0.3, "--pictures", made)
     assert (told["at_s"], told["written"]) == (0.3, [str(made), str(tmp_path / "a-depth.png")])
     assert told["notes"][-1] == "not recorded: penetration, whether the burr turned"
-    save_bone(other, burrlab.VoxelBone.block((4, 4, 4), 0.5), 0)
+    save_bone(other, VoxelBone.block((4, 4, 4), 0.5), 0)
     for said, *arguments in (
         ("there.hdf5 is a recording without bone: it needs either --bone FILE, or --volume", recording[0]),
         ("is a recording without bone: it needs either", *recording, "--volume", other),
@@ -220,7 +219,7 @@ def test_picture_film_and_stereo_of_a_trace(trace, recording, tmp_path, capsys):
     )
     assert call(capsys, "view", trace, "--pictures", alone, "--at", 0)[0] == 0
     np.testing.assert_array_equal(read(both), read(alone))
-    duration = burrlab.load_trace(trace).duration
+    duration = load_trace(trace).duration
     frames = int(duration * 10 / 0.5 + 1e-9) + 1
     assert told["frames"] == frames
     assert frames_in(film) == frames
@@ -302,14 +301,14 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
 
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
     for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
-        bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
+        bone = VoxelBone.block((20, 20, 8), 0.5)
         carve(bone, start, radius=2.5)
         assert bone.removed > 0
         assert cli_view._widest_opening(bone) == axis
 
 
 def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
-    bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
+    bone = VoxelBone.block((20, 20, 8), 0.5)
     carve(bone, *((10, y, 8.5) for y in np.linspace(3, 17, 400)), radius=2.5, ticks=1)
     cli_view._write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), "")
     picture = read(tmp_path / "a-depth.png")

@@ -10,8 +10,7 @@ from anatomy_scenes import nerve_bone, straight, table, tool
 from command_line import said
 from session_scenes import session_of
 
-import burrlab
-from burrlab._core import Tissue, Tissues
+from burrlab import Tissue, Tissues, VoxelBone, load_trace
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.tissues import write_tissues
@@ -82,7 +81,7 @@ def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, se
 
 
 def test_options_are_checked(capsys) -> None:
-    plain = burrlab.VoxelBone.block((2, 2, 2), 0.2)
+    plain = VoxelBone.block((2, 2, 2), 0.2)
     assert chosen_watch(options([]), plain) is None
     for given, bone, sentence in (
         (
@@ -129,13 +128,13 @@ def test_a_replica_reports_as_its_leader(tmp_path) -> None:
         assert mine.equals(theirs)
         assert [str(event) for event in replica_events(replica)] == [str(event) for event in theirs.events]
         assert replica_events(replica, len(theirs.events)) == []
-    assert AnatomyReport.recorded(burrlab.load_trace(path)).equals(theirs)
+    assert AnatomyReport.recorded(load_trace(path)).equals(theirs)
     with pytest.raises(TypeError, match="replica must be a Replica, got VoxelBone"):
         replica_report(bone)
 
 
 def test_a_replica_of_a_session_without_a_watch() -> None:
-    bone = burrlab.VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
+    bone = VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
     _, replica = followed(bone, 0.8)
     assert replica_report(replica) is None
     assert replica_events(replica) == []

@@ -14,11 +14,8 @@ from fit_scenes import BONE, BURR, fitted
 from scipy import stats
 from scipy.optimize import minimize
 
-from burrlab._core import Material
+from burrlab import Fit, Material, VelocityCurve, fit, penetration_velocity
 from burrlab.comparing.comparison import Comparison, _holm, compare
-from burrlab.fitting.fit import Fit, fit
-from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import penetration_velocity
 
 
 @dataclass(frozen=True)

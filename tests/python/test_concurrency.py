@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import burrlab
-import burrlab._core as _core
-from burrlab._core import BurrContact, VoxelBone
+from burrlab import Burr, BurrContact, MailboxDevice, Material, Session, VoxelBone, _core
 
 WORKERS = 6
 
@@ -24,10 +22,10 @@ def fresh() -> VoxelBone:
     return VoxelBone(levels, spacing=0.1)
 
 
-def contact_on(bone: VoxelBone, worker: int) -> burrlab.BurrContact:
-    material = burrlab.Material("any", c_e=2.0, alpha=0.3, shape="power(1.5)")
+def contact_on(bone: VoxelBone, worker: int) -> BurrContact:
+    material = Material("any", c_e=2.0, alpha=0.3, shape="power(1.5)")
     scheme = ("layer", "cell")[worker % 2]
-    return burrlab.BurrContact(bone, burrlab.Burr(1.5), material, seed=worker, scheme=scheme)
+    return BurrContact(bone, Burr(1.5), material, seed=worker, scheme=scheme)
 
 
 def path(ticks: int) -> NDArray[np.float64]:
@@ -120,7 +118,7 @@ USES: dict[str, Callable[[VoxelBone, BurrContact], object]] = {
     "reset": lambda b, c: b.reset(),
     "density": lambda b, c: b.density,
     "digest": lambda b, c: b.digest(),
-    "session": lambda b, c: burrlab.Session(b, (c.burr, c.material), burrlab.MailboxDevice()),
+    "session": lambda b, c: Session(b, (c.burr, c.material), MailboxDevice()),
     "bricks": lambda b, c: _core.restore_bricks(b, BRICK, np.zeros((1, 512), np.uint8)),
     "loop": lambda b, c: waiting_loop(b, c).start(),
 }
@@ -128,7 +126,7 @@ USES: dict[str, Callable[[VoxelBone, BurrContact], object]] = {
 
 def waiting_loop(bone: VoxelBone, contact: BurrContact) -> _core.HapticLoop:
     executor = _core.TickExecutor(bone, [(contact.burr, contact.material)], 1)
-    return _core.HapticLoop(executor, [burrlab.MailboxDevice()], realtime=False)
+    return _core.HapticLoop(executor, [MailboxDevice()], realtime=False)
 
 
 @pytest.mark.parametrize("use", USES)

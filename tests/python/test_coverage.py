@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab import materials
-from burrlab._core import Burr
-from burrlab.common.study import Store
+from burrlab import Burr, Indentation, Store, VelocityCurve, fit, materials, penetration_velocity
 from burrlab.fitting.calibration import Calibration, RowScatter
-from burrlab.fitting.fit import fit
-from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.planning.coverage import ExperimentPlan, Share, coverage_study
-from burrlab.theory.continuum import penetration_velocity
 
 BONE = materials["bone"]
 

@@ -7,8 +7,7 @@ import pytest
 import tick_scenes
 from tick_scenes import SCHEMES, Scene, check_scene, make_pair, on_every_path, scene_of, step_both, tissues_of
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, BurrContact, VoxelBone, _core, materials
 from reference.tick import draw_lanes
 
 PATHS = tuple(_core.cpu_paths())
@@ -83,10 +82,10 @@ def test_faint_levels_end_at_32(cpu_path: str, height: float, made_of: str, leve
     if made_of == "levels":  # every brick holds a voxel on the other side of the limit
         levels[::8, ::8, ::8] = 1 if level == 32 else 255
     origin = (-3.15, -3.15, -3.15)
-    bone = burrlab.VoxelBone(levels, spacing=0.1, origin=origin)
+    bone = VoxelBone(levels, spacing=0.1, origin=origin)
     if made_of == "a block":
-        bone = burrlab.VoxelBone.block((6.4, 6.4, 6.4), 0.1, origin=origin, level=level)
-    contact = burrlab.BurrContact(bone, burrlab.Burr(4.0), burrlab.materials["bone"], seed=1)
+        bone = VoxelBone.block((6.4, 6.4, 6.4), 0.1, origin=origin, level=level)
+    contact = BurrContact(bone, Burr(4.0), materials["bone"], seed=1)
     for felt in (contact.probe((0.0, 0.0, height)), contact.step((0.0, 0.0, height), 1.0)):
         assert felt.touching
         assert felt.faint == (level < 32)

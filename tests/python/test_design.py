@@ -12,13 +12,17 @@ from command_line import result as result_of
 from fit_scenes import BONE, BURR, curve_of, with_sigma
 
 import burrlab.planning.region as region_grid
-from burrlab._core import Burr, Material
-from burrlab.comparing.shapes import compare_shapes
-from burrlab.fitting.fit import fit
-from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation
-from burrlab.planning.design import design
+from burrlab import (
+    Burr,
+    MasterCurve,
+    Material,
+    compare_shapes,
+    design,
+    fit,
+    synthetic_curve,
+    synthetic_indentation,
+)
 from burrlab.planning.region import RegionGrid
-from burrlab.theory.continuum import MasterCurve
 
 mpl.use("Agg")
 

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom, chi2
 
-from burrlab import materials
-from burrlab._core import Burr, Material
+from burrlab import Burr, Material, materials, mean_field_descent
 from burrlab.psychophysics.designs import ABX, Draws, FixedOrder, SameDifferent, counterbalanced
 from burrlab.psychophysics.psychometric import ThresholdPosterior, proportion_correct
 from burrlab.psychophysics.staircase import (
@@ -24,7 +23,6 @@ from burrlab.psychophysics.staircase import (
     gaussian_difference,
 )
 from burrlab.psychophysics.trial import Stimulus
-from burrlab.theory.continuum import mean_field_descent
 
 BONE, PETTIGREW, PVC = (Stimulus(name, materials[name]) for name in ("bone", "pettigrew", "pvc"))
 REAL = Stimulus("real Pettigrew")

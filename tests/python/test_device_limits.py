@@ -19,24 +19,40 @@ from conftest import ROOT
 from pseudo_terminal import PseudoTerminal
 from session_scenes import session_of
 
-import burrlab
-from burrlab import DeviceLimits, _core, device_limits
+from burrlab import (
+    Burr,
+    Clock,
+    DeviceFrame,
+    DeviceLimits,
+    HandDevice,
+    Material,
+    ReplayDevice,
+    Safety,
+    ScriptedDevice,
+    Session,
+    VoxelBone,
+    _core,
+    device_limits,
+    load_trace,
+    materials,
+    replay,
+)
 from burrlab.anatomy.watch import Watch
 
-TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
+TOOL = Burr(3.0), materials["bone"]
 
 
 def session(device=None, **options):
-    bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    bone = VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
     options = {"seed": 1, "wall_clock": False, **options}
-    return session_of(bone, TOOL, device or burrlab.HandDevice((0, 0, 3.1), push=4.0), **options)
+    return session_of(bone, TOOL, device or HandDevice((0, 0, 3.1), push=4.0), **options)
 
 
 def recorded(path, **options):
     """The session at its end, and its trace."""
     with session(record=path, **options) as run:
         assert run.wait(30)
-    return run, burrlab.load_trace(path)
+    return run, load_trace(path)
 
 
 def test_every_number_has_a_source_and_the_page_has_the_table():
@@ -65,7 +81,7 @@ def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "burrlab.session.session.HapticLoop", _core.HapticLoop
     )  # with its own limit of a stall
-    still = burrlab.ScriptedDevice([0.0, 8.0], [[0, 0, 2.0]] * 2, on=[False, False])
+    still = ScriptedDevice([0.0, 8.0], [[0, 0, 2.0]] * 2, on=[False, False])
     run, trace = recorded(tmp_path / "touch.h5", device=still, limits="touch", ramp=0.05)
     sent, wanted = (np.linalg.norm(trace.array(f"{name}force_N"), axis=1) for name in ("sent_", ""))
     steps = np.linalg.norm(np.diff(trace.array("sent_force_N"), axis=0, prepend=0), axis=1)
@@ -85,7 +101,7 @@ def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
     assert trace.note["limits"] == [{"model": "touch", **{k: list(v) if isinstance(v, tuple) else v for k, v in
                                      device_limits["touch"].numbers().items()}}]  # fmt: skip
     assert trace.note["ramp_s"] == 0.05
-    assert burrlab.replay(trace).equal
+    assert replay(trace).equal
     assert re.search(
         r"burr 0: touch renders 0\.4 N/mm stably; the contact is \d+\.\d\d of that", str(run.report())
     )
@@ -98,7 +114,7 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
     # The guard reckons with a stall: the shorter it is, the nearer it lets the force come to its limit.
     loop = functools.partial(_core.HapticLoop, stall_limit=1000.0)
     monkeypatch.setattr("burrlab.session.session.HapticLoop", loop)
-    bone = burrlab.VoxelBone.block((12, 12, 5), 0.5, origin=(-5.75, -5.75, -4.75))
+    bone = VoxelBone.block((12, 12, 5), 0.5, origin=(-5.75, -5.75, -4.75))
     reached = np.zeros(3)  # peak, continuous, ramp
     for number in numbers:
         random = np.random.default_rng(number)
@@ -113,18 +129,18 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
         )
         n = random.integers(50, 600)
         way = np.cumsum(random.normal(0, random.choice([0.003, 0.05, 2]), (n, 3)), axis=0) + (0, 0, 2.1)
-        device = burrlab.ReplayDevice(
+        device = ReplayDevice(
             way % 6 - (3, 3, 1), on=random.random(n) < 0.5, buttons=random.integers(0, 2, n)
         )
-        frame = burrlab.DeviceFrame(random.uniform(0.5, 2), clutch=0 if number % 3 else None)
-        tool = burrlab.Burr(2.0), burrlab.Material("random", c_e=random.uniform(0.2, 30), alpha=0.05)
-        run = burrlab.Session(
+        frame = DeviceFrame(random.uniform(0.5, 2), clutch=0 if number % 3 else None)
+        tool = Burr(2.0), Material("random", c_e=random.uniform(0.2, 30), alpha=0.05)
+        run = Session(
             bone,
             tool,
             (device, frame) if number % 2 else device,
             seed=number,
-            clock=burrlab.Clock(rate=rate, wall_clock=False),
-            safety=burrlab.Safety(limits=model, ramp=ramp, slew_limit=slew, force_limit=99),
+            clock=Clock(rate=rate, wall_clock=False),
+            safety=Safety(limits=model, ramp=ramp, slew_limit=slew, force_limit=99),
         )
         reader = _core.RecordReader(run.loop)
         with run:
@@ -154,7 +170,7 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
 def test_the_stability_report_knows_the_model():
     own = dataclasses.replace(device_limits["touch"], damping=5.0, friction=0.055, rate=500.0)
     path = np.array([[0, 0, 3.1], [0, 0, 2.9]], float)
-    with session(burrlab.ScriptedDevice([0.0, 0.2], path, on=[False, False]), limits=own) as run:
+    with session(ScriptedDevice([0.0, 0.2], path, on=[False, False]), limits=own) as run:
         run.wait()
     at = run.report().stability[0]
     assert at["limit_N_per_mm"] == pytest.approx(2.0)  # 2 x 0.055 N/0.055 mm, below 10 of the damping
@@ -165,14 +181,14 @@ def test_the_stability_report_knows_the_model():
 
 
 def test_two_burrs_have_their_own_limits():
-    bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
-    still = [burrlab.ScriptedDevice([0, 1.5], [[x, 0, 2.2]] * 2, on=[False] * 2) for x in (-5, 5)]
-    with burrlab.Session(
+    bone = VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    still = [ScriptedDevice([0, 1.5], [[x, 0, 2.2]] * 2, on=[False] * 2) for x in (-5, 5)]
+    with Session(
         bone,
         [TOOL] * 2,
         still,
-        clock=burrlab.Clock(wall_clock=False),
-        safety=burrlab.Safety(limits=["touch", None], ramp=0.2),
+        clock=Clock(wall_clock=False),
+        safety=Safety(limits=["touch", None], ramp=0.2),
     ) as run:
         run.wait()
     sent = np.linalg.norm(run.follower.take(run.follower.view())["newest"]["burr"]["sent"], axis=1)
@@ -186,7 +202,7 @@ def test_a_force_stops_the_session_in_its_tick(tmp_path):
     assert (run.reason, run.failed) == ("the force of burr 0 reached 1.5 N", False)
     assert wanted[-1] >= 1.5 > wanted[:-1].max()
     assert sent[-1] == 0 < sent[-2]
-    assert burrlab.replay(trace).equal
+    assert replay(trace).equal
     assert trace.note["stop_at_force_N"] == 1.5
 
 
@@ -196,20 +212,20 @@ def test_nearness_stops_the_session(tmp_path):
     watch = Watch(bone, structures=["nerve"])
     device = straight([(0, 0, 1.2), (0, 0, -0.8)], [0.0, 0.4], on=[True, True])
     path = tmp_path / "near.h5"
-    with burrlab.Session(
+    with Session(
         bone,
         tool(),
         device,
         watch=watch,
-        safety=burrlab.Safety(stop_within={"nerve": 0.5}),
+        safety=Safety(stop_within={"nerve": 0.5}),
         record=path,
-        clock=burrlab.Clock(realtime=False),
+        clock=Clock(realtime=False),
     ) as run:
         assert run.wait(20)
     assert re.fullmatch(r"burr 0 came within 0\.5 mm of nerve: 0\.\d\d mm", run.reason)
     assert not run.failed
     assert "the session stops within 0.5 mm of nerve" in run.messages
-    trace = burrlab.load_trace(path)
+    trace = load_trace(path)
     distance = watch.distance(trace.array("center_mm"), "nerve", radius=1.0)
     late = len(distance) - 1 - np.flatnonzero(distance <= 0.5)[0]
     assert 0 <= late < 150  # ticks of 1 ms, on a loaded machine
@@ -241,7 +257,7 @@ def test_enter_stops_the_command(tmp_path):
         os.write(at.controller, b"stop\n")
         at.wait_for("Enter was pressed")
         assert at.process.wait(30) == 0
-    assert burrlab.load_trace(file).complete
+    assert load_trace(file).complete
 
 
 def test_a_closed_terminal_leaves_trace_and_result(tmp_path):
@@ -252,7 +268,7 @@ def test_a_closed_terminal_leaves_trace_and_result(tmp_path):
     os.close(at.terminal)
     os.close(at.controller)
     assert at.process.wait(30) == 130
-    assert burrlab.load_trace(file).complete
+    assert load_trace(file).complete
     assert json.loads(told.read_text())["interrupted"]
 
 
@@ -272,9 +288,7 @@ def test_options_of_the_command(capsys):
 def near(**distances):
     bone = nerve_bone()
     watch = Watch(bone, structures=["nerve"])
-    burrlab.Session(
-        bone, tool(), burrlab.HandDevice(), watch=watch, safety=burrlab.Safety(stop_within=distances)
-    )
+    Session(bone, tool(), HandDevice(), watch=watch, safety=Safety(stop_within=distances))
 
 
 @pytest.mark.parametrize(
@@ -288,7 +302,7 @@ def near(**distances):
             ({"ramp": math.nan}, ValueError, "ramp must be from 0 and below 1e6 s, got nan"),
             ({"stop_at_force": 0.0}, ValueError, r"stop_at_force must be positive and finite, got 0\.0"),
             ({"stop_button": 8}, ValueError, "stop_button must be a whole number from 0 and below 8"),
-            ({"stop_button": 1, "frames": burrlab.DeviceFrame(clutch=1)}, ValueError, "another button than the clutch, got 1"),
+            ({"stop_button": 1, "frames": DeviceFrame(clutch=1)}, ValueError, "another button than the clutch, got 1"),
             ({"stop_within": 1.0}, TypeError, "stop_within must be a Mapping"),
             ({"limits": DeviceLimits("slow", 3, 1, window=0.05)}, ValueError, "window must be at least a stall"),
         ]),
@@ -313,8 +327,8 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     path = np.column_stack([np.zeros(400), np.linspace(0.0, 1.0, 400), np.full(400, 1.45)])
     half, nearly = 0.5**0.5, 1.0004  # lengths that are just let through do not add up
     velocity, turned = np.tile([0.0, 2.0, 0.0], (400, 1)), np.tile([nearly, 0, 0, 0], (400, 1))
-    device = burrlab.ReplayDevice(path, velocity=velocity, orientation=turned)
-    frame = burrlab.DeviceFrame(2.0, rotation=(nearly * half, 0, 0, -nearly * half), offset=(1, 0, 0))
+    device = ReplayDevice(path, velocity=velocity, orientation=turned)
+    frame = DeviceFrame(2.0, rotation=(nearly * half, 0, 0, -nearly * half), offset=(1, 0, 0))
     run, trace = recorded(tmp_path / "a.h5", device=device, frames=frame)
     there = np.column_stack([1 + 2 * path[:, 1], 0 * path[:, 0], 2 * path[:, 2]])
     np.testing.assert_allclose(trace.array("center_mm"), there, atol=1e-12)
@@ -326,10 +340,8 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     assert trace.note["frames"][0]["scale"] == 2.0
     length = np.linalg.norm(trace.array("orientation"), axis=1)
     np.testing.assert_allclose(length, nearly)
-    device = burrlab.ReplayDevice(path)
-    run, _ = recorded(
-        tmp_path / "b.h5", device=device, frames=burrlab.DeviceFrame(1e308, offset=(0, 0, 1e308))
-    )
+    device = ReplayDevice(path)
+    run, _ = recorded(tmp_path / "b.h5", device=device, frames=DeviceFrame(1e308, offset=(0, 0, 1e308)))
     assert run.reason == "device 0 gave a position or velocity that is not finite"
 
 
@@ -345,7 +357,7 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
 )  # fmt: skip
 def test_a_frame_that_is_none(given, said):
     with pytest.raises(ValueError, match=re.escape(said)):
-        burrlab.DeviceFrame(**given)
+        DeviceFrame(**given)
 
 
 def test_a_frame_from_the_command_line(tmp_path, capsys):

@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 from label_scenes import volume
 
-import burrlab
-import burrlab._core as _core
-from burrlab.session.exchange import read_script
+from burrlab import Burr, VoxelBone, _core, materials, read_script
 
 
 def play(device, ticks=0, *, period=1.0, material="bone"):
     """(records of a loop on its virtual clock, reason of its end, bone)"""
-    bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
-    tools = [(burrlab.Burr(2.0), burrlab.materials[material])]
+    bone = VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
+    tools = [(Burr(2.0), materials[material])]
     executor = _core.TickExecutor(bone, tools, 1, period=period)
     loop = _core.HapticLoop(executor, [device], wall_clock=False, realtime=False, ticks=ticks)
     reader = _core.RecordReader(loop)
@@ -113,8 +111,8 @@ def test_refusals(device, arguments, sentence):
 
 def test_mailbox_from_another_thread():
     device = _core.MailboxDevice(lost_after=5000.0, name="rig")
-    bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
-    executor = _core.TickExecutor(bone, [(burrlab.Burr(2.0), burrlab.materials["bone"])], 1)
+    bone = VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
+    executor = _core.TickExecutor(bone, [(Burr(2.0), materials["bone"])], 1)
     loop = _core.HapticLoop(executor, [device], realtime=False)
     reader = _core.RecordReader(loop)
     loop.start()

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import Burr, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
+from burrlab import Burr, Fit, Material, Shape, VelocityCurve, fit, materials, synthetic_curve
 from burrlab.fitting import diagnostics
 from burrlab.fitting.calibration import Calibration
 from burrlab.fitting.diagnostics import PLAUSIBLE, against_order, order_tests
-from burrlab.fitting.fit import Fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import C_E, Domain, lowest

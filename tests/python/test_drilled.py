@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, kept, nifti, nrrd, stack
 
-from burrlab import materials
-from burrlab._core import Burr, erode
+from burrlab import Burr, OccupancyMap, Volume, erode, materials, save_bone
 from burrlab.bone.formats import format_of, read_volume, write_volume
-from burrlab.bone.image import OccupancyMap, Volume
 from burrlab.bone.kept import check_drilled, grey_of_levels, load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe, VolumeRecipe
 from burrlab.bone.slices import read_stack
-from burrlab.bone.snapshot import save_bone
 from burrlab.volume import write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")

@@ -10,9 +10,7 @@ import pytest
 from drilled_scenes import MAP, SHAPE, greys, kept
 
 import burrlab.common.files as files
-from burrlab._core import VoxelBone
-from burrlab.bone.formats import read_labels, read_volume
-from burrlab.bone.image import OccupancyMap, Volume
+from burrlab import OccupancyMap, Volume, VoxelBone, read_labels, read_volume
 from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe
 

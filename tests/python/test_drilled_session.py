@@ -11,17 +11,22 @@ from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 from test_volume_formats import independently
 
-import burrlab
-from burrlab import materials
-from burrlab._core import Burr, ScriptedDevice, VoxelBone
+from burrlab import (
+    Burr,
+    Clock,
+    LabelVolume,
+    ScriptedDevice,
+    Session,
+    StartingBone,
+    VoxelBone,
+    materials,
+    save_bone,
+)
 from burrlab.bone.formats import format_of, read_labels, read_volume, write_volume
-from burrlab.bone.image import LabelVolume
 from burrlab.bone.kept import DrilledVolume, load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 from burrlab.session.network import make_bone
-from burrlab.session.session import Session
-from burrlab.session.settings import Clock, StartingBone
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -175,7 +180,7 @@ def test_a_recipe_of_a_kept_bone(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0.25 mm, got 0.5"):
         kept.check_burr(Burr(0.5))
 
-    burrlab.save_bone(tmp_path / "alone.h5", bone, tick)
+    save_bone(tmp_path / "alone.h5", bone, tick)
     alone = DrilledRecipe(str(tmp_path / "alone.h5"))
     assert (alone.tick, alone.mapping, alone.bone().digest()) == (300, None, bone.digest())
     there = alone.specimen(entry=np.array(bone.origin) + (1, 1, 6.8), axis=(0, 0, -1))

@@ -8,8 +8,7 @@ import pytest
 from effects_scenes import SOLID, bone_with_tissues, buried_parcels, levels_removed, session
 from session_scenes import ended
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, BurrContact, VoxelBone, _core, load_trace
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
 from burrlab.effects.effects import Effects, effects_of
 from burrlab.session.player import TracePlayer
@@ -18,11 +17,11 @@ TILE = np.zeros((1, 8, 8, 8), np.uint8)
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 
 
-def carved(frames: int, decisions=None, **options) -> tuple[Effects, burrlab.VoxelBone]:
+def carved(frames: int, decisions=None, **options) -> tuple[Effects, VoxelBone]:
     """(effects, bone) after frames of 50 ms, each with five ticks of 10 ms of a burr that goes along x."""
     bone = bone_with_tissues()
     effects = Effects(bone, **{"seed": 1, "nozzle": WATER, **options})
-    contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), SOLID, seed=3)
+    contact = BurrContact(bone, Burr(2.0), SOLID, seed=3)
     _core.take_changed_bricks(bone)
     for frame in range(frames):
         center = (-2 + 0.1 * frame, 0.0, 1.7)
@@ -121,7 +120,7 @@ def test_the_budget_decides_how_fine() -> None:
 def test_a_recorded_session_and_one_that_goes_back(tmp_path: Path) -> None:
     """The parcels are the same each time. Bone that is restored buries no parcel."""
     ended(session(1.0, record=tmp_path / "trace.h5"))
-    trace, parcels = burrlab.load_trace(tmp_path / "trace.h5"), []
+    trace, parcels = load_trace(tmp_path / "trace.h5"), []
     for _ in range(2):
         player = TracePlayer(trace)
         effects = Effects(player.bone, seed=1)
@@ -235,7 +234,7 @@ def hide(effects: Effects, place, radius: float) -> float:
 
 
 def of_block(side: float, voxel: float, **place) -> Effects:
-    return Effects(burrlab.VoxelBone.block((side,) * 3, voxel, **place), seed=1)
+    return Effects(VoxelBone.block((side,) * 3, voxel, **place), seed=1)
 
 
 def test_parameters_are_documented_and_kept() -> None:

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from effects_scenes import bone_with_tissues, levels_removed, session
 
-import burrlab
-import burrlab._core as _core
+from burrlab import _core, load_trace
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
@@ -99,7 +98,7 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None
         ) as companion:
             assert companion.wait(60)
     assert companion.report().over_budget > 0
-    player = TracePlayer(burrlab.load_trace(tmp_path / "trace.h5"))
+    player = TracePlayer(load_trace(tmp_path / "trace.h5"))
     assert companion.first_tick > tick
     player.seek_tick(companion.first_tick)
     again = Effects(player.bone, seed=5, nozzle=water, sucker=sucker, camera=CAMERA)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from effects_scenes import TOOL, bone_with_tissues, buried_parcels, levels_removed
 
-import burrlab
-import burrlab._core as _core
+from burrlab import BurrContact, Clock, ScriptedDevice, Session, VoxelBone, _core
 from burrlab._core import EffectParameters, Nozzle, Sucker
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects
@@ -15,7 +14,7 @@ def cut():
     """(bone before a cut, the cut as an update, levels removed)"""
     bone = bone_with_tissues()
     after = bone.copy()
-    contact = burrlab.BurrContact(after, *TOOL, seed=1)
+    contact = BurrContact(after, *TOOL, seed=1)
     for x in np.linspace(-1.5, 1.5, 60):
         contact.step((x, 0.0, 1.5), 1.0)
     bricks = _core.take_changed_bricks(after)
@@ -48,8 +47,8 @@ def test_a_burr_that_its_device_sent_far_away(far) -> None:
 def test_a_session_whose_device_jumps_far_away() -> None:
     times = np.array([0.0, 0.1, 0.1001, 0.3, 0.3001, 0.4])
     x = np.array([0.0, 0.5, 1e200, -1e200, 0.5, 0.5])
-    device = burrlab.ScriptedDevice(times, np.stack([x, 0 * x, 0 * x + 1.5], axis=1))
-    session = burrlab.Session(bone_with_tissues(), TOOL, device, seed=1, clock=burrlab.Clock(realtime=False))
+    device = ScriptedDevice(times, np.stack([x, 0 * x, 0 * x + 1.5], axis=1))
+    session = Session(bone_with_tissues(), TOOL, device, seed=1, clock=Clock(realtime=False))
     with Companion(session, seed=1, rate=50) as companion, session:  # bone gone before makes no dust
         assert session.wait(60)
         assert companion.wait(60)
@@ -86,7 +85,7 @@ def test_the_largest_nozzles(rate, speed) -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 9, 1), (2, 1, 17)])
 def test_a_bone_of_few_voxels(shape) -> None:
-    bone = burrlab.VoxelBone(np.full(shape, 255, np.uint8), 0.1)
+    bone = VoxelBone(np.full(shape, 255, np.uint8), 0.1)
     effects = Effects(bone, seed=1, nozzle=Nozzle((0, 0, 3), (0, 0, -1), rate=100, burr=None))
     bricks = np.arange(np.prod([-(-n // 8) for n in shape]), dtype=np.uint32)
     effects.step(

@@ -12,16 +12,20 @@ from fit_scenes import BONE, BURR, DATA, curve_of, fitted, plain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from burrlab._core import Burr, Material
-from burrlab.bone.materials import materials
-from burrlab.comparing.comparison import compare
-from burrlab.comparing.shapes import compare_shapes
-from burrlab.fitting.fit import Fit, fit
+from burrlab import (
+    Burr,
+    Fit,
+    Material,
+    VelocityCurve,
+    VoxelEngine,
+    compare,
+    compare_shapes,
+    fit,
+    materials,
+    penetration_velocity,
+    synthetic_trace,
+)
 from burrlab.fitting.profile import ALPHA, C_E
-from burrlab.fitting.voxel import VoxelEngine
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.synthetic import synthetic_trace
-from burrlab.theory.continuum import penetration_velocity
 
 NAN = float("nan")
 ACROSS = np.geomspace(0.015, 0.15, 8) * 9  # phi = 0.015 to 0.15 at c_e = 1: across the kink at 0.068

@@ -20,8 +20,7 @@ import pytest
 from command_line import call, refusal, result
 from test_servo_devices import session, wait_for
 
-import burrlab
-from burrlab import _core
+from burrlab import HaplyDevice, _core, load_trace, replay
 from haply_service import HaplyService
 
 DEEP = 0.0028  # in contact [m]
@@ -34,7 +33,7 @@ def service():
 
 
 def opened(service, lost_after=5000.0, **options):  # however busy the machine is
-    return burrlab.HaplyDevice("127.0.0.1", service.port, lost_after=lost_after, **options)
+    return HaplyDevice("127.0.0.1", service.port, lost_after=lost_after, **options)
 
 
 def edited(kind, **fields):
@@ -74,8 +73,8 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     assert (run.failed, run.reason) == (True, f"device 0 was lost: {device.fault}")
     assert device.fault.startswith(f"{device.name} failed: the connection ended (")
     assert not device.force.any()
-    trace = burrlab.load_trace(file)
-    assert (trace.complete, burrlab.replay(trace).equal) == (True, True)
+    trace = load_trace(file)
+    assert (trace.complete, replay(trace).equal) == (True, True)
     assert {*service.forces} <= {(0.0, 0.0, 0.0), *map(tuple, trace.array("sent_force_N"))}
     position, orientation = trace.array("device_position_mm"), trace.array("orientation")
     np.testing.assert_allclose(position[[0, -1]], [(0, 0, 5), (0, 0, 2.8)])
@@ -317,4 +316,4 @@ def test_commands(service, capsys, monkeypatch):
 def test_hosts_that_are_refused():
     for host in ("", "a/b", "a b"):
         with pytest.raises(ValueError, match="host must be a name or an address, got"):
-            burrlab.HaplyDevice(host)
+            HaplyDevice(host)

@@ -11,9 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from numpy.typing import NDArray
 from tick_scenes import SCHEMES, reference_of, step_both
 
-import burrlab
-import burrlab._core as _core
-from burrlab._core import VoxelBone
+from burrlab import Burr, BurrContact, Material, VoxelBone, _core
 
 Levels = NDArray[np.uint8]
 SPACING = (0.25, 0.5, 0.125)  # (x, y, z) [mm]; powers of two, so that sums of products are exact
@@ -40,7 +38,7 @@ def assert_sums_match(bone: VoxelBone, density: Levels) -> None:
     index = np.indices(q.shape)[::-1]
     first = [int((q * (index[axis] - base[axis])).sum()) for axis in range(3)]
     for scheme in SCHEMES:
-        m0, m1 = _core.moments(bone, burrlab.Burr(reach), center, scheme=scheme)
+        m0, m1 = _core.moments(bone, Burr(reach), center, scheme=scheme)
         assert m0 == 256 * total * unit
         expected = [
             256 * (along - part * total) * (s * unit) for along, s in zip(first, SPACING, strict=True)
@@ -93,8 +91,8 @@ class Bones(RuleBasedStateMachine):
         extent = (np.array(self.bone.shape[::-1]) - 1.0) * SPACING
         center = np.array(ORIGIN) + np.array(share) * extent
         _core.use_cpu_path(path)
-        material = burrlab.Material("any", c_e=1.5, alpha=alpha, shape=shape)
-        contact = burrlab.BurrContact(self.bone, burrlab.Burr(radius), material, seed=5, scheme=scheme)
+        material = Material("any", c_e=1.5, alpha=alpha, shape=shape)
+        contact = BurrContact(self.bone, Burr(radius), material, seed=5, scheme=scheme)
         contact.tick = self.tick
         step_both([contact], reference_of(contact, self.q, self.p), center)
         self.tick += 1
@@ -164,8 +162,8 @@ def test_random_sequences() -> None:
 def test_erosion_of_everything(cpu_path: str, shape: tuple[int, int, int]) -> None:
     """A burr that goes along a bar removes all bone behind it and none ahead, in any grid direction."""
     bone = VoxelBone(np.full(shape, 255, dtype=np.uint8), 0.25)
-    material = burrlab.Material("any", c_e=1.0, alpha=100.0, shape="constant")
-    contact = burrlab.BurrContact(bone, burrlab.Burr(3.0), material, seed=1, scheme="cell")
+    material = Material("any", c_e=1.0, alpha=100.0, shape="constant")
+    contact = BurrContact(bone, Burr(3.0), material, seed=1, scheme="cell")
     axis = 2 - int(np.argmax(shape))
     middle = (np.array(shape[::-1]) - 1) * 0.125
     for along in np.arange(0.0, 75.1, 0.5):

@@ -12,8 +12,7 @@ import pytest
 import wire
 from replica_scenes import BLOCK, TOOL, soon
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, _core, materials
 from burrlab.session.network import follow, make_bone
 
 BONE = make_bone(BLOCK)
@@ -79,7 +78,7 @@ def following(*messages, pause=0.0):
     with FakeLeader(*messages, pause=pause) as leader:
         replica = _core.Replica("127.0.0.1", leader.port)
         assert replica.fetch_hello(5.0)
-        replica.start(make_bone(BLOCK), [(burrlab.Burr(3.0), burrlab.materials["bone"])], 1)
+        replica.start(make_bone(BLOCK), [(Burr(3.0), materials["bone"])], 1)
         yield replica
         replica.stop()
 

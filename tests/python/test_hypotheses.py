@@ -8,15 +8,19 @@ import pytest
 from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, fitted, with_sigma
 from scipy import stats
 
-from burrlab.comparing.comparison import compare
+from burrlab import (
+    DepthTrace,
+    Indentation,
+    VelocityCurve,
+    compare,
+    fit,
+    synthetic_indentation,
+    synthetic_trace,
+)
 from burrlab.fitting.diagnostics import POOR, fall_with_depth, goodness, indentation_tests, lack_of_fit
-from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest
-from burrlab.measured.curve import Indentation, VelocityCurve
-from burrlab.measured.depth_trace import DepthTrace
-from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
 
 FEW = FORCES[::2]
 

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 from session_scenes import FakeReader
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, MailboxDevice, ScriptedDevice, _core, load_trace, materials, replay
 from burrlab.psychophysics.interval import TICK, Block, _Watch, render
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.trial import Interval, Stimulus
 
-BURR = burrlab.Burr(2.0)
+BURR = Burr(2.0)
 BONE = Block((14, 14, 4), 0.2)
 
 
 def interval(name="bone", *, seed=1, duration: float | None = 0.5):
-    return Interval(Stimulus(name, burrlab.materials[name]), seed, duration)
+    return Interval(Stimulus(name, materials[name]), seed, duration)
 
 
 def play(device=None, what=None, *, bone=BONE, mode="drilling", wall_clock=False, **options):
@@ -30,7 +29,7 @@ def play(device=None, what=None, *, bone=BONE, mode="drilling", wall_clock=False
 def script(*rows, on=True):
     """A device that is at (x, y, z) [mm] at a time [s]."""
     time, x, y, z = np.array(rows, dtype=float).T
-    return burrlab.ScriptedDevice(time, np.column_stack([x, y, z]), np.full(len(time), on))
+    return ScriptedDevice(time, np.column_stack([x, y, z]), np.full(len(time), on))
 
 
 def removed(rendered):
@@ -116,7 +115,7 @@ def test_a_device_that_comes_to_its_end_ends_it():
 
 
 def test_a_lost_device_is_a_failure():
-    mailbox = burrlab.MailboxDevice(lost_after=50.0)
+    mailbox = MailboxDevice(lost_after=50.0)
     mailbox.put((0, 0, 2.5))
     said = []
     found = play(mailbox, interval(duration=5.0), wall_clock=True, on_message=said.append)
@@ -127,18 +126,18 @@ def test_a_lost_device_is_a_failure():
 def test_the_trace_holds_the_interval(tmp_path):
     file = tmp_path / "interval.h5"
     found = play(**THROUGH, record=file)
-    trace = burrlab.load_trace(file)
+    trace = load_trace(file)
     assert trace.complete
     assert np.array_equal(trace.array("center_mm")[: len(found.ticks)], found.ticks["center"])
     assert trace.bone().digest() == THIN.fresh().digest()
-    assert burrlab.replay(trace).equal
+    assert replay(trace).equal
     with pytest.raises(FileExistsError, match="path must be a new file"):
         play(drilling_hand(BURR), record=file)
 
 
 @pytest.mark.parametrize("size", [1, 7])
 def test_the_end_does_not_depend_on_how_the_records_come(size):
-    executor = _core.TickExecutor(BONE.fresh(), [(BURR, burrlab.materials["pvc"])], 1)
+    executor = _core.TickExecutor(BONE.fresh(), [(BURR, materials["pvc"])], 1)
     device = script((0, 0, 0, 2.5), (0.3, 0, 0, 1.5), (1, 10, 0, 1.5))
     loop = _core.HapticLoop(executor, [device], wall_clock=False, realtime=False)
     reader = _core.RecordReader(loop)

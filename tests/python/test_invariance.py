@@ -12,11 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-import burrlab
+from burrlab import (
+    Burr,
+    Descent,
+    DescentSettings,
+    ForceController,
+    Material,
+    descend,
+    materials,
+    penetration_velocity,
+)
 from burrlab.theory.closed_forms import contact_stiffness
-from burrlab.theory.continuum import penetration_velocity
 
-BURR = burrlab.Burr(3.0)
+BURR = Burr(3.0)
 SEEDS = range(8)  # a seed also draws the place of the burr within a voxel
 FORCES = (0.3, 0.5, 1.0, 2.0)  # [N]
 VOXELS = (0.4, 0.2, 0.1)  # [mm]
@@ -36,19 +44,19 @@ class Case:
     seeds: int = len(SEEDS)
 
 
-def material_of(case: Case) -> burrlab.Material:
-    known = burrlab.materials[case.material]
-    return burrlab.Material(known.name, c_e=known.c_e, alpha=known.alpha, shape=case.shape)
+def material_of(case: Case) -> Material:
+    known = materials[case.material]
+    return Material(known.name, c_e=known.c_e, alpha=known.alpha, shape=case.shape)
 
 
 @cache
 def velocities(case: Case) -> tuple[float, ...]:
     """Penetration velocities of all seeds [mm/s]."""
-    settings = burrlab.DescentSettings(dt=case.dt, scheme=case.scheme)
+    settings = DescentSettings(dt=case.dt, scheme=case.scheme)
     options = {"voxel": case.voxel, "settings": settings, "ideal": True}
 
     def velocity(seed: int) -> float:
-        run = burrlab.descend(BURR, material_of(case), case.force, seed=seed, **options)
+        run = descend(BURR, material_of(case), case.force, seed=seed, **options)
         assert run.penetration_velocity is not None, run
         return run.penetration_velocity
 
@@ -128,11 +136,11 @@ def test_step_independence(force: float, voxel: float, steps: tuple[float, ...],
 
 
 @cache
-def rig_run(material: str, force: float, voxel: float, seed: int) -> tuple[burrlab.Descent, burrlab.Descent]:
+def rig_run(material: str, force: float, voxel: float, seed: int) -> tuple[Descent, Descent]:
     """One descent through controller and rig, and one with the force held exactly."""
-    chosen = burrlab.materials[material]
-    run = burrlab.descend(BURR, chosen, force, voxel=voxel, seed=seed)
-    exact = burrlab.descend(BURR, chosen, force, voxel=voxel, seed=seed, ideal=True)
+    chosen = materials[material]
+    run = descend(BURR, chosen, force, voxel=voxel, seed=seed)
+    exact = descend(BURR, chosen, force, voxel=voxel, seed=seed, ideal=True)
     return run, exact
 
 
@@ -152,7 +160,7 @@ def test_controller(material: str, force: float, voxel: float, seeds: int) -> No
     for run, exact in pairs:
         assert exact.duration > 0.29
         assert run.status == "ok", run
-        expected = penetration_velocity(BURR, burrlab.materials[material], force, *run.window)
+        expected = penetration_velocity(BURR, materials[material], force, *run.window)
         to_mean_field.append(run.penetration_velocity / expected - 1)
         if run.window[0] <= BURR.radius / 6:
             to_exact.append(run.penetration_velocity / exact.penetration_velocity - 1)
@@ -163,9 +171,9 @@ def test_controller(material: str, force: float, voxel: float, seeds: int) -> No
 
 def test_fixed_gains_settle_in_pvc_where_the_default_does_not() -> None:
     """The rule and the numbers of docs/descent.md, at 0.3 N."""
-    pvc, force = burrlab.materials["pvc"], 0.3
+    pvc, force = materials["pvc"], 0.3
     kp = 200 / contact_stiffness(pvc.c_e, BURR.radius, force, 0.75)
-    run = burrlab.descend(BURR, pvc, force, seed=1, controller=burrlab.ForceController(kp, kp / 0.03))
+    run = descend(BURR, pvc, force, seed=1, controller=ForceController(kp, kp / 0.03))
     assert (rig_run("pvc", force, 0.1, 1)[0].status, run.status) == ("never-settled", "ok")
     assert run.penetration_velocity == pytest.approx(
         penetration_velocity(BURR, pvc, force, *run.window), rel=0.04

@@ -8,8 +8,7 @@ version of NumPy, and a shuffle of this module, because NumPy's may change.
 import hashlib
 import json
 import math
-import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
 
@@ -18,16 +17,8 @@ import numpy as np
 from burrlab._core import Material
 from burrlab.common.check import refuse, require_type
 from burrlab.psychophysics.power import design_power
-from burrlab.psychophysics.rules import one_of
+from burrlab.psychophysics.rules import one_of, whole
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, Phase, Stimulus, TaskDesign, Trial
-
-
-def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
-    """The number as an int; ValueError if it is out of range."""
-    number = operator.index(value)
-    refuse(number < at_least, f"{name} must be at least {at_least}, got {number}")
-    refuse(number % multiple, f"{name} must be a multiple of {multiple}{why}, got {number}")
-    return number
 
 
 def seconds(name: str, value: float) -> float:
@@ -70,8 +61,6 @@ def checked_level(name: str, level: float) -> float:
 
 T = TypeVar("T")
 
-_WORDS = 8  # 32-bit words of a SHA-256 digest
-
 
 class Draws:
     """Random draws of one subject in one design.
@@ -99,16 +88,13 @@ class Draws:
     """
 
     def __init__(self, seed: int, subject: str, design: Mapping[str, Any]) -> None:
-        if not isinstance(subject, str):
-            raise TypeError(f"subject must be a str, such as '01', got {subject!r}")
+        require_type("subject", subject, str, "'01'")
         refuse(not subject, "subject must have a name, got ''")
-        if (seed := operator.index(seed)) < 0:
-            raise ValueError(f"seed must be at least 0, got {seed}")
+        seed = whole("seed", seed, at_least=0)
         # Python's own hash differs between processes.
         text = json.dumps([subject, design], sort_keys=True, allow_nan=False)
         words = np.frombuffer(hashlib.sha256(text.encode()).digest(), dtype="<u4")
-        entropy = [seed, *(int(word) for word in words[:_WORDS])]
-        self._bits = np.random.PCG64(np.random.SeedSequence(entropy))
+        self._bits = np.random.PCG64(np.random.SeedSequence([seed, *words.tolist()]))
         self._seeds: set[int] = set()
 
     def below(self, end: int) -> int:
@@ -152,16 +138,15 @@ class Draws:
             One list per block. The frequencies of the types in a block are equal if its size is a multiple of
             the number of types, and differ by at most one otherwise.
         """
-        size = trials // blocks
         # Groups take turns, so a run shorter than the cycle repeats no type and balances the groups.
         turn = [
             value
             for together in zip(*(self.shuffled(group) for group in self.shuffled(groups)), strict=True)
             for value in together
         ]
-        whole, rest = divmod(size, len(turn))
+        cycles, rest = divmod(trials // blocks, len(turn))
         extras = [[turn[(block * rest + i) % len(turn)] for i in range(rest)] for block in range(blocks)]
-        return [self.shuffled(turn * whole + extra) for extra in self.shuffled(extras)]
+        return [self.shuffled(turn * cycles + extra) for extra in self.shuffled(extras)]
 
 
 class FixedOrder(Order):
@@ -188,37 +173,42 @@ class FixedOrder(Order):
         return self.trials[done] if done < len(self.trials) else None
 
 
-def fixed_order(design: Any, seed: int, subject: str, types: Sequence[Sequence[Any]]) -> FixedOrder:
-    """An order of practice, then blocks, each balanced (`Draws.balanced`)."""
-    draws = Draws(seed, subject, design.to_dict())
-    first = draws.balanced(types, design.practice)[0]
-    order = [design._trial(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
-    for block, kinds in enumerate(draws.balanced(types, design.trials, design.blocks), 1):
-        before = 1 + (block - 1) * len(kinds)
-        order += [design._trial(draws, kind, n, "main", block) for n, kind in enumerate(kinds, before)]
-    return FixedOrder(order, design.answers)
+def _check_common(design: Any) -> None:
+    """Checks the values that all designs have; the length of an interval becomes a float."""
+    one_of("mode", design.mode, MODES)
+    object.__setattr__(design, "interval", seconds("interval", design.interval))
+    whole("practice", design.practice, at_least=0)
+    whole("blocks", design.blocks, at_least=1)
 
 
-class Scored(TaskDesign):
-    """A design whose answers make a score and do not change the order."""
+class FixedDesign(TaskDesign):
+    """A design whose answers do not change the order: practice, then blocks, each balanced (`Draws.balanced`)."""
 
     trials: int
-    interval: float
-    practice: int
     blocks: int
-    _types: Sequence[Sequence[str]]  # in groups of equal size
+    _types: Sequence[Sequence[Any]]  # in groups of equal size
+    _trial: Callable[..., Trial]
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        return fixed_order(self, seed, subject, self._types)
+        draws = Draws(seed, subject, self.to_dict())
+        first = enumerate(draws.balanced(self._types, self.practice)[0], 1)
+        trials = [self._trial(draws, kind, number, "practice", 0) for number, kind in first]
+        blocks = enumerate(draws.balanced(self._types, self.trials, self.blocks), 1)
+        main = enumerate(((block, kind) for block, kinds in blocks for kind in kinds), 1)
+        trials += [self._trial(draws, kind, number, "main", block) for number, (block, kind) in main]
+        return FixedOrder(trials, self.answers)
+
+
+class Scored(FixedDesign):
+    """A design whose answers make a score and do not change the order."""
+
+    interval: float
 
     def _check(self, types: str, multiple: int) -> None:
         """Checks that the types can be equally frequent, that blocks have one size, and the other values."""
         whole("trials", self.trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
-        whole("blocks", self.blocks, at_least=1)
+        _check_common(self)
         whole("trials", self.trials, at_least=multiple, multiple=self.blocks, why=", the number of blocks")
-        whole("practice", self.practice, at_least=0)
-        object.__setattr__(self, "interval", seconds("interval", self.interval))
-        one_of("mode", self.mode, MODES)
 
     def _power(self, comparison: str, subjects: int) -> str:
         return f"{comparison}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
@@ -254,8 +244,7 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     n = len(names)
     refuse(n == 0, "names must hold at least one, got none")
     refuse(any(name in names[:i] for i, name in enumerate(names)), f"names must differ, got {list(names)!r}")
-    if (subject := operator.index(subject_index)) < 0:
-        raise ValueError(f"subject_index must be at least 0, got {subject}")
+    subject = whole("subject_index", subject_index, at_least=0)
     # 0, 1, n-1, 2, n-2, ...: each difference of neighbours occurs once
     first = [(i + 1) // 2 if i % 2 else (n - i // 2) % n for i in range(n)]
     row = [names[(place + subject) % n] for place in first]
@@ -327,7 +316,7 @@ class ComparisonDesign(TaskDesign):
     def __post_init__(self) -> None:
         rendered("reference", self.reference)
         one_of("parameter", self.parameter, ("c_e", "alpha"))
-        one_of("mode", self.mode, MODES)
+        _check_common(self)
         one_of("hold", self.hold, ("other", "sinking speed"))
         refuse(
             self.parameter == "alpha" and self.mode == "probing",
@@ -345,9 +334,6 @@ class ComparisonDesign(TaskDesign):
         )
         for name in ("c_e", "alpha"):
             refuse(getattr(self._material, name) == 0.0, f"reference must have {name} above 0, got 0")
-        object.__setattr__(self, "interval", seconds("interval", self.interval))
-        whole("practice", self.practice, at_least=0)
-        whole("blocks", self.blocks, at_least=1)
         object.__setattr__(self, "question", FASTER if self._asks_speed else STIFFER)
 
     @property
@@ -394,14 +380,15 @@ class ComparisonDesign(TaskDesign):
         source = f"{self._material.name} with {self.parameter} times {level:.17g}; {self.held}"
         return Stimulus(name, Material(name, c_e=c_e, alpha=alpha, shape=self._material.shape, source=source))
 
-    def trial(self, kind: str, level: float, number: int, phase: Phase, block: int, draws: Draws) -> Trial:
-        """A trial with reference and comparison in the order of `kind`, RC or CR."""
+    def _trial(self, draws: Draws, kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
+        """A trial with reference and comparison in the order of RC or CR, at a level."""
+        order, level = kind
         stimuli = {"R": self.reference, "C": self.comparison(level)}
-        intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in kind)
+        intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in order)
         # In a comparison of more c_e the burr sinks more slowly.
         slower = self._asks_speed and self.parameter == "c_e"
         more = "C" if (level > 1.0) != slower else "R"
-        return Trial(number, phase, block, kind, intervals, self.answers[kind.index(more)], level)
+        return Trial(number, phase, block, order, intervals, self.answers[order.index(more)], level)
 
 
 @dataclass(frozen=True)
@@ -488,8 +475,9 @@ class ABX(Scored):
         )
         self._check("AB and BA", 2)
         if self.reference_interval is not None:
-            length = seconds("reference_interval", self.reference_interval)
-            object.__setattr__(self, "reference_interval", length)
+            object.__setattr__(
+                self, "reference_interval", seconds("reference_interval", self.reference_interval)
+            )
 
     @property
     def matching(self) -> Stimulus:
@@ -497,8 +485,8 @@ class ABX(Scored):
         return self.reference if self.match is None else self.match
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-        stimuli = [(self.reference, self.reference_interval)]
-        stimuli += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
+        two = [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
+        stimuli = ((self.reference, self.reference_interval), *two)
         intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in stimuli)
         return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
 
@@ -571,10 +559,12 @@ class SameDifferent(Scored):
         self._check("AA, AB, BA, BB", 4)
 
     def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-        pair = [self.a if letter == "A" else self.b for letter in kind]
-        intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
+        stimuli = {"A": self.a, "B": self.b}
+        intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in kind)
         return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
     def power(self, subjects: int = 1) -> str:
-        comparison = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
-        return self._power(comparison, subjects)
+        return self._power(
+            f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5",
+            subjects,
+        )

@@ -47,6 +47,14 @@ def one_of(name: str, value: str, choices: Sequence[Chosen]) -> Chosen:
     return choices[choices.index(value)]
 
 
+def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
+    """The number as an int; ValueError if it is out of range."""
+    number = operator.index(value)
+    refuse(number < at_least, f"{name} must be at least {at_least}, got {number}")
+    refuse(number % multiple, f"{name} must be a multiple of {multiple}{why}, got {number}")
+    return number
+
+
 def halving(
     holds: Callable[[Any], Any], inside: Floats | float, outside: Floats | float, times: int
 ) -> tuple[Any, Any]:
@@ -165,7 +173,7 @@ class _Differencing(Rule):
         square = 0.25 * d * d
         with np.errstate(divide="ignore", invalid="ignore"):
             arcosh = square + np.log1p(np.sqrt(-np.expm1(-2.0 * square)))
-            return np.asarray(np.where(d < 1e-5, _ROOT2, 2.0 * arcosh / d))
+            return np.where(d < 1e-5, _ROOT2, 2.0 * arcosh / d)
 
     def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
         h, f = np.broadcast_arrays(
@@ -174,9 +182,7 @@ class _Differencing(Rule):
         k = self.criterion_of(0.0, f)
         # At an infinite criterion any d' gives these rates.
         some = np.where(np.isfinite(k), k, 0.0)
-        d = _root(lambda x: self.rates(x, some)[0] - h, h.shape)
-        d = np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, d))
-        return d, k
+        return _root(lambda x: self.rates(x, some)[0] - h, h, f), k
 
 
 class _Symmetric(Rule):
@@ -186,13 +192,12 @@ class _Symmetric(Rule):
     characteristic of unit slope.
     """
 
-    def __init__(self, task: TaskName, name: RuleName, a: float, b: float) -> None:
+    def __init__(self, task: TaskName, name: RuleName, a: float = 1.0, b: float = 1.0) -> None:
         self.task, self.name, self._scales = task, name, (a, b)
 
     def _z(self, d_prime: ArrayLike) -> Floats:
         """z(hit) - z(false alarm)."""
-        d = np.asarray(d_prime, dtype=np.float64)
-        a, b = (d / scale for scale in self._scales)
+        a, b = (np.asarray(d_prime, dtype=np.float64) / scale for scale in self._scales)
         low, far_a, far_b = erf(a) * erf(b), erfc(a), erfc(b)
         high = far_a + far_b - far_a * far_b  # 1 - low without its rounding
         return np.asarray(2.0 * _ROOT2 * np.where(low < 0.5, erfinv(np.minimum(low, 0.9)), erfcinv(high)))
@@ -240,16 +245,11 @@ class _Symmetric(Rule):
         with np.errstate(invalid="ignore"):
             z, c = ndtri(h) - ndtri(f), -0.5 * (ndtri(h) + ndtri(f))
         some = np.where(np.isfinite(z), z, 1.0)
-        d = _root(lambda x: self._z(x) - some, h.shape)
-        d = np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, d))
-        return d, np.asarray(c)
+        return _root(lambda x: self._z(x) - some, h, f), np.asarray(c)
 
 
 class _TwoIntervals(_Symmetric):
     """Choice of the larger observation: z(hit) - z(false alarm) = sqrt(2) d', under both names of a rule."""
-
-    def __init__(self, name: RuleName) -> None:
-        super().__init__("2ifc", name, 1.0, 1.0)
 
     def _slope(self, d_prime: ArrayLike) -> Floats:
         return np.full(np.shape(d_prime), _ROOT2)
@@ -262,10 +262,11 @@ def _density(x: Floats) -> Floats:
     return np.asarray(np.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi))
 
 
-def _root(function: Callable[[Floats], Floats], shape: tuple[int, ...]) -> Floats:
-    """The zeros of increasing functions of d' in [0, _LARGEST], for all elements at once."""
-    high, low = halving(lambda d: function(d) > 0.0, np.full(shape, _LARGEST), np.zeros(shape), _HALVINGS)
-    return np.asarray(0.5 * (low + high))
+def _root(function: Callable[[Floats], Floats], h: Floats, f: Floats) -> Floats:
+    """d' of rates h and f: the zeros of increasing functions of d' in [0, _LARGEST], or a bound of d'."""
+    ends = np.full(h.shape, _LARGEST), np.zeros(h.shape)
+    high, low = halving(lambda d: function(d) > 0.0, *ends, _HALVINGS)
+    return np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, 0.5 * (low + high)))
 
 
 _ALL: dict[tuple[str, str], Rule] = {
@@ -278,8 +279,8 @@ _ALL: dict[tuple[str, str], Rule] = {
         _Symmetric("abx", "independent-observations", 2.0, 2.0 * _ROOT2),
         # Pc = Phi(d'/sqrt 2) Phi(d'/sqrt 6) + Phi(-d'/sqrt 2) Phi(-d'/sqrt 6)
         _Symmetric("abx", "differencing", 2.0, 2.0 * _ROOT3),
-        _TwoIntervals("independent-observations"),
-        _TwoIntervals("differencing"),
+        _TwoIntervals("2ifc", "independent-observations"),
+        _TwoIntervals("2ifc", "differencing"),
     )
 }
 
@@ -343,9 +344,7 @@ class Counts:
     def __post_init__(self) -> None:
         one_of("task", self.task, TASKS)
         for name in ("hits", "signals", "false_alarms", "noises"):
-            value = operator.index(getattr(self, name))
-            object.__setattr__(self, name, value)
-            refuse(value < 0, f"{name} must be at least 0, got {value}")
+            object.__setattr__(self, name, whole(name, getattr(self, name), at_least=0))
         for name, most in (("hits", "signals"), ("false_alarms", "noises")):
             refuse(
                 getattr(self, name) > getattr(self, most),

@@ -19,20 +19,18 @@ from burrlab.psychophysics.designs import (
     ABX,
     ComparisonDesign,
     Draws,
-    FixedOrder,
+    FixedDesign,
     SameDifferent,
     checked_answers,
     checked_level,
-    fixed_order,
-    whole,
 )
 from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
     threshold_of,
 )
-from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.trial import Order, Phase, Stimulus, TaskDesign, Trial, key_of
+from burrlab.psychophysics.rules import rule_of, whole
+from burrlab.psychophysics.trial import Order, Stimulus, TaskDesign, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -94,10 +92,11 @@ class StaircaseOrder(Order):
         if self._next is None and done < self.total:
             number, kind = done - design.practice, self._kinds[done]
             if number < 0:
-                self._next = design.trial(kind, design.easy_level(), done + 1, "practice", 0, self._draws)
+                easy = kind, design.easy_level()
+                self._next = design._trial(self._draws, easy, done + 1, "practice", 0)
             elif (level := self.track.level()) is not None:
                 block = 1 + number * design.blocks // design.trials
-                self._next = design.trial(kind, level, number + 1, "main", block, self._draws)
+                self._next = design._trial(self._draws, (kind, level), number + 1, "main", block)
         return self._next
 
     def answer(self, response: str) -> None:
@@ -210,23 +209,20 @@ class Staircase(Staircased):
         )
         object.__setattr__(self, "start", start)
         object.__setattr__(self, "limit", limit)
-        for name in ("coarse_step", "step"):
-            value = float(getattr(self, name))
-            refuse(
-                not (math.isfinite(value) and value > 1.0), f"{name} must be a factor above 1, got {value}"
-            )
-            object.__setattr__(self, name, value)
-        weight = float(self.up_weight)
-        refuse(not (math.isfinite(weight) and weight > 0.0), f"up_weight must be above 0, got {weight}")
-        object.__setattr__(self, "up_weight", weight)
+        for name, least, rule in (
+            ("coarse_step", 1.0, "a factor above 1"), ("step", 1.0, "a factor above 1"), ("up_weight", 0.0, "above 0"),
+        ):  # fmt: skip
+            number = float(getattr(self, name))
+            refuse(not least < number < math.inf, f"{name} must be {rule}, got {number}")
+            object.__setattr__(self, name, number)
         whole("down", self.down, at_least=1)
         whole("discard", self.discard, at_least=0)
         whole("reversals", self.reversals, at_least=2, multiple=2, why=" (peaks and valleys in pairs)")
         whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
         refuse(
             self.target <= self.chance,
-            f"down and up_weight must aim above chance, 0.5, got {self.down} and {weight:g}, which aim at "
-            f"{self.target:.3g}",
+            f"down and up_weight must aim above chance, 0.5, got {self.down} and {self.up_weight:g}, which aim "
+            f"at {self.target:.3g}",
         )
 
     @property
@@ -262,9 +258,11 @@ class Staircase(Staircased):
 
     def power(self, subjects: int = 1) -> str:
         """Lines on how well a given observer's threshold is found, by about a second of simulation."""
-        first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
         threshold, where = abs(math.log(self.start)) / 4.0, "a quarter of the start's distance from 1"
-        return f"{first}\n{precision(self._measure, threshold, where, subjects, self.target)}"
+        return (
+            f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials\n"
+            f"{precision(self._measure, threshold, where, subjects, self.target)}"
+        )
 
 
 class StaircaseTrack:
@@ -366,7 +364,7 @@ class StaircaseThreshold:
 
 
 @dataclass(frozen=True)
-class ConstantStimuli(ComparisonDesign):
+class ConstantStimuli(FixedDesign, ComparisonDesign):
     """Comparisons at given levels of c_e or alpha, all equally frequent, in random order.
 
     At each level the reference comes first as often as second. The same holds in each block if its size
@@ -416,19 +414,9 @@ class ConstantStimuli(ComparisonDesign):
         refuse(len(set(levels)) < len(levels), f"levels must differ, got {levels}")
         object.__setattr__(self, "levels", levels)
         whole("repeats", self.repeats, at_least=2, multiple=2, why=" (RC and CR equally often)")
+        object.__setattr__(self, "trials", len(levels) * self.repeats)
         refuse(self.trials % self.blocks, f"blocks must divide the {self.trials} trials, got {self.blocks}")
-
-    @property
-    def trials(self) -> int:
-        """Trials in all, without practice."""
-        return len(self.levels) * self.repeats
-
-    def order(self, *, seed: int, subject: str) -> FixedOrder:
-        types = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
-        return fixed_order(self, seed, subject, types)
-
-    def _trial(self, draws: Draws, kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
-        return self.trial(*kind, number, phase, block, draws)
+        object.__setattr__(self, "_types", [[(kind, level) for level in levels] for kind in ("RC", "CR")])
 
     def power(self, subjects: int = 1) -> str:
         """Lines on how well a given observer's threshold is found, by about a second of simulation."""
@@ -442,8 +430,10 @@ class ConstantStimuli(ComparisonDesign):
                 posterior.update(difference, right, self.repeats)
             return posterior.summary()["threshold"], self.trials
 
-        first = f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each"
-        return f"{first}\n{precision(estimate, threshold, 'the middle of the levels', subjects)}"
+        return (
+            f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each\n"
+            f"{precision(estimate, threshold, 'the middle of the levels', subjects)}"
+        )
 
 
 @dataclass(frozen=True)
@@ -591,8 +581,7 @@ def gaussian_correct(difference: float, threshold: float, lapse: float = LAPSE) 
     >>> round(gaussian_correct(0.1, 0.1, lapse=0.0), 12)
     0.75
     """
-    seen = ndtr(_D_PRIME * difference / threshold / math.sqrt(2.0))
-    return float((1.0 - lapse) * seen + 0.5 * lapse)
+    return float((1.0 - lapse) * ndtr(_D_PRIME * difference / threshold / math.sqrt(2.0)) + 0.5 * lapse)
 
 
 def gaussian_difference(proportion: float, threshold: float, lapse: float = LAPSE) -> float:
@@ -616,9 +605,8 @@ def precision(
     ]
     sought = threshold if target is None else gaussian_difference(target, threshold)
     logs = [math.log(difference / sought) for difference, _ in runs if difference is not None]
-    trials = np.mean([number for _, number in runs])
     lines = [
-        f"{_RUNS} simulated runs ({trials:.0f} trials on average) of an observer with Gaussian noise, "
+        f"{_RUNS} simulated runs ({np.mean([number for _, number in runs]):.0f} trials on average) of an observer with Gaussian noise, "
         f"{100 * LAPSE:g} % lapses and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):"
     ]
     if len(logs) < _RUNS:
@@ -665,16 +653,13 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
         not isinstance(kind, str) or kind not in DESIGNS,
         f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",
     )
-    design_class = DESIGNS[kind]
-    options: dict[str, Any] = {}
-    for name, parameter in inspect.signature(design_class).parameters.items():
-        key = key_of(name)
-        if key in values:
-            value = values[key]
-            options[name] = _stimulus(value) if isinstance(value, Mapping) else value
-        elif parameter.default is inspect.Parameter.empty:
-            raise ValueError(f"design {kind} needs {name}, which is missing")
-    return design_class(**options)
+    parameters = inspect.signature(DESIGNS[kind]).parameters
+    for name, parameter in parameters.items():
+        missing = parameter.default is inspect.Parameter.empty and key_of(name) not in values
+        refuse(missing, f"design {kind} needs {name}, which is missing")
+    present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
+    options = {name: _stimulus(x) if isinstance(x, Mapping) else x for name, x in present.items()}
+    return DESIGNS[kind](**options)
 
 
 def _stimulus(values: Mapping[str, Any]) -> Stimulus:

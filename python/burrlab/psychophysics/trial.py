@@ -128,11 +128,9 @@ class TaskDesign(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """The whole design, for JSON and `design_of_dict`."""
-        names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
-        return {
-            "design": self._kind,
-            **{key_of(name): _plain(getattr(self, name)) for name in (*names, *self._derived)},
-        }
+        designed = fields(self)  # type: ignore[arg-type]  # all designs are dataclasses
+        names = (*(field.name for field in designed), *self._derived)
+        return {"design": self._kind, **{key_of(name): _plain(getattr(self, name)) for name in names}}
 
 
 class Order(ABC):

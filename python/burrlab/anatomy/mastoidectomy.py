@@ -118,8 +118,7 @@ def mastoidectomy_path(
     # ScriptedDevice needs increasing times, even where a point comes twice.
     durations = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
     on[-1] = False
-    flip = np.array([plan.sign, 1.0, 1.0])
-    return BurrPath(np.concatenate([[0.0], np.cumsum(durations)]), center * flip, on, layers)
+    return BurrPath(np.append(0.0, np.cumsum(durations)), center * [plan.sign, 1.0, 1.0], on, layers)
 
 
 @dataclass(frozen=True)
@@ -184,8 +183,7 @@ class _Plan:
             forward = not forward if runs else forward
         for line in contour_generator(z=self.room[:, :, k]).lines(0.0):
             at = np.asarray(line)[:, ::-1]  # (z, y), as indices
-            nearest = np.rint(at).astype(int)
-            cut = scipy.ndimage.binary_dilation(self.cuts[:, :, k])[tuple(nearest.T)]
+            cut = scipy.ndimage.binary_dilation(self.cuts[:, :, k])[tuple(np.rint(at).astype(int).T)]
             out += [self._places(k, at[a:b]) for a, b in _runs(cut)]
         return out
 

@@ -73,12 +73,11 @@ class Dose:
             {d: n * seconds for d, n in zip(WITHIN, itertools.accumulate(row[name].tolist()), strict=False)}
             for name in ("periods", "turning")
         ]
-        sums = row["near_force_N"].tolist()
         return cls(
             structure, burr, float(row["closest_mm"]), int(row["closest_tick"]) if came else None,
             tuple(row["closest_center_mm"].tolist()) if came else None, within[0], within[1],
             int(row["touching"]) * seconds, int(row["removed_levels"]) * (voxel_volume / 255.0),
-            {d: force / n if n else math.nan for d, force, n in zip(NEAR, sums, near, strict=True)},
+            {d: force / n if n else math.nan for d, force, n in zip(NEAR, row["near_force_N"].tolist(), near, strict=True)},
             dict(zip(NEAR, row["near_peak_N"].tolist(), strict=True)),
         )  # fmt: skip
 
@@ -308,10 +307,10 @@ class AnatomyReport:
         rows = np.arange(len(doses))
         for i, edge in enumerate(NEAR):
             at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
-            shade = str(0.35 + 0.3 * i)
             bottom.barh(
-                at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
-            )
+                at, [d.peak_force[edge] for d in doses], 0.3, color=str(0.35 + 0.3 * i),
+                label=f"peak within {edge:g} mm",
+            )  # fmt: skip
             bottom.plot([d.mean_force[edge] for d in doses], at, "|", color=VELOCITY, markersize=8,
                         label="mean" if i == 0 else None)  # fmt: skip
         bottom.set_yticks(rows, names)

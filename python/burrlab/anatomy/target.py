@@ -198,8 +198,7 @@ def compare_with_target(
         which = np.zeros(now.shape, np.uint8) if numbers is None else numbers[rows]
         for row, (where, levels) in enumerate(((inside, lost), (inside, now), (~inside, lost))):
             # Weights of bincount are doubles, which hold these sums exactly: at most 255 times 4 million.
-            counted = np.bincount(which[where], weights=levels[where], minlength=len(names))
-            sums[row] += counted.astype(np.int64)
+            sums[row] += np.bincount(which[where], levels[where], len(names)).astype(np.int64)
     refuse(sums[:2].sum() == 0, "target must hold bone, got a region with none in it")
     volume = float(np.prod(bone.spacing))
     used = [k for k in range(len(names)) if sums[:, k].any()]

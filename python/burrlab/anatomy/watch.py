@@ -183,8 +183,10 @@ class Watch:
                 not structures, "structures must be named: no tissue of the bone is critical and has voxels"
             )
         self.structures = tuple([structures] if isinstance(structures, str) else structures)
-        alike = len(set(self.structures)) < len(self.structures)
-        refuse(alike, f"structures must differ, got {', '.join(self.structures)}")
+        refuse(
+            len(set(self.structures)) < len(self.structures),
+            f"structures must differ, got {', '.join(self.structures)}",
+        )
         numbers = [tissues.number(name) for name in self.structures]
         for name, limit in (("approach", approach), ("touch", touch), ("injury", injury)):
             for key in limit if isinstance(limit, Mapping) else ():

@@ -339,8 +339,7 @@ class Effects:
         return EffectsReport(budget=self.budget, **self._core.report())
 
     def __repr__(self) -> str:
-        report = self.report()
-        return f"Effects({report.frames} frames, seed={self.seed})"
+        return f"Effects({self.report().frames} frames, seed={self.seed})"
 
 
 def effects_of(

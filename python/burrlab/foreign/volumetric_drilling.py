@@ -5,7 +5,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -398,8 +398,7 @@ class DrillingRecording:
                 warnings.warn(f"{self.path}: {note}", stacklevel=2)
             turn = to_bone * turn
         new = np.diff(self.time, append=np.inf) > 0  # the last of poses with one time stamp
-        quaternion = np.roll(turn.as_quat(), 1, axis=1)
-        return ScriptedDevice(self.time[new], position[new], None, quaternion[new])
+        return ScriptedDevice(self.time[new], position[new], None, np.roll(turn.as_quat(), 1, axis=1)[new])
 
     def _in_frame_of(self, bone: VoxelBone, source: str | Mapping[str, Any]) -> tuple[Any, Array, str]:
         """The rotation from the world to the bone's frame, the drill's positions in the latter [mm], and a note if
@@ -585,8 +584,8 @@ def is_recording(path: str | os.PathLike[str]) -> bool:
         return any(Path(path).glob("*.hdf5"))
 
 
-def _has_groups(file: "h5py.File") -> bool:
-    return any(name.split("/")[0] in file for names in _NEW.items() for name in names)
+def _has_groups(file: "h5py.File", names: Iterable[str] = (*_NEW, *_NEW.values())) -> bool:
+    return any(name.split("/")[0] in file for name in names)
 
 
 def _split(pose: Array, scale: float) -> list[Array]:
@@ -600,8 +599,7 @@ class _Part:
     def __init__(self, file: "h5py.File", path: Path, scale: float) -> None:
         self._file, self._path = file, path
         refuse(not _has_groups(file), f"{path} is not {_KIND}: it has no group of its layouts")
-        new = any(name.split("/")[0] in file for name in _NEW.values())
-        self.layout: Literal["new", "old"] = "new" if new else "old"
+        self.layout: Literal["new", "old"] = "new" if _has_groups(file, _NEW.values()) else "old"
         text = read_dataset(file, place) if (place := self._place("metadata", "README")) in file else b""
         text = text.decode(errors="replace") if isinstance(text, bytes) else ""
         if unit := re.search(r"\bpositions?\b[^.\n]*? in (\w+)", text, re.IGNORECASE):
@@ -637,8 +635,10 @@ class _Part:
                 np.insert(rows, 0, np.arange(len(rows)), axis=1) for rows in (removed, colours)
             )
         group, rgb = removed[:, 0], np.rint(colours[:, 1:4])
-        same = len(colours) == len(removed) and (colours[:, 0] == group).all()
-        self._refuse(not same, "its voxel_removed and voxel_color are of other groups")
+        self._refuse(
+            len(colours) != len(removed) or (colours[:, 0] != group).any(),
+            "its voxel_removed and voxel_color are of other groups",
+        )
         filled, rank = np.unique(group, return_inverse=True)
         if len(filled) == len(stamps):  # in 2024, groups without voxels have no time
             group = rank
@@ -651,8 +651,10 @@ class _Part:
         stamps, values = self._column(group, time, "s", 0), self._column(group, *column)
         if stamps is None or values is None:
             return None
-        problem = f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times"
-        self._refuse(len(values) != len(stamps), problem)
+        self._refuse(
+            len(values) != len(stamps),
+            f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times",
+        )
         return [stamps, values]
 
     def _column(
@@ -683,8 +685,10 @@ class _Part:
         return f"{_NEW.get(group, group) if self.layout == 'new' else group}/{name}"
 
     def _check_unit(self, place: str, unit_text: str, unit: str) -> None:
-        known = re.split(r"[\s,;]", unit_text.strip().lower())[0] in _UNITS[unit]
-        refuse(not known, f"{self._path} is in other units: {place} must be in {unit}, says {unit_text!r}")
+        refuse(
+            re.split(r"[\s,;]", unit_text.strip().lower())[0] not in _UNITS[unit],
+            f"{self._path} is in other units: {place} must be in {unit}, says {unit_text!r}",
+        )
 
     def _refuse(self, broken: object, why: str) -> None:
         refuse(broken, f"{self._path} is damaged: {why}")

@@ -47,10 +47,9 @@ class VrpnLog:
     other: Mapping[str, int]
 
     def __repr__(self) -> str:
-        tables = ("poses", "velocities", "forces", "buttons")
         counts = (
             f"{len(rows)} {name} of {sender}"
-            for name in tables
+            for name, _, _ in _TABLES.values()
             for sender, rows in getattr(self, name).items()
         )
         return f"VrpnLog({', '.join([*counts, f'{sum(self.other.values())} others'])})"
@@ -104,8 +103,10 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
     begins = (
         f"it {'begins with' if len(cookie) == _COOKIE_SIZE else 'holds only'} {cookie.rstrip(bytes(1))!r}"
     )
-    of_07 = cookie[:14] == b"vrpn: ver. 07." and len(cookie) == _COOKIE_SIZE
-    refuse(not of_07, f"{file} must be a log of VRPN 07, {begins}")
+    refuse(
+        cookie[:14] != b"vrpn: ver. 07." or len(cookie) != _COOKIE_SIZE,
+        f"{file} must be a log of VRPN 07, {begins}",
+    )
     if cookie[14:16] != b"38":
         warnings.warn(f"{file} is read as a log of VRPN 07.38, {begins}", stacklevel=3)
     try:

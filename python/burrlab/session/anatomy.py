@@ -124,8 +124,10 @@ def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:
     if not settings:
         return []
     names = [row["name"] for row in settings["structures"]]
-    rows = replica.watched(known)["events"].view(EVENT_DTYPE)
-    return [AnatomyEvent.of(row, names, settings["voxel_volume_mm3"]) for row in rows]
+    return [
+        AnatomyEvent.of(row, names, settings["voxel_volume_mm3"])
+        for row in replica.watched(known)["events"].view(EVENT_DTYPE)
+    ]
 
 
 def replica_report(replica: Replica) -> AnatomyReport | None:

@@ -67,8 +67,10 @@ class DeviceFrame:
             refuse(not good, f"{name} must be {count} numbers, got {numbers!r}")
             object.__setattr__(self, name, tuple(scalar(number, name) for number in numbers))
         length = math.hypot(*self.rotation)
-        good = abs(length * length - 1.0) <= 1e-3
-        refuse(not good, f"rotation must be a quaternion of length 1, got {length:g}")
+        refuse(
+            not abs(length * length - 1.0) <= 1e-3,
+            f"rotation must be a quaternion of length 1, got {length:g}",
+        )
         refuse(not all(map(math.isfinite, self.offset)), f"offset must be finite, got {self.offset}")
         if self.clutch is not None:
             whole("clutch", self.clutch, 8, "8")
@@ -79,15 +81,15 @@ def describe_miss(bone: VoxelBone, path: NDArray[np.float64], frame: DeviceFrame
     solid = np.asarray(bone.density) > 0
     if not solid.any():
         return "it is empty"
-    inner = scipy.ndimage.binary_erosion(solid)
-    voxels = bone.origin + np.argwhere(solid & ~inner)[:, ::-1] * np.array(bone.spacing)
+    surface = solid & ~scipy.ndimage.binary_erosion(solid)
+    voxels = bone.origin + np.argwhere(surface)[:, ::-1] * np.array(bone.spacing)
     turn = scipy.spatial.transform.Rotation.from_quat(np.roll(frame.rotation, -1))
     path = np.asarray(frame.scale * turn.apply(path) + frame.offset)
-    tree = scipy.spatial.KDTree(voxels)
     along = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
     at = np.linspace(0.0, along[-1], 2001)
     places = np.column_stack([np.interp(at, along, axis) for axis in path.T])
-    half, miss = np.array(bone.spacing) / 2, float(np.min(tree.query(places)[0])) - radius
+    miss = float(np.min(scipy.spatial.KDTree(voxels).query(places)[0])) - radius
+    half = np.array(bone.spacing) / 2
     sides = zip("xyz", voxels.min(axis=0) - half, voxels.max(axis=0) + half, strict=True)
     box = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in sides)
     missed = f"its script missed it by {miss:.2f} mm; the bone's box, in the bone frame: {box} mm"
@@ -159,8 +161,11 @@ class DeviceLimits:
 
     def numbers(self) -> dict[str, Any]:
         """The numbers that are known, by name with unit."""
-        known = {f"{name}_{unit}": getattr(self, name) for name, unit in _UNITS.items()}
-        return {name: value for name, value in known.items() if value is not None}
+        return {
+            f"{name}_{unit}": number
+            for name, unit in _UNITS.items()
+            if (number := getattr(self, name)) is not None
+        }
 
 
 _SOURCES = {

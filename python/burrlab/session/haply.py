@@ -107,8 +107,10 @@ class HaplyDevice(MailboxDevice):
         arms = _listed(message, "inverse3")
         grips = [(kind, identifier) for kind in _GRIPS for identifier in _listed(message, kind)]
         names = ", ".join([*arms, *(identifier for _, identifier in grips)]) or "none"
-        rule = "exactly one Inverse3 and at most one VerseGrip"
-        refuse(len(arms) != 1 or len(grips) > 1, f"the service must have {rule}, got {names}")
+        refuse(
+            len(arms) != 1 or len(grips) > 1,
+            f"the service must have exactly one Inverse3 and at most one VerseGrip, got {names}",
+        )
         ((self._id, arm),) = arms.items()
         end = time.monotonic() + _OPEN_LIMIT
         while (other := _OPEN.get(self._id)) is not None and not other.fault:
@@ -116,8 +118,10 @@ class HaplyDevice(MailboxDevice):
             del other  # its owner may have dropped it: then only its thread holds it, for a turn
             time.sleep(_PERIOD)
         status = arm.get("status")
-        bad = isinstance(status, dict) and status.get("calibrated") is False
-        refuse(bad, f"the Inverse3 {self._id} must be calibrated, as its manual says")
+        refuse(
+            isinstance(status, dict) and status.get("calibrated") is False,
+            f"the Inverse3 {self._id} must be calibrated, as its manual says",
+        )
         self._grip = grips[0] if grips else None
         #: Kinds of the devices, with their ids
         self.hardware = ", ".join(

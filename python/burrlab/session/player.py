@@ -37,13 +37,18 @@ class BrickHistory:
     def __init__(self, initial: VoxelBone, memory: int) -> None:
         self._initial, self._memory = initial, memory
         self._states: list[_State] = [(0, np.empty(0, np.uint32), np.empty((0, 512), np.uint8))]
-        self.bytes = self.thinned = 0  #: of the kept levels; how often every second state was dropped
+        self.thinned = 0  #: how often every second state was dropped
         self.lock = threading.RLock()  # held over several calls on one set of states
         self._bits = np.zeros(int(np.prod([-(-n // 8) for n in initial.shape])), bool)
 
     def __len__(self) -> int:
         """Number of states, the initial one included."""
         return len(self._states)
+
+    @property
+    def bytes(self) -> int:
+        """Of the kept levels."""
+        return sum(levels.nbytes for _, _, levels in self._states)
 
     @property
     def last(self) -> int:
@@ -66,10 +71,8 @@ class BrickHistory:
             if tick <= self.last:
                 return
             self._states.append((tick, bricks, read_bricks(bone, bricks)))
-            self._weigh()
             while self.bytes > self._memory and len(self._states) > 2:
                 self._thin()
-                self._weigh()
 
     def changed_between(self, first: int, second: int) -> NDArray[np.uint32]:
         """Sorted bricks that may differ between the bone at two ticks, up to the newest state."""
@@ -99,9 +102,6 @@ class BrickHistory:
     def _behind(self, tick: int) -> int:
         """Index of the first state after a tick."""
         return bisect.bisect_right(self._states, tick, key=_tick)
-
-    def _weigh(self) -> None:
-        self.bytes = sum(levels.nbytes for _, _, levels in self._states)
 
     def _thin(self) -> None:
         """Drops every second state, but never the newest: later changes refer to it."""
@@ -207,9 +207,8 @@ class TracePlayer:
         for name, value in (("every", every), ("memory", memory)):
             refuse(not 0 < value < float("inf"), f"{name} must be positive, got {value!r}")
         self.trace = trace
-        times = trace.time()
         burr = trace.ticks["burr"]
-        self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
+        self.history = History(trace.time(), np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
         self._every = max(1, round(every * 1000.0 / trace.period))
         self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # no copy: this bone never changes
         self._walk = _TickCursor(trace, self._kept, self._every)
@@ -291,8 +290,8 @@ class TracePlayer:
             not 0 <= seconds <= self.duration + 1e-9,
             f"seconds must be from 0 to {self.duration:g}, got {seconds!r}",
         )
-        half = 0.5e-3 * self.trace.period  # sums of periods are not exact
-        done = int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right"))
+        end = seconds + min(0.5e-3 * self.trace.period, 1e-6)  # sums of periods are not exact
+        done = int(np.searchsorted(self.history.time, end, side="right"))
         return self._walk.go(done, reporter(progress, "replay"))
 
     def seek_tick(self, tick: int) -> NDArray[np.uint32]:
@@ -454,10 +453,9 @@ class RecordingPlayer:
         force = np.linalg.norm(self._force(time), axis=1)
         self.history = History(time, force[:, None], np.full((len(time), 1), np.nan))
         empty = int(np.count_nonzero(self._level == 0))
-        notes = [motion.notes[0]]
-        if 2 * empty > len(self._level):
-            notes.append(f"{empty} of {len(self._level)} removed voxels are empty in this bone")
-        self.note = "; ".join([*notes, *motion.notes[1:]])
+        hollow = [f"{empty} of {len(self._level)} removed voxels are empty in this bone"]
+        hollow *= 2 * empty > len(self._level)
+        self.note = "; ".join([motion.notes[0], *hollow, *motion.notes[1:]])
         self.seek(0.0)
 
     @property

@@ -312,8 +312,9 @@ class TraceWriter:
                 if damage not in _BROKEN:
                     self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
                 fate = f"kept as {self.rescued}" if self.rescued else "lost"
-                self.ended = f"{self.path} {damage} during the session: what was recorded is {fate}"
-                self.warning = self.ended
+                self.ended = self.warning = (
+                    f"{self.path} {damage} during the session: what was recorded is {fate}"
+                )
             else:
                 with new_part(self.path) as part:
                     make_compact(self.path, part)

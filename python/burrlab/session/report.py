@@ -169,8 +169,7 @@ class SessionReport:
             lines.append(
                 f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ{edge}"
             )
-        for name in ("network", "recording"):
-            part = getattr(self, name)
+        for name, part in (("network", self.network), ("recording", self.recording)):
             parts = [
                 f"{key} {value}"
                 for key, value in part.items()

@@ -150,9 +150,9 @@ def create(
     """
     tools, period = header.tools, header.period
     row = row_dtype(len(tools))
-    size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     check_folder(path)
     path.touch()
+    size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     os.truncate(path, min(size, 2**63 - 1))  # fails if too long for a file; libhdf5 would crash
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:
         now = time.time()
@@ -408,8 +408,7 @@ class Trace:
             missing[..., :1] = name == "orientation"
             missing.flags.writeable = False
             return missing
-        names = ", ".join(TICK_COLUMNS + BURR_COLUMNS)
-        raise ValueError(f"name must be one of {names}, got '{name}'")
+        raise ValueError(f"name must be one of {', '.join(TICK_COLUMNS + BURR_COLUMNS)}, got '{name}'")
 
     def handling(self, burr: int) -> Handling:
         """What `session_metrics` reads of a burr."""

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Tissues
 from burrlab.bone.dicom import holds_dicom
-from burrlab.bone.header import LPS_ASSUMED
+from burrlab.bone.header import LPS_ASSUMED, medical
 from burrlab.bone.image import Colour, LabelVolume, Volume
 from burrlab.bone.specimen import checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
@@ -84,13 +84,15 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
         raise FileNotFoundError(
             f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file"
         )
-    seen = (path for path in pictures if path.is_file() and not path.name.startswith("."))
-    pictures = [path for path in seen if path.name.startswith(prefix or "")]
+    pictures = [
+        path
+        for path in pictures
+        if path.is_file() and path.name.startswith(prefix or "") and not path.name.startswith(".")
+    ]
     named = "" if prefix is None else f" that begin with {prefix!r}"
     refuse(not pictures, f"{text}: there are no PNG slices{named}")
     first = 0 if prefix is not None else 1  # a description counts from 0
-    paths = _in_order(text, pictures, latest=first if Path(text).is_dir() else None)
-    return _alike(paths)
+    return _alike(_in_order(text, pictures, latest=first if Path(text).is_dir() else None))
 
 
 def stack_files(path: str) -> list[str]:
@@ -140,21 +142,19 @@ def _in_order(place: str, paths: list[Path], *, latest: int | None) -> list[Path
             "one by a pattern, as 'folder/name*.png'",
         )
         number = int(match[2])
-        if number in numbered:
-            raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
-        numbered[number] = path
+        other = numbered.setdefault(number, path)
+        refuse(other is not path, f"{place}: slice {number} is there twice ({other.name}, {path.name})")
     order = sorted(numbered)
     far = order[-1] - order[0] >= 10**6
     missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
-    if missing or far:
-        numbers_text = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        some = (
-            f"slice {missing[0]} is missing"
-            if len(missing) == 1
-            else f"{len(missing)} are missing ({numbers_text})"
-        )
-        which = "many are missing (numbers far apart)" if far else some
-        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
+    numbers_text = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+    several = f"{len(missing)} are missing ({numbers_text})"
+    some = f"slice {numbers_text} is missing" if len(missing) == 1 else several
+    refuse(
+        missing or far,
+        f"{place}: of the slices {order[0]} to {order[-1]}, "
+        f"{'many are missing (numbers far apart)' if far else some}",
+    )
     before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
     refuse(
         latest is not None and order[0] > latest,
@@ -177,12 +177,16 @@ def _alike(paths: list[Path]) -> SliceFiles:
             f"{path}: slices must be of one kind, this one is {header[3]} of {header[2]} bits, and "
             f"{paths[0].name} is {first[3]} of {first[2]} bits",
         )
-    columns, rows, bits, kind = first
+    slices = SliceFiles(paths, *first)
     refuse(
-        kind == "grey with alpha", f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)"
+        slices.kind == "grey with alpha",
+        f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)",
     )
-    refuse(kind != "grey" and bits == 16, f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
-    return SliceFiles(paths, columns, rows, bits, kind)
+    refuse(
+        slices.kind != "grey" and slices.bits == 16,
+        f"{paths[0]}: colours of labels must have 8 bits a channel, got 16",
+    )
+    return slices
 
 
 def _header(path: Path) -> tuple[int, int, int, str]:
@@ -256,10 +260,10 @@ class Palette:
             if label == 0:  # always transparent and black
                 self.names[0] = name
                 continue
-            if colour in seen:
-                raise ValueError(
-                    f"palette: colours must differ, {seen[colour]!r} and {name!r} are both {colour}"
-                )
+            refuse(
+                colour in seen,
+                f"palette: colours must differ, {seen.get(colour)!r} and {name!r} are both {colour}",
+            )
             refuse(colour == (0, 0, 0), f"palette: black is label 0 (nothing), got it for {name!r}")
             seen[colour] = name
             self.names[label], self.colours[label] = name, colour
@@ -323,8 +327,9 @@ class Palette:
                 self._sums[count] = self._sums_of(count)
             sums = self._sums[count].places.take(codes[summed])
             clear = (sums > 0) & (sums < _UNCLEAR)
-            winners = self._sums[count].winners[np.where(clear, sums, 0)]
-            run_labels[summed] = np.where(clear, winners, run_labels[summed])
+            run_labels[summed] = np.where(
+                clear, self._sums[count].winners.take(np.where(clear, sums, 0)), run_labels[summed]
+            )
             strange[summed] = (strange[summed] & ~clear) | (sums == _UNCLEAR)
             self._overlaps[count].update(np.repeat(sums[clear], runs[summed][clear]).tolist())
         labels = np.repeat(run_labels, runs).reshape(image.shape[:2])
@@ -337,14 +342,12 @@ class Palette:
         """Colours that are in no table, in the form of `LabelVolume.unknown_colours`."""
         order = self._strange.most_common()
         labels, apart = self._nearest(np.array([code for code, _ in order], np.uint32), list(self.colours))
-        unknown = []
-        for (code, count), label, distance in zip(order, labels.tolist(), apart.tolist(), strict=True):
-            file, row, column = self._first[code]
-            unknown.append(
-                {"colour": [code >> 16, (code >> 8) & 255, code & 255], "pixels": count, "slice": file, "row": row,
-                 "column": column, "nearest": self.names[label], "distance": round(distance, 1)}
-            )  # fmt: skip
-        return tuple(unknown)
+        return tuple(
+            {"colour": [code >> 16, (code >> 8) & 255, code & 255], "pixels": count,
+             **dict(zip(("slice", "row", "column"), self._first[code], strict=True)),
+             "nearest": self.names[label], "distance": round(distance, 1)}
+            for (code, count), label, distance in zip(order, labels.tolist(), apart.tolist(), strict=True)
+        )  # fmt: skip
 
     def notes(self, name: str, unknown: Sequence[Mapping[str, Any]]) -> list[str]:
         """Notes on sums and unknown colours; ValueError if unknown colours are refused."""
@@ -433,16 +436,15 @@ class Palette:
         assert self._ranked is not None
         groups = list(itertools.combinations(self.colours, count))
         winners = np.array([0, *(min(group, key=self._ranked.__getitem__) for group in groups)])
-        sums = [np.sum([self.colours[label] for label in group], axis=0) for group in groups]
         singles = np.array([*self.colours.values(), (0, 0, 0)])
         small, wide = (np.indices((2 * n + 1,) * 3).reshape(3, -1).T - n for n in (1, 2))
         near, places = np.zeros((2, 1 << 24), np.uint16)
         single = np.zeros(1 << 24, bool)
-        for place, colour in enumerate(sums, start=1):
+        for place, group in enumerate(groups, start=1):
+            colour = np.sum([self.colours[label] for label in group], axis=0)
             near[_code((colour + wide) % 256)] += 1
             places[_code((colour + small) % 256)] = place
-        for colour in singles:
-            single[_code((colour + wide) % 256)] = True
+        single[_code((singles[:, None] + wide) % 256)] = True
         places[(places > 0) & ((near > 1) | single)] = _UNCLEAR
         exact = _code(singles)
         places[exact[near[exact] > 0]] = _UNCLEAR
@@ -480,9 +482,9 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
         requested = [label for label, name in names.items() if label and _known(name)[0] in wanted]
         if wanted <= {_known(names[label])[0] for label in requested}:
             return "nearest", requested
-        have = ", ".join(filter(None, names.values()))
         raise ValueError(
-            f"unknown='nearest:NAME' must name structures of the palette, {have}, got {unknown!r}"
+            f"unknown='nearest:NAME' must name structures of the palette, {', '.join(filter(None, names.values()))}, "
+            f"got {unknown!r}"
         )
     raise ValueError(
         "unknown must be 'refuse', 'nearest' or a label of the palette "
@@ -492,12 +494,15 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
 
 #: Least and largest plausible side of a head or a part of one [mm] (ours).
 PLAUSIBLE = (2.0, 500.0)
-_METRE = 1000.0
+
 #: Most bytes of a description, and most keys of one mapping in it (ours); files of volumetric_drilling have
 #: 2 kB.
 _LONGEST = 300_000
-#: Unit in older files of volumetric_drilling [mm]; a comment in them gives 0.049664 m.
-_OLD_UNIT = 49.664
+#: Usual units of a description [mm]; a comment in older files of volumetric_drilling gives 0.049664 m.
+_UNITS = {
+    "metres": 1000.0, "millimetres": 1.0, "centimetres": 10.0,
+    "units of 0.049664 m, as in older files of the simulator": 49.664,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -560,16 +565,13 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     sides *= _positive(name, "scale", block.get("scale", 1.0))
     if unit is None:
         _check_plausible(name, sides)
-        unit = _METRE
+        unit = _UNITS["metres"]
     extent = sides * _positive(name, "unit", unit)
     return StackDescription(folder, str(images.get("prefix", "")), count, extent)
 
 
 def _content(name: str) -> Any:
-    try:
-        import yaml
-    except ImportError as error:
-        raise ImportError("reading YAML needs PyYAML: pip install 'burrlab[medical]'") from error
+    yaml = medical("yaml", "reading YAML", "PyYAML")
     with open(name, "rb") as file:
         content = file.read(_LONGEST + 1)
     refuse(len(content) > _LONGEST, f"{name}: a description must have at most {_LONGEST} bytes")
@@ -598,22 +600,27 @@ def _content(name: str) -> Any:
 
 def _volume_block(name: str, content: Any) -> dict[str, Any]:
     rows = content.items() if isinstance(content, dict) else ()
-    blocks = {key: block for key, block in rows if str(key).startswith("VOLUME ")}
-    if len(blocks) != 1:
-        names = ", ".join(map(str, blocks))[:200] or "none"
-        raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {names}")
+    blocks: dict[Any, dict[str, Any]] = {key: block for key, block in rows if str(key).startswith("VOLUME ")}
+    refuse(
+        len(blocks) != 1,
+        f"{name}: must have one block 'VOLUME name' that describes a stack, got "
+        f"{', '.join(map(str, blocks))[:200] or 'none'}",
+    )
     [(key, block)] = blocks.items()
-    if not isinstance(block, dict):
-        raise ValueError(f"{name}: {str(key)[:200]} must have dimensions and images, got {shown(block)}")
+    refuse(
+        not isinstance(block, dict),
+        f"{name}: {str(key)[:200]} must have dimensions and images, got {shown(block)}",
+    )
     return block
 
 
 def _part(name: str, block: dict[str, Any], key: str, kind: type, *, within: str = "") -> Any:
-    value = block.get(key)
-    if not isinstance(value, kind):
-        what = "a block" if kind is dict else "a text"
-        raise ValueError(f"{name}: {within}{key} must be there, {what}, got {shown(value)}")
-    return value
+    part = block.get(key)
+    refuse(
+        not isinstance(part, kind),
+        f"{name}: {within}{key} must be there, {'a block' if kind is dict else 'a text'}, got {shown(part)}",
+    )
+    return part
 
 
 def _positive(name: str, what: str, value: Any) -> float:
@@ -626,23 +633,16 @@ def _positive(name: str, what: str, value: Any) -> float:
 
 def _check_plausible(name: str, sides: NDArray[np.float64]) -> None:
     low, high = PLAUSIBLE
-
-    def plausible(unit: float) -> bool:
-        return bool(np.all((sides * unit >= low) & (sides * unit <= high)))
-
-    if plausible(_METRE):
-        return
-    others = [
-        ("millimetres", 1.0),
-        ("centimetres", 10.0),
-        ("units of 0.049664 m, as in older files of the simulator", _OLD_UNIT),
-    ]
-    would = "; ".join(
-        f"in {what} {_sides(sides * unit)} mm (unit={unit:g})" for what, unit in others if plausible(unit)
-    )
-    raise ValueError(
-        f"{name}: dimensions in metres would be {_sides(sides * _METRE)} mm, and a head or a part of one has "
-        f"sides of {low:g} to {high:g} mm; {would or 'in no usual unit it would be one'}: give unit= [mm]"
+    plausible = {
+        what: f"in {what} {_sides(sides * unit)} mm (unit={unit:g})"
+        for what, unit in _UNITS.items()
+        if np.all((sides * unit >= low) & (sides * unit <= high))
+    }
+    refuse(
+        "metres" not in plausible,
+        f"{name}: dimensions in metres would be {_sides(sides * _UNITS['metres'])} mm, and a head or a part of one has "
+        f"sides of {low:g} to {high:g} mm; {'; '.join(plausible.values()) or 'in no usual unit it would be one'}: give "
+        "unit= [mm]",
     )
 
 
@@ -765,15 +765,13 @@ def stack_of(
         refuse(
             palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
         )
-        check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
-        return Volume(_grey(slices, shape, turned), notes=tuple(notes), **grid)
+        greys = (image[..., 0] if image.ndim == 3 else image for image in map(pixels, slices.paths))
+        kind = np.uint16 if slices.bits == 16 else np.uint8
+        return Volume(_stacked(name, greys, shape, kind, turned), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
-    check_memory(float(np.prod(shape)) * np.dtype(colours.dtype).itemsize, f"{name}: the volume")
-    labels = np.empty(shape, colours.dtype)
-    for k, file in enumerate(slices.paths):
-        plane = colours.labels(pixels(file), file)
-        labels[k] = plane.T if turned else plane
+    planes = (colours.labels(pixels(file), file) for file in slices.paths)
+    labels = _stacked(name, planes, shape, colours.dtype, turned)
     if usual and (unknown != "refuse" or not colours.unknown_colours()):  # a refusal has the palette's names
         colours.names = {label: _known(label_name)[0] for label, label_name in colours.names.items()}
     strange = colours.unknown_colours()
@@ -823,17 +821,19 @@ def _without_colour(image: NDArray[Any]) -> bool:
     return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
-def _grey(slices: SliceFiles, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:
-    values = np.empty(shape, np.uint16 if slices.bits == 16 else np.uint8)
-    for k, path in enumerate(slices.paths):
-        image = pixels(path)
-        plane = image[..., 0] if image.ndim == 3 else image
-        values[k] = plane.T if transpose else plane
-    return values
+def _stacked(
+    name: str, planes: Iterable[NDArray[Any]], shape: tuple[int, int, int], kind: type, transpose: bool
+) -> NDArray[Any]:
+    """The planes one after the other, (z, y, x)."""
+    check_memory(float(np.prod(shape)) * np.dtype(kind).itemsize, f"{name}: the volume")
+    voxels: NDArray[Any] = np.empty(shape, kind)
+    for k, plane in enumerate(planes):
+        voxels[k] = plane.T if transpose else plane
+    return voxels
 
 
 def is_stack(path: str) -> bool:
     """Whether a path names PNG slices: a YAML file, a pattern, or a folder with PNG and no DICOM files."""
-    if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
+    if Path(path).suffix.lower() in (*_DESCRIPTIONS, ".png"):
         return True
     return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)

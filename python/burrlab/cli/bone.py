@@ -308,13 +308,14 @@ def do_tissues(options: Options) -> None:
         )  # fmt: skip
         if is_table:
             rows = [
-                {"label": t.label, "name": t.name, "colour": _hex(t.colour), "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha,
-                 "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
+                {"label": t.label, "name": t.name, "colour": _hex(t.colour), "c_e_N_per_mm2": t.c_e,
+                 "alpha_per_ms": t.alpha, "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
                 for t in read_tissues(options.file)
             ]  # fmt: skip
         else:
             rows = [
-                {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
+                {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds,
+                 "synonyms": list(t.synonyms)}
                 for t in KNOWN
             ]  # fmt: skip
         deliver(

@@ -36,7 +36,7 @@ from burrlab.view.scene import SIZE, Scene
 from burrlab.view.web import serve
 
 
-def do_view(options: Options) -> int:
+def do_view(options: Options) -> None:
     _check(options)
     player: Player | None = None
     if options.file is None:
@@ -56,7 +56,7 @@ def do_view(options: Options) -> int:
             player or bone, port=options.port or 0, size=options.size or (1024, 768), effects=effects,
             viewpoint=_viewpoint(options, bone, player), stereo=bool(options.stereo), note=note,
         )  # fmt: skip
-        return 0
+        return
     if player is not None:
         refuse(not 0 <= at <= player.duration, f"--at must be from 0 to {player.duration:g} s, got {at:g}")
     result.update(written=[], notes=notes)
@@ -64,23 +64,19 @@ def do_view(options: Options) -> int:
         o + s * (n - 1) / 2 for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
     ]
     if _needs_scene(options):
-        scene = _draw(options, bone, player, at, effects, note, middle, result)
-        if options.png is None and options.video is None:
-            scene.show()
-        scene.close()
+        _draw(options, bone, player, at, effects, note, middle, result)
     elif player is not None:
         player.seek(at, progress=on_terminal())
     if options.pictures is not None:
         result["written"] += _draw_pictures(options, bone, player, at, note, middle)
     deliver(options, result, "".join(f"written {path}\n" for path in result["written"]).rstrip() or "closed")
-    return 0
 
 
 def _draw(
     options: Options, bone: VoxelBone, player: Player | None, at: float, effects: Effects | None, note: str,
     middle: Sequence[float], result: dict[str, Any],
-) -> Scene:  # fmt: skip
-    """The scene of the bone, at last as it was at a moment; the film and the picture that are asked for."""
+) -> None:  # fmt: skip
+    """Makes the film and the picture that are asked for, or shows a window, of the bone as it was at a moment."""
     window = options.png is None and options.video is None
     both = window and bool(options.stereo)  # files have two whole pictures
     size = options.size or (SIZE if both else (1024, 768))
@@ -109,7 +105,9 @@ def _draw(
     if options.png is not None:
         (scene.stereo_pair if options.stereo else scene.screenshot)(options.png)
         result["written"].append(str(options.png))
-    return scene
+    if window:
+        scene.show()
+    scene.close()
 
 
 def _draw_pictures(
@@ -128,12 +126,12 @@ def _check(options: Options) -> None:
     """ValueError for options that exclude one another and files that could not be written."""
     of_volume = options.volume is not None or options.labels is not None
     recorded = options.file is not None and is_recording(options.file)
-    needed = (
+    refuse(
+        (options.file is not None and not recorded) + (options.bone is not None) + of_volume != 1,
         f"{options.file} is a recording without bone: it needs either --bone FILE, or --volume or --labels FILE"
         if recorded
-        else "view needs one of TRACE, --bone FILE, and --volume or --labels FILE"
+        else "view needs one of TRACE, --bone FILE, and --volume or --labels FILE",
     )
-    refuse((options.file is not None and not recorded) + (options.bone is not None) + of_volume != 1, needed)
     film_alone = options.video is not None and not (options.png or options.pictures)
     for applies, names, why in (
         (options.file is None, ("at", "video", "effects"), "goes with a trace"),
@@ -237,7 +235,7 @@ def _depth_file(pictures: str) -> Path:
 
 def _widest_opening(bone: VoxelBone) -> str:
     """The viewing direction, of six, along which the opening is widest; the first of equal ones."""
-    area = dict(zip("xyz", (bone.spacing[k - 2] * bone.spacing[k - 1] for k in range(3)), strict=True))
+    area = {"xyz"[k]: bone.spacing[k - 2] * bone.spacing[k - 1] for k in range(3)}
     return max(
         ("-z", "z", "x", "-x", "y", "-y"),
         key=lambda axis: np.count_nonzero(depth_map(bone, axis=axis) > 0) * area[axis[-1]],

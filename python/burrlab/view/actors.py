@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.font_manager import findfont
 from numpy.typing import ArrayLike, NDArray
 
-from burrlab._core import VoxelBone
+from burrlab._core import Tissue, VoxelBone
 from burrlab.common.check import refuse
 from burrlab.view.pictures import PLANES, slice_image
 from burrlab.view.surface import BlockPlace, Surface, SurfaceBlock
@@ -27,8 +27,11 @@ def vtk_class(name: str) -> Any:
     """The VTK class of this name."""
     from vtkmodules import vtkCommonCore, vtkCommonDataModel, vtkRenderingCore
 
-    modules = (vtkCommonCore, vtkCommonDataModel, vtkRenderingCore)
-    return next(getattr(module, name) for module in modules if hasattr(module, name))
+    return next(
+        getattr(module, name)
+        for module in (vtkCommonCore, vtkCommonDataModel, vtkRenderingCore)
+        if hasattr(module, name)
+    )
 
 
 def new(name: str, **settings: Any) -> Any:
@@ -55,8 +58,7 @@ def flat_actor(renderer: Any, mesh: Any, **look: Any) -> Any:
     """An actor in pixels, in front of the scene."""
     actor = new("vtkActor2D", Mapper=new("vtkPolyDataMapper2D", InputData=mesh))
     configure(actor.GetProperty(), **look)
-    renderer.AddViewProp(actor)
-    return actor
+    return in_all([renderer], actor)
 
 
 class Lines:
@@ -90,8 +92,11 @@ def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
     cells = new("vtkCellArray")
     cells.SetData(3, numpy_to_vtkIdTypeArray(block.triangles.astype(np.int64).ravel(), deep=True))
     mesh = new("vtkPolyData", Points=new("vtkPoints", Data=vtk_array(block.points, deep=False)), Polys=cells)
-    colours = vtk_array(block.colours(palette), "colour")
-    configure(mesh.GetPointData(), Normals=vtk_array(block.normals, deep=False), Scalars=colours)
+    configure(
+        mesh.GetPointData(),
+        Normals=vtk_array(block.normals, deep=False),
+        Scalars=vtk_array(block.colours(palette), "colour"),
+    )
     return mesh
 
 
@@ -167,13 +172,12 @@ class BurrActors:
         self.plotter, self.radii, self.balls = plotter, radii, []
         self.centers = np.full((len(self.radii), 3), np.nan)
         for _ in self.radii:
-            sphere = module.Sphere(radius=1.0, theta_resolution=48, phi_resolution=48)
             ball = plotter.add_mesh(
-                sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
-                specular_power=40, render=False, reset_camera=False,
+                module.Sphere(radius=1.0, theta_resolution=48, phi_resolution=48), color=OFF, smooth_shading=True,
+                ambient=0.15, diffuse=0.7, specular=0.9, specular_power=40, render=False, reset_camera=False,
             )  # fmt: skip
-            in_all(renderers[1:], configure(ball, Visibility=False))  # hidden until its place is known
-            self.balls.append(ball)
+            # hidden until its place is known
+            self.balls.append(in_all(renderers[1:], configure(ball, Visibility=False)))
         self.rims = [_Rim(renderers) for _ in self.radii] if outline else []
 
     def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None, radii: Sequence[float]) -> None:
@@ -183,8 +187,7 @@ class BurrActors:
             known = bool(np.isfinite([*center, radius]).all())
             actor.SetVisibility(known)
             if known:
-                actor.SetPosition(*center)
-                actor.SetScale(radius)
+                configure(actor, Position=tuple(center), Scale=radius)
             actor.prop.color = ON if on is None or on[i] else OFF
 
     def fit(self) -> None:
@@ -246,8 +249,7 @@ def parcel_colours(parcels: NDArray[np.void]) -> NDArray[np.uint8]:
     weights = np.stack([_STRENGTH[name] * parcels[name].astype(float) for name in _COLOURS], axis=1)
     total = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, total, out=np.full_like(weights, 1 / 3), where=total > 0)
-    mixed: NDArray[np.uint8] = np.rint(weights @ np.array(list(_COLOURS.values()), float)).astype(np.uint8)
-    return mixed
+    return np.asarray(np.rint(weights @ np.array(list(_COLOURS.values()), float)), np.uint8)
 
 
 #: A disc that is darker towards its rim, like a ball lit from the eye.
@@ -264,17 +266,13 @@ class ParcelActor:
     """Dust, blood and water as shaded discs that face the eye, so that 20 000 cost one upload."""
 
     def __init__(self, renderers: Sequence[Any]) -> None:
-        self.mapper = new(
-            "vtkPointGaussianMapper",
-            ScaleArray="radius",
-            ScaleFactor=1.0,
-            Emissive=False,
-            SplatShaderCode=_BALL,
-        )
+        kind = "vtkPointGaussianMapper"
         # scale of the shape around a disc of radius 1; before VTK 9.6 a triangle
-        bound = {"BoundScale": 1.0} if hasattr(self.mapper, "SetBoundScale") else {"TriangleScale": 2.0}
-        actor = new("vtkActor", Mapper=configure(self.mapper, **bound), Visibility=False)
-        self.actor = in_all(renderers, actor)
+        bound = {"BoundScale": 1.0} if hasattr(vtk_class(kind), "SetBoundScale") else {"TriangleScale": 2.0}
+        self.mapper = new(
+            kind, ScaleArray="radius", ScaleFactor=1.0, Emissive=False, SplatShaderCode=_BALL, **bound
+        )
+        self.actor = in_all(renderers, new("vtkActor", Mapper=self.mapper, Visibility=False))
 
     def replace(self, parcels: NDArray[np.void] | None) -> None:
         """Draws these parcels instead; None or an empty array: nothing."""
@@ -283,26 +281,21 @@ class ParcelActor:
             return
         colours = parcel_colours(parcels)
         if len(parcels):
-            points = new("vtkPoints", Data=vtk_array(parcels["position"].astype(np.float32)))
-            mesh = new("vtkPolyData", Points=points)
-            mesh.GetPointData().AddArray(vtk_array(parcels["radius"].astype(np.float32), "radius"))
-            mesh.GetPointData().SetScalars(vtk_array(colours))
+            position, radius = (vtk_array(parcels[name].astype(np.float32), name) for name in FIELDS[:2])
+            mesh = new("vtkPolyData", Points=new("vtkPoints", Data=position))
+            configure(mesh.GetPointData(), Scalars=vtk_array(colours)).AddArray(radius)
             self.mapper.SetInputData(mesh)
 
 
 _TEXT = (0.92, 0.93, 0.95)
 
 
-def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
-    """Numbers of the tissues that hold bone and are critical or at the surface."""
-    if bone.tissues is None:
-        return []
-    at_surface: set[int] = set()
-    for block in surface.blocks.values():
-        at_surface.update(np.unique(block.tissues).tolist())
+def shown_tissues(bone: VoxelBone, surface: Surface) -> list[Tissue]:
+    """The tissues that hold bone and are critical or at the surface."""
+    at_surface = set().union(*(np.unique(block.tissues).tolist() for block in surface.blocks.values()))
     return [
-        number
-        for number, tissue in enumerate(bone.tissues)
+        tissue
+        for number, tissue in enumerate(bone.tissues or ())
         if bone.mass_of(number) + bone.removed_of(number) > 0 and (tissue.critical or number in at_surface)
     ]
 
@@ -312,10 +305,7 @@ class Legend:
 
     def __init__(self, renderer: Any, bone: VoxelBone, surface: Surface) -> None:
         self.renderer, self.ground, self.rows = renderer, Ground(renderer), []
-        table = bone.tissues
-        for number in shown_tissues(bone, surface):
-            assert table is not None
-            tissue = table[number]
+        for tissue in shown_tissues(bone, surface):
             colour = tuple(part / 255 for part in tissue.colour)
             # a box: the letter has the colour of its background
             row = (
@@ -334,10 +324,9 @@ class Legend:
         size = font_size(height)
         pitch, left, widest = 1.6 * size, 1.2 * size, 0.0
         for i, (box, text) in enumerate(self.rows):
-            y = height - 1.2 * size - (i + 0.5) * pitch
             for actor, x in ((box, left), (text, left + 1.7 * size)):
                 actor.GetTextProperty().SetFontSize(size)
-                actor.SetPosition(x, y)
+                actor.SetPosition(x, height - 1.2 * size - (i + 0.5) * pitch)
             bounds = [0.0, 0.0]
             text.GetSize(self.renderer, bounds)
             widest = max(widest, bounds[0])
@@ -368,7 +357,7 @@ class ScaleBar:
 
     def __init__(self, renderer: Any, note: str = "") -> None:
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note
-        self.lines = Lines([(0, 1), (2, 3), (4, 5)]).place(np.zeros((6, 2)))
+        self.lines = Lines([(0, 1), (2, 4), (3, 5)]).place(np.zeros((6, 2)))
         self.bar = flat_actor(renderer, self.lines.mesh, Color=_TEXT, LineWidth=2.0)
         self.text = new("vtkTextActor")
         configure(self.text.GetTextProperty(), Color=_TEXT, JustificationToCentered=())
@@ -382,8 +371,7 @@ class ScaleBar:
         length = float(np.clip(round_value(0.22 * width * seen / max(height, 1)), 0.1, 100.0))
         right, low, tick = 0.97 * width, 0.045 * height, 0.008 * height
         left, size = right - length * height / seen, font_size(height)
-        ends = [(x, y) for x in (left, right) for y in (low - tick, low + tick)]
-        self.lines.place([(left, low), (right, low), *ends])
+        self.lines.place([(x, y) for y in (low, low - tick, low + tick) for x in (left, right)])
         configure(
             self.text,
             Input=f"{self.note}\n{length:g} mm".lstrip(),
@@ -423,11 +411,11 @@ class SceneChart:
                 axis.label_size = axis.tick_label_size = 11
                 axis.grid = False
                 axis.pen.color = axis.tick_label_color = _TEXT
-                axis.GetTitleProperties().SetColor(*_TEXT)
-                axis.GetLabelProperties().SetColor(*_TEXT)
-                axis.GetTitleProperties().SetBold(False)
-                axis.GetTitleProperties().SetFontFamily(4)  # VTK_FONT_FILE
-                axis.GetTitleProperties().SetFontFile(findfont("DejaVu Sans"))  # VTK's own draws [ as (
+                configure(axis.GetLabelProperties(), Color=_TEXT)
+                configure(
+                    axis.GetTitleProperties(), Color=_TEXT, Bold=False, FontFamily=4,  # VTK_FONT_FILE
+                    FontFile=findfont("DejaVu Sans"),  # VTK's own draws [ as (
+                )  # fmt: skip
             self.lines.append(chart.line([0.0, 1.0], [0.0, 0.0], color=colour, width=1.6))
             chart.visible = False
             plotter.add_chart(chart)
@@ -500,8 +488,8 @@ class SlicePanel:
             scale = 0.98 * min(width / (end - left), room / (top - low))  # [pixel/mm]
             size = max(round(scale * (end - left)), 1), max(round(scale * (top - low)), 1)
             corner = np.array([(width - size[0]) // 2, (room - size[1]) // 2])
-            voxels = Image.fromarray(image.pixels[::-1]).resize(size, Image.Resampling.NEAREST)
-            panel.paste(voxels, tuple(corner.tolist()))
+            voxels = Image.fromarray(image.pixels[::-1])
+            panel.paste(voxels.resize(size, Image.Resampling.NEAREST), tuple(corner.tolist()))
             places = corner + scale * (np.array([self.point, *centers])[:, [right, up]] - (left, top)) * (
                 1,
                 -1,

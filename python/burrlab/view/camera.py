@@ -118,12 +118,15 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     right = _unit("right", np.cross(sight, view.up))
     half = 0.5 * separation * view.distance / _VIEWER
     half_width = view.distance * np.tan(np.deg2rad(view.angle) / 2) * aspect
-    out = []
-    for sign in (-1.0, 1.0):
-        offset = sign * half * right
-        moved = Viewpoint(_tuple(view.position + offset), _tuple(view.focus + offset), view.up, view.angle)
-        out.append((moved, -sign * half / half_width))
-    return out
+    return [
+        (
+            Viewpoint(
+                _tuple(view.position + way * right), _tuple(view.focus + way * right), view.up, view.angle
+            ),
+            -way / half_width,
+        )
+        for way in (-half, half)
+    ]
 
 
 def _unit(name: str, vector: Any) -> NDArray[np.float64]:
@@ -174,8 +177,11 @@ def trace_approach(player: Player) -> Approach | None:
         push = np.array(_DOWN)
     low, high = centers.min(axis=0), centers.max(axis=0)
     radius = float(np.nan_to_num(player.burrs.radii.max(), nan=UNKNOWN_RADIUS))
-    width = 1.6 * float(np.linalg.norm(high - low)) + 7 * radius
-    return Approach((low + high) / 2, push / np.linalg.norm(push), width)
+    return Approach(
+        (low + high) / 2,
+        push / np.linalg.norm(push),
+        width=1.6 * float(np.linalg.norm(high - low)) + 7 * radius,
+    )
 
 
 def approach_view(bone: VoxelBone, approach: Approach | None, *, width: float | None = None) -> Viewpoint:

@@ -165,10 +165,11 @@ def write_video(
 
 def check_film(file: Path, fps: float) -> None:
     """ValueError unless the file's ending and the frames a second are those of a film."""
-    most = _MOST_FPS.get(file.suffix.lower())
-    if most is None:
-        raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
-    refuse(not 1 <= fps <= most, f"fps must be from 1 to {most} for {file.suffix.lower()}, got {fps:g}")
+    kind = file.suffix.lower()
+    refuse(kind not in _MOST_FPS, f"a film must end in .mp4 or .gif, got {file.name}")
+    refuse(
+        not 1 <= fps <= _MOST_FPS[kind], f"fps must be from 1 to {_MOST_FPS[kind]} for {kind}, got {fps:g}"
+    )
 
 
 def ffmpeg() -> str:
@@ -214,17 +215,15 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
         "-r", f"{fps:g}", "-i", "-", "-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18",
         "-movflags", "+faststart", str(path),
     ]  # fmt: skip
-    pipes: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.DEVNULL}
     with tempfile.TemporaryFile() as messages:
         # a broken pipe is explained by the exit status and the last message
-        with (
-            contextlib.suppress(BrokenPipeError),
-            subprocess.Popen(command, stderr=messages, **pipes) as encoder,
-        ):
+        with contextlib.suppress(BrokenPipeError), subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=messages
+        ) as encoder:  # fmt: skip
             assert encoder.stdin is not None
             try:
                 for frame in itertools.chain([first], rest):
-                    encoder.stdin.write(np.ascontiguousarray(frame[:height, :width]))
+                    encoder.stdin.write(np.ascontiguousarray(frame[:height, :width]).data)
                     count += 1
             except BaseException:
                 encoder.kill()
@@ -246,6 +245,8 @@ def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
         # whole hundredths of a second; some frames have one more, so that the film keeps its length
         ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
         durations = np.diff(ends).tolist()  # [ms]
-        duration = durations if len(durations) > 1 else durations[0]
-        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=duration, loop=0)
+        pictures[0].save(
+            path, save_all=True, append_images=pictures[1:], loop=0,
+            duration=durations if len(durations) > 1 else durations[0],
+        )  # fmt: skip
     return len(pictures)

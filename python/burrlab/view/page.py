@@ -62,7 +62,7 @@ def polyline(
 
 def numbers(source: PageSource) -> list[dict[str, str]]:
     """Rows of name, value and unit; none for what is not recorded."""
-    rows, force, depth, burrs = [], source.force, source.depth, source.burrs
+    rows, burrs = [], source.burrs
     for i, radius in enumerate(burrs.radii):
         which = f" {i + 1}" if len(burrs.radii) > 1 else ""
         known = bool(np.isfinite(burrs.centers[i]).all())
@@ -70,25 +70,22 @@ def numbers(source: PageSource) -> list[dict[str, str]]:
         state_texts = [] if np.isnan(radius) else [f"R = {radius:g} mm"]
         state_texts += [] if burrs.on is None else ["turns" if burrs.on[i] else "stands"]
         rows += [
-            ("force" + which, f"{np.linalg.norm(force[i]):.2f}", "N"),
-            ("penetration" + which, f"{depth[i]:.3f}", "mm"),
+            ("force" + which, f"{np.linalg.norm(source.force[i]):.2f}", "N"),
+            ("penetration" + which, f"{source.depth[i]:.3f}", "mm"),
             ("burr" + which, ", ".join(state_texts) or "nan", ""),
             ("centre" + which, place, "mm" if known else ""),
         ]
-    rows = [row for row in rows if row[1] != "nan"]
     rows.append(("bone removed", f"{source.bone.removed:.2f}", "mm³"))
-    return [{"name": name, "value": value, "unit": unit} for name, value, unit in rows]
+    return [{"name": name, "value": value, "unit": unit} for name, value, unit in rows if value != "nan"]
 
 
 def tissues(bone: VoxelBone) -> list[dict[str, Any]]:
     """Rows of the tissues that are critical or were removed in part."""
-    if bone.tissues is None:
-        return []
-    removed = [bone.removed_of(i) for i in range(len(bone.tissues))]
+    removed = [(tissue, bone.removed_of(number)) for number, tissue in enumerate(bone.tissues or ())]
     return [
         {"name": tissue.name, "colour": "rgb({}, {}, {})".format(*tissue.colour), "removed": f"{volume:.2f}",
          "hurt": tissue.critical and volume > 0}
-        for tissue, volume in zip(bone.tissues, removed, strict=True) if volume > 0 or tissue.critical
+        for tissue, volume in removed if volume > 0 or tissue.critical
     ]  # fmt: skip
 
 
@@ -105,10 +102,9 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
 
 def values(source: PageSource) -> list[list[str]]:
     """Present values of the charts' curves: one text for each chart and burr."""
-    force = np.linalg.norm(source.force, axis=1)
     return [
         [f"{value:.{places}f}".replace("nan", "-") for value in now]
-        for now, places in ((force, 2), (source.depth, 3))
+        for now, places in ((np.linalg.norm(source.force, axis=1), 2), (source.depth, 3))
     ]
 
 
@@ -202,7 +198,9 @@ class Page:
             ("effects", self._switch), ("playing", self._play), ("speed", self._play),
         ):  # fmt: skip
             self.state.change(name)(handler)
-        for call in (self.drag, self.wheel, self.shown, self.draw):
+        for call in (
+            self.drag, self.wheel, self.shown, self.draw, self.look, self.step, self.seek, self.go,
+        ):  # fmt: skip
             server.trigger(call.__name__)(call)
         scene.draw_fast()
         scene.set_stereo(self.state.stereo)
@@ -312,8 +310,7 @@ class Page:
         self._changed = [np.unique(np.concatenate(self._changed))]
         source.show_in(self.scene, self._changed[0], parcels=state.effects)
         self._changed = []  # only now: after a failure the next turn draws them
-        if state.slices:
-            self._cut()
+        self._cut()
         self._sent = seconds
         if state.playing or source.kind == "live":
             state.wanted_s = seconds
@@ -348,19 +345,16 @@ class Page:
     def _switch(self, **_: Any) -> None:
         self.scene.set_stereo(bool(self.state.stereo))
         self.scene.set_parcels(self.source.parcels if self.state.effects else None)
-        if self.state.slices:
-            self._cut()
-        else:
-            self.scene.set_slices(None)
+        self._cut()
         self._draw = True
 
     def _cut(self) -> None:
-        """Shows slices through the first burr's centre, or through the middle of the volume until it is
-        known."""
-        bone = self.source.bone
-        middle = np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
-        known = self.source.first_center
-        self.scene.set_slices(middle if known is None else known)
+        """Shows slices, if they are wanted, through the first burr's centre, or through the middle of the volume
+        until it is known."""
+        bone, point = self.source.bone, self.source.first_center
+        if point is None:
+            point = np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
+        self.scene.set_slices(point if self.state.slices else None)
 
 
 def _number(value: Any) -> bool:
@@ -410,12 +404,8 @@ def build_layout(page: Page) -> None:
     """Makes the page's template, before the server is started."""
     from trame.ui.vuetify3 import VAppLayout
 
-    config = {
-        "theme": {"defaultTheme": "dark"},
-        "defaults": {"VBtn": {"variant": "text", "density": "comfortable"}},
-    }
+    buttons = {"VBtn": {"variant": "text", "density": "comfortable"}}
+    config = {"theme": {"defaultTheme": "dark"}, "defaults": buttons}
     page.state.trame__title = f"burrlab: {page.source.title}"
-    for call in (page.look, page.step, page.seek, page.go):
-        page.server.trigger(call.__name__)(call)
     with VAppLayout(page.server, vuetify_config=config) as layout:
         layout.root.add_child((files("burrlab.view") / "page.html").read_text("utf-8"))

@@ -80,9 +80,9 @@ class StructureDistances:
         return rows
 
     def _make(self) -> None:
+        bone, settings = self._bone, self._settings
         with contextlib.suppress(ValueError):  # no voxel of a critical tissue
-            settings = self._settings
-            self._watch = Watch.of_settings(self._bone, settings) if settings else Watch(self._bone)
+            self._watch = Watch.of_settings(bone, settings) if settings else Watch(bone)
 
 
 def event_row(time: float, event: np.void, structures: Sequence[str]) -> dict[str, Any]:
@@ -153,9 +153,7 @@ class ParcelHistory:
         """The newest kept frame at or before a time [s]; None if there is none yet."""
         with self._lock:
             i = int(seconds * _RATE / self._every + 1e-6)
-            if not 0 < i <= len(self._frames):
-                return None
-            return self._frames[i - 1]
+            return self._frames[i - 1] if 0 < i <= len(self._frames) else None
 
 
 def _drawn(parcels: NDArray[np.void]) -> NDArray[np.void]:

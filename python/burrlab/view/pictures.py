@@ -97,8 +97,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     assert levels is not None
     assert pristine is not None
     # (z, y, x) without the axis across is (upwards, to the right) for all three planes
-    palette = tissue_palette(bone)
-    colour = np.asarray(BONE) if numbers is None else palette[numbers].astype(float)
+    colour = np.asarray(BONE) if numbers is None else tissue_palette(bone)[numbers].astype(float)
     # half full is drawn as full, like the surface, so that soft tissue keeps its colour
     now, lost = (np.minimum(part[..., None] / 127.5, 1.0) for part in (levels, pristine - levels))
     pixels = now * colour + (1 - now) * (lost * np.asarray(REMOVED) + (1 - lost) * np.asarray(_EMPTY))
@@ -159,8 +158,9 @@ def plot_slices(
         len(places) != len(radii), f"centers must be one for each of {len(radii)} radii, got {len(places)}"
     )
     images = [slice_image(bone, point, plane) for plane in PLANES]
-    widths = [image.extent[1] - image.extent[0] for image in images]
-    all_axes = panels(ax, (1, 3), (9.6, 3.9), width_ratios=widths)
+    all_axes = panels(
+        ax, (1, 3), (9.6, 3.9), width_ratios=[image.extent[1] - image.extent[0] for image in images]
+    )
     figure, look = all_axes[0].figure, styled(style, color=_BURR, label="burr", linewidth=1.4)
     if note:
         figure.suptitle(note, fontsize=8)
@@ -190,26 +190,26 @@ def _draw_slice(
     across, right, up = PLANES[image.plane]
     axes.imshow(image.pixels, origin="lower", extent=image.extent, interpolation="nearest")
     for center, radius in zip(centers, radii, strict=True):
-        cut = image.burr_radius(center, radius)
-        if cut > 0:
-            ring = {key: value for key, value in look.items() if key != "label"}
-            axes.add_patch(Circle((center[right], center[up]), cut, fill=False, **ring))
+        if (cut := image.burr_radius(center, radius)) > 0:
+            axes.add_patch(Circle((center[right], center[up]), cut, fill=False, **look | {"label": ""}))
     axes.axvline(point[right], color="white", linewidth=0.5, alpha=0.55)
     axes.axhline(point[up], color="white", linewidth=0.5, alpha=0.55)
-    axes.set_xlim(image.extent[:2])
-    axes.set_ylim(image.extent[2:])
-    axes.set_xlabel(f"{_NAMES[right]} [mm]")
-    axes.set_ylabel(f"{_NAMES[up]} [mm]")
-    axes.set_title(f"{_NAMES[across]} = {image.position:.2f} mm")
+    axes.set(
+        xlim=image.extent[:2], ylim=image.extent[2:], xlabel=f"{_NAMES[right]} [mm]", ylabel=f"{_NAMES[up]} [mm]",
+        title=f"{_NAMES[across]} = {image.position:.2f} mm",
+    )  # fmt: skip
 
 
 def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch]:
     """Colour and name of everything that one of the slices shows."""
-    seen = [image.tissues[image.levels > 0] for image in images if image.tissues is not None]
-    table = list(bone.tissues or ())
-    rows = [table[number] for number in np.unique(np.concatenate([*seen, np.zeros(0, np.uint8)]))]
-    edge: dict[str, Any] = {"edgecolor": "0.3", "linewidth": 0.5}
-    handles = [Patch(facecolor=_hex(*row.colour), label=row.name, **edge) for row in rows]
+    seen = set().union(
+        *(np.unique(image.tissues[image.levels > 0]) for image in images if image.tissues is not None)
+    )
+    handles = [
+        Patch(facecolor=_hex(*tissue.colour), label=tissue.name, edgecolor="0.3", linewidth=0.5)
+        for number, tissue in enumerate(bone.tissues or ())
+        if number in seen
+    ]
     return handles + [Patch(facecolor=_hex(*REMOVED), label="removed")] * bool(bone.removed)
 
 
@@ -363,7 +363,7 @@ def plot_depth_map(
     deepest, lines = float(depth.max()), None
     if contours and deepest > 0 and min(depth.shape) > 1:
         round_values = np.asarray(MaxNLocator(contours + 1).tick_values(0, deepest), float)
-        levels = [float(value) for value in round_values if 0 < value < deepest]
+        levels = round_values[(round_values > 0) & (round_values < deepest)].tolist()
         lines = axes.contour(*places, depth, levels=levels, colors=color, linewidths=0.6)
     if crop and deepest > 0:
         for limits, along, step in ((axes.set_xlim, 0, half[0]), (axes.set_ylim, 1, half[1])):
@@ -375,16 +375,15 @@ def plot_depth_map(
             )
     figure = axes.get_figure(root=True)
     assert figure is not None
-    label_text = label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
     bar = figure.colorbar(
-        image, cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)), label=label_text
-    )  # as tall as the map
+        image,
+        cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)),  # as tall as the map
+        label=label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]",
+    )
     if lines is not None:
         bar.add_lines(lines)  # on the map their numbers would hide a small crater
     if axis in ("x", "-y", "z"):  # seen from behind: left is the viewer's left
         axes.invert_xaxis()
-    axes.set_xlabel(f"{_NAMES[right]} [mm]")
-    axes.set_ylabel(f"{_NAMES[up]} [mm]")
-    subtitle = f"\n{note}" if note else ""
-    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most{subtitle}")
+    title = f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most\n{note}".rstrip("\n")
+    axes.set(xlabel=f"{_NAMES[right]} [mm]", ylabel=f"{_NAMES[up]} [mm]", title=title)
     return axes

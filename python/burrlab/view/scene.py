@@ -153,18 +153,15 @@ def held_back() -> Iterator[list[int]]:
     """Raises the KeyboardInterrupt of Ctrl-C and other signals only at the end: raised in a function of pyvista
     that VTK calls, it would be printed and forgotten. Yields the signals that came."""
     came: list[int] = []
-    held = []
-    if threading.current_thread() is threading.main_thread():
-        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) is signal.default_int_handler:
-                signal.signal(number, lambda number, _: came.append(number))
-                held.append(number)
-    try:
+    usual = signal.default_int_handler
+    with contextlib.ExitStack() as after:
+        if threading.current_thread() is threading.main_thread():
+            for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+                number = getattr(signal, name, None)
+                if number is not None and signal.getsignal(number) is usual:
+                    signal.signal(number, lambda number, _: came.append(number))
+                    after.callback(signal.signal, number, usual)
         yield came
-    finally:
-        for number in held:
-            signal.signal(number, signal.default_int_handler)
     if came:
         raise KeyboardInterrupt
 
@@ -281,10 +278,7 @@ class Scene:
             check_positive("radii", radius if radius == radius else 1.0)  # NaN
         refuse(min(size) < 16, f"size must be at least 16 pixels each way, got {size[0]} x {size[1]}")
         module = pyvista()
-        if off_screen:
-            prepare_off_screen()
-        else:
-            check_screen()
+        (prepare_off_screen if off_screen else check_screen)()
         self.bone, self.radii = bone, tuple(float(radius) for radius in radii)
         self.surface = Surface(bone, level=level)
         self.plotter: Any = module.Plotter(
@@ -293,8 +287,9 @@ class Scene:
         self.plotter.set_background(_GROUND, top=_SKY)
         # over the left shoulder, a fill from the right, and a weak one from the eye
         for place, strength in (((-0.7, 0.9, 1.0), 0.75), ((1.0, 0.2, 0.6), 0.28), ((0.0, 0.0, 1.0), 0.22)):
-            light = module.Light(position=place, light_type="camera light", intensity=strength)
-            self.plotter.add_light(light)
+            self.plotter.add_light(
+                module.Light(position=place, light_type="camera light", intensity=strength)
+            )
         main = self.plotter.renderer
         self._eyes = StereoEyes(self.plotter, note)
         renderers = [main, *self._eyes.renderers]
@@ -309,8 +304,7 @@ class Scene:
         self.scale = ScaleBar(main, note)
         self.legend = Legend(main, bone, self.surface) if legend else None
         self.look(surgeon_view(bone))
-        if stereo:
-            self.set_stereo(True)
+        self.set_stereo(stereo)
 
     def look(self, viewpoint: Viewpoint) -> None:
         """Sets the camera."""
@@ -433,8 +427,9 @@ class Scene:
         seen = set(blocks)
         if many:
             self.actors.property.BackfaceCullingOn()
-            voxel = max(self.bone.spacing)
-            seen = set().union(*(blocks_in_sight(blocks, view, size, voxel) for view in views))
+            seen = set().union(
+                *(blocks_in_sight(blocks, view, size, max(self.bone.spacing)) for view in views)
+            )
         self.actors.show(self.surface, seen)
 
     def set_stereo(self, on: bool, separation: float = 62.0, *, swap: bool = False) -> None:

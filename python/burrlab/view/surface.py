@@ -55,8 +55,9 @@ class SurfaceBlock:
     def colours(self, palette: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Red, green, blue of every vertex, (v, 3): the tissue's, lighter where it was cut."""
         share = (_CUT_SHARE / 255.0) * self.lost[:, None].astype(np.float32)
-        mixed = palette[self.tissues] * (1 - share) + np.asarray(_CUT, np.float32) * share
-        return mixed.astype(np.uint8)
+        return np.asarray(
+            palette[self.tissues] * (1 - share) + np.asarray(_CUT, np.float32) * share, np.uint8
+        )
 
 
 def tissue_palette(bone: VoxelBone) -> NDArray[np.uint8]:
@@ -155,8 +156,7 @@ def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
     """The inverse of `brick_places`; numbers stay as they are. ValueError as in `brick_places`."""
     counts = tuple(-(-n // _BRICK) for n in bone.shape)
     z, y, x = brick_places(bricks, bone).T
-    numbers: NDArray[np.uint32] = ((z * counts[1] + y) * counts[2] + x).astype(np.uint32)
-    return numbers
+    return np.asarray((z * counts[1] + y) * counts[2] + x, np.uint32)
 
 
 def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[BlockPlace]:

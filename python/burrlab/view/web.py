@@ -103,7 +103,13 @@ def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
         import trame.widgets.vuetify3  # noqa: F401
     except ImportError:
         raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
-    _check_free(host, port)
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        raise OSError(f"cannot listen on {host}:{port}: {error.strerror or error}") from None
 
 
 def warning(address: str) -> str:
@@ -194,19 +200,16 @@ def _named(host: str, port: int) -> str:
 @contextlib.contextmanager
 def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
     """Lets Ctrl-C and SIGTERM end the page in order, if this is the main thread."""
-    loop, before = asyncio.get_running_loop(), {}
-    for number in (signal.SIGINT, signal.SIGTERM):
-        handler = signal.getsignal(number)
-        # Event loops take no handlers on Windows, nor outside the main thread: there Ctrl-C stays as it is.
-        with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
-            loop.add_signal_handler(number, end.set)
-            before[number] = handler
-    try:
+    loop = asyncio.get_running_loop()
+    with contextlib.ExitStack() as after:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(number)
+            # Event loops take no handlers on Windows, nor outside the main thread: there Ctrl-C stays as it is.
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+                loop.add_signal_handler(number, end.set)
+                after.callback(signal.signal, number, handler)
+                after.callback(loop.remove_signal_handler, number)
         yield
-    finally:
-        for number, handler in before.items():
-            loop.remove_signal_handler(number)
-            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -217,14 +220,3 @@ def _own_arguments() -> Iterator[None]:
         yield
     finally:
         sys.argv = before
-
-
-def _check_free(host: str, port: int) -> None:
-    """OSError in one sentence if the address cannot be listened on."""
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind(address)
-    except OSError as error:
-        raise OSError(f"cannot listen on {host}:{port}: {error.strerror or error}") from None

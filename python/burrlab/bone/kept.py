@@ -1,12 +1,12 @@
 """Half-drilled volumes: files that other programs read, each beside a file with the bone's exact state."""
 
 import contextlib
+import glob
 import hashlib
 import io
 import json
 import math
 import os
-import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -74,14 +74,12 @@ def content_digest(target: Path) -> str:
     if target.is_file():
         with target.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    digest = hashlib.sha256()
     if holds_dicom(target):
         slices = [Path(name) for name in dicom_files(target)[0]]
     else:
         slices = sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
-    for path in slices:
-        digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()
+    contents = (path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest() for path in slices)
+    return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
 def sidecar(target: Path, digest: str) -> Path:
@@ -98,13 +96,11 @@ def followed(target: Path) -> Path:
 
 def sidecars(target: Path) -> list[Path]:
     """Exact states beside a file, of its present or older contents; for a link, also beside its target."""
-    paths: list[Path] = []
-    for place in dict.fromkeys((target, followed(target))):
-        folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
-        paths += (
-            sorted(path for path in folder.iterdir() if name.fullmatch(path.name)) if folder.is_dir() else []
-        )
-    return paths
+    return [
+        path
+        for place in dict.fromkeys((target, followed(target)))
+        for path in sorted(place.parent.resolve().glob(f"{glob.escape(place.name)}.{'?' * 16}.bone.h5"))
+    ]
 
 
 def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
@@ -113,12 +109,9 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     states = [sidecar(place, digest) for place in (target, followed(target))]
     beside = next(filter(Path.is_file, states), states[-1])
     if not beside.is_file():
-        others = ", ".join(other.name for other in sidecars(target))
-        problem = (
-            f"there is {others}, of another content of it"
-            if others
-            else "there is none: was the volume moved, or is it not one that was saved half-drilled?"
-        )
+        problem = "there is none: was the volume moved, or is it not one that was saved half-drilled?"
+        if others := ", ".join(other.name for other in sidecars(target)):
+            problem = f"there is {others}, of another content of it"
         raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {problem}")
     description = _description(beside)
     refuse(
@@ -140,12 +133,14 @@ def is_drilled(target: Path) -> bool:
 def _description(path: Path) -> dict[str, Any]:
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         try:
-            description = json.loads(attributes(file)["source"])
+            description: Any = json.loads(attributes(file)["source"])
         except UNREADABLE:
             description = None
-    if not isinstance(description, dict) or description.get("kind") != KIND:
-        raise ValueError(f"{path} is a bone, but not one of a drilled volume")
-    return description
+    refuse(
+        not isinstance(description, dict) or description.get("kind") != KIND,
+        f"{path} is a bone, but not one of a drilled volume",
+    )
+    return dict(description)
 
 
 class Changes(NamedTuple):
@@ -226,9 +221,8 @@ def coded(
     least, most = (end if real else int(end) >> (whole - used) for end in (limits.min, limits.max))
     beyond = (codes < least) | (codes > most)
     if beyond.any():
-        grey, held = "labels must have a 0", f"{kind.newbyteorder('=')}"
-        if empty is not None:
-            grey = "map must have a grey value of empty"
+        grey = "labels must have a 0" if empty is None else "map must have a grey value of empty"
+        held = f"{kind.newbyteorder('=')}"
         if (slope, inter, used) != (1, 0, whole):
             low, high = sorted(slope * float(end) + inter for end in (least, most))
             held += f", {low:g} to {high:g}"
@@ -257,8 +251,8 @@ def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
             fields = {key: text for key, text in header.fields.items() if text}
             whole = header.shape == like.shape and header.layers <= 1
     if file_format.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers differ
-        by_segment = segment_fields(like.labels, like.names, like.colours)
-        fields = {key: text for key, text in fields.items() if not key.startswith("Segment")} | by_segment
+        fields = {key: text for key, text in fields.items() if not key.startswith("Segment")}
+        fields |= segment_fields(like.labels, like.names, like.colours)
     return fields
 
 
@@ -360,8 +354,8 @@ def _stored(
     scale = [1.0, 0.0]
     with contextlib.suppress(ValueError):
         scale = [
-            float(text_of(attributes, f"Rescale{key}") or default)
-            for key, default in (("Slope", 1), ("Intercept", 0))
+            float(text_of(attributes, f"Rescale{key}") or scale[k])
+            for k, key in enumerate(("Slope", "Intercept"))
         ]
     for slope, inter in (scale, (1.0, 0.0)):  # the reader ignores the scale of some kinds of images
         if slope == 0 or not (math.isfinite(slope) and math.isfinite(inter)):
@@ -431,8 +425,8 @@ def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> 
             image[...] = new[k].transpose(turn)
         else:
             image[..., :3] = new[k].transpose(turn)[..., None]
-        picture = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
-        picture.save(written, format="PNG", compress_level=3)
+        shown = image[..., :3] if slices.kind == "RGB" else image
+        Image.fromarray(shown).save(written, format="PNG", compress_level=3)
         yield path.name, written.getvalue()
     if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
         import yaml
@@ -673,10 +667,5 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     bone, tick = load_bone(beside)
     mapping = None if description.get("map") is None else OccupancyMap.parse(str(description["map"]))
     return DrilledVolume(
-        bone,
-        tick,
-        mapping,
-        str(description.get("source", "")),
-        os.fspath(path),
-        bool(description.get("transpose")),
-    )
+        bone, tick, mapping, str(description.get("source", "")), os.fspath(path), bool(description.get("transpose"))
+    )  # fmt: skip

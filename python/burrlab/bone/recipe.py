@@ -211,10 +211,9 @@ class _CachedRecipe(_FileRecipe):
             return None
         try:
             header, packed = self._kept.header["bone"], [np.frombuffer(p, np.uint8) for p in self._kept.parts]
-            table = None if header["tissues"] is None else tissues_from_json(header["tissues"])
-            return unpack_bone(
-                header["shape"], header["spacing"], header["origin"], packed[0], table, packed[1]
-            )
+            table = tissues_from_json(header["tissues"]) if header["tissues"] else None
+            place = (header["shape"], header["spacing"], header["origin"])
+            return unpack_bone(*place, packed[0], table, packed[1])
         except UNREADABLE:
             self.__dict__["_kept"] = None
             return None
@@ -232,12 +231,11 @@ class _CachedRecipe(_FileRecipe):
         if math.prod(bone.shape) < least:
             return
         grid, table = self._on(), None if bone.tissues is None else tissues_to_json(bone.tissues)
-        header = {
+        self._entry.keep({
             "bone": {"shape": bone.shape, "spacing": bone.spacing, "origin": bone.origin, "tissues": table},
             "shape": grid.shape, "path": grid.path, "notes": list(notes), "spacing": grid.spacing.tolist(),
             "origin": grid.origin.tolist(), "direction": grid.direction.tolist(),
-        }  # fmt: skip
-        self._entry.keep(header, pack_bone(bone))
+        }, pack_bone(bone))  # fmt: skip
 
 
 def whole_number(number: Any, most: int) -> int:
@@ -305,15 +303,14 @@ class VolumeRecipe(_CachedRecipe):
     transpose: bool | None = field(default=None, metadata=_key("transpose", bool, before=False))
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "path", absolute(self.path))
+        path = absolute(self.path)
         for name in ("spacing", "voxel"):
             if (lengths := getattr(self, name)) is not None:
                 object.__setattr__(self, name, _triple(checked_spacing(lengths, name)))
-        object.__setattr__(self, "transpose", rows_along_x(self.path, self.transpose))
+        self.__dict__.update(path=path, transpose=rows_along_x(path, self.transpose))
         if self.crop is not None:
-            low, high = self.crop
-            corners = tuple(_triple(checked_point(corner, "crop")) for corner in (low, high))
-            object.__setattr__(self, "crop", corners)
+            low, high = (_triple(checked_point(corner, "crop")) for corner in self.crop)
+            object.__setattr__(self, "crop", (low, high))
 
     def volume(self) -> Volume:
         """The cropped volume; it is read once.
@@ -636,8 +633,8 @@ def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **sett
     `stack` has the options of `labels_of`, `settings` the other fields of the recipe. Errors as `labels_of` and
     `default_tissues`.
     """
-    bone = [getattr(material, name) for name in ("name", "c_e", "alpha", "source")]
-    entry = _entry_of(["tissues", absolute(path), *bone, material.shape.name, dict(stack)], [absolute(path)])
+    bone = (material.name, material.c_e, material.alpha, material.source, material.shape.name)
+    entry = _entry_of(["tissues", absolute(path), *bone, dict(stack)], [absolute(path)])
     with contextlib.suppress(*UNREADABLE):
         if (cached := entry.find()) is not None:
             tissues = tissues_from_json(cached.header["tissues"])
@@ -668,9 +665,9 @@ def labels_of(
     Errors as `read_labels` and `read_stack`.
     """
     if not is_stack(os.fspath(path)):
-        if unknown != "refuse" or unit is not None or transpose:
-            name = "unknown" if unknown != "refuse" else "transpose" if transpose else "unit"
-            raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
+        options = {"unknown": unknown != "refuse", "transpose": transpose, "unit": unit is not None}
+        for name, chosen in options.items():
+            refuse(chosen, f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
     labels = stack_of(path, spacing, palette, unknown, unit, transpose, ranking, usual=usual)
     if not isinstance(labels, LabelVolume):
@@ -774,11 +771,11 @@ class DrilledRecipe(_FileRecipe):
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
         provenance = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
-        grid: Volume | LabelVolume
-        if _holds_bone(self.path):
-            grid = Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
-        else:
-            grid = self.like()
+        grid: Volume | LabelVolume = (
+            Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
+            if _holds_bone(self.path)
+            else self.like()
+        )
         return specimen_in(grid, bone, entry, axis, provenance, f"after {self.tick} ticks")
 
     def _voxel(self) -> ArrayLike:

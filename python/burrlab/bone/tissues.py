@@ -196,17 +196,16 @@ def default_tissues(
     """
     names, counts, colours = _named(labels)
     check_count(names)
-    unknown = [label for label, name in names.items() if known_tissue(name) is None]
-    if unknown:
-        unknown_text = ", ".join(
-            f"label {label} ({names[label]!r}{'' if counts is None else f', {counts.get(label, 0)} voxels'})"
-            for label in unknown
-        )
-        known = ", ".join(tissue.name for tissue in KNOWN)
-        raise ValueError(
-            f"the default table does not know {unknown_text}; it knows {known}, and their usual synonyms: "
-            "give a table of your own (read_tissues, `burrlab tissues FILE --template table.csv`)"
-        )
+    unknown = ", ".join(
+        f"label {label} ({name!r}{'' if counts is None else f', {counts.get(label, 0)} voxels'})"
+        for label, name in names.items()
+        if known_tissue(name) is None
+    )
+    refuse(
+        unknown,
+        f"the default table does not know {unknown}; it knows {', '.join(tissue.name for tissue in KNOWN)}, and their "
+        "usual synonyms: give a table of your own (read_tissues, `burrlab tissues FILE --template table.csv`)",
+    )
     rows = []
     used_names: set[str] = set()
     for label, file_name in sorted(names.items()):
@@ -224,8 +223,9 @@ def default_tissues(
 
 def unlabelled(material: Material) -> Tissue:
     """Default tissue of label 0: the bone's values, assumed."""
-    colour = _BY_NAME[UNLABELLED].colour
-    return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=colour)
+    return Tissue(
+        UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=_BY_NAME[UNLABELLED].colour
+    )
 
 
 def label_counts(values: NDArray[Any], path: str) -> dict[int, int]:
@@ -240,8 +240,7 @@ def label_counts(values: NDArray[Any], path: str) -> dict[int, int]:
         else:
             kinds, counts = np.unique(plane, return_counts=True)
             large.update(dict(zip(kinds.tolist(), counts.tolist(), strict=True)))
-    for label in np.flatnonzero(every).tolist():
-        large[label] += int(every[label])
+    large.update({label: int(every[label]) for label in np.flatnonzero(every).tolist()})
     return dict(sorted(large.items()))
 
 
@@ -258,13 +257,12 @@ def _named(
     counts = label_counts(labels.labels, labels.path)
     check_count(counts, f"{labels.path}: ")
     names = {label: labels.names.get(label, UNLABELLED if label == 0 else "") for label in counts}
-    nameless = [label for label, name in names.items() if not name]
-    if nameless:
-        labels_text = ", ".join(f"{label} ({counts[label]} voxels)" for label in nameless)
-        raise ValueError(
-            f"{labels.path}: the labels {labels_text} have no names in the file: give a table of tissues that says "
-            "what they are (read_tissues, `burrlab tissues FILE --template table.csv`)"
-        )
+    nameless = ", ".join(f"{label} ({counts[label]} voxels)" for label, name in names.items() if not name)
+    refuse(
+        nameless,
+        f"{labels.path}: the labels {nameless} have no names in the file: give a table of tissues that says what they "
+        "are (read_tissues, `burrlab tissues FILE --template table.csv`)",
+    )
     for label, name in labels.names.items():  # named structures that are absent here may be in another crop
         if label not in names and known_tissue(name) is not None and len(names) < MOST:
             names[label] = name
@@ -387,9 +385,10 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
         if not faults:
             rows.append(_tissue(where, row, material))
     table.refuse_all(name, faults)
-    if waiting:
-        lines_text = ", ".join(waiting)
-        raise ValueError(f"{name}, {lines_text}, column name: every row needs a name, that of its structure")
+    refuse(
+        waiting,
+        f"{name}, {', '.join(waiting)}, column name: every row needs a name, that of its structure",
+    )
     try:
         return Tissues(rows, material)
     except ValueError as error:
@@ -465,8 +464,9 @@ def _material(name: str, text: str) -> Material:
             try:
                 return tissues_from_json(f'{{"material": {material_text}, "tissues": {row}}}').material
             except UNREADABLE as error:
-                problem = in_one_line(error)
-                raise ValueError(f"{name}: the material in the comments is none: {problem}") from None
+                raise ValueError(
+                    f"{name}: the material in the comments is none: {in_one_line(error)}"
+                ) from None
     return materials["bone"]
 
 
@@ -672,22 +672,23 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
     """The table, with a row for label 0 if the labels need one; ValueError if it lacks another label."""
     known = {tissue.label for tissue in tissues}
-    strange = [label for label in counts if label not in known and label != 0]
-    if strange:
-        labels_text = ", ".join(f"{label} ({counts[label]} voxels)" for label in strange[:10])
-        more = f" and {len(strange) - 10} more" if len(strange) > 10 else ""
-        have = ", ".join(f"{tissue.label} {tissue.name}" for tissue in tissues)
-        raise ValueError(
-            f"{path}: labels that are not in the table: {labels_text}{more}; the table has {have}"
-        )
+    strange = [f"{label} ({counts[label]} voxels)" for label in counts if label not in known | {0}]
+    more = f" and {len(strange) - 10} more" if len(strange) > 10 else ""
+    refuse(
+        strange,
+        f"{path}: labels that are not in the table: {', '.join(strange[:10])}{more}; the table has "
+        f"{', '.join(f'{tissue.label} {tissue.name}' for tissue in tissues)}",
+    )
     if 0 in known or 0 not in counts:
         return tissues
     refuse(
         len(tissues) == MOST,
         f"the table must have a row for label 0 ({counts[0]} voxels), or one row less than {MOST}",
     )
-    names = {tissue.name for tissue in tissues}
-    refuse(UNLABELLED in names, f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)")
+    refuse(
+        UNLABELLED in (tissue.name for tissue in tissues),
+        f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)",
+    )
     return Tissues([*tissues, unlabelled(tissues.material)], tissues.material)
 
 

@@ -30,9 +30,7 @@ _DOSE = {
 
 
 def _renamed(dtype: np.dtype[Any], columns: Mapping[str, str]) -> np.dtype[Any]:
-    assert dtype.names is not None
-    assert dtype.fields is not None
-    return np.dtype([(columns.get(name, name), dtype.fields[name][0]) for name in dtype.names])
+    return np.dtype([(columns.get(name, name), dtype[name]) for name in dtype.names or ()])
 
 
 #: tick, kind, structure and burr by number, on, distance_mm, force_N, removed_levels, center_mm.

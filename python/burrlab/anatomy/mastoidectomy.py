@@ -165,11 +165,6 @@ class _Plan:
         edge = origin[0] + spacing[0] * x
         return cls(room, cuts & (room > 0), spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
 
-    def _room_at(self, place: Floats) -> float:
-        at = np.rint((place - self.origin) / self.spacing).astype(int)
-        x, y, z = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1)
-        return float(self.room[z, y, x])
-
     def strokes(self, x: float, step: float) -> list[Floats]:
         """Polylines (n, 3) along which the burr cuts at depth x: to and fro along y, then around."""
         k = round((x - self.origin[0]) / self.spacing[0])
@@ -195,8 +190,10 @@ class _Plan:
         """Rows that bring the burr to a stroke: straight if the way is clear, else lifted and not turning."""
         if here is not None:  # straight, if all of the way is clear
             count = int(np.max(np.abs(goal - here) / self.spacing)) + 2
-            way = (here + t * (goal - here) for t in np.linspace(0.0, 1.0, count))
-            if all(self._room_at(place) > 0 for place in way):
+            way = here + np.linspace(0.0, 1.0, count)[:, None] * (goal - here)
+            at = np.rint((way - self.origin) / self.spacing).astype(int)
+            x, y, z = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1).T
+            if (self.room[z, y, x] > 0).all():
                 return [(here, True)]
         top = self.first - self.radius - LIFT
         over = [np.array([top, goal[1], goal[2]])]

@@ -71,7 +71,6 @@ def _field(
     mask = numbers[box] == tissue
     low, high = np.asarray(search.low) - MARGIN, np.asarray(search.high) + MARGIN
     count = np.ceil((high - low) / SPACING).astype(int) + 1
-    shape = tuple(int(n) for n in count[::-1])
     nodes = []  # by axis (z, y, x): the nodes that have voxels
     for axis in range(3):
         xyz = 2 - axis
@@ -80,7 +79,7 @@ def _field(
         starts = np.flatnonzero(np.diff(nearest, prepend=-1))
         mask = np.logical_or.reduceat(mask, starts, axis=axis)
         nodes.append(nearest[starts])
-    empty = np.ones(shape, bool)
+    empty = np.ones(count[::-1], bool)
     empty[np.ix_(*nodes)] = ~mask
     error = math.sqrt(3) / 2 * SPACING + float(np.linalg.norm(bone.spacing)) / 2 + 1e-4  # rounded to float32
     return StructureDistance(search, _estimate(empty), SPACING, low, error)
@@ -204,9 +203,17 @@ class Watch:
         self.core([1.0])  # the limits are checked there
 
     @classmethod
-    def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> "Watch":
+    def of_settings(
+        cls, bone: VoxelBone, settings: Mapping[str, Any], progress: Progress | None = None
+    ) -> "Watch":
         """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
-        return cls(bone, **options_of(settings))
+        rows = {row["name"]: row for row in settings["structures"]}
+        keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
+        limits: dict[str, Any] = {
+            limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()
+        }
+        names = [row["name"] for row in settings["structures"]]
+        return cls(bone, hysteresis=settings["hysteresis_mm"], structures=names, progress=progress, **limits)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -256,15 +263,6 @@ class Watch:
             f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
         )
         return f"Watch({limits}, hysteresis={self.hysteresis:g})"
-
-
-def options_of(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of `Watch` from its settings. KeyError or TypeError if invalid."""
-    rows = {row["name"]: row for row in settings["structures"]}
-    keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
-    limits = {limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()}
-    names = [row["name"] for row in settings["structures"]]
-    return {"hysteresis": settings["hysteresis_mm"], "structures": names, **limits}
 
 
 def check_structure(structure: str, structures: Sequence[str]) -> None:

@@ -2,7 +2,7 @@
 
 import os
 import weakref
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -179,8 +179,7 @@ class Companion:
     @property
     def parcels(self) -> NDArray[np.void]:
         """A copy of the newest frame's parcels, as `Effects.parcels`."""
-        parcels: NDArray[np.void] = self._core.newest()["parcels"]
-        return parcels
+        return cast("NDArray[np.void]", self._core.newest()["parcels"])
 
     @property
     def hidden(self) -> float:

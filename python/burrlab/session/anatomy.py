@@ -11,7 +11,7 @@ import burrlab._core as _core
 from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport
-from burrlab.anatomy.watch import Watch, critical_structures, options_of
+from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.session.replay import executor_of, inputs
@@ -200,7 +200,7 @@ def anatomy_report(
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
         try:
-            watch = Watch(bone, progress=watch_progress, **options_of(trace.watch))
+            watch = Watch.of_settings(bone, trace.watch, watch_progress)
         except UNREADABLE as error:
             raise ValueError(
                 f"{trace.path} is damaged: its watch cannot be set up ({in_one_line(repr(error))})"

@@ -14,7 +14,7 @@ from burrlab.common.check import refuse, scalar, whole
 from burrlab.common.records import UNREADABLE as _UNREADABLE
 from burrlab.common.records import check_texts, in_one_line
 from burrlab.session.settings import Publish
-from burrlab.session.trace import json_text
+from burrlab.session.trace import json_text, tool_of
 
 __all__ = ["block_recipe", "follow", "make_bone", "open_publisher", "volume_recipe"]
 
@@ -152,8 +152,4 @@ def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]
 def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
     name = str(tool["material"])
     refuse(not name.isprintable(), f"material must have a name that can be printed, got {name!r}")
-    material = Material(
-        name, c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
-        shape=str(tool["shape"]), source="from the leader of a session",
-    )  # fmt: skip
-    return Burr(float(tool["radius_mm"])), material
+    return tool_of(tool, name=name, source="from the leader of a session")

@@ -1,7 +1,7 @@
 """Replay of a recorded session, compared with its record."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,8 +72,7 @@ class Replay:
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON. Values that are not finite are spelt "nan" or "inf"."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __repr__(self) -> str:
         if self.difference is not None:

@@ -4,7 +4,7 @@ import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -120,14 +120,13 @@ class SessionReport:
 
     def to_dict(self) -> dict[str, Any]:
         """A dict for JSON without the histograms, units in the names; unknown values are None."""
-        plain: dict[str, Any] = Codec().plain({
+        return cast("dict[str, Any]", Codec().plain({
             "state": self.state, "ticks": self.ticks, "late": self.late, "missed": self.missed, "dropped": self.dropped,
             "times_us": self.times, "follower": self.follower, "stability": self.stability,
             "energy": [{"given_mJ": supplied, "most_mJ": most} for supplied, most in self.energy],
             "network": self.network, "recording": self.recording, "notes": self.notes, "messages": self.messages,
             **({} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}),
-        })  # fmt: skip
-        return plain
+        }))  # fmt: skip
 
     def __str__(self) -> str:
         lines = [

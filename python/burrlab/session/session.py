@@ -436,8 +436,7 @@ class Session:
             self._say("; ".join(["no tick yet: the devices have not given a first position", *faults]))
         for note in {getattr(device, "note", "") for device in self.devices} - {"", *self.messages}:
             self._say(note)
-        for burr in range(len(self.tools)):
-            self._warn_of_stiffness(burr)
+        self._warn_of_stiffness()
 
     def _finish(self, reason: str) -> None:
         """Ends the parts after the loop, once; `wait` returns whatever happens here."""
@@ -471,16 +470,16 @@ class Session:
                 burr = int(closest.argmin())
                 self.loop.stop(f"burr {burr} came within {limit:g} mm of {name}: {closest[burr]:.2f} mm")
 
-    def _warn_of_stiffness(self, burr: int) -> None:
-        at = self.follower.stability(burr)
-        if not at["warning"] or burr in self._warned_of_stiffness:
-            return
-        self._warned_of_stiffness.add(burr)
-        self._say(
-            f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, at its stiffest "
-            f"{at['ratio']:.2f} of the device's limit; below "
-            f"{at['force_at_limit_N']:.2g} N here a hand may tremble"
-        )
+    def _warn_of_stiffness(self) -> None:
+        for burr in range(len(self.tools)):
+            at = self.follower.stability(burr)
+            if at["warning"] and burr not in self._warned_of_stiffness:
+                self._warned_of_stiffness.add(burr)
+                self._say(
+                    f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, at its stiffest "
+                    f"{at['ratio']:.2f} of the device's limit; below "
+                    f"{at['force_at_limit_N']:.2g} N here a hand may tremble"
+                )
 
     def _warn_of_border(self, reader: RecordReader) -> None:
         while self._borders and len(records := reader.take()[0]):
@@ -537,8 +536,12 @@ def _guard_signals(starting: Session | None = None) -> None:
     first. Signals that the program itself handles, and other threads than the main one, are left alone."""
     if threading.current_thread() is not threading.main_thread():
         return
-    running = [session for session in _to_stop if session is starting or session.running]
-    held = any(isinstance(device, HeldDevice) for session in running for device in session.devices)
+    held = any(
+        isinstance(device, HeldDevice)
+        for session in _to_stop
+        if session is starting or session.running
+        for device in session.devices
+    )
     before, after = (signal.SIG_DFL, _end_by_signal) if held else (_end_by_signal, signal.SIG_DFL)
     for number in _SIGNALS:
         if signal.getsignal(number) is before:
@@ -597,8 +600,9 @@ def _is_device(device: object) -> bool:
 
 def _placed(devices: Any) -> tuple[list[Device], list[DeviceFrame], list[DeviceFrame]]:
     """The devices, the frame of each, and the same frames for the loop: none if no device has one."""
-    rule = "devices must be a Device or a list of them, each alone or with its DeviceFrame"
-    listed = _listed(devices, _is_device, rule)
+    listed = _listed(
+        devices, _is_device, "devices must be a Device or a list of them, each alone or with its DeviceFrame"
+    )
     framed = [device if isinstance(device, tuple) else (device, DeviceFrame()) for device in listed]
     frames = [frame for _, frame in framed]
     return (

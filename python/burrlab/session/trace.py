@@ -484,17 +484,18 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
         return _read(file, Path(path))
 
 
+def tool_of(row: Mapping[str, Any], **others: str) -> tuple[Burr, Material]:
+    """The tool that a trace or a hello describes; `others` are of the material."""
+    return Burr(float(row["radius_mm"])), Material(
+        c_e=float(row["c_e_N_per_mm2"]), alpha=float(row["alpha_per_ms"]), shape=str(row["shape"]), **others
+    )
+
+
 def _read(file: "h5py.File", path: Path) -> Trace:
     about, volume = attributes(file), attributes(file["volume"])
-    tools, devices = [], []
-    for i in range(int(about["burrs"])):
-        tool = attributes(file[f"tools/{i}"])
-        material = Material(
-            tool["material"], c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
-            shape=tool["shape"], source=tool["source"],
-        )  # fmt: skip
-        tools.append((Burr(float(tool["radius_mm"])), material))
-        devices.append(tool["device"])
+    rows = [attributes(file[f"tools/{i}"]) for i in range(int(about["burrs"]))]
+    tools = tuple(tool_of(row, name=row["material"], source=row["source"]) for row in rows)
+    devices = tuple(row["device"] for row in rows)
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
     names_read = (*devices, *(material.name for _, material in tools))
     texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names_read)
@@ -519,7 +520,7 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)() for name in names
     }
     return Trace(
-        path, ticks, tuple(tools), tuple(devices), seed, float(about["period_ms"]), scheme,
+        path, ticks, tools, devices, seed, float(about["period_ms"]), scheme,
         first, tuple((int(d["tick"]), d["digest"].decode("ascii")) for d in digests), ended, complete,
         str(volume["source"]), json.loads(read_dataset(file, "note")),
         made_by, watch, events, watched, bone,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import itertools
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ from burrlab.bone.tissues import (
 from burrlab.cli.options import (
     Options,
     deliver,
-    not_kept,
+    kept,
     refuse_options,
     require_options,
 )
@@ -91,15 +91,11 @@ class BoneStart:
                 save_drilled(path, bone, self.like, mapping=self.mapping, tick=tick)
 
 
-@contextlib.contextmanager
-def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
+def rescued(path: str, bone: VoxelBone, tick: int) -> AbstractContextManager[None]:
     """Keeps a bone's exact state elsewhere if saving fails, as on a full disk; the NotKept says where."""
-    try:
-        yield
-    except (OSError, ValueError) as error:
-        raise not_kept(
-            path, "bone.h5", error, lambda place: save_bone(place, bone, tick), "the bone's exact state"
-        ) from error
+    return kept(
+        path, "bone.h5", lambda place: save_bone(place, bone, tick), "the bone's exact state", OSError, ValueError
+    )  # fmt: skip
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> BoneStart:
@@ -111,7 +107,11 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         _kept_as(options.save, None)
         place: Mapping[str, Any] = {"start": (0.0, 0.0, burr.radius + _GAP)}
         return BoneStart(make_bone(source), 0, material, source, place)
-    _check_place(options)
+    if "hand" in options.device:
+        kind = next(kind for kind in ("bone", "volume", "labels") if getattr(options, kind) is not None)
+        require_options(options, PLACE, f"--device hand with --{kind}")
+    else:
+        refuse_options(options, PLACE, "goes with --device hand: other devices say where the burr is")
     recipe.check_burr(burr)
     like = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
@@ -133,14 +133,6 @@ def _recipe(options: argparse.Namespace, material: Material) -> Recipe | Drilled
         return chosen_recipe(options, material)
     refuse_options(options, _OTHERS, "goes without --bone, which has its own")
     return DrilledRecipe(options.bone)
-
-
-def _check_place(options: argparse.Namespace) -> None:
-    if "hand" not in options.device:
-        refuse_options(options, PLACE, "goes with --device hand: other devices say where the burr is")
-        return
-    given = next(kind for kind in ("bone", "volume", "labels") if getattr(options, kind) is not None)
-    require_options(options, PLACE, f"--device hand with --{given}")
 
 
 def _block(voxel: float) -> dict[str, Any]:

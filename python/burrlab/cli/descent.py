@@ -42,8 +42,7 @@ def _experiment(options: Options) -> tuple[Burr, Material, dict[str, Any]]:
 def do_descend(options: Options) -> int:
     burr, material, shared = _experiment(options)
     run = burrlab.descend(burr, material, options.force, ideal=options.ideal, **shared)
-    plot(options.plot, lambda: run.plot()[0])
-    deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}")
+    deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}", lambda: run.plot()[0])
     return 130 if run.status == "interrupted" else 0
 
 
@@ -160,8 +159,7 @@ def do_compare(options: Options) -> None:
             )
         )
     result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
-    plot(options.plot, result.plot)
-    deliver(options, result.to_dict(), result.report())
+    deliver(options, result.to_dict(), result.report(), result.plot)
 
 
 def do_design(options: Options) -> None:
@@ -176,8 +174,7 @@ def do_design(options: Options) -> None:
         static_radius=options.static_radius, scatter=options.scatter, static_scatter=options.static_scatter,
         truths=options.truths, seed=options.seed, progress=on_terminal(),
     )  # fmt: skip
-    plot(options.plot, result.plot)
-    deliver(options, result.to_dict(), f"{result!r}\nseed {result.seed}")
+    deliver(options, result.to_dict(), f"{result!r}\nseed {result.seed}", result.plot)
 
 
 def _compare_power(options: Options, known: burrlab.Fit) -> None:

@@ -6,7 +6,7 @@ import logging
 import os
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -153,12 +153,17 @@ def _sittings(options: Options) -> list[Sitting]:
         options.simulated and options.device is not None,
         "--device does not go with --simulated: a simulated subject has the simulated hand",
     )
-    simulated = _simulated(options) if options.simulated else None
+    # the side-car's entry on simulated subjects; the cues that a subject uses depend on the mode
+    simulated: dict[str, Any] = {
+        "rendered": "each material once a task" if options.fast else "each interval",
+        **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
+    }
     return [
         Sitting(
             protocol, subject, tasks=None if options.task is None else [options.task],
-            device="hand" if options.simulated else options.device, simulated=simulated, once=options.fast,
-            view=options.experimenter, again=_command("resume", options, subject),
+            device="hand" if options.simulated else options.device, once=options.fast,
+            simulated=simulated if options.simulated else None, view=options.experimenter,
+            again=_command("resume", options, subject),
         )
         for subject in (protocol.subjects if options.all else [options.subject])
     ]  # fmt: skip
@@ -174,14 +179,12 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
                 with working(f"simulated subject {at.subject}"):
                     answered = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
                 print(f"simulated subject {at.subject}: {answered} trials answered")
-    except DeviceLost as error:
+    except (DeviceLost, KeyboardInterrupt) as error:
+        lost = isinstance(error, DeviceLost)
         if options.simulated:
-            say(f"{error}; {_command('resume', options, at.subject)} goes on")
-        return 1
-    except KeyboardInterrupt:
-        if options.simulated:
-            say(f"interrupted; every answer is kept, {_command('resume', options, at.subject)} goes on")
-        return 130
+            reason = f"{error};" if lost else "interrupted; every answer is kept,"
+            say(f"{reason} {_command('resume', options, at.subject)} goes on")
+        return 1 if lost else 130
     return 0
 
 
@@ -200,14 +203,6 @@ def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
     else:
         print(f"subject {sitting.subject} has answered everything")
     return 0
-
-
-def _simulated(options: Options) -> Mapping[str, Any]:
-    """The side-car's entry on simulated subjects; the cues that a subject uses depend on the mode."""
-    return {
-        "rendered": "each material once a task" if options.fast else "each interval",
-        **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
-    }
 
 
 def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:

@@ -84,10 +84,7 @@ def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
 @parsed_by
 def number(text: str) -> float:
     """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise ValueError(f"must be a number, got '{text}'") from None
+    (value,) = floats(text, 1, "a number", text)
     refuse(not math.isfinite(value), f"must be finite, got '{text}'")
     return value
 
@@ -190,9 +187,9 @@ def save_figure(axes: Axes, path: str) -> None:
     _write(path, f"figure{Path(path).suffix}", lambda place: figure.savefig(place, dpi=200), "the figure")
 
 
-def plot(path: str | None, draw: Callable[[], Axes]) -> None:
+def plot(path: str | None, draw: Callable[[], Axes] | None) -> None:
     """Draws and writes a figure if a path is given."""
-    if path is not None:
+    if path is not None and draw is not None:
         save_figure(draw(), path)
 
 
@@ -200,19 +197,23 @@ class NotKept(OSError):
     """The work is done, but its result could not be written where the user wanted it."""
 
 
-def not_kept(path: str, name: str, error: Exception, write: Callable[[str], object], what: str) -> NotKept:
-    """The error after a failed write; it says where the result is kept instead, if it can be kept."""
-    number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
-    place = kept_elsewhere(path, name, write)
-    return NotKept(number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path)
+@contextlib.contextmanager
+def kept(
+    path: str, name: str, write: Callable[[str], object], what: str, *errors: type[Exception]
+) -> Iterator[None]:
+    """Keeps a result elsewhere after one of these errors, as on a full disk; the NotKept says where."""
+    try:
+        yield
+    except errors as error:
+        number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+        place = kept_elsewhere(path, name, write)
+        words = f"{why or error}{f'; {what} is kept as {place}' if place else ''}"
+        raise NotKept(number, words, path) from error
 
 
 def _write(path: str, name: str, write: Callable[[str], object], what: str) -> None:
-    try:
-        with new_file(path, Path(path).suffix) as part:
-            write(os.fspath(part))
-    except OSError as error:
-        raise not_kept(path, name, error, write, what) from error
+    with kept(path, name, write, what, OSError), new_file(path, Path(path).suffix) as part:
+        write(os.fspath(part))
 
 
 def check_outputs(options: Options, arguments: Sequence[str]) -> None:
@@ -250,8 +251,11 @@ def check_outputs(options: Options, arguments: Sequence[str]) -> None:
             )
 
 
-def deliver(options: Options, result: dict[str, Any], text: str) -> None:
-    """Prints a result as text, then writes it as JSON if --json is given."""
+def deliver(
+    options: Options, result: dict[str, Any], text: str, draw: Callable[[], Axes] | None = None
+) -> None:
+    """Draws a result if --plot is given, prints it as text, then writes it as JSON if --json is given."""
+    plot(getattr(options, "plot", None), draw)
     if options.json == "-":
         print(json.dumps(result, allow_nan=False))
         return

@@ -17,7 +17,6 @@ import burrlab
 from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
 from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
-from burrlab.bone.formats import read_labels
 from burrlab.bone.snapshot import check_bone_file
 from burrlab.cli.bone import BoneStart, chosen_start, rescued
 from burrlab.cli.commands import LIMITS
@@ -43,7 +42,6 @@ from burrlab.foreign.volumetric_drilling import (
     read_volumetric_drilling,
 )
 from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
-from burrlab.session.devices import DeviceFrame
 from burrlab.session.exchange import (
     find_devices,
     open_device,
@@ -52,9 +50,6 @@ from burrlab.session.exchange import (
 from burrlab.session.haply import HeldDevice
 from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
-from burrlab.session.replay import replay
-from burrlab.session.session import Session
-from burrlab.session.trace import load_trace
 from burrlab.view.live import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
 from burrlab.view.web import check_page, serve, warning
@@ -73,11 +68,11 @@ def check_live(options: Options) -> None:
         refuse_options(options, ("effects", "stereo"), "goes with --view or --web")
 
 
-def start_effects(options: Options, source: Session | Replica) -> Companion | None:
+def start_effects(options: Options, source: burrlab.Session | Replica) -> Companion | None:
     """The effects that the options ask for, started with the session's seed; None without them."""
     if not options.effects:
         return None
-    seed = source.seed if isinstance(source, Session) else int(json.loads(source.hello)["seed"])
+    seed = source.seed if isinstance(source, burrlab.Session) else int(json.loads(source.hello)["seed"])
     return Companion(source, seed=seed, nozzle=Nozzle()).start()
 
 
@@ -99,7 +94,7 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
     }  # fmt: skip
 
 
-def show_live(options: Options, source: Session | Replica, effects: Companion | None = None) -> None:
+def show_live(options: Options, source: burrlab.Session | Replica, effects: Companion | None = None) -> None:
     """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if a
     page ends before the session."""
     if options.view:
@@ -119,7 +114,7 @@ def show_live(options: Options, source: Session | Replica, effects: Companion | 
 
 def _placed(
     devices: Sequence[Device], options: Options, place: Mapping[str, Any]
-) -> list[Device | tuple[Device, DeviceFrame]]:
+) -> list[Device | tuple[Device, burrlab.DeviceFrame]]:
     """The devices, each with its frame if the options say one or a device has axes of its own."""
     frame_options = (options.scale, options.rotation, options.offset, options.clutch)
     if not any(isinstance(device, HeldDevice) for device in devices) and frame_options == (None,) * 4:
@@ -129,7 +124,7 @@ def _placed(
     start = tuple(place.get("start", origin))  # of a simulated hand, and of a device with axes of its own
     offsets = [options.offset or (start if isinstance(device, HeldDevice) else origin) for device in devices]
     return [
-        (device, DeviceFrame(scale, rotation, offset, options.clutch))
+        (device, burrlab.DeviceFrame(scale, rotation, offset, options.clutch))
         for device, offset in zip(devices, offsets, strict=True)
     ]
 
@@ -221,7 +216,7 @@ def _limits(models: list[str] | None) -> str | list[str | None] | None:
     return named[0] if len(named) == 1 else named
 
 
-def _stop_at_enter(session: Session) -> None:
+def _stop_at_enter(session: burrlab.Session) -> None:
     """Enter stops the session at once, if its input is a terminal."""
     if sys.stdin is None or not sys.stdin.isatty():
         return
@@ -364,8 +359,8 @@ def _tell_events(replica: Replica, known: int) -> int:
 
 
 def do_replay(options: Options) -> int:
-    trace = load_trace(options.file)
-    again = replay(trace, until=options.until, progress=on_terminal())
+    trace = burrlab.load_trace(options.file)
+    again = burrlab.replay(trace, until=options.until, progress=on_terminal())
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     verdict = f"equal: {where}" if again.equal else f"different: {again.difference}"
     ended = trace.ended or "recording did not end: the session was killed, or goes on"
@@ -392,9 +387,9 @@ def do_metrics(options: Options) -> None:
             metrics = session_metrics(recording, burr=options.burr, **wanted)
     else:
         refuse_options(options, ("scale",), "goes with a recording of volumetric_drilling")
-        trace = load_trace(options.file)
+        trace = burrlab.load_trace(options.file)
         if options.target is not None:
-            target = read_labels(options.target)
+            target = burrlab.read_labels(options.target)
             # A wrong target is refused before the work.
             compare_with_target(trace.bone(), target, onto=options.onto)
         metrics = session_metrics(trace, burr=options.burr, **wanted)
@@ -408,7 +403,7 @@ def do_metrics(options: Options) -> None:
             metrics = replace(metrics, anatomy=anatomy_report(trace, watch=watch, progress=on_terminal()))
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:
-        again = replay(trace, progress=on_terminal())
+        again = burrlab.replay(trace, progress=on_terminal())
         refuse(not again.equal, f"--target: the trace replays otherwise than recorded: {again.difference}")
         removed = compare_with_target(again.bone, target, onto=options.onto)
         before = trace.bone().removed
@@ -416,14 +411,13 @@ def do_metrics(options: Options) -> None:
         text += f"\n\nagainst {options.target}\n{removed.table()}"
         if before > 0:
             text += f"\n{before:.2f} mm^3 of that were removed before this session"
-    plot(options.plot, lambda: metrics.plot()[0])
-    deliver(options, result, text)
+    deliver(options, result, text, lambda: metrics.plot()[0])
 
 
 def do_export(options: Options) -> None:
     refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
     export_volumetric_drilling(
-        load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
+        burrlab.load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
         progress=on_terminal(),
     )  # fmt: skip
     deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")

@@ -425,25 +425,22 @@ class SceneChart:
         """Shows the last ten seconds of these values; hides the charts where there are fewer than two."""
         t = np.asarray(time, float)
         recent = t >= (t[-1] - _SPAN if len(t) else 0.0)
-        visible = int(np.count_nonzero(recent)) > 1
+        enough = int(np.count_nonzero(recent)) > 1
         for chart, line, values, least in zip(
             self.charts, self.lines, (force, depth), (0.5, 0.1), strict=True
         ):
-            chart.visible = visible
-            if not visible:
-                continue
             y = np.asarray(values, float)[recent]
-            if np.isnan(y).all():  # not recorded: the chart above takes its place
-                chart.visible = False
+            chart.visible = enough and not np.isnan(y).all()
+            if chart.visible:
+                line.update(t[recent], y)
+                chart.x_range = (float(t[recent][0]), float(max(t[-1], t[recent][0] + 1e-3)))
+                most = max(least, float(np.nanmax(y, initial=0.0)))
+                chart.y_range = (0.0, 1.15 * most)
+                mark = round_value(most)  # else VTK shows only the zero in a low chart
+                chart.y_axis.tick_locations = [0.0, mark]
+                chart.y_axis.tick_labels = ["0", f"{mark:g}"]
+            elif enough:  # not recorded: the chart above takes its place
                 self.charts[0].loc, self.charts[0].x_label = chart.loc, "time [s]"
-                continue
-            line.update(t[recent], y)
-            chart.x_range = (float(t[recent][0]), float(max(t[-1], t[recent][0] + 1e-3)))
-            most = max(least, float(np.nanmax(y, initial=0.0)))
-            chart.y_range = (0.0, 1.15 * most)
-            mark = round_value(most)  # else VTK shows only the zero in a low chart
-            chart.y_axis.tick_locations = [0.0, mark]
-            chart.y_axis.tick_labels = ["0", f"{mark:g}"]
 
 
 def round_value(most: float) -> float:

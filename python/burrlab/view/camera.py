@@ -99,7 +99,7 @@ def looking_at(focus: ArrayLike, axis: ArrayLike | None, width: float, tilt: flo
     sight = np.cos(lean) * into + np.sin(lean) * up
     distance = width / (2 * np.tan(np.deg2rad(_ANGLE) / 2))
     at = np.asarray(focus, float)
-    return Viewpoint(_tuple(at - distance * sight), _tuple(at), _tuple(up))
+    return Viewpoint(tuple((at - distance * sight).tolist()), tuple(at.tolist()), tuple(up.tolist()))
 
 
 def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpoint, float]]:
@@ -121,7 +121,10 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     return [
         (
             Viewpoint(
-                _tuple(view.position + way * right), _tuple(view.focus + way * right), view.up, view.angle
+                tuple((view.position + way * right).tolist()),
+                tuple((view.focus + way * right).tolist()),
+                view.up,
+                view.angle,
             ),
             -way / half_width,
         )
@@ -137,10 +140,6 @@ def _unit(name: str, vector: Any) -> NDArray[np.float64]:
         f"{name} must be three finite numbers, not all zero, got {vector!r}",
     )
     return values / length
-
-
-def _tuple(values: NDArray[np.float64]) -> tuple[float, ...]:
-    return tuple(float(value) for value in values)
 
 
 #: Time after first contact in which the force is along the normal; later the burr cuts sideways too [ms].

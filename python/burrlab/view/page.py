@@ -184,7 +184,7 @@ class Page:
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
         self._smooth, self._drawn = False, 0.0  # whether the newest picture is smooth, and its time
-        self._changed: list[NDArray[np.uint32]] = []  # bricks that are not drawn yet
+        self._changed = np.zeros(0, np.uint32)  # bricks that are not drawn yet
         first, last = source.span
         self.state.update({
             "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
@@ -286,7 +286,7 @@ class Page:
             if not state.distances and (rows := source.distances()):  # the fields are made in the background
                 state.distances = rows
             if source.kind == "live":  # the curves need every moment, drawn or not
-                self._changed.append(source.go(now))
+                self._changed = np.union1d(self._changed, source.go(now))
             if now - self._on_way < _PATIENCE:
                 return
             if source.kind == "replay" and state.playing:
@@ -306,10 +306,9 @@ class Page:
         """Brings bone, burrs and texts to a moment."""
         source, state = self.source, self.state
         first, last = source.span
-        self._changed.append(source.go(min(max(seconds, first), last)))
-        self._changed = [np.unique(np.concatenate(self._changed))]
-        source.show_in(self.scene, self._changed[0], parcels=state.effects)
-        self._changed = []  # only now: after a failure the next turn draws them
+        self._changed = np.union1d(self._changed, source.go(min(max(seconds, first), last)))
+        source.show_in(self.scene, self._changed, parcels=state.effects)
+        self._changed = self._changed[:0]  # only now: after a failure the next turn draws them
         self._cut()
         self._sent = seconds
         if state.playing or source.kind == "live":

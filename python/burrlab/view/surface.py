@@ -284,14 +284,11 @@ class Surface:
             return sorted(before | set(self.blocks))
         wanted = blocks_of_bricks(bricks, bone)
         extracted = surface_blocks(bone, wanted, level=self.level)
-        changed = []
-        for block in wanted:
-            if block in extracted:
-                self.blocks[block] = extracted[block]
-            elif self.blocks.pop(block, None) is None:
-                continue
-            changed.append(block)
-        return changed
+        gone = self.blocks.keys() & set(wanted) - extracted.keys()
+        for block in gone:
+            del self.blocks[block]
+        self.blocks.update(extracted)
+        return sorted(gone | extracted.keys())
 
     def merged(self) -> SurfaceBlock:
         """One mesh of all blocks; vertices on common borders stay doubled."""

@@ -20,7 +20,7 @@ from dicom_series import write_series
 from drilled_scenes import MAP, drilled, greys, stack
 from label_scenes import TABLE, label_file, volume
 from replica_scenes import TOOL
-from session_scenes import make_records, record, small_bone
+from session_scenes import ended, make_records, record, session_of, small_bone
 from test_analysis_files import HEAD, LEVELS, MATCH
 from test_openigtlink import serve
 from test_segments import FIELDS, layered, seg_nrrd
@@ -131,9 +131,8 @@ def _drilled(ending: str) -> Seed:
 
 def _watched(at: Path) -> None:
     bone, path = nerve_bone(), straight([(0, 0, 0.9), (0, 0, -0.5)], [0.0, 0.1])
-    options = {"seed": 3, "duration": 0.1, "clock": burrlab.Clock(wall_clock=False), "watch": Watch(bone)}
-    with burrlab.Session(bone, tool(), path, record=at / "in.h5", **options) as session:
-        session.wait()
+    options = {"seed": 3, "duration": 0.1, "wall_clock": False, "watch": Watch(bone)}
+    ended(session_of(bone, tool(), path, record=at / "in.h5", **options))
 
 
 def _recipe(recipe: Mapping[str, Any]) -> Seed:

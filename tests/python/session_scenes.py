@@ -1,5 +1,6 @@
 """Records for tests of traces, made by contacts instead of the loop or the executor, and a reader of them."""
 
+import contextlib
 from dataclasses import fields
 
 import numpy as np
@@ -49,8 +50,11 @@ def path(tick, burr):
     return (s, -2.5, 2.0 - depth) if burr == 0 else (2.5, s, 1.5 - depth)
 
 
-def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
-    """n ticks of 1 ms that carve `bone`, one contact a burr; some ticks have k = 3 or a burr at rest."""
+def make_records(bone, n, *, burrs=1, first=0, seed=SEED, place=path, after=lambda: None):
+    """n ticks of 1 ms that carve `bone`, one contact a burr; some ticks have k = 3 or a burr at rest.
+
+    `place(tick, burr)` is a burr's place; `after` is called after each tick.
+    """
     contacts = [
         burrlab.BurrContact(bone, burr, material, seed, index)
         for index, (burr, material) in enumerate(tools(burrs))
@@ -62,7 +66,7 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
         record["index"], record["k"], record["burrs"] = tick, k, burrs
         record["time"], record["cpu_time"] = 0.001 * i, 12.5
         for j, contact in enumerate(contacts):
-            at, on = path(tick, j), tick % 211 < 180
+            at, on = place(tick, j), tick % 211 < 180
             contact.tick = tick
             met = contact.step(at, float(k), on)
             b = record["burr"][j]
@@ -73,7 +77,18 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
             b["sent"], b["device_position"] = met.force * 0.5, at
             b["device_velocity"], b["age"] = (1.0, 2.0, 3.0), 0.25
             b["orientation"], b["buttons"] = (np.cos(i), 0.0, 0.6 * np.sin(i), 0.8 * np.sin(i)), i % 4
+        after()
     return records
+
+
+@pytest.fixture(name="records", scope="module")
+def many_records():
+    return make_records(small_bone(), 1500, first=40)
+
+
+@pytest.fixture(name="file")
+def session_file(tmp_path):
+    return tmp_path / "session.h5"
 
 
 class FakeReader:
@@ -122,10 +137,22 @@ def recorded(file, *batches, **options):
 
 
 def refused(*rows, error=ValueError):
-    """Each call of the rows (call, words) is refused in these words."""
-    for call, words in rows:
-        with pytest.raises(error, match=words):
+    """Each call of the rows (call, words, perhaps another error) is refused in these words."""
+    for call, words, *others in rows:
+        with pytest.raises(*(others or [error]), match=words):
             call()
+
+
+@contextlib.contextmanager
+def file_size_limit(size):
+    """Files of this process are at most so large [bytes], as on a full disk."""
+    resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 def ended(session):

@@ -65,8 +65,7 @@ def both_sides() -> tuple[float, Floats]:
 
 def break_through() -> tuple[float, Floats]:
     """Through a plate of 0.8 mm, four coarse voxels (with three, directions err by 5.3 to 6.7 degrees)."""
-    tips = moves(((0.05, 0.02, 0.1), 0), ((0.05, 0.02, -3.2), 4))
-    return 0.8, tips + (0, 0, BURR.radius)
+    return 0.8, moves(((0.05, 0.02, 0.1), 0), ((0.05, 0.02, -3.2), 4)) + (0, 0, BURR.radius)
 
 
 PATHS = {path.__name__: path for path in (slide, second_hole, both_sides, break_through)}

@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from session_scenes import SEED, make_records, recorded, small_bone, tools
+from session_scenes import make_records, recorded, refused, small_bone
 
 import burrlab
 import burrlab._core as _core
@@ -51,8 +51,7 @@ def test_every_moment_is_that_of_the_session(scene, prepared, memory):
 def test_changed_bricks_are_those_that_differ(scene):
     player = play(scene, every=0.1)
     view, counts = player.bone.density, [-(-n // 8) for n in player.bone.shape]
-    rng = np.random.default_rng(2)
-    for moment in rng.integers(0, TICKS + 1, 40):
+    for moment in np.random.default_rng(2).integers(0, TICKS + 1, 40):
         bricks = player.seek_tick(FIRST + int(moment))
         assert (np.diff(bricks.astype(int)) > 0).all()
         now = player.bone.density
@@ -130,18 +129,10 @@ def test_given_up_states_take_no_change_with_them(states):
 
 def test_a_burr_that_moves_on_while_states_are_given_up(tmp_path):
     """One state changes bricks that the next ones do not change."""
-    bone, moments = small_bone(), {0: small_bone().digest()}
-    records = np.zeros(600, _core.record_dtype)
-    contact = burrlab.BurrContact(bone, *tools()[0], SEED)
-    for i, record in enumerate(records):
-        at = (-5.0 + i / 60, 0.0, 1.8)
-        met = contact.step(at, 1.0)
-        record["index"], record["k"], record["burrs"], record["time"] = i, 1, 1, 0.001 * i
-        one = record["burr"][0]
-        one["center"], one["radius"], one["on"], one["touching"] = at, 2.0, True, met.touching
-        one["force"], one["penetration"] = met.force, met.penetration
-        one["removed"] = round(met.removed / 0.2**3 * 255)
-        moments[i + 1] = bone.digest()
+    bone, moments = small_bone(), [small_bone().digest()]
+    records = make_records(
+        bone, 600, place=lambda tick, _: (-5.0 + tick / 60, 0.0, 1.8), after=lambda: moments.append(bone.digest())
+    )  # fmt: skip
     player = TracePlayer(recorded(tmp_path / "along.h5", records), every=0.02, memory=0.05)
     for moment in (600, 0, 590, 310, 45, 600, 200, 0):
         player.seek_tick(moment)
@@ -159,16 +150,13 @@ def test_preparing_ends_when_asked(scene):
 def test_refusals(scene):
     player, seconds = play(scene), r"seconds must be from 0 to 3\.06"
     tick = f"tick must be from {FIRST} to {FIRST + 3000}, got "
-    for call, sentence in (
+    refused(
         (lambda: play(scene, every=0), "every must be positive, got 0"),
         (lambda: play(scene, memory=0), "memory must be positive, got 0"),
         *((lambda at=at: player.seek(at), seconds) for at in (-0.1, 3.1, float("nan"))),
         *((lambda at=at: player.seek_tick(at), f"{tick}{at}") for at in (FIRST - 1, FIRST + 3001)),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            call()
-    with pytest.raises(TypeError, match="trace must be a Trace"):
-        TracePlayer("session.h5")
+        (lambda: TracePlayer("session.h5"), "trace must be a Trace", TypeError),
+    )
 
 
 def test_bricks_are_restored_under_their_pristine_levels():
@@ -183,13 +171,11 @@ def test_bricks_are_restored_under_their_pristine_levels():
     assert (bone.pristine == small_bone().pristine).all()
     thin = burrlab.VoxelBone.block((2, 2, 2), 0.2, level=100)
     dense = np.full((2, 512), 101, np.uint8)
-    for call, sentence in (
+    refused(
         (lambda: _core.restore_bricks(thin, bricks, dense), "must be at most its pristine level, got 101"),
         (lambda: _core.restore_bricks(bone, bricks, levels[:1]), r"density must have shape \(n, 512\)"),
         (lambda: _core.read_bricks(bone, [10**6]), "brick must be below"),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            call()
+    )
     assert thin.removed == 0
     _core.restore_bricks(bone, bricks, levels)
     assert bone.digest() == before

@@ -2,10 +2,12 @@
 
 import inspect
 import re
+from functools import partial
 from pathlib import Path
 
 import pytest
 from answer_scenes import SMALL, protocol
+from session_scenes import refused
 
 import burrlab
 from burrlab.psychophysics.designs import ABX, SameDifferent
@@ -38,8 +40,7 @@ def test_the_template_is_the_paper_s_first_task(tmp_path):
     ]
     assert [one.tasks_of(subject)[0] for subject in one.subjects] == ["probing", "drilling"] * 6
     # Orders differ between subjects and tasks.
-    seeds = {one.order(s, t).next().intervals[0].seed for s in one.subjects for t in one.tasks}
-    assert len(seeds) == 24
+    assert len({one.order(s, t).next().intervals[0].seed for s in one.subjects for t in one.tasks}) == 24
 
 
 def test_the_template_s_examples_are_of_every_design(tmp_path):
@@ -86,18 +87,14 @@ def test_the_folder_and_a_script_lie_beside_the_protocol(tmp_path):
 
 def test_unknown_subjects_and_tasks(tmp_path):
     one = protocol(tmp_path)
-    for told, asks in (
-        ("there is no subject '9'; there are 01, "
-         "02, 03", [(ask, "9", "match") for ask in (one.order, one.begin)]),
-        ("there is no subject '9'; there are 01, 02, 03", [(one.tasks_of, "9")]),
-        (
-            "there is no task 'x'; there are probing, match, up",
-            [(ask, "01", "x") for ask in (one.order, one.side_car, one.begin, one.resume)],
-        ),
-    ):  # fmt: skip
-        for ask, *names in asks:
-            with pytest.raises(ValueError, match=told):
-                ask(*names)
+    subject, task = (
+        "there is no subject '9'; there are 01, 02, 03",
+        "there is no task 'x'; there are probing, match, up",
+    )
+    refused(
+        *((partial(ask, "9", "match"), subject) for ask in (one.order, one.begin)), (partial(one.tasks_of, "9"), subject),
+        *((partial(ask, "01", "x"), task) for ask in (one.order, one.side_car, one.begin, one.resume)),
+    )  # fmt: skip
     assert not one.folder.exists()
 
 
@@ -251,10 +248,10 @@ def test_tasks_that_are_none(tmp_path, tables, sentence):
 
 def test_not_text(tmp_path):
     (tmp_path / "x.toml").write_bytes(b"\xff")
-    with pytest.raises(ValueError, match="this is not a text file in UTF-8"):
-        Protocol.read(tmp_path / "x.toml")
-    with pytest.raises(OSError, match=r"none\.toml"):
-        Protocol.read(tmp_path / "none.toml")
+    refused(
+        (lambda: Protocol.read(tmp_path / "x.toml"), "this is not a text file in UTF-8"),
+        (lambda: Protocol.read(tmp_path / "none.toml"), r"none\.toml", OSError),
+    )
 
 
 def test_the_page_has_every_key_and_column():

@@ -87,8 +87,7 @@ def test_ends_that_the_prior_sets_and_thresholds_beyond_the_levels_are_said(fitt
     assert "extrapolated" not in str(fitted)
     assert ("threshold", "upper") in weak.at_bounds
     assert "the upper end of the threshold is set by the prior, not by the data" in str(weak)
-    perfect = made(LEVELS[:2], [40, 40], [40] * 2)
-    assert ("threshold", "lower") in perfect.at_bounds
+    assert ("threshold", "lower") in made(LEVELS[:2], [40, 40], [40] * 2).at_bounds
 
 
 def test_a_staircase_s_levels_are_no_mistake():

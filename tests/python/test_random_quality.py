@@ -257,25 +257,27 @@ STATISTICS: dict[str, tuple[Callable[[Source, int], Probabilities], int]] = {
 }
 
 
-@pytest.mark.parametrize("name", STATISTICS)
-def test_numbers_pass(name: str) -> None:
+every_statistic = pytest.mark.parametrize(("statistic", "rounds"), STATISTICS.values(), ids=STATISTICS)
+
+
+@every_statistic
+def test_numbers_pass(statistic: Callable[[Source, int], Probabilities], rounds: int) -> None:
     """No statistic rejects the core's numbers, about 2e6 for each comparison."""
-    statistic, _ = STATISTICS[name]
     assert false_alarm(statistic(lanes, 1)) >= FALSE_ALARM
 
 
-@pytest.mark.parametrize("name", STATISTICS)
-def test_too_few_rounds_fail(name: str) -> None:
+@every_statistic
+def test_too_few_rounds_fail(statistic: Callable[[Source, int], Probabilities], rounds: int) -> None:
     """The same statistic of the same size rejects Philox with fewer rounds."""
-    statistic, rounds = STATISTICS[name]
     assert false_alarm(statistic(reference_lanes(rounds), 1)) < FALSE_ALARM
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", STATISTICS)
-def test_seven_rounds_pass_where_ten_do(name: str) -> None:
+@every_statistic
+def test_seven_rounds_pass_where_ten_do(
+    statistic: Callable[[Source, int], Probabilities], rounds: int
+) -> None:
     """Sixteen times the numbers, 1e9 in all, pass with seven rounds (the core) and with ten."""
-    statistic, _ = STATISTICS[name]
     seven, ten = (false_alarm(statistic(source, 16)) for source in (lanes, reference_lanes(10)))
     assert min(seven, ten) >= FALSE_ALARM / 2
 
@@ -284,8 +286,7 @@ def test_avalanche_of_upper_column_bits() -> None:
     """Bits 18 to 31 of the column number, which only large volumes use, flip the reference's output bits."""
 
     def block(column: NDArray[np.uint64]) -> Lanes:
-        words = np.stack(reference.philox4x32((column, 0, 0, 0), (1, 0)), axis=-1)
-        return words.astype("<u4").view("<u2").T
+        return np.stack(reference.philox4x32((column, 0, 0, 0), (1, 0)), axis=-1).astype("<u4").view("<u2").T
 
     column = np.arange(2**14, dtype=np.uint64)
     found = [flips([(block(column), block(column ^ np.uint64(1 << bit)))]) for bit in range(18, 32)]

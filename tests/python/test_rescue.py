@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from session_scenes import file_size_limit
 
 import burrlab
 import burrlab.cli.bone as cli_bone
@@ -155,10 +156,9 @@ def test_a_replica_keeps_its_bone_too(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     block = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
-    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     session = burrlab.Session(
         burrlab.StartingBone(make_bone(block), source=block),
-        tool,
+        (burrlab.Burr(2.0), burrlab.materials["bone"]),
         burrlab.HandDevice((0.0, 0.0, 2.2)),
         seed=1,
         duration=60.0,
@@ -199,20 +199,13 @@ WRITERS: dict[str, Callable[[Path], object]] = {
 def test_a_full_disk_leaves_what_was_there(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
     path = tmp_path / name
     if name != "slices":  # a folder must be new
         WRITERS[name](path)
         path.chmod(0o600)
     before = [(place, place.read_bytes(), place.stat().st_mode) for place in tmp_path.iterdir()]
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1, limits[1]))
-    try:
-        with pytest.raises(
-            OSError, match=f"File too large: '{path}" if name != "slices" else "Errno 5.*disk full"
-        ):
-            WRITERS[name](path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    said = f"File too large: '{path}" if name != "slices" else "Errno 5.*disk full"
+    with file_size_limit(1), pytest.raises(OSError, match=said):
+        WRITERS[name](path)
     assert [(place, place.read_bytes(), place.stat().st_mode) for place in tmp_path.iterdir()] == before

@@ -63,8 +63,7 @@ def layered() -> tuple[np.ndarray, dict[str, str]]:
     values = np.zeros((3, 4, 5, 2), np.uint8)
     values[0, :, :, 0] = 1
     values[1, 2, 3, 1] = 1
-    fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
-    return values, fields
+    return values, {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
 
 
 def test_layers_become_one_volume(tmp_path: Path) -> None:

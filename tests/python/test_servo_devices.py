@@ -8,12 +8,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 from command_line import call, refusal, result
 from conftest import ROOT
+from replica_scenes import soon
 from session_scenes import session_of
 
 import burrlab
@@ -41,13 +41,6 @@ def stubs(built, tmp_path, monkeypatch):
     return {kind: Stub(tmp_path / built(name).name) for kind, name in LIBRARIES.items()}
 
 
-def wait_for(what):
-    end = time.monotonic() + 10.0
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.002)
-
-
 def session(*devices, **options):
     bone = burrlab.VoxelBone.block((30, 30, 10), 0.4, origin=(-14.8, -14.8, -9.8))
     tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * len(devices)
@@ -60,10 +53,10 @@ def test_a_hand_meets_bone_and_the_cable_is_drawn(kind, stubs, tmp_path):
     assert device.hardware.startswith("Stub")
     assert device.library == stub.file
     with session(device, record=file) as run:
-        wait_for(lambda: run.ticks > 50)
+        assert soon(lambda: run.ticks > 50)
         assert not stub.force().any()  # no contact yet
         stub.set(z=2.8, buttons=2)
-        wait_for(lambda: stub.get("fz") > 0)
+        assert soon(lambda: stub.get("fz") > 0)
         stub.set(error=0x0302 if kind == "touch" else 2)
         assert run.wait(10)
         assert not stub.force().any()
@@ -83,10 +76,10 @@ def test_a_button_turns_the_burr(stubs):
     stub, device = stubs["touch"], burrlab.TouchDevice(on_button=0)
     stub.set(z=2.5)
     with session(device) as run:
-        wait_for(lambda: stub.get("fz") > 0)
+        assert soon(lambda: stub.get("fz") > 0)
         stopped = run.snapshot()[0].removed
         stub.set(buttons=1)
-        wait_for(lambda: run.snapshot()[0].removed > 0)
+        assert soon(lambda: run.snapshot()[0].removed > 0)
     assert stopped == 0
     with pytest.raises(ValueError, match="wall_clock must be True for a device that a hand holds, got False"):
         session(device, wall_clock=False)
@@ -99,14 +92,14 @@ def test_a_clutch_and_a_stop_button(stubs, tmp_path):
     with session(device, frames=frame, stop_button=0, limits="omega.3", ramp=0, record=file) as run:
         assert stub.get("gripper") == 1
         stub.set(z=2.8)
-        wait_for(lambda: stub.get("fz") > 0)
+        assert soon(lambda: stub.get("fz") > 0)
         stub.set(buttons=2)
-        wait_for(lambda: not stub.force().any())
+        assert soon(lambda: not stub.force().any())
         stub.set(z=9.0)
         moved = run.ticks
-        wait_for(lambda: run.ticks > moved + 50)
+        assert soon(lambda: run.ticks > moved + 50)
         stub.set(buttons=0)
-        wait_for(lambda: stub.get("fz") > 0)
+        assert soon(lambda: stub.get("fz") > 0)
         stub.set(buttons=1)
         assert run.wait(10)
     assert (run.failed, run.reason) == (False, "a stop button of device 0 was pressed")
@@ -125,7 +118,7 @@ def test_the_limit_knows_the_delay_of_the_servo(stubs):
     assert np.isnan(device.delay)
     stub.set(z=2.8)
     with session(device, limits=burrlab.DeviceLimits("own", damping=5.0)) as run:
-        wait_for(lambda: run.ticks > 100 and stub.get("fz") > 0)
+        assert soon(lambda: run.ticks > 100 and stub.get("fz") > 0)
     at = run.report().stability[0]
     assert device.delay == at["delay_ms"] > 1.3
     assert at["limit_N_per_mm"] == pytest.approx(5.0 / device.delay)
@@ -169,9 +162,8 @@ def test_a_motor_gets_the_limits_of_its_model(stubs, tmp_path):
     stub, file = stubs["touch"], tmp_path / "trace.h5"
     stub.set(z=1.0)
     with session(device := burrlab.TouchDevice(on_button=0), record=file, ramp=0.05) as run:
-        wait_for(lambda: stub.get("fz") > 0.8)
-    sent = np.linalg.norm(burrlab.load_trace(file).array("sent_force_N"), axis=1)
-    assert sent.max() <= 3.3 + 1e-12
+        assert soon(lambda: stub.get("fz") > 0.8)
+    assert np.linalg.norm(burrlab.load_trace(file).array("sent_force_N"), axis=1).max() <= 3.3 + 1e-12
     note = burrlab.load_trace(file).note
     assert (note["limits"][0]["model"], note["limits"][0]["continuous_force_N"], note["ramp_s"]) == (
         "touch",
@@ -183,7 +175,7 @@ def test_a_motor_gets_the_limits_of_its_model(stubs, tmp_path):
     )
     assert run.messages[0].endswith("; Safety(limits=None), or --model none, turns the model's limits off")
     with session(device, limits=None) as run:
-        wait_for(lambda: stub.get("fz") > 7.0)
+        assert soon(lambda: stub.get("fz") > 7.0)
     assert not {"limits", "ramp_s"} & {*run.provenance}
     two = session(burrlab.HandDevice(), device, force_limit=2.0)
     assert [one.get("peak_force_N") for one in two.provenance["limits"]] == [None, 3.3]

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import weakref
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def lost_soon(**options):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 def test_a_fork_ends_no_session_of_its_parent():
-    program = (
+    done = run_here(
         "import os, sys\n"
         "from test_session_faults import lost_soon\n"
         "with lost_soon() as run:\n"
@@ -48,7 +49,6 @@ def test_a_fork_ends_no_session_of_its_parent():
         "    ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])\n"
         "    print(ended, run.wait(20), run.reason)\n"
     )
-    done = run_here(program)
     assert done.stdout.startswith("7 True device 0 was lost"), done.stdout + done.stderr
 
 
@@ -145,11 +145,7 @@ class TestEnds:
         """
         run = session(duration=40.0, record=tmp_path / "a.h5")
         _core.RecordReader(run.loop)
-
-        def full(file, data, at):
-            raise OSError(28, "No space left on device")
-
-        monkeypatch.setattr(trace_writer, "_write", full)
+        monkeypatch.setattr(trace_writer, "_write", Mock(side_effect=OSError(28, "No space left on device")))
         with run:
             assert run.wait(60)
         assert run.ticks == 40_000
@@ -175,8 +171,7 @@ class TestEnds:
         assert burrlab.load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
 
     def test_wait_before_start(self):
-        loop = session().loop
-        assert not loop.wait(0.01)
+        assert not session().loop.wait(0.01)
         short = session(duration=0.1).start()
         assert short.loop.wait(float("inf"))
         short.stop()
@@ -222,17 +217,14 @@ class TestDevices:
 
     def test_second_session_feels_the_bone(self):
         """A device stopped at the end of a session gives force again in the next."""
-        hand, digests = burrlab.HandDevice(), []
-        for _ in range(2):
-            run = ended(session(hand, duration=2.0))
-            digests.append(run.digests[-1])
+        hand = burrlab.HandDevice()
+        digests = [ended(session(hand, duration=2.0)).digests[-1] for _ in range(2)]
         assert digests[0] == digests[1]
 
     def test_replay_begins_again(self):
         device = burrlab.ReplayDevice(np.tile([0.0, 0.0, 2.8], (100, 1)))
         for _ in range(2):
-            run = ended(session(device))
-            assert run.ticks == 100
+            assert ended(session(device)).ticks == 100
 
     def test_closed_network_device(self):
         device = burrlab.IgtlDevice("127.0.0.1", 9)

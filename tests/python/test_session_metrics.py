@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from session_scenes import FakeReader, make_records, recorded, small_bone, tools
+from session_scenes import FakeReader, make_records, new_writer, recorded, small_bone, tools
 
 import burrlab
 import burrlab._core as _core
@@ -17,10 +17,9 @@ def trace_of(tmp_path, center, *, period=1.0, **columns):
     for name, values in columns.items():
         (records if name in ("k",) else burr)[name] = values
     file = tmp_path / "session.h5"
-    bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
-    burrlab.TraceWriter(
-        file, FakeReader(records), bone, burrlab.TraceHeader(tools(), seed=1, period=period), duration=600
-    ).stop()
+    new_writer(
+        file, FakeReader(records), burrlab.VoxelBone.block((2, 2, 2), 0.1), tools(), seed=1, period=period, duration=600
+    ).stop()  # fmt: skip
     return burrlab.load_trace(file)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from replica_scenes import BLOCK, Leader, soon
 from scipy.spatial.transform import Rotation
+from session_scenes import refused
 
 import burrlab
 import burrlab._core as _core
@@ -142,10 +143,13 @@ def test_refusals(leader, call, sentence):
 
 def test_replica_is_started_once(leader):
     replica = follow("127.0.0.1", leader.port)
-    with pytest.raises(ValueError, match="replica must be started once: it has been"):
-        replica.start(make_bone(BLOCK), leader.tools, 7)
-    with pytest.raises(ValueError, match="hello must be fetched before the replica is started"):
-        replica.fetch_hello()
+    refused(
+        (
+            lambda: replica.start(make_bone(BLOCK), leader.tools, 7),
+            "replica must be started once: it has been",
+        ),
+        (replica.fetch_hello, "hello must be fetched before the replica is started"),
+    )
     replica.stop()
 
 
@@ -207,7 +211,8 @@ def test_orientation_and_buttons_survive_the_way(tmp_path):
     apart = np.abs(came[::50, None] - sent).max(axis=(2, 3)).min(axis=1)
     assert len(apart) > 5
     assert apart.max() < 1e-6
-    with pytest.raises(ValueError, match="length of orientation must be 1, got 0"):
-        burrlab.MailboxDevice().put((0, 0, 0), orientation=(0, 0, 0, 0))
-    with pytest.raises(ValueError, match="length of orientation must be 1, got nan"):
-        burrlab.ReplayDevice(place, orientation=turned * np.nan)
+    length = "length of orientation must be 1, got"
+    refused(
+        (lambda: burrlab.MailboxDevice().put((0, 0, 0), orientation=(0, 0, 0, 0)), f"{length} 0"),
+        (lambda: burrlab.ReplayDevice(place, orientation=turned * np.nan), f"{length} nan"),
+    )

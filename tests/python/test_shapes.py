@@ -274,8 +274,7 @@ class TestRates:
         for name in wrong.get(truth, ("parabolic", "linear")):
             assert np.mean(p[name] < 0.01) > 0.999
         if truth in ("parabolic", "linear"):
-            apart = np.sum(np.minimum(p["linear behind"], p["parabolic behind"]) < 0.05)
-            assert apart < 0.03 * n
+            assert np.sum(np.minimum(p["linear behind"], p["parabolic behind"]) < 0.05) < 0.03 * n
             assert_rate(np.sum(p[f"{truth} behind"] < 0.05), n, 0.05, at_most=True)
 
     @pytest.mark.slow

@@ -4,6 +4,7 @@ Proportions are compared with exact ones by a two-sided binomial test that fails
 of 1e-6.
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -61,12 +62,10 @@ KINDS = {
 def answers(subject, task, n=MANY, *, a=A, b=B, seed=SEED):
     """[(type, correct answer, response)] of n trials."""
     rng = np.random.default_rng(seed)
-    given = []
-    for i in range(n):
-        kind, correct, order = KINDS[task][i % len(KINDS[task])]
-        felt = [a if letter == "A" else b for letter in order]
-        given.append((kind, correct, subject.respond(trial(kind, correct), felt, rng)))
-    return given
+    return [
+        (kind, correct, subject.respond(trial(kind, correct), [a if letter == "A" else b for letter in order], rng))
+        for kind, correct, order in itertools.islice(itertools.cycle(KINDS[task]), n)
+    ]  # fmt: skip
 
 
 def agrees(successes, n, p):
@@ -92,8 +91,7 @@ def test_scores_are_those_of_the_rule(task, decision):
 
 @pytest.mark.parametrize("criterion", [0.5, 3.0])
 def test_a_criterion_gives_its_rates(criterion):
-    subject = SimulatedSubject(0.5, criterion=criterion, lapse=0.0).taught(A, B)
-    given = answers(subject, "same-different")
+    given = answers(SimulatedSubject(0.5, criterion=criterion, lapse=0.0).taught(A, B), "same-different")
     rates = rule_of("same-different", "differencing").rates(2.0, criterion)
     for kind, rate in zip(("different", "same"), rates, strict=True):
         those = [response == "different" for _, correct, response in given if correct == kind]
@@ -104,8 +102,7 @@ def test_a_criterion_gives_its_rates(criterion):
 def test_lapses_answer_at_random(task):
     given = answers(SimulatedSubject(0.01, lapse=1.0).taught(A, B), task)
     assert agrees(right(given), MANY, 0.5)
-    firsts = sum(response in ("same", "first") for *_, response in given)
-    assert agrees(firsts, MANY, 0.5)
+    assert agrees(sum(response in ("same", "first") for *_, response in given), MANY, 0.5)
     assert right(answers(SimulatedSubject(0.01, lapse=0.0).taught(A, B), task, 40)) == 40
 
 
@@ -196,8 +193,7 @@ def test_a_real_reference_is_felt_as_its_match():
 )
 def test_two_intervals_are_rehearsed_too(parameter, mode, cue, more):
     task = ConstantStimuli(STIMULI["bone"], parameter, [1.4], mode=mode, repeats=12, interval=4.0)
-    subject = SimulatedSubject(0.25, (cue,))
-    found = rehearse(task, subject, subjects=60, seed=SEED, bone=SMALL)
+    found = rehearse(task, SimulatedSubject(0.25, (cue,)), subjects=60, seed=SEED, bone=SMALL)
     if more is None:
         pair = (task.comparison(1.4).material, burrlab.materials["bone"])
         fast, slow = (rendered_cues(x, mode, burr=BURR, bone=SMALL, duration=4.0).sinking for x in pair)
@@ -316,8 +312,7 @@ def test_closed_forms_of_the_paper():
     assert bone.stiffness - pettigrew.stiffness == pytest.approx(0.24, abs=0.005)
     assert pvc.sinking - bone.sinking == pytest.approx(5.2, abs=0.05)
     assert pettigrew.sinking - bone.sinking == pytest.approx(1.23, abs=0.01)
-    still = burrlab.Material("still", c_e=1.0, alpha=0.0)
-    assert closed_form_cues(still, burr=BURR).sinking == -math.inf
+    assert closed_form_cues(burrlab.Material("still", c_e=1.0, alpha=0.0), burr=BURR).sinking == -math.inf
 
 
 def test_depth_after_a_time_tells_less_than_speed_at_a_depth():
@@ -349,10 +344,8 @@ def test_each_press_counts_once_and_the_mean_comes_before_the_logarithm():
 
 def test_a_tremble_does_not_make_two_presses_of_one():
     force, depth = press(1.0, 0.5, 400)
-    trembling = interval_cues(made(force - 0.3 * (np.arange(400) == 200), depth))
-    assert trembling.presses == 1
-    deeper_all_the_time = interval_cues(made(force, depth + 0.3))
-    assert math.isnan(deeper_all_the_time.force)
+    assert interval_cues(made(force - 0.3 * (np.arange(400) == 200), depth)).presses == 1
+    assert math.isnan(interval_cues(made(force, depth + 0.3)).force)  # deeper all the time
 
 
 @pytest.mark.parametrize("mode", ["probing", "drilling"])

@@ -1,9 +1,11 @@
 """Files of a bone and its tick index."""
 
+from unittest.mock import Mock
+
 import h5py
 import numpy as np
 import pytest
-from session_scenes import small_bone
+from session_scenes import refused, small_bone
 
 import burrlab
 import burrlab.common.files as files
@@ -31,10 +33,7 @@ def test_pristine_levels_are_kept_only_where_they_differ(tmp_path):
 def test_a_failed_save_leaves_the_older_file(tmp_path, monkeypatch):
     bone = small_bone()
     burrlab.save_bone(tmp_path / "bone.h5", bone, 1)
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
+    full = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr("burrlab.bone.snapshot.os.fsync", full)
     with pytest.raises(OSError, match="No space left"):
         burrlab.save_bone(tmp_path / "bone.h5", bone, 2)
@@ -47,14 +46,14 @@ def test_what_cannot_be_saved(tmp_path):
     trace, bone = tmp_path / "session.h5", small_bone()
     with h5py.File(trace, "w") as made:
         made.attrs["format"] = "burrlab trace"
-    for name, tick, error, said in (
-        ("bone.h5", -1, ValueError, r"tick must be a whole number from 0 and below 2\^64"),
-        ("bone.h5", 2**64, ValueError, r"tick must be a whole number from 0 and below 2\^64"),
-        ("bone.h5", 1.5, TypeError, "integer"), ("nowhere/bone.h5", 1, FileNotFoundError, r"folder must exist, got .*nowhere"),
-        ("session.h5", 1, FileExistsError, "path must be a new file or a burrlab bone"),
-    ):  # fmt: skip
-        with pytest.raises(error, match=said):
-            burrlab.save_bone(tmp_path / name, bone, tick)
+    save = burrlab.save_bone
+    refused(
+        (lambda: save(tmp_path / "bone.h5", bone, -1), r"tick must be a whole number from 0 and below 2\^64"),
+        (lambda: save(tmp_path / "bone.h5", bone, 2**64), r"tick must be a whole number from 0 and below 2\^64"),
+        (lambda: save(tmp_path / "bone.h5", bone, 1.5), "integer", TypeError),
+        (lambda: save(tmp_path / "nowhere/bone.h5", bone, 1), "folder must exist, got .*nowhere", FileNotFoundError),
+        (lambda: save(trace, bone, 1), "path must be a new file or a burrlab bone", FileExistsError),
+    )  # fmt: skip
     with h5py.File(trace) as kept:
         assert kept.attrs["format"] == "burrlab trace"
     for tick in (1, np.int64(7)):
@@ -129,10 +128,12 @@ def test_wrong_arguments(arguments, said):
 
 
 def test_wrong_levels_are_not_restored():
-    with pytest.raises(ValueError, match="density must have the shape of the bone"):
-        small_bone().restore(small_bone().density[1:])
-    with pytest.raises(ValueError, match="density must be at most the pristine level, got 255 over 254"):
-        burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254).restore(np.full((10, 10, 10), 255, np.uint8))
+    thin = burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254)
+    refused(
+        (lambda: small_bone().restore(small_bone().density[1:]), "density must have the shape of the bone"),
+        (lambda: thin.restore(np.full((10, 10, 10), 255, np.uint8)),
+         "density must be at most the pristine level, got 255 over 254"),
+    )  # fmt: skip
 
 
 def test_no_link_is_followed_and_two_writers_share_nothing(tmp_path):

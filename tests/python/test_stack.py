@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from drilled_scenes import stack as save
 from PIL import Image
+from session_scenes import refused
 
 from burrlab import materials
 from burrlab._core import Tissue, Tissues
@@ -64,13 +65,13 @@ def test_grey_slices_in_the_order_of_their_numbers(tmp_path: Path, kind: type, n
     values = grey(kind=kind)
     volume = read_stack(save(tmp_path / "s", values, name=name), spacing=(0.1, 0.2, 0.3))
     assert volume.values.dtype == kind
-    for found, wanted in (
-        (volume.values, values),
-        (volume.spacing, (0.1, 0.2, 0.3)),
-        (volume.origin, 0),
-        (volume.direction, np.eye(3)),
-    ):
-        np.testing.assert_array_equal(found, wanted)
+    for part, wanted in {
+        "values": values,
+        "spacing": (0.1, 0.2, 0.3),
+        "origin": 0,
+        "direction": np.eye(3),
+    }.items():
+        np.testing.assert_array_equal(getattr(volume, part), wanted)
 
 
 def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
@@ -142,10 +143,14 @@ def test_a_map_of_coloured_slices_and_labels_of_grey_ones_are_refused(tmp_path: 
     np.testing.assert_array_equal(bone.density, grey((3, 4, 5)))
     assert bone.spacing == (0.5, 0.5, 1.0)
     folder = save(tmp_path / "s", coloured())
-    with pytest.raises(ValueError, match="the slices are coloured labels, and a map is of grey values"):
-        VolumeRecipe(str(folder), mapping, spacing=(0.5, 0.5, 1), transpose=False).bone()
-    with pytest.raises(ValueError, match="the slices are grey, and labels are coloured ones"):
-        labels_of(grey_ones, spacing=(1, 1, 1))
+    recipe = VolumeRecipe(str(folder), mapping, spacing=(0.5, 0.5, 1), transpose=False)
+    refused(
+        (recipe.bone, "the slices are coloured labels, and a map is of grey values"),
+        (
+            lambda: labels_of(grey_ones, spacing=(1, 1, 1)),
+            "the slices are grey, and labels are coloured ones",
+        ),
+    )
 
 
 @needs_yaml
@@ -217,8 +222,7 @@ def test_overlaps_are_decoded(
         f"voxels of two structures that overlap, by the sum of their colours: 5 of {one} and {other} as "
         f"{winner}",
     )
-    before = read_labels(folder, unknown="nearest", ranking=None)
-    assert names[before.labels[2, 1, 0]] == taken
+    assert names[read_labels(folder, unknown="nearest", ranking=None).labels[2, 1, 0]] == taken
 
 
 def test_overlaps_of_three_are_decoded(tmp_path: Path) -> None:
@@ -261,8 +265,7 @@ def test_sums_that_are_not_clearly_one_pair_stay_unknown(tmp_path: Path) -> None
         folder = save(tmp_path / name, np.full((1, 2, 2, 4), pixel, np.uint8))
         found = read_labels(folder, palette=palette, unknown=0)
         assert (found.labels[0, 0, 0], len(found.unknown_colours)) == (label, label == 0), name
-    first = read_labels(tmp_path / "clear", palette=palette, ranking=["bone"])
-    assert first.labels[0, 0, 0] == 4
+    assert read_labels(tmp_path / "clear", palette=palette, ranking=["bone"]).labels[0, 0, 0] == 4
 
 
 def test_guesses_that_are_asked_for_are_counted(tmp_path: Path) -> None:
@@ -350,10 +353,10 @@ def test_what_is_no_description_is_refused(tmp_path: Path, text: str, match: str
 @needs_yaml
 def test_a_description_counts_from_zero_and_knows_the_spacing(tmp_path: Path) -> None:
     (save(tmp_path / "slices", grey((3, 4, 5))) / "plane000.png").unlink()
-    with pytest.raises(ValueError, match=r"slice 0 is missing, the first is plane001\.png"):
-        read_stack(adf(tmp_path))
-    with pytest.raises(ValueError, match=r"spacing must not be given with .*volume.yaml"):
-        read_stack(tmp_path / "volume.yaml", spacing=0.1)
+    refused(
+        (lambda: read_stack(adf(tmp_path)), r"slice 0 is missing, the first is plane001\.png"),
+        (lambda: read_stack(adf(tmp_path), spacing=0.1), "spacing must not be given with .*volume.yaml"),
+    )
 
 
 def test_without_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

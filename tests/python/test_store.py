@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from session_scenes import refused
 
 import burrlab
 from burrlab.common.study import _HEADER, Store, key_of
@@ -241,10 +242,10 @@ def test_another_file_is_refused_and_left_as_it_is(tmp_path, content, told):
 
 
 def test_a_store_that_cannot_be_written_says_so_at_once(tmp_path):
-    with pytest.raises(OSError, match="none"):
-        Store(tmp_path / "none" / "s.jsonl")
-    with pytest.raises(IsADirectoryError):
-        Store(tmp_path)
+    refused(
+        (lambda: Store(tmp_path / "none" / "s.jsonl"), "none"), (lambda: Store(tmp_path), None, IsADirectoryError),
+        error=OSError,
+    )  # fmt: skip
 
 
 def test_a_full_disk_is_an_error_and_the_store_goes_on(tmp_path, monkeypatch):

@@ -1,5 +1,6 @@
 """Studies: order, executors, interrupts, resuming."""
 
+import contextlib
 import gc
 import itertools
 import multiprocessing
@@ -49,9 +50,7 @@ def wait_for_the_end(number: int) -> int:
     """Waits until the study is over, except for the first three items."""
     if number >= 3:
         REACHED.set()
-        event = cancel_event()
-        assert event is not None
-        assert event.wait(60)
+        assert cancel_event().wait(60)
         raise KeyboardInterrupt
     return number
 
@@ -95,10 +94,7 @@ def when_reached():
 def test_results_are_in_item_order_whatever_the_workers(chunk, workers):
     items = [Item(i) for i in range(40)]
     expected = [work(item) for item in items]
-    if workers is None:
-        assert run_items(work, items, chunk=chunk) == expected
-        return
-    with ThreadPoolExecutor(workers) as pool:
+    with contextlib.nullcontext() if workers is None else ThreadPoolExecutor(workers) as pool:
         assert run_items(work, items, executor=pool, chunk=chunk) == expected
 
 

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from session_scenes import refused
 from view_scenes import carve, cortex_and_nerve
 
 import burrlab
@@ -118,8 +119,7 @@ def test_neighbours_share_vertices_and_normals_to_the_bit(make):
 
 def test_borders_are_covered_by_both_sides():
     """Every edge that one block uses once is used once by a neighbour, so there is no gap."""
-    surface = Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1))
-    _, triangles = joined(surface.merged())
+    _, triangles = joined(Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1)).merged())
     edges = directed_edges(triangles).astype(np.int64)
     forth, back = (np.sort(edges @ way) for way in ([1, 1 << 32], [1 << 32, 1]))
     np.testing.assert_array_equal(forth, back)
@@ -133,8 +133,7 @@ def test_an_update_equals_a_rebuild(seed):
     for _ in range(4):
         changed = carve(bone, *rng.uniform([0, 0, 0], [10, 7, 9], (3, 3)), radius=1.5, ticks=20, seed=seed)
         assert len(changed)
-        made = surface.update(bone, changed)
-        assert set(made) <= set(blocks_of_bricks(changed, bone))
+        assert set(surface.update(bone, changed)) <= set(blocks_of_bricks(changed, bone))
         assert_equal_blocks(surface.blocks, surface_blocks(bone))
 
 
@@ -142,15 +141,13 @@ def test_blocks_that_were_not_touched_are_not_made_again():
     bone = burrlab.VoxelBone.block((9.6, 9.6, 9.6), 0.1)
     surface = Surface(bone)
     before = dict(surface.blocks)
-    made = surface.update(bone, [[5, 5, 5]])  # inside the second block
-    assert made == []  # a full block has no surface
+    assert surface.update(bone, [[5, 5, 5]]) == []  # the second block is full and has no surface
     assert surface.update(bone, [[0, 0, 0]]) == [(0, 0, 0)]
     assert {block for block in before if surface.blocks[block] is not before[block]} == {(0, 0, 0)}
 
 
 def test_removed_bone_leaves_no_block():
-    bone = burrlab.VoxelBone.block((3.2, 3.2, 3.2), 0.1)
-    surface = Surface(bone)
+    surface = Surface(burrlab.VoxelBone.block((3.2, 3.2, 3.2), 0.1))
     gone = burrlab.VoxelBone(np.zeros((32, 32, 32), np.uint8), 0.1)
     assert surface.update(gone, [[1, 1, 1]]) == [(0, 0, 0)]
     assert surface.blocks == {}
@@ -161,8 +158,7 @@ def test_removed_bone_leaves_no_block():
 
 @pytest.mark.parametrize("full", [0, 255])
 def test_full_and_empty_blocks_are_left_out(full):
-    levels = np.full((96, 96, 96), full, np.uint8)
-    blocks = surface_blocks(burrlab.VoxelBone(levels, 0.1))
+    blocks = surface_blocks(burrlab.VoxelBone(np.full((96, 96, 96), full, np.uint8), 0.1))
     assert (1, 1, 1) not in blocks
     assert len(blocks) == (26 if full else 0)
 
@@ -257,7 +253,7 @@ def test_levels_move_the_surface():
 def test_refused():
     bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
     larger = burrlab.VoxelBone.block((2, 2, BLOCK * 0.1 + 2), 0.1)
-    for call, sentence in (
+    refused(
         (lambda: Surface(bone, level=0), "level must be from 1 to 255, got 0"),
         (lambda: Surface(bone, level=256), "level must be from 1 to 255, got 256"),
         (
@@ -271,6 +267,4 @@ def test_refused():
         ),
         (lambda: blocks_of_bricks([[0, 0, 3]], bone), r"bricks must lie within \(3, 3, 3\)"),
         (lambda: Surface(bone).update(larger, []), "bone must have the shape of the surface"),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            call()
+    )

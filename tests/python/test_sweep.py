@@ -31,8 +31,7 @@ def test_rows_do_not_depend_on_workers_or_order(alone):
     with ThreadPoolExecutor(1) as one, ProcessPoolExecutor(2) as many:
         for executor in (one, many):
             assert np.array_equal(sweep(executor=executor).velocity, alone.velocity)
-    back = sweep(forces=(2.0, 1.5, 1.0))
-    assert np.array_equal(np.sort(back.velocity), np.sort(alone.velocity))
+    assert np.array_equal(np.sort(sweep(forces=(2.0, 1.5, 1.0)).velocity), np.sort(alone.velocity))
     assert len(set(alone.velocity)) == 6, "repeats differ"
     run = burrlab.descend(BURR, BONE, 1.5, voxel=0.4, seed=item_seed(7, 1.5, 1), ideal=True)
     assert run.penetration_velocity == alone.velocity[3], "one can be rerun by itself"
@@ -46,8 +45,7 @@ def test_a_seed_keeps_its_meaning():
 def test_rig_sweep_and_specimen():
     specimen = burrlab.half_space(BURR, 0.4)
     before = specimen.bone.digest()
-    curve = sweep(forces=(0.8,), repeats=1, ideal=False, specimen=specimen)
-    assert curve.status == ("ok",)
+    assert sweep(forces=(0.8,), repeats=1, ideal=False, specimen=specimen).status == ("ok",)
     assert specimen.bone.digest() == before, "descents work on copies"
 
 
@@ -136,8 +134,7 @@ def test_each_descent_draws_a_specimen_of_its_own(tmp_path):
     assert "Fuller(lowest=120" in curve.provenance["specimen"]
     one = SweepItem(BURR, BONE, 1.5, item_seed(7, 1.5, 2), 0.4, 1.0, "layer", True, source, None, 120.0)
     assert run_item(one)[0] == curve.velocity[5], "one can be rerun by itself"
-    spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=spawn) as pool:
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         assert np.array_equal(sweep(repeats=3, specimen=source, executor=pool).velocity, curve.velocity)
 
 
@@ -155,8 +152,7 @@ def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     monkeypatch.setattr(module.Study, "_keep", stop_after_two)
-    part = sweep(**options)
-    done = 24 - part.status.count("interrupted")
+    done = 24 - sweep(**options).status.count("interrupted")
     assert 2 <= done == len(Store(path)) < 24
     monkeypatch.undo()
     notes.unlink()

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
+from session_scenes import ended, session_of
 
-import burrlab
 from burrlab import materials
 from burrlab._core import Tissue, Tissues, VoxelBone
 from burrlab.anatomy.target import compare_with_target
@@ -106,16 +106,9 @@ def test_a_target_on_other_voxels_is_brought_onto_the_bone():
 def drilled_session(bone, record, tick=0):
     """(bone after a session, its last tick)"""
     device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
-    with burrlab.Session(
-        burrlab.StartingBone(bone, tick=tick),
-        tool(),
-        device,
-        seed=1,
-        clock=burrlab.Clock(wall_clock=False),
-        record=record,
-    ) as session:
-        session.wait()
-    return session.snapshot()
+    return ended(
+        session_of(bone, tool(), device, tick=tick, seed=1, wall_clock=False, record=record)
+    ).snapshot()
 
 
 @pytest.fixture

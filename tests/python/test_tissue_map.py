@@ -3,9 +3,11 @@
 import copy
 import pickle
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
+from session_scenes import refused
 from tick_scenes import assert_same_sums
 
 import burrlab._core as _core
@@ -127,10 +129,9 @@ def test_a_packed_bone_is_the_same() -> None:
     levels, numbers = _core.pack_bone(bone)
     strange = numbers.copy()
     strange[-1] = 3
-    for wrong, message in (
-        (numbers[:-1], "packed bricks must fill the shape"),
-        (numbers[:3], "packed bricks must fill the shape"),
-        (strange, "every tissue number must be below 3"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            _core.unpack_bone(bone.shape, bone.spacing, bone.origin, levels, bone.tissues, wrong)
+    unpacked = partial(_core.unpack_bone, bone.shape, bone.spacing, bone.origin, levels, bone.tissues)
+    refused(
+        (lambda: unpacked(numbers[:-1]), "packed bricks must fill the shape"),
+        (lambda: unpacked(numbers[:3]), "packed bricks must fill the shape"),
+        (lambda: unpacked(strange), "every tissue number must be below 3"),
+    )

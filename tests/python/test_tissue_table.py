@@ -33,14 +33,8 @@ TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def label_volume(labels: np.ndarray, names: dict[int, str] | None = None, **changes: object) -> LabelVolume:
-    given = {
-        "spacing": (0.2, 0.3, 0.4),
-        "origin": (5, 6, 7),
-        "direction": TURN,
-        "path": "seg.nrrd",
-        **changes,
-    }
-    return LabelVolume(labels, names=names or {}, **given)  # type: ignore[arg-type]
+    place = {"spacing": (0.2, 0.3, 0.4), "origin": (5, 6, 7), "direction": TURN, "path": "seg.nrrd"}
+    return LabelVolume(labels, names=names or {}, **(place | changes))  # type: ignore[arg-type]
 
 
 def grey_volume(values: np.ndarray) -> Volume:
@@ -72,8 +66,7 @@ def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
     assert [t.name for t in table if not t.critical] == ["bone", *canals]
     assert default_tissues(["vestibulocochlear nerve"])[0].critical
     before = Tissue("EAC", label=1, c_e=2.0, alpha=0.1, critical=True)  # from an earlier version
-    given = Tissues([before], BONE)
-    assert tissues_from_json(tissues_to_json(given))[0].critical
+    assert tissues_from_json(tissues_to_json(Tissues([before], BONE)))[0].critical
     assert [t.name for t in table if t.bleeds] == ["internal carotid artery", "sinus and dura"]
     assert table[9].colour == (244, 214, 49)
     own = Material("own", c_e=3.0, alpha=0.2, shape="linear")
@@ -90,8 +83,7 @@ def test_cortex_and_mastoid_are_bone_wherever_they_are_named(tmp_path: Path) -> 
 def test_a_label_volume_gives_names_and_colours() -> None:
     labels = np.zeros((2, 3, 4), np.uint8)
     labels[0] = 5
-    volume = label_volume(labels, {5: "Bone", 7: "Dura", 9: "spleen"}, colours={5: (1, 2, 3)})
-    table = default_tissues(volume)
+    table = default_tissues(label_volume(labels, {5: "Bone", 7: "Dura", 9: "spleen"}, colours={5: (1, 2, 3)}))
     assert [(t.label, t.name, t.colour) for t in table] == [
         (0, "unlabelled", (128, 128, 128)), (5, "bone", (1, 2, 3)), (7, "dura", (120, 200, 220)),
     ]  # fmt: skip
@@ -126,8 +118,7 @@ def test_what_is_left_out_comes_from_the_name_and_the_bone(tmp_path: Path) -> No
     assert (bone.c_e, bone.alpha, bone.assumed) == (2.0, BONE.alpha, True)
     assert (nerve.c_e, nerve.critical, nerve.colour, nerve.assumed) == (BONE.c_e, True, (244, 214, 49), True)
     assert (spleen.c_e, spleen.critical, spleen.bleeds) == (1.0, False, False)
-    other = Material("other", c_e=9.0, alpha=0.5)
-    assert read_tissues(tmp_path / "t.csv", material=other)[1].c_e == 9.0
+    assert read_tissues(tmp_path / "t.csv", material=Material("other", c_e=9.0, alpha=0.5))[1].c_e == 9.0
     (tmp_path / "u.csv").write_text("label,name\n1,Bone\n2,Facial_Nerve\n")
     assert [tissue.assumed for tissue in read_tissues(tmp_path / "u.csv")] == [False, True]
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
+from session_scenes import ended, session_of
 from test_tick_reference import scenes
 from tick_scenes import (
     ALL_SHAPES,
@@ -157,22 +158,13 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
 def test_a_session_in_tissues_replays_on_every_path(tmp_path: Path) -> None:
     """Forces, digests and the removed volume of each tissue are equal."""
     bone, tissues = mixed_bone((12, 12, 4))
-    tool, file = (burrlab.Burr(2.0), BONE), tmp_path / "session.h5"
-    with burrlab.Session(
-        bone,
-        tool,
-        burrlab.HandDevice(),
-        seed=1,
-        duration=2.0,
-        clock=burrlab.Clock(wall_clock=False),
-        record=file,
-    ) as session:
-        session.wait()
-        carved, tick = session.snapshot()
+    tool, options = (burrlab.Burr(2.0), BONE), {"seed": 1, "duration": 2.0, "wall_clock": False}
+    session = ended(session_of(bone, tool, burrlab.HandDevice(), record=tmp_path / "session.h5", **options))
+    carved, tick = session.snapshot()
     assert tick == 2000
     removed = [carved.removed_of(i) for i in range(16)]
     assert min(removed) > 0.0
-    trace = burrlab.load_trace(file)
+    trace = burrlab.load_trace(tmp_path / "session.h5")
     for path in PATHS:
         _core.use_cpu_path(path)
         again = burrlab.replay(trace)
@@ -227,8 +219,7 @@ def test_tissues_may_come_after_the_burr() -> None:
     late = burrlab.BurrContact(plain, burr, BONE, seed=1)
     refused = burrlab.BurrContact(plain, burr, PVC, seed=1)
     plain.set_tissues(bone.tissues, bone.tissue_numbers)
-    early = burrlab.BurrContact(bone, burr, BONE, seed=1)
-    got = early.run(np.array([[2.0, 2.0, 9.0], center]), 1.0)
+    got = burrlab.BurrContact(bone, burr, BONE, seed=1).run(np.array([[2.0, 2.0, 9.0], center]), 1.0)
     assert late.step((2, 2, 9), 1.0).c_e == got.c_e[0] == 2.145
     assert late.step(center, 1.0).c_e == got.c_e[1] == got[1].c_e != 2.145
     assert plain.digest() == bone.digest()

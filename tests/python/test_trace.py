@@ -6,25 +6,28 @@ import subprocess
 import sys
 import textwrap
 import time
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
 import pytest
-from session_scenes import FakeReader, make_records, new_writer, record, recorded, small_bone, tools, writer
+from session_scenes import (
+    FakeReader,
+    make_records,
+    many_records,  # noqa: F401
+    new_writer,
+    record,
+    recorded,
+    refused,
+    session_file,  # noqa: F401
+    small_bone,
+    tools,
+    writer,
+)
 
 import burrlab
 import burrlab.session.recorder as trace_writer
 from burrlab.session.trace import BURR_DTYPE
-
-
-@pytest.fixture(scope="module")
-def records():
-    return make_records(small_bone(), 1500, first=40)
-
-
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "session.h5"
 
 
 def assert_holds(trace, records):
@@ -129,9 +132,7 @@ def test_the_raw_file_takes_room_only_as_it_is_written(file, records):
 
 
 def test_a_compact_copy_that_fails_leaves_the_raw_file(file, records, monkeypatch):
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
+    full = Mock(side_effect=OSError(28, "No space left on device"))
     monkeypatch.setattr(trace_writer, "make_compact", full)
     assert "could not be compacted: No space left on device" in record(file, records).warning
     trace = burrlab.load_trace(file)
@@ -276,14 +277,12 @@ def test_frames_and_columns(file, monkeypatch):
         table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]
     )
     assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
-    for ask, said in (
+    refused(
         (lambda: trace.to_dataframe(2), "burr must be an index below 2, got 2"),
         (lambda: trace.array("force_N", -1), "burr must be an index below 2, got -1"),
         (lambda: trace.array("burr"), r"name must be one of index, k, .*, got 'burr'"),
         (lambda: trace.array("force_N").fill(0.0), "read-only"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            ask()
+    )
     assert trace.time()[-1] == pytest.approx(trace.duration)
     assert trace.duration == records["k"].sum() / 1000.0
     assert trace.duration is trace.duration, "summed over all ticks at each look"
@@ -349,10 +348,7 @@ def test_a_file_that_comes_between(file, monkeypatch):
 
 
 def test_without_hard_links(file, monkeypatch):
-    def refuse(*_):
-        raise OSError(95, "Operation not supported")
-
-    monkeypatch.setattr(trace_writer.os, "link", refuse)
+    monkeypatch.setattr(trace_writer.os, "link", Mock(side_effect=OSError(95, "Operation not supported")))
     writer(file).stop()
     assert burrlab.load_trace(file).complete
 

@@ -5,39 +5,24 @@ import re
 import h5py
 import numpy as np
 import pytest
-from session_scenes import make_records, record, small_bone, writer
+from session_scenes import many_records, record, session_file, small_bone, writer  # noqa: F401
 
 import burrlab
 
 
-@pytest.fixture(scope="module")
-def records():
-    return make_records(small_bone(), 1500, first=40)
-
-
-@pytest.fixture
-def file(tmp_path):
-    return tmp_path / "session.h5"
-
-
-def test_what_is_no_trace(file):
-    with pytest.raises(FileNotFoundError):
+@pytest.mark.parametrize(
+    ("make", "error", "said"),
+    [
+        (lambda file: None, FileNotFoundError, None),
+        (lambda file: file.write_bytes(b""), ValueError, "is not a burrlab trace: not an HDF5 file"),
+        (lambda file: burrlab.save_bone(file, small_bone()), ValueError, r"is not a burrlab trace$"),
+    ],
+    ids=["missing", "empty", "a bone"],
+)
+def test_what_is_no_trace(file, make, error, said):
+    make(file)
+    with pytest.raises(error, match=said):
         burrlab.load_trace(file)
-    file.write_bytes(b"")
-    with pytest.raises(ValueError, match="is not a burrlab trace: not an HDF5 file"):
-        burrlab.load_trace(file)
-    file.unlink()
-    burrlab.save_bone(file, small_bone())
-    with pytest.raises(ValueError, match=r"is not a burrlab trace$"):
-        burrlab.load_trace(file)
-
-
-def lose_ticks(file):
-    del file["ticks"]
-
-
-def lose_seed(file):
-    del file.attrs["seed"]
 
 
 def blank(row, **values):
@@ -66,8 +51,8 @@ def _replace(name, data):
     ("damage", "said"),
     [
         (_set("format_version", 4),
-         "of format 4, and this version reads up to 3"), (lose_ticks, "is damaged"),
-        (lose_seed, "is damaged"), (_replace("recorded", np.uint64(1501)),
+         "of format 4, and this version reads up to 3"), (lambda file: file.__delitem__("ticks"), "is damaged"),
+        (lambda file: file.attrs.__delitem__("seed"), "is damaged"), (_replace("recorded", np.uint64(1501)),
          "1501 ticks are counted, and there is room for 1500"),
         (blank(700, index=0), "is damaged: the row of tick 740 holds something else"),
         (blank(3, k=0), "is damaged: the row of tick 43 holds something else"),

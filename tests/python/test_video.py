@@ -23,5 +23,4 @@ def test_a_gif_lasts_as_long_as_its_frames(tmp_path, fps):
 
 
 def test_a_gif_of_one_picture(tmp_path):
-    frames = [np.zeros((16, 16, 3), np.uint8)]
-    assert write_video(tmp_path / "a.gif", frames, fps=35.0) == 1
+    assert write_video(tmp_path / "a.gif", [np.zeros((16, 16, 3), np.uint8)], fps=35.0) == 1

@@ -11,8 +11,6 @@ from burrlab.session.network import make_bone
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab
 
-BONE = burrlab.materials["bone"]
-
 
 def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
     volume, way = slab(tmp_path / "ct.nrrd")
@@ -30,7 +28,7 @@ def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
     assert make_bone(made["recipe"]).spacing == (0.13,) * 3
     fine, _ = slab(tmp_path / "fine.nrrd", 0.1)
     direct = burrlab.descend(
-        burrlab.Burr(1.0), BONE, 0.3, specimen=fine.specimen(burrlab.OccupancyMap.two_point(-1000, 1000), entry=fine.origin + ASKEW @ (10, 10, 11.5),
+        burrlab.Burr(1.0), burrlab.materials["bone"], 0.3, specimen=fine.specimen(burrlab.OccupancyMap.two_point(-1000, 1000), entry=fine.origin + ASKEW @ (10, 10, 11.5),
         axis=-ASKEW[:, 2]), seed=1, ideal=True,
     )  # fmt: skip
     # The interpolated rim is 0.4 mm wide and the burr meets less bone at first: velocities are only similar.

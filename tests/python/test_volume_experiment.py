@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+from volume_scenes import ASKEW
 
 import burrlab
 from burrlab.bone.image import OccupancyMap, Volume
@@ -15,7 +16,6 @@ from burrlab.session.network import make_bone
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 
-TURNED = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 MAP = OccupancyMap.two_point(0, 1000)
 
 PROTOCOL = """
@@ -48,13 +48,13 @@ def volume(tmp_path):
     values = np.zeros((24, 40, 40), np.int16)
     values[:16] = 1000
     values[4:8, 18:22, 18:22] = 0
-    volume = Volume(values, (0.5, 0.5, 0.5), (10, 20, 30), TURNED, "made")
+    volume = Volume(values, (0.5, 0.5, 0.5), (10, 20, 30), ASKEW, "made")
     burrlab.write_volume(tmp_path / "ct.nrrd", volume)
     return volume
 
 
 def way(volume):
-    return {"entry": (volume.origin + TURNED @ (9.75, 9.75, 11)).tolist(), "axis": (-TURNED[:, 2]).tolist()}
+    return {"entry": (volume.origin + ASKEW @ (9.75, 9.75, 11)).tolist(), "axis": (-ASKEW[:, 2]).tolist()}
 
 
 def test_a_block_is_the_volume_below_the_entry(tmp_path, volume):
@@ -64,12 +64,11 @@ def test_a_block_is_the_volume_below_the_entry(tmp_path, volume):
     for solid in (levels[7:], levels[:3]):  # above and below the hole
         assert solid.min() >= 250
     assert levels[3:7, 4:8, 4:8].max() <= 5  # the hole, 4 to 6 mm below the surface, about the axis
-    total = (255 - levels.astype(float)).sum() / 255 * 0.125
-    assert total == pytest.approx(4 * 4 * 4 * 0.125, rel=0.05)
+    assert (255 - levels.astype(float)).sum() / 255 * 0.125 == pytest.approx(4 * 4 * 4 * 0.125, rel=0.05)
 
 
 def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
-    axis = -TURNED @ (0.3, 0.2, 1)
+    axis = -ASKEW @ (0.3, 0.2, 1)
     block = cut_block(
         VolumeRecipe(tmp_path / "ct.nrrd", MAP, voxel=0.25), (4, 4, 2), 0.25, **{**way(volume), "axis": axis}
     )
@@ -87,7 +86,7 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
     ],
 )
 def test_block_errors(tmp_path, volume, size, voxel, axis, match):
-    recipe, place = VolumeRecipe(tmp_path / "ct.nrrd", MAP), {**way(volume), "axis": axis * TURNED[:, 2]}
+    recipe, place = VolumeRecipe(tmp_path / "ct.nrrd", MAP), {**way(volume), "axis": axis * ASKEW[:, 2]}
     with pytest.raises(ValueError, match=match):
         cut_block(recipe, size, voxel, **place)
 
@@ -109,7 +108,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
     # Another volume and map change the digest; another folder does not.
     (elsewhere := tmp_path / "elsewhere").mkdir()
     for values, alike in ((volume.values, True), (volume.values // 2, False)):
-        made = Volume(values, volume.spacing, volume.origin, TURNED, "made")
+        made = Volume(values, volume.spacing, volume.origin, ASKEW, "made")
         burrlab.write_volume(elsewhere / "ct.nrrd", made)
         other = protocol(elsewhere, volume, '"0:1000"', '"0:1000"' if alike else '"0:900"')
         assert (Protocol.read(other).digest == one.digest) is alike

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from session_scenes import file_size_limit
 
 import burrlab
 from burrlab import read_volume, write_volume
@@ -25,8 +26,7 @@ KINDS = ["u1", "i2", "u2", "i4", "f4", "f8"]
 
 def parse_meta_image(path):
     """Values, spacing, offset and axes (rows) of an .mha: its text up to ElementDataFile, then the values."""
-    content = path.read_bytes()
-    text, _, rest = content.partition(b"ElementDataFile = LOCAL\n")
+    text, _, rest = path.read_bytes().partition(b"ElementDataFile = LOCAL\n")
     fields = dict(line.split(" = ", 1) for line in text.decode().splitlines())
     data = zlib.decompress(rest) if fields["CompressedData"] == "True" else rest
     kind = {
@@ -191,7 +191,6 @@ def test_written_files_keep_the_note_on_an_assumed_orientation(ending: str, tmp_
 def test_a_full_disk_leaves_the_older_file_and_is_named(
     save: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
     noise = np.random.default_rng(1).integers(-999, 999, (60, 60, 60)).astype(np.int16)
     path, mapping = tmp_path / name, burrlab.OccupancyMap.two_point(0, 500)
     volumes = [Volume(noise[:size], (0.1,) * 3, (0, 0, 0), np.eye(3), "noise") for size in (6, 60)]
@@ -203,11 +202,6 @@ def test_a_full_disk_leaves_the_older_file_and_is_named(
 
     write(volumes[0])
     before = {place: place.read_bytes() for place in tmp_path.iterdir()}
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
-    try:
-        with pytest.raises(OSError, match=f"File too large: '{path}'"):
-            write(volumes[1])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with file_size_limit(100_000), pytest.raises(OSError, match=f"File too large: '{path}'"):
+        write(volumes[1])
     assert {place: place.read_bytes() for place in tmp_path.iterdir()} == before

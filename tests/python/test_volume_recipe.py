@@ -49,8 +49,7 @@ def test_parameters_that_are_wrong(options, match):
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
     image = pytest.importorskip("PIL.Image")
     values = np.full((3, 4, 5), 100, np.int16)
-    volume = burrlab.Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made")
-    write_dicom(tmp_path / "ct", volume)
+    write_dicom(tmp_path / "ct", burrlab.Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made"))
     image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
     found = VolumeRecipe(tmp_path / "ct", MAP).volume()
     np.testing.assert_array_equal(found.values, values)
@@ -71,12 +70,11 @@ def test_results_keep_how_the_bone_was_made(tmp_path):
     run = burrlab.descend(burr, BONE, 1.0, specimen=specimen, seed=1, ideal=True)
     curve = burrlab.force_sweep(burr, BONE, [0.5, 1.0], specimen=specimen, seed=1)
     curve.to_csv(tmp_path / "curve.csv")
-    settings = VoxelEngine(voxel=0.3, specimen=specimen)._described()
     for kept in (
         run.provenance,
         curve.provenance,
         burrlab.VelocityCurve.from_csv(tmp_path / "curve.csv").provenance,
-        settings,
+        VoxelEngine(voxel=0.3, specimen=specimen)._described(),
     ):
         made = json.loads(json.dumps(kept["volume"]))
         assert made["map"] == recipe.mapping.text

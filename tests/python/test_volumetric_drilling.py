@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import h5py
 import numpy as np
@@ -12,7 +13,7 @@ from label_scenes import coloured
 from page_scenes import make_page
 from PIL import Image
 from scipy.spatial.transform import Rotation
-from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+from session_scenes import ended, make_records, recorded, refused, session_of, small_bone
 
 import burrlab
 from burrlab.bone.recipe import LabelledRecipe
@@ -43,13 +44,7 @@ def made(tmp_path_factory):
     """(datasets of the old layout, trace, records, bone)"""
     folder, bone = tmp_path_factory.mktemp("export"), small_bone()
     records, done = make_records(bone, TICKS, burrs=2, first=10), []
-    burrlab.TraceWriter(
-        folder / "session.h5",
-        FakeReader(records),
-        small_bone(),
-        burrlab.TraceHeader(tools(2), seed=SEED, first_tick=10),
-    ).stop()
-    trace = burrlab.load_trace(folder / "session.h5")
+    trace = recorded(folder / "session.h5", records, burrs=2)
     burrlab.export_volumetric_drilling(trace, folder / "export.hdf5", layout="old", progress=done.append)
     assert done[-1] == 1.0
     with h5py.File(folder / "export.hdf5") as file:
@@ -112,18 +107,16 @@ def test_the_voxels_are_those_that_lost_half_of_their_bone(made):
 
 
 def test_an_interrupted_export_leaves_no_file(made, tmp_path):
-    def stop(done: float) -> None:
-        raise KeyboardInterrupt
-
+    stop = Mock(side_effect=KeyboardInterrupt)
     with pytest.raises(KeyboardInterrupt):
         burrlab.export_volumetric_drilling(made[1], tmp_path / "export.hdf5", progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_session_that_removed_nothing(tmp_path):
-    file = tmp_path / "session.h5"
-    burrlab.TraceWriter(file, FakeReader(), small_bone(), burrlab.TraceHeader(tools(), seed=1)).stop()
-    burrlab.export_volumetric_drilling(burrlab.load_trace(file), tmp_path / "export.hdf5", layout="old")
+    burrlab.export_volumetric_drilling(
+        recorded(tmp_path / "session.h5"), tmp_path / "export.hdf5", layout="old"
+    )
     with h5py.File(tmp_path / "export.hdf5") as made:
         assert made["voxels_removed/voxel_removed"].shape == (0, 4)
         assert made["high_frequency_poses/mastoidectomy_drill/pose"].shape == (0, 7)
@@ -184,17 +177,9 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
         assert LabelledRecipe.of(source).bone().digest() == bone.digest()
     at = np.arange(600) / 1e3
     path = np.array([2.7, 2.6, 6.2]) + np.outer(at, (4.0, 8.0, -4.0))
-    burr, device = burrlab.Burr(1.7), burrlab.ScriptedDevice(at, path)
-    with burrlab.Session(
-        burrlab.StartingBone(bone, source=source),
-        (burr, burrlab.materials["bone"]),
-        device,
-        seed=1,
-        duration=0.5,
-        clock=burrlab.Clock(wall_clock=False),
-        record=tmp_path / "s.h5",
-    ) as session:
-        session.wait()
+    tool, device = (burrlab.Burr(1.7), burrlab.materials["bone"]), burrlab.ScriptedDevice(at, path)
+    options = {"seed": 1, "wall_clock": False, "source": source}
+    session = ended(session_of(bone, tool, device, duration=0.5, record=tmp_path / "s.h5", **options))
     trace = burrlab.load_trace(tmp_path / "s.h5")
     assert json.loads(trace.source) == source
     burrlab.export_volumetric_drilling(trace, tmp_path / "out.hdf5")
@@ -241,15 +226,9 @@ def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -
     pose[:, :3] = turn.apply(pose[:, :3]) + shift  # the same in another world
     pose[:, 3:] = np.roll((turn * Rotation.from_quat(np.roll(pose[:, 3:], -1, axis=1))).as_quat(), 1, axis=1)
     moved = replace(back, position=pose[1:, :3], orientation=pose[1:, 3:], volume_pose=pose[0])
-    with burrlab.Session(
-        bone,
-        (burr, burrlab.materials["bone"]),
-        moved.device(bone, trace.source),
-        seed=1,
-        clock=burrlab.Clock(wall_clock=False),
-        record=tmp_path / "again.h5",
-    ) as again:
-        again.wait()
+    again = ended(
+        session_of(bone, tool, moved.device(bone, trace.source), record=tmp_path / "again.h5", **options)
+    )
     redone = burrlab.load_trace(tmp_path / "again.h5")
     for name in ("center_mm", "orientation"):
         np.testing.assert_allclose(redone.array(name), trace.array(name), atol=1e-4)
@@ -403,13 +382,11 @@ def test_lengths_that_the_recorder_multiplied(tmp_path, capsys, scale):
     again = burrlab.read_volumetric_drilling(file, scale=scale)
     np.testing.assert_allclose(again.volume_pose, wanted.volume_pose, rtol=1e-12)
     other = burrlab.VoxelBone.block((8, 8, 8), 0.25)
-    for call in (lambda: back.removed_from(other), lambda: back.device(other)):
-        with pytest.raises(
-            ValueError, match=f"multiplied lengths, scale={2 * scale:.6g} .--scale. would fit"
-        ):
-            call()
-    with pytest.raises(ValueError, match="scale must be positive and finite, got -1"):
-        burrlab.read_volumetric_drilling(file, scale=-1)
+    fits = f"multiplied lengths, scale={2 * scale:.6g} .--scale. would fit"
+    refused(
+        (lambda: back.removed_from(other), fits), (lambda: back.device(other), fits),
+        (lambda: burrlab.read_volumetric_drilling(file, scale=-1), "scale must be positive and finite, got -1"),
+    )  # fmt: skip
 
 
 def test_a_recording_is_seen_at_any_time(made, tmp_path):
@@ -445,12 +422,10 @@ def test_a_recording_is_seen_at_any_time(made, tmp_path):
     page._advance(1.0)
     assert [row["name"] for row in page.state.numbers] == ["force", "burr", "centre", "bone removed"]
     assert [chart["name"] for chart in page.state.charts] == ["force"]
-    for told, call in (
-        ("from 0 to 2.0", lambda: player.seek(3.0)), ("must be a Dril", lambda: RecordingPlayer(trace, whole)),
-        ("with a recording", lambda: page_source(player, Effects(whole, seed=1))),
-    ):  # fmt: skip
-        with pytest.raises((ValueError, TypeError), match=told):
-            call()
+    refused(
+        (lambda: player.seek(3.0), "from 0 to 2.0"), (lambda: RecordingPlayer(trace, whole), "must be a Dril", TypeError),
+        (lambda: page_source(player, Effects(whole, seed=1)), "with a recording", (ValueError, TypeError)),
+    )  # fmt: skip
 
 
 def test_what_was_not_recorded_is_not_shown(tmp_path):
@@ -480,13 +455,12 @@ def test_the_files_of_one_session(tmp_path, capsys):
         np.testing.assert_allclose(back.time, 0.02 * np.arange(210), atol=1e-6)
         np.testing.assert_allclose(back.removed_time, [1, 1, 1.2, 3, 3, 3.2], atol=1e-6)
     made_up(tmp_path / "20250101_120004.hdf5", "old")
-    for given, told in (
-        ([second, first], "the times of its poses go back"),
-        (tmp_path, "path must hold files of one layout, got new, old"),
-        ([], "path must hold files"),
-    ):
-        with pytest.raises(ValueError, match=told):
-            burrlab.read_volumetric_drilling(given)
+    read = burrlab.read_volumetric_drilling
+    refused(
+        (lambda: read([second, first]), "the times of its poses go back"),
+        (lambda: read(tmp_path), "path must hold files of one layout, got new, old"),
+        (lambda: read([]), "path must hold files"),
+    )
 
 
 @pytest.mark.parametrize(
@@ -523,16 +497,14 @@ def test_a_file_or_a_bone_that_is_refused(made, tmp_path):
         file[DATA + "pose_mastoidectomy_drill"].attrs["units"] = "mm"
     back = burrlab.read_volumetric_drilling(made_up(tmp_path / "good.hdf5", "old"))
     block = burrlab.VoxelBone.block
-    for call, told in (
+    refused(
         (lambda: burrlab.read_volumetric_drilling(path), "is in other units: .*drill must be in m, says 'mm'"),
         (lambda: burrlab.read_volumetric_drilling(made[1].path), "is not a recording of .*no group of its layouts"),
         (lambda: burrlab.read_volumetric_drilling(__file__), "is not a recording of .*not an HDF5 file"),
         (lambda: back.removed_from(block((4, 4, 4), 0.4)), "bone must have voxels of 0.125 mm"),
         (lambda: back.removed_from(block((3, 3, 3), 0.5)), "3 of 3 removed voxels lie outside"),
         (lambda: burrlab.session_metrics(back, burr=1), "burr must be an index below 1, got 1"),
-    ):  # fmt: skip
-        with pytest.raises(ValueError, match=told):
-            call()
+    )  # fmt: skip
     path.write_bytes(path.read_bytes()[:-3000])
     with pytest.raises(ValueError, match=r"bad\.hdf5 is damaged: it was cut short"):
         burrlab.read_volumetric_drilling(path)
@@ -541,9 +513,7 @@ def test_a_file_or_a_bone_that_is_refused(made, tmp_path):
     bare = burrlab.read_volumetric_drilling(tmp_path / "good.hdf5")
     assert bare.removed_volume is None
     assert np.isnan(burrlab.session_metrics(bare).removed)
-    for call, told in (
+    refused(
         (lambda: bare.removed_from(block((3, 3, 3), 0.5)), "holds no removed voxels"),
         (lambda: bare.device(block((3, 3, 3), 0.5)), "holds no pose of the volume"),
-    ):
-        with pytest.raises(ValueError, match=told):
-            call()
+    )

@@ -27,8 +27,7 @@ def some_levels(shape: tuple[int, int, int] = (9, 10, 11)) -> np.ndarray[Any, np
 @pytest.mark.parametrize("dtype", [*INTEGERS, *FLOATS])
 def test_levels_of_every_type(dtype: str) -> None:
     """Values lo to hi become 0 to 255: linear, rounded to nearest."""
-    values = np.arange(120).reshape(4, 5, 6).astype(dtype)
-    bone = VoxelBone(values, 0.1, range=(0, 119))
+    bone = VoxelBone(np.arange(120).reshape(4, 5, 6).astype(dtype), 0.1, range=(0, 119))
     np.testing.assert_array_equal(bone.density, np.rint(np.arange(120) / 119 * 255).reshape(4, 5, 6))
     np.testing.assert_array_equal(bone.pristine, bone.density)
     assert VoxelBone(bone.density, (0.1, 0.1, 0.1), (0, 0, 0)).digest() == bone.digest()

@@ -4,10 +4,12 @@ import io
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from fit_scenes import BURR, curve_of, plain
+from session_scenes import refused
 
 from burrlab.bone.materials import materials
 from burrlab.bone.specimen import half_space
@@ -58,10 +60,11 @@ def test_knows_days_and_an_uncertain_force():
     assert found.effects[0].values == pytest.approx(expected.effects[0].values, abs=0.05)
     assert found.effects[1].errors == pytest.approx(expected.effects[1].errors, rel=0.3)
     assert "Between the 2 days alpha differs by" in found.verdict
-    with pytest.raises(ValueError, match="the voxel engine takes offsets of force alone: got surface"):
-        fit(curve, engine=VoxelEngine(**SPARSE), seed=0, uncertain={"surface": 0.01})
-    with pytest.raises(ValueError, match="the voxel engine's table serves the rows of its own data alone"):
-        found.influence_by("day")
+    sunk = {"engine": VoxelEngine(**SPARSE), "seed": 0, "uncertain": {"surface": 0.01}}
+    refused(
+        (lambda: fit(curve, **sunk), "the voxel engine takes offsets of force alone: got surface"),
+        (lambda: found.influence_by("day"), "the voxel engine's table serves the rows of its own data alone"),
+    )
 
 
 def test_the_best_point_may_lie_at_the_edge_of_the_window():
@@ -164,13 +167,11 @@ def test_windows_of_the_rows():
 
 
 def test_what_happens_in_a_descent_passes_through():
-    def stop(done):
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        voxel_fit(EXACT, progress=stop)
-    with pytest.raises(ValueError, match="voxel"):
-        voxel_fit(EXACT, voxel=-1.0)
+    stop = Mock(side_effect=KeyboardInterrupt)
+    refused(
+        (lambda: voxel_fit(EXACT, progress=stop), None, KeyboardInterrupt),
+        (lambda: voxel_fit(EXACT, voxel=-1.0), "voxel"),
+    )
 
 
 def test_a_descent_is_a_small_picklable_item():

@@ -91,8 +91,7 @@ def test_log_of_the_real_library():
 
 
 def logged(number, kind, payload=b"", *, at=(5, 250_000), length=None):
-    size = len(payload) if length is None else length
-    return struct.pack(">2i3Ii", kind, number, *at, size, 0) + payload
+    return struct.pack(">2i3Ii", kind, number, *at, len(payload) if length is None else length, 0) + payload
 
 
 def called(kind, number, name, more=0):

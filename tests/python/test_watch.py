@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from anatomy_scenes import NAMES, nerve_bone, straight, tool
-from session_scenes import session_of
+from session_scenes import ended, refused, session_of
 
 import burrlab
 import burrlab._core as _core
@@ -36,9 +36,7 @@ def run(path=None, *, bone=None, watch=LIMITS, devices=None, tools=None, **optio
 
 def ran(*given, **options):
     """A session at its end."""
-    with run(*given, **options) as session:
-        session.wait()
-    return session
+    return ended(run(*given, **options))
 
 
 def lost_of(trace, tissue):
@@ -203,17 +201,11 @@ def test_a_bone_without_tissues_has_no_watch(tmp_path) -> None:
     assert session.report().anatomy is None
     for told in (session.report(), burrlab.session_metrics(burrlab.load_trace(path))):
         assert "anatomy" not in told.to_dict()
-    for kind, match, ask in (
-        (ValueError, "bone of the session must have tissues", session.anatomy),
-        (
-            ValueError,
-            "trace must be of a bone with tissues",
-            lambda: anatomy_report(burrlab.load_trace(path)),
-        ),
-        (TypeError, "trace must be a Trace", lambda: anatomy_report(path)),
-    ):
-        with pytest.raises(kind, match=match):
-            ask()
+    refused(
+        (session.anatomy, "bone of the session must have tissues"),
+        (lambda: anatomy_report(burrlab.load_trace(path)), "trace must be of a bone with tissues"),
+        (lambda: anatomy_report(path), "trace must be a Trace", TypeError),
+    )
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone, straight, tool
-from session_scenes import session_of
+from session_scenes import ended, refused, session_of, writer
 
 import burrlab
 from burrlab.anatomy.watch import Watch
@@ -65,13 +65,11 @@ def test_limits_and_structures_by_name() -> None:
 
 
 def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
-    from session_scenes import writer
-
     made = writer(tmp_path / "x.h5")
-    with pytest.raises(ValueError, match="events must be of a trace with a watch"):
-        made.add_events(np.zeros(0))
-    with pytest.raises(ValueError, match="what was watched must be of a trace with a watch"):
-        made.set_watched(None)
+    refused(
+        (lambda: made.add_events(np.zeros(0)), "events must be of a trace with a watch"),
+        (lambda: made.set_watched(None), "what was watched must be of a trace with a watch"),
+    )
     made.stop()
 
 
@@ -82,14 +80,11 @@ def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:
         device = straight([(0, 0, first), (0, 0, last)], [0, 0.3])
         return session_of(bone, tool(), device, seed=3, duration=0.3, wall_clock=False, **options)
 
-    with session(nerve_bone(), 1.5, -0.3) as first:
-        first.wait()
-    burrlab.save_bone(tmp_path / "bone.h5", *first.snapshot())
+    burrlab.save_bone(tmp_path / "bone.h5", *ended(session(nerve_bone(), 1.5, -0.3)).snapshot())
     bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
     gone = bone.removed_of("nerve")
     assert gone > 0
-    with session(bone, -0.2, -0.8, tick=tick, watch=Watch(bone), record=tmp_path / "on.h5") as second:
-        second.wait()
+    second = ended(session(bone, -0.2, -0.8, tick=tick, watch=Watch(bone), record=tmp_path / "on.h5"))
     after, _ = second.snapshot()
     report, trace = second.anatomy(), burrlab.load_trace(tmp_path / "on.h5")
     assert trace.first_tick == tick > 0

@@ -12,6 +12,7 @@ from anatomy_scenes import nerve_bone, straight, tool
 from command_line import call
 from page_scenes import PATH, make_page, make_scene, nerve_session, nerve_trace
 from replica_scenes import soon
+from session_scenes import refused
 
 import burrlab
 import burrlab.view.web as web
@@ -129,14 +130,13 @@ def test_parcels_stop_when_asked(trace):
 
 
 def test_refused_sources(trace):
-    for source, effects, sentence in (
-        ("a", None, "source must be a Trace, TracePlayer, RecordingPlayer, Session, .*, got 'a'"),
-        (trace, 1, "effects of a trace must be Effects, got 1"),
-        (nerve_session(), 1, "effects of a session must be a Companion, got 1"),
-        (nerve_bone(), 1, "effects go with a trace or a session, got 1 with a bone"),
-    ):
-        with pytest.raises(TypeError, match=sentence):
-            serve(source, effects=effects)
+    refused(
+        (lambda: serve("a"), "source must be a Trace, TracePlayer, RecordingPlayer, Session, .*, got 'a'"),
+        (lambda: serve(trace, effects=1), "effects of a trace must be Effects, got 1"),
+        (lambda: serve(nerve_session(), effects=1), "effects of a session must be a Companion, got 1"),
+        (lambda: serve(nerve_bone(), effects=1), "effects go with a trace or a session, got 1 with a bone"),
+        error=TypeError,
+    )
 
 
 def test_refused_ports(capsys, tmp_path):
@@ -144,22 +144,17 @@ def test_refused_ports(capsys, tmp_path):
     pytest.importorskip("trame", reason="needs the extra viz3d")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        for kind, sentence, place in (
-            (ValueError, "port must be from 0 to 65535, got -1", {"port": -1}),
-            (ValueError, "port must be from 0 to 65535, got 65536", {"port": 65536}),
-            (OSError, f"cannot listen on 127.0.0.1:{port}: Address already in use", {"port": port}),
-            (
-                OSError,
-                r"cannot listen on 192\.0\.2\.1:0: ",
-                {"host": "192.0.2.1"},
-            ),  # an address for documentation
-        ):
-            with pytest.raises(kind, match=sentence):
-                serve(nerve_bone(), **place)
+        listen, bone = f"cannot listen on 127.0.0.1:{port}: Address already in use", nerve_bone()
+        refused(
+            (lambda: serve(bone, port=-1), "port must be from 0 to 65535, got -1"),
+            (lambda: serve(bone, port=65536), "port must be from 0 to 65535, got 65536"),
+            (lambda: serve(bone, port=port), listen, OSError),
+            (lambda: serve(bone, host="192.0.2.1"), r"cannot listen on 192\.0\.2\.1:0: ", OSError),  # of documentation
+        )  # fmt: skip
         words = ["--device", "hand", "--duration", 1, "--record", tmp_path / "none.h5"]
         code, _, err = call(capsys, "session", *words, "--web", port)
     assert code != 0
-    assert f"cannot listen on 127.0.0.1:{port}: Address already in use" in err
+    assert listen in err
     assert not (tmp_path / "none.h5").exists()
 
 

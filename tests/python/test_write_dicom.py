@@ -1,7 +1,11 @@
 """Volumes written as DICOM series, read by burrlab and pydicom."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
+from session_scenes import refused
+from volume_scenes import ASKEW
 
 import burrlab
 from burrlab.bone.image import Volume, same_geometry
@@ -10,8 +14,7 @@ from burrlab.volume import write_dicom
 sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="the independent reader, extra `dev`")
 
-TURNED = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
-TURNED = TURNED * np.sign(np.linalg.det(TURNED))
+TURNED = ASKEW * np.sign(np.linalg.det(ASKEW))
 
 
 def a_volume(kind="int16", direction=TURNED):
@@ -64,21 +67,14 @@ def test_the_same_volume_is_the_same_series(tmp_path):
 
 def test_errors(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("something")
-    for name, volume, error, match in (
-        ("ct", a_volume("float32"), ValueError,
-         "values must be one of uint8, int16, uint16 to be .* got float32"),
-        ("ct", a_volume(direction=TURNED * (1, 1, -1)), ValueError,
-         "direction must be right-handed to be written as DICOM"),
-        ("none/ct", a_volume(), FileNotFoundError, "folder must exist"),
-        ("file", a_volume(), FileExistsError, "folder must be new"),
-    ):  # fmt: skip
-        with pytest.raises(error, match=match):
-            write_dicom(tmp_path / name, volume)
-
-    def broken(*_):
-        raise RuntimeError("disk full")
-
-    monkeypatch.setattr(sitk.ImageFileWriter, "Execute", broken)
+    real, mirrored = a_volume("float32"), a_volume(direction=TURNED * (1, 1, -1))
+    refused(
+        (lambda: write_dicom(tmp_path / "ct", real), "values must be one of uint8, int16, uint16 to be .* got float32"),
+        (lambda: write_dicom(tmp_path / "ct", mirrored), "direction must be right-handed to be written as DICOM"),
+        (lambda: write_dicom(tmp_path / "none/ct", a_volume()), "folder must exist", FileNotFoundError),
+        (lambda: write_dicom(tmp_path / "file", a_volume()), "folder must be new", FileExistsError),
+    )  # fmt: skip
+    monkeypatch.setattr(sitk.ImageFileWriter, "Execute", Mock(side_effect=RuntimeError("disk full")))
     with pytest.raises(OSError, match="the slices cannot be written"):
         write_dicom(tmp_path / "ct", a_volume())
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

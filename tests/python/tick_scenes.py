@@ -81,8 +81,7 @@ def numbers_of(kind: str, size: tuple[int, ...], count: int) -> NDArray[np.uint8
         return np.full(size, count - 1, np.uint8)
     if kind == "bricks":
         bricks = random.integers(0, count, tuple(-(-n // 8) for n in size)).astype(np.uint8)
-        whole = bricks.repeat(8, 0).repeat(8, 1).repeat(8, 2)
-        return whole[: size[0], : size[1], : size[2]].copy()
+        return bricks.repeat(8, 0).repeat(8, 1).repeat(8, 2)[: size[0], : size[1], : size[2]].copy()
     if kind == "halves":
         z, y, x = np.indices(size)
         return np.where(z + y > x, 0, count - 1).astype(np.uint8)

@@ -64,8 +64,7 @@ class _Slice:
     series: str
     size: tuple[int, int]
     spacing: tuple[float, float]
-    rows: tuple[float, ...]
-    columns: tuple[float, ...]
+    turn: tuple[float, ...]  # along a row, then along a column
     position: Array
     bits: int
     number: int | None = None  # InstanceNumber
@@ -87,17 +86,17 @@ def read_dicom(
         medical(library, "reading DICOM")
     slices = _of_series([_header_of(name) for name in names], where, series)
     _check_alike(slices, where)
-    turn = np.column_stack([slices[0].rows, slices[0].columns])
-    direction = checked_direction(np.column_stack([turn, np.cross(*turn.T)]), where, _FOUR_DIGITS)
+    turn = np.reshape(slices[0].turn, (2, 3))
+    direction = checked_direction(np.column_stack([*turn, np.cross(*turn)]), where, _FOUR_DIGITS)
     slices.sort(key=lambda s: float(s.position @ direction[:, 2]))
     along = np.array([s.position @ direction[:, 2] for s in slices])
     spacing = np.array([*slices[0].spacing, _distance(slices, along, where)])
     _check_straight(slices, direction, where)
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
     values = np.stack([_values(s) for s in slices])
-    files = tuple(s.name for s in slices)
-    place = (spacing, slices[0].position, direction)
-    return Header(values.shape, *place, _notes(slices, others), files=files), values
+    return Header(
+        values.shape, spacing, slices[0].position, direction, _notes(slices, others), files=tuple(s.name for s in slices)
+    ), values  # fmt: skip
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
@@ -231,7 +230,7 @@ def _header_of(name: str) -> _Slice:
         f"{name}: the DICOM header does not say the slice's position and orientation",
     )
     return _Slice(
-        name, text_of(attributes, "SeriesInstanceUID"), (columns, rows), (across, down), turn[:3], turn[3:], np.array(position), bits,
+        name, text_of(attributes, "SeriesInstanceUID"), (columns, rows), (across, down), turn, np.array(position), bits,
         whole("InstanceNumber"), whole("ImagesInAcquisition"),
     )  # fmt: skip
 
@@ -255,7 +254,7 @@ def _check_alike(slices: list[_Slice], where: str) -> None:
         for what, a, b in (
             ("sizes", first.size, other.size),
             ("pixel spacings", first.spacing, other.spacing),
-            ("orientations", first.rows + first.columns, other.rows + other.columns),
+            ("orientations", first.turn, other.turn),
         ):
             refuse(
                 not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True),
@@ -270,13 +269,13 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
     if len(steps) == 0:
         return np.nan
     usual = float(np.sort(steps)[(len(steps) - 1) // 2])
-    twins = np.flatnonzero(steps < 0.01 * max(usual, 1e-3))
-    if len(twins):
-        k = int(twins[0])
-        raise ValueError(
-            f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: "
-            f"{slices[k].file} and {slices[k + 1].file}"
-        )
+    twins = steps < 0.01 * max(usual, 1e-3)
+    k = int(np.argmax(twins))
+    refuse(
+        twins[k],
+        f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: {slices[k].file} and "
+        f"{slices[k + 1].file}",
+    )
 
     def gap(k: int, others: float) -> str:
         return (
@@ -288,11 +287,11 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
     times = np.rint(steps / least)
     if times.max() > 1 and np.all(np.abs(steps - times * least) <= 2 * EVEN * least * times):
         lost, first = int((times - 1).sum()), int(np.flatnonzero(times > 1)[0])
-        slices_are = "slices are" if lost > 1 else "slice is"
-        raise ValueError(f"{where}: {lost} {slices_are} missing: {gap(first, least)}")
-    odd = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
-    if len(odd):
-        raise ValueError(f"{where}: the slices are not evenly spaced: {gap(int(odd[0]), usual)}")
+        raise ValueError(
+            f"{where}: {lost} slice{'s are' if lost > 1 else ' is'} missing: {gap(first, least)}"
+        )
+    odd = np.abs(steps - usual) > EVEN * usual
+    refuse(odd.any(), f"{where}: the slices are not evenly spaced: {gap(int(np.argmax(odd)), usual)}")
     return float((along[-1] - along[0]) / len(steps))
 
 

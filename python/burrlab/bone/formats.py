@@ -162,8 +162,7 @@ def _read(
         if not Path(part).is_file():
             raise FileNotFoundError(f"{part}: no such file")
     if not single:
-        common = os.path.commonpath([os.path.dirname(part) or "." for part in names]) or "."
-        name = f"{len(names)} files in {common}"
+        name = f"{len(names)} files in {os.path.commonpath([os.path.dirname(part) or '.' for part in names]) or '.'}"
     if not single or is_dicom(name):
         return name, *read_dicom(names, name, series)
     refuse(series is not None, f"series goes with DICOM, got {name}")

@@ -258,8 +258,10 @@ def nrrd_header(name: str) -> tuple[Header, Storage]:
     except (KeyError, ValueError):
         raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no sizes") from None
     kinds = fields.get("kinds", "").lower().split() or ["?"] * len(sizes)
-    directions = re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
-    vectors = [() if part == "none" else tuple(_vector(part, name)) for part in directions]
+    vectors = [
+        () if part == "none" else tuple(_vector(part, name))
+        for part in re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
+    ]
     refuse(
         {len(sizes), len(kinds), len(vectors or sizes)} != {dimension}
         or dimension > 16,  # the format's limit
@@ -267,9 +269,8 @@ def nrrd_header(name: str) -> tuple[Header, Storage]:
     )
     spatial = _spatial_axes(sizes, kinds, vectors)
     layers = sizes[0] if dimension == 4 and kinds[0] == "list" and 0 not in spatial else 1
-    others = [n for i, n in enumerate(sizes) if i not in spatial]
     refuse(
-        len(spatial) != 3 or max(others, default=1) > layers,
+        len(spatial) != 3 or any(n > layers for i, n in enumerate(sizes) if i not in spatial),
         f"{name}: a volume needs three dimensions and one value a voxel, got sizes "
         f"{' x '.join(map(shown, sizes))}",
     )
@@ -480,9 +481,8 @@ def meta_header(name: str) -> tuple[Header, Storage]:
     custom_fields = {
         key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000
     }
-    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields), _meta_layout(
-        fields, end, name
-    )
+    header = Header(shape, spacing, scale * origin[:3], direction, tuple(notes), custom_fields)
+    return header, _meta_layout(fields, end, name)
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:
@@ -506,8 +506,13 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
 
 
 def _meta_layout(fields: dict[str, str], end: int, name: str) -> Storage:
-    rule = f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}"
-    kind = np.dtype(_chosen(_META_KINDS, fields.get("ElementType", ""), rule))
+    kind = np.dtype(
+        _chosen(
+            _META_KINDS,
+            fields.get("ElementType", ""),
+            f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}",
+        )
+    )
     switches = {"ElementByteOrderMSB": "False", "BinaryData": "True", "CompressedData": "False", **fields}
     binary, packed, big_endian = (
         switches.get(key, switches["ElementByteOrderMSB"])[:1].lower() in ("t", "1")

@@ -393,8 +393,8 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
         kind for kind in map(np.dtype, KINDS) if np.iinfo(kind).min <= least and most <= np.iinfo(kind).max
     ]
     kind = fits[0] if fits and voxels.dtype.kind in "iu" else voxels.dtype
-    new = voxels if changed is None else changed_values(like, changed)
-    return Volume(new.astype(kind), like.spacing, like.origin, like.direction, like.path)
+    voxels = voxels if changed is None else changed_values(like, changed)
+    return Volume(voxels.astype(kind), like.spacing, like.origin, like.direction, like.path)
 
 
 def stack_slices(path: str) -> SliceFiles | None:

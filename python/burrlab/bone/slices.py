@@ -566,8 +566,9 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     if unit is None:
         _check_plausible(name, sides)
         unit = _UNITS["metres"]
-    extent = sides * _positive(name, "unit", unit)
-    return StackDescription(folder, str(images.get("prefix", "")), count, extent)
+    return StackDescription(
+        folder, str(images.get("prefix", "")), count, sides * _positive(name, "unit", unit)
+    )
 
 
 def _content(name: str) -> Any:

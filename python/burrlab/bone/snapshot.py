@@ -310,20 +310,23 @@ def tissues_to_json(tissues: Tissues) -> str:
     return json.dumps({"material": material, "tissues": rows})
 
 
+def material_of(m: dict[str, Any]) -> Material:
+    """A material from the JSON of a table; KeyError or TypeError if it is none."""
+    return Material(
+        m["name"], c_e=m["c_e_N_per_mm2"], alpha=m["alpha_per_ms"], shape=m["shape"], source=m["source"]
+    )
+
+
 def tissues_from_json(text: str) -> Tissues:
     """A table of tissues from text; ValueError, KeyError or TypeError if the text holds none."""
     content = json.loads(text)
-    m = content["material"]
-    material = Material(
-        m["name"], c_e=m["c_e_N_per_mm2"], alpha=m["alpha_per_ms"], shape=m["shape"], source=m["source"]
-    )
     return Tissues(
         [
             Tissue(t["name"], label=t["label"], c_e=t["c_e_N_per_mm2"], alpha=t["alpha_per_ms"], colour=t["colour"],
                    critical=t["critical"], bleeds=t["bleeds"], assumed=t["assumed"])
             for t in content["tissues"]
         ],
-        material,
+        material_of(content["material"]),
     )  # fmt: skip
 
 

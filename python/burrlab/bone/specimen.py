@@ -190,8 +190,8 @@ class Border:
             axis = 2 - face % 3
             size = np.where(np.arange(3) == axis, np.minimum(bone.shape, 2), bone.shape)
             start = (np.array(bone.shape) - size) * (face > 2)
-            levels = bone.read(start.tolist(), size.tolist(), pristine=True)
-            solid = np.argwhere(levels.max(axis=axis) >= 128)[:, ::-1]
+            levels = bone.read(start.tolist(), size.tolist(), pristine=True).max(axis=axis)
+            solid = np.argwhere(levels >= 128)[:, ::-1]
             self._points.append(np.delete(self._low, face % 3) + (solid + 0.5) * np.delete(spacing, face % 3))
 
     def count_cut(self, centers: NDArray[np.float64], radius: float) -> int:

@@ -31,7 +31,7 @@ from burrlab.bone.image import (
     slabs,
 )
 from burrlab.bone.materials import materials
-from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
+from burrlab.bone.snapshot import material_of, tissues_to_json
 from burrlab.common.check import refuse, require_type, shown
 from burrlab.common.files import write_text
 from burrlab.common.progress import doing
@@ -130,8 +130,7 @@ _UNSAID = frozenset({"and", "the", "of", "left", "right", "l", "r", "lt", "rt"})
 
 def plain_name(name: str) -> str:
     """Name of a structure in lower case, without signs, sides and small words: Sinus_+_Dura is sinus dura."""
-    words = re.findall(r"[a-z0-9]+", name.lower())
-    return " ".join(word for word in words if word not in _UNSAID)
+    return " ".join(word for word in re.findall(r"[a-z0-9]+", name.lower()) if word not in _UNSAID)
 
 
 _BY_NAME = {plain_name(text): known for known in KNOWN for text in (known.name, *known.synonyms)}
@@ -271,11 +270,11 @@ def _named(
 
 def check_count(labels: Mapping[int, object], prefix: str = "") -> None:
     """ValueError for more labels than a bone can have tissues, for example grey values or instances."""
-    first = ", ".join(str(label) for label in sorted(labels)[:5])
     refuse(
         len(labels) > MOST,
-        f"{prefix}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
-        "is this a grey volume, or does it hold instances? Merge labels first",
+        f"{prefix}a bone has at most {MOST} tissues, and there are {len(labels)} labels "
+        f"({', '.join(map(str, sorted(labels)[:5]))}, ...): is this a grey volume, or does it hold instances? Merge "
+        "labels first",
     )
 
 
@@ -458,11 +457,8 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
 def _material(name: str, text: str) -> Material:
     for line in text.splitlines():
         if line.startswith("# material:"):
-            material_text = line.partition(":")[2].strip()
-            row = '[{"name": "x", "label": 0, "c_e_N_per_mm2": 1, "alpha_per_ms": 0, "colour": [0, 0, 0], '
-            row += '"critical": false, "bleeds": false, "assumed": true}]'
             try:
-                return tissues_from_json(f'{{"material": {material_text}, "tissues": {row}}}').material
+                return material_of(json.loads(line.partition(":")[2].strip()))
             except UNREADABLE as error:
                 raise ValueError(
                     f"{name}: the material in the comments is none: {in_one_line(error)}"

@@ -99,20 +99,22 @@ class Tube:
                 slice(*np.searchsorted(places, sides))
                 for places, sides in zip((grid.x, grid.y, grid.z), box, strict=True)
             )
-            x, y, z = Grid(grid.x[i] - a[0], grid.y[j] - a[1], grid.z[k] - a[2]).open()
-            if 0 in (x.size, y.size, z.size):
-                continue
-            along = b - a
-            square = float(along @ along)
-            t = (
-                np.clip((x * along[0] + y * along[1] + z * along[2]) / square, 0.0, 1.0)
-                if square > 0
-                else 0.0
-            )
-            dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
-            distance = np.sqrt(dx * dx + dy * dy + dz * dz) - (start + t * (end - start))
-            part = field[k, j, i]
-            np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
+            near = Grid(grid.x[i], grid.y[j], grid.z[k])
+            if 0 not in near.shape:
+                distance = tapered(near, (a, b), (start, end))
+                part = field[k, j, i]
+                np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
+
+
+def tapered(grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float]) -> Floats:
+    """Signed distance from a piece of a tube, whose radius is linear between its ends [mm]."""
+    a, b = ends
+    along = b - a
+    square = float(along @ along)
+    x, y, z = Grid(grid.x - a[0], grid.y - a[1], grid.z - a[2]).open()
+    t = np.clip((x * along[0] + y * along[1] + z * along[2]) / square, 0.0, 1.0) if square else 0.0
+    dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
+    return np.asarray(np.sqrt(dx * dx + dy * dy + dz * dz) - (radii[0] + t * (radii[1] - radii[0])))
 
 
 def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:

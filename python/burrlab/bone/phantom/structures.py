@@ -19,6 +19,7 @@ from burrlab.bone.phantom.shapes import (
     interpolate,
     smooth_max,
     smooth_min,
+    tapered,
 )
 
 #: Thickness of the dura [mm], assumed.
@@ -275,10 +276,6 @@ def _mastoid(grid: Grid, outside: Floats) -> Floats:
 def _funnel(at: Structures, grid: Grid) -> Floats:
     """Cone that narrows from the opening to the antrum and ends at the antrum's far wall."""
     a, b = at.landmarks["entry"] - [2.0, 0.0, 0.0], at.antrum[0]
-    span = b - a
-    x, y, z = grid.open()
-    t = ((x - a[0]) * span[0] + (y - a[1]) * span[1] + (z - a[2]) * span[2]) / float(span @ span)
-    t = np.clip(t, 0.0, 1.0)
-    dx, dy, dz = x - a[0] - t * span[0], y - a[1] - t * span[1], z - a[2] - t * span[2]
-    across = np.sqrt(dx * dx + dy * dy + dz * dz) - (OPENING + t * (BOTTOM - OPENING))
-    return smooth_max(across, np.broadcast_to(x - (b[0] + at.antrum[1][0]), grid.shape), 2.0)
+    x, _, _ = grid.open()
+    end = np.broadcast_to(x - (b[0] + at.antrum[1][0]), grid.shape)
+    return smooth_max(tapered(grid, (a, b), (OPENING, BOTTOM)), end, 2.0)

@@ -104,8 +104,7 @@ class Entry:
             _make_room(path.parent)
 
     def _same(self, name: str, known: Sequence[Any]) -> bool:
-        unchanged = os.name == "posix" and list(self._files[name]) == known[:-1]
-        return unchanged or _digest(name) == known[-1]
+        return (os.name == "posix" and list(self._files[name]) == known[:-1]) or _digest(name) == known[-1]
 
 
 def _folder() -> Path | None:

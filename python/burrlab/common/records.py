@@ -139,16 +139,14 @@ class Codec:
         hooks = cattrs.Converter()
         hooks.register_unstructure_hook(float, self._written)
         hooks.register_unstructure_hook(Path, str)
-        hooks.register_unstructure_hook_func(is_of_core, self._state)
-        hooks.register_unstructure_hook_func(
-            _is(np.ndarray, np.generic), lambda value: self.plain(value.tolist())
+        writers: tuple[tuple[Callable[[Any], bool], Callable[[Any], Any]], ...] = (
+            (is_of_core, self._state),
+            (_is(np.ndarray, np.generic), lambda value: self.plain(value.tolist())),
+            (_is(Mapping), lambda value: {str(name): self.plain(part) for name, part in value.items()}),
+            (_is(tuple, list), lambda value: [self.plain(part) for part in value]),
         )
-        hooks.register_unstructure_hook_func(
-            _is(Mapping), lambda value: {str(name): self.plain(part) for name, part in value.items()}
-        )
-        hooks.register_unstructure_hook_func(
-            _is(tuple, list), lambda value: [self.plain(part) for part in value]
-        )
+        for holds, write in writers:
+            hooks.register_unstructure_hook_func(holds, write)
         hooks.register_unstructure_hook_factory(dataclasses.is_dataclass, self._taken_apart)
         for kind in (int, str, bool):
             hooks.register_structure_hook(kind, functools.partial(_of_type, (kind,)))
@@ -156,9 +154,13 @@ class Codec:
         hooks.register_structure_hook_func(is_of_core, _of_state)
         hooks.register_structure_hook_func(_is(np.ndarray), self._array)
         hooks.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
-        hooks.register_structure_hook_factory(_is(Mapping), _mapping)
-        hooks.register_structure_hook_factory(_is_list, _sequence)
-        hooks.register_structure_hook_factory(dataclasses.is_dataclass, self._put_together)
+        readers = (
+            (_is(Mapping), _mapping),
+            (_is_list, _sequence),
+            (dataclasses.is_dataclass, self._put_together),
+        )
+        for holds, make in readers:
+            hooks.register_structure_hook_factory(holds, make)
         hooks.register_structure_hook_func(_is_choice, self._chosen)
         return hooks
 
@@ -196,10 +198,8 @@ class Codec:
 
     def _taken_apart(self, kind: type) -> Callable[[Any], Any]:
         """Function that writes a dataclass."""
-        field_names = {field.name: field.name for field in fields(kind) if field.init}
-        keys = self._known(kind) or field_names
-        tags = {tagged: {"kind": name} for name, tagged in self._kinds.items()}
-        tag = tags.get(kind, {})
+        keys = self._known(kind) or {field.name: field.name for field in fields(kind) if field.init}
+        tag = {tagged: {"kind": name} for name, tagged in self._kinds.items()}.get(kind, {})
         return lambda value: {
             **tag,
             **{
@@ -222,9 +222,8 @@ class Codec:
             if owner is kind:
                 hook = functools.partial(self._number, null=meaning)
                 overrides[name] = override(rename=keys[name], struct_hook=hook)
-        strict = self._not_finite != "spelt"
         structure: Any = make_dict_structure_fn(
-            kind, converter, _cattrs_forbid_extra_keys=strict, **overrides
+            kind, converter, _cattrs_forbid_extra_keys=self._not_finite != "spelt", **overrides
         )
 
         def read(value: Any, _: Any) -> Any:

@@ -149,12 +149,13 @@ def _decode(value: Any) -> Any:
     if not isinstance(value, dict):
         return value
     ((kind, content),) = value.items()
-    if kind == "float":
-        return float(content)
-    if kind == "tuple":
-        return tuple(_decode(part) for part in content)
-    if kind == "dict":
-        return {key: _decode(part) for key, part in content.items()}
+    match kind:
+        case "float":
+            return float(content)
+        case "tuple":
+            return tuple(map(_decode, content))
+        case "dict":
+            return {key: _decode(part) for key, part in content.items()}
     dtype, shape, data = content
     refuse(
         kind not in ("array", "number") or np.dtype(dtype).kind not in _NUMBERS,
@@ -419,8 +420,7 @@ class Study(Generic[Item, Result]):
                     future = self._finished.get(timeout=_LOOK if wait else 0)
                 except queue.Empty:
                     # Results under way when a dask client loses its scheduler never arrive.
-                    client = getattr(executor, "_client", None)
-                    if getattr(client, "status", None) == "closed":
+                    if getattr(getattr(executor, "_client", None), "status", None) == "closed":
                         raise self._interrupted(ConnectionError("the client is closed")) from None
                 else:
                     yield from self._take(future)
@@ -504,10 +504,11 @@ class Study(Generic[Item, Result]):
     def _interrupted(self, error: BaseException) -> StudyInterrupted:
         self._keep_finished()
         cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        if self._store is None:
-            rest = "with a store, what is finished is kept, and running again goes on from there"
-        else:
-            rest = f"what was finished is in {self._store.path}, run again with the same store to go on"
+        rest = (
+            "with a store, what is finished is kept, and running again goes on from there"
+            if self._store is None
+            else f"what was finished is in {self._store.path}, run again with the same store to go on"
+        )
         return StudyInterrupted(
             f"the executor died after {len(self.results)} of {len(self._items)} items ({cause}); {rest}"
         )

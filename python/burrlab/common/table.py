@@ -205,9 +205,10 @@ class Table:
         headings = _fields(where, header)
         missing = [c.heading for c in self.columns if not c.optional and c.heading not in headings]
         rest = [heading for heading in headings if heading not in known]
-        if unknown := [heading for heading in rest if others is None or missing or not heading]:
-            unknown_text = ", ".join(map(shown, unknown))
-            faults.append(f"{where}: unknown column {unknown_text}; known are {', '.join(known)}")
+        if unknown := ", ".join(
+            shown(heading) for heading in rest if others is None or missing or not heading
+        ):
+            faults.append(f"{where}: unknown column {unknown}; known are {', '.join(known)}")
         twice = dict.fromkeys(repeated for repeated in headings if repeated and headings.count(repeated) > 1)
         faults += (f"{where}: column {heading} is there twice" for heading in twice)
         if others is not None:
@@ -313,8 +314,7 @@ def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
             f"provenance must be a mapping, such as {{'operator': 'AB'}}, got {shown(provenance)}"
         )
     text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
-    result: dict[str, Any] = json.loads(text)
-    return result
+    return dict(json.loads(text))
 
 
 def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint: str = "") -> tuple[str, str]:
@@ -330,8 +330,10 @@ def text_of(file: Path | IO[str] | IO[bytes], encoding: str = "utf-8-sig", hint:
         content, encoding = (raw.encode(), "utf-8-sig") if isinstance(raw, str) else (raw, encoding)
     if encoding == "utf-8-sig" and content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
-    workbook = content.startswith((b"PK\3\4", b"\xd0\xcf\x11\xe0"))
-    refuse(workbook, f"{name}: this is a workbook, such as .xlsx or .ods: save it as CSV")
+    refuse(
+        content.startswith((b"PK\3\4", b"\xd0\xcf\x11\xe0")),
+        f"{name}: this is a workbook, such as .xlsx or .ods: save it as CSV",
+    )
     return name, decoded(name, content, encoding, hint)
 
 
@@ -379,8 +381,8 @@ def split_torn(content: bytes) -> tuple[bytes, bytes]:
 
 def parse(name: str, content: bytes) -> TextTable:
     """The table in a file's bytes; ValueError, with the file and the line, if it is none."""
-    lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
-    numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]
+    lines = enumerate(decoded(name, content).split("\n"), start=1)
+    numbered = [(place, line.removesuffix("\r")) for place, line in lines if line.strip()]
     refuse(not numbered, f"{name}: the file is empty")
     (place, head), *body = numbered
     refuse(
@@ -444,8 +446,7 @@ def by_value(kind: type[Made]) -> type[Made]:
     def equal(first: Any, second: Any) -> Any:
         if type(second) is not type(first):
             return NotImplemented
-        names = (f.name for f in fields(first) if f.compare)
-        return all(_same(getattr(first, name), getattr(second, name)) for name in names)
+        return all(_same(getattr(first, f.name), getattr(second, f.name)) for f in fields(first) if f.compare)
 
     kind.__eq__ = equal  # type: ignore[method-assign]
     kind.__hash__ = None  # type: ignore[assignment]
@@ -575,10 +576,9 @@ class TableData(Tabular):
     def _comments(self) -> dict[str, Any]:
         """What stands above the table in a file."""
         numbers = {f"{name}_{unit}": getattr(self, name) for name, unit in self._NUMBERS.items()}
-        provenance = {"provenance": json.dumps(self.provenance)} if self.provenance else {}
-        groups = {"groups": ", ".join(self.groups)} if self.groups else {}
-        known = {key: x for key, x in numbers.items() if x is not None}
-        return {"source": self.source} | known | groups | provenance
+        known = {"source": self.source} | {key: x for key, x in numbers.items() if x is not None}
+        known |= {"groups": ", ".join(self.groups)} if self.groups else {}
+        return known | ({"provenance": json.dumps(self.provenance)} if self.provenance else {})
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write a CSV file that `from_csv` reads back without loss.
@@ -730,10 +730,7 @@ def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> l
         if len(parts[-1]) > 1 and max(map(len, table_lines([*parts[-1], *group]))) > width:
             parts.append([first])
         parts[-1] += group
-    lines: list[str] = []
-    for part in parts:
-        lines += ["", *table_lines(part)] if lines else table_lines(part)
-    return lines
+    return [line for part in parts for line in ("", *table_lines(part))][1:]
 
 
 def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
@@ -783,20 +780,16 @@ def table_html(columns: Sequence[ReportColumn]) -> str:
     heads = "".join(
         f"<th>{html.escape(f'{group}: {head}' if group else head)}</th>" for group, head, _ in columns
     )
-    rows = zip(*(cells for *_, cells in columns), strict=True)
     body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+        for row in zip(*(cells for *_, cells in columns), strict=True)
     )
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def two_decimals(value: float) -> str:
     """A number with two decimals, without negative zero; infinity as inf, NaN as an empty text."""
-    if math.isnan(value):
-        return ""
-    if math.isinf(value):
-        return "inf" if value > 0 else "-inf"
-    return f"{round(value, 2) + 0.0:.2f}"
+    return "" if math.isnan(value) else f"{round(value, 2) + 0.0:.2f}"
 
 
 def interval_text(ends: tuple[float, float]) -> str:
@@ -813,5 +806,5 @@ def p_text(p: float) -> str:
 def tsv_text(value: float | int | str | None) -> str:
     """Text of a TSV field: n/a for None and NaN, floats to the last bit."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "n/a"
+        return NOTHING
     return repr(value) if isinstance(value, float) else str(value)

@@ -42,7 +42,7 @@ from burrlab.psychophysics.scored_task import (
     with_selection,
 )
 from burrlab.psychophysics.sensitivity import DPrime
-from burrlab.psychophysics.side_car import TOO_FAST
+from burrlab.psychophysics.side_car import TOO_FAST, AnswerRow
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 Task: TypeAlias = ScoredTask | ThresholdTask
@@ -120,12 +120,13 @@ def columns(task: Task) -> list[ReportColumn]:
             ("", "threshold", ["" if subject.threshold is None else f"{subject.threshold:.3f}" for subject in ones]),
             *([("", f"{100 * task.level:g} %", intervals)] if any(intervals) else []),
         ]  # fmt: skip
-    for group, name, cell in _score_cells(task):
-        listing.append((group, name, [cell(subject) for subject in task.subjects]))
+    listing += [(group, name, list(map(cell, task.subjects))) for group, name, cell in _score_cells(task)]
     for rule in task.rules:
-        for name, cell_of in _D_PRIME_CELLS.items():
-            cells = [cell_of(subject.of_rule(rule)) for subject in task.subjects]
-            listing.append((f"d', {rule}", name or f"{100 * task.level:g} %", cells))
+        of_rule = [subject.of_rule(rule) for subject in task.subjects]
+        listing += [
+            (f"d', {rule}", name or f"{100 * task.level:g} %", list(map(cell, of_rule)))
+            for name, cell in _D_PRIME_CELLS.items()
+        ]
     return listing
 
 
@@ -154,16 +155,15 @@ def legend(task: Task) -> list[str]:
     """Explanations of the columns."""
     if isinstance(task, ThresholdTask):
         return ["threshold: ratio of the comparison's parameter to the reference's"]
-    method = task.subjects[0].d_prime[0].method
-    lines = [
+    d_primes = task.subjects[0].d_prime
+    return [
         "p: exact binomial test of the score against chance, one-sided; Holm: the same, corrected for all "
         "subjects of the task",
-        f"d': of greatest likelihood, with its {method} interval on [0, inf), open where the answers set no "
+        f"d': of greatest likelihood, with its {d_primes[0].method} interval on [0, inf), open where the answers set no "
         "upper limit; s.e. only where 0 is excluded",
         f"corr.: d' after {_CORRECTIONS[CORRECTION]}, which is finite also after perfect answers",
+        *(f"crit., {d.rule}: {d.criterion_meaning}" for d in d_primes),
     ]
-    lines += [f"crit., {d.rule}: {d.criterion_meaning}" for d in task.subjects[0].d_prime]
-    return lines
 
 
 def group_lines(task: Task) -> list[str]:
@@ -203,28 +203,23 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
 
 def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
     fields: dict[str, Any] = {
-        name: getattr(subject, name) for name in ("subject", "simulated", "trials", "planned")
-    }
-    fields["simulated"] = "yes" if subject.simulated else "no"
+        "subject": subject.subject, "simulated": "yes" if subject.simulated else "no", "trials": subject.trials,
+        "planned": subject.planned,
+    }  # fmt: skip
     if isinstance(subject, SubjectThreshold):
         low, high = subject.interval or (None, None)
         return fields | {"threshold": subject.threshold, "threshold_low": low, "threshold_high": high}
     low, high = subject.score_interval
     fields |= {
-        name: getattr(subject.counts, name) for name in ("score", "hits", "signals", "false_alarms", "noises")
-    }
-    fields |= {
-        "proportion_low": low,
-        "proportion_high": high,
-        "p_value": subject.p_value,
-        "p_holm": subject.holm,
-    }
+        **{name: getattr(subject.counts, name) for name in ("score", "hits", "signals", "false_alarms", "noises")},
+        "proportion_low": low, "proportion_high": high, "p_value": subject.p_value, "p_holm": subject.holm,
+    }  # fmt: skip
     for d in subject.d_prime:
         name = f"d_prime_{d.rule.replace('-', '_')}"
-        fields |= {name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1]}
         fields |= {
-            f"{name}_{part}": getattr(d, part) for part in ("standard_error", "criterion", "corrected")
-        }
+            name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1],
+            **{f"{name}_{part}": getattr(d, part) for part in ("standard_error", "criterion", "corrected")},
+        }  # fmt: skip
     return fields
 
 
@@ -441,19 +436,21 @@ def analyse(
 
 
 def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
-    entries = ExperimentFolder(folder, "").participants()
-    by = {subject: entry.get("selected_by", NOTHING) for subject, entry in entries.items()}
-    texts = {subject: text for subject, text in by.items() if text != NOTHING}
-    return with_selection(of_answers(read_folder(folder)), texts)
+    rows = ExperimentFolder(folder, "").participants().items()
+    selected_by = {
+        subject: row["selected_by"] for subject, row in rows if row.get("selected_by", NOTHING) != NOTHING
+    }
+    return with_selection(of_answers(read_folder(folder)), selected_by)
 
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
     """Notes on tasks that subjects have not begun, and on answers that the protocol does not name."""
     present = {task.name: [subject_data.subject for subject_data in task.subjects] for task in tasks}
-    notes = []
-    for name in protocol.tasks:
-        if absent := [subject for subject in protocol.subjects if subject not in present.get(name, ())]:
-            notes.append(f"No run of {name} yet: {', '.join(absent)}.")
+    notes = [
+        f"No run of {name} yet: {', '.join(absent)}."
+        for name in protocol.tasks
+        if (absent := [subject for subject in protocol.subjects if subject not in present.get(name, ())])
+    ]
     for name, subjects in present.items():
         if name not in protocol.tasks:
             notes.append(f"Task {name} is in the folder and not in the protocol.")
@@ -488,9 +485,8 @@ def _settled(
     refuse(rules is not None and not rules, "rules must hold one at least, got none")
     refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
     refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")
-    named = rules and tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
     overrides: dict[str, Any] = {
-        "rules": named,
+        "rules": rules and tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules)),
         "delta": delta and float(delta),
         "level": level and float(level),
     }
@@ -520,9 +516,8 @@ def _selected(
 def _tasks_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
     """The experiment's name, empty for answers or counts, and its tasks."""
     if isinstance(data, Protocol):
-        order = data.tasks
         return data.name, sorted(
-            _of_folder(data.folder), key=lambda task: (*order, task.name).index(task.name)
+            _of_folder(data.folder), key=lambda task: (*data.tasks, task.name).index(task.name)
         )
     if isinstance(data, (str, os.PathLike)):
         return Path(data).resolve().name, _of_folder(data)
@@ -542,15 +537,14 @@ def _notes_on_trials(tasks: Iterable[TaskData]) -> list[str]:
         for task in tasks for subject in task.subjects if subject.answers
     ]  # fmt: skip
     notes = ["Practice trials are left out."] if runs else []
-    repeats = [(sum(row.repeats or 0 for row in rows), run) for run, rows in runs]
-    fast = [
-        (sum(row.response_time is not None and row.response_time < TOO_FAST for row in rows), run)
-        for run, rows in runs
-    ]
-    for heading, counts in (
-        ("Trials that were repeated, as the loop had stalled", repeats),
-        (f"Answers within {TOO_FAST:g} s of the question, too fast to have judged", fast),
-    ):
-        if concerned := ", ".join(f"{count} of {run}" for count, run in counts if count):
-            notes.append(f"{heading}: {concerned}.")
+    counted: Mapping[str, Callable[[AnswerRow], int]] = {
+        "Trials that were repeated, as the loop had stalled": lambda row: row.repeats or 0,
+        f"Answers within {TOO_FAST:g} s of the question, too fast to have judged": (
+            lambda row: row.response_time is not None and row.response_time < TOO_FAST
+        ),
+    }
+    for what, count in counted.items():
+        numbers = [(sum(map(count, rows)), run) for run, rows in runs]
+        if concerned := ", ".join(f"{number} of {run}" for number, run in numbers if number):
+            notes.append(f"{what}: {concerned}.")
     return notes

@@ -116,10 +116,8 @@ class Answers(table.Tabular):
         return "; ".join([text + (f" and {practice} in practice" if practice else ""), *self.notes]) + ")"
 
     def _repr_html_(self) -> str:
-        columns = self._table().items()
-        return table.html_table(
-            repr(self), {name: ["" if x is None else x for x in values] for name, values in columns}
-        )
+        columns = {name: ["" if x is None else x for x in values] for name, values in self._table().items()}
+        return table.html_table(repr(self), columns)
 
 
 _LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
@@ -167,8 +165,7 @@ def read_answers(
     """
     file, content = os.fspath(path), Path(path).read_bytes()
     car = read_side_car(path)
-    file_labels = {"subject": subject, "name": name, "task": task}
-    labels = _labels(file, car, file_labels)
+    labels = _labels(file, car, {"subject": subject, "name": name, "task": task})
     refuse(labels["task"] not in TASKS, f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
     refuse(
         answers is not None
@@ -282,8 +279,10 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     where = os.fspath(folder)
     refuse(not runs, f"{where}: there is no file of answers, sub-*/beh/*_events.tsv")
     simulated = [answers.source for answers in runs.values() if answers.simulated]
-    some = 0 < len(simulated) < len(runs)
-    refuse(some, f"{where}: a simulated subject is among others: {''.join(simulated[:1])}")
+    refuse(
+        0 < len(simulated) < len(runs),
+        f"{where}: a simulated subject is among others: {''.join(simulated[:1])}",
+    )
     return tuple(runs[key] for key in sorted(runs))
 
 
@@ -517,8 +516,7 @@ class AnswerFile:
         """
         if self._file is None:
             raise ValueError(f"{self.path} is closed")
-        task = self.side_car.task
-        line = as_text(answer, task, self._columns)
+        line = as_text(answer, self.side_car.task, self._columns)
         fields = line.decode().rstrip("\n").split("\t")
         try:
             # Parsed as it will be read: no row is written that cannot be read back.
@@ -670,9 +668,8 @@ class ExperimentFolder:
         self.prepare()
         path, kind = self.path / "participants.tsv", "yes" if simulated else "no"
         row = dict(zip(_COLUMNS, (f"sub-{subject}", kind, selected_by or table.NOTHING), strict=True))
-        file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
-        with contextlib.ExitStack() as closing:
-            closing.callback(os.close, file)
+        with open(path, "a+b") as stream:
+            file = stream.fileno()
             lock(file, _IS_OPEN.format(path), wait=True)
             columns = _mend(file, path, row)
             entered = self.participants()
@@ -683,8 +680,7 @@ class ExperimentFolder:
                     f"simulated {entry['simulated']}, sub-{subject} {kind}",
                 )
             if subject not in entered:  # laboratories may add columns, such as age, or move ours
-                fields = [row.get(column, table.NOTHING) for column in columns]
-                synced_write(file, path, table.line(fields))
+                synced_write(file, path, table.line([row.get(column, table.NOTHING) for column in columns]))
 
     def participants(self) -> dict[str, dict[str, str]]:
         """The fields of participants.tsv by subject's label; empty without the file.
@@ -714,8 +710,7 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
 
     A last line that lacks only its line end, as an editor may leave it, gets one.
     """
-    file_bytes = path.read_bytes()
-    content, torn = table.split_torn(file_bytes)
+    content, torn = table.split_torn(path.read_bytes())
     heading = table.line(_COLUMNS)
     if torn and not content and heading.startswith(torn):
         os.ftruncate(file, 0)

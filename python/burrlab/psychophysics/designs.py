@@ -386,8 +386,7 @@ class ComparisonDesign(TaskDesign):
         stimuli = {"R": self.reference, "C": self.comparison(level)}
         intervals = tuple(Interval(stimuli[x], draws.interval_seed(), self.interval) for x in order)
         # In a comparison of more c_e the burr sinks more slowly.
-        slower = self._asks_speed and self.parameter == "c_e"
-        more = "C" if (level > 1.0) != slower else "R"
+        more = "C" if (level > 1.0) != (self._asks_speed and self.parameter == "c_e") else "R"
         return Trial(number, phase, block, order, intervals, self.answers[order.index(more)], level)
 
 

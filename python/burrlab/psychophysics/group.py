@@ -126,8 +126,7 @@ def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_way
     for _ in range(_CORRECTIONS):
         mean = probability @ hits
         variance = probability @ hits**2 - mean**2
-        missing = signals * hit - number @ mean
-        step = missing / np.maximum(variance[1:-1], 1e-3)
+        step = (signals * hit - number @ mean) / np.maximum(variance[1:-1], 1e-3)
         log_odds[1:-1] += np.clip(step, -0.5, 0.5)
         probability = _tilted(log_ways, np.clip(log_odds, -_WIDEST, _WIDEST))
     return probability
@@ -155,8 +154,7 @@ def _number_of_answers(hit: Floats, false_alarm: Floats, signals: int, noises: i
     length = signals + noises + 1
     of_signals = scipy.stats.binom.pmf(np.arange(signals + 1), signals, hit[:, None])
     of_noises = scipy.stats.binom.pmf(np.arange(noises + 1), noises, false_alarm[:, None])
-    spectrum = np.fft.rfft(of_signals, length) * np.fft.rfft(of_noises, length)
-    return np.asarray(np.fft.irfft(spectrum, length))
+    return np.asarray(np.fft.irfft(np.fft.rfft(of_signals, length) * np.fft.rfft(of_noises, length), length))
 
 
 def _tilted(log_ways: Floats, log_odds: Floats) -> Floats:
@@ -203,10 +201,9 @@ def group_tails(
     ----------
     Hall, J. R. Stat. Soc. B 54, 221 (1992): t corrected by a monotone cubic.
     """
-    total = np.sum(hits, axis=1)
-    few, many = _exact_tails(total, answers, subjects)
-    by_units = _t_tails(hits, answers, subjects)
-    return np.maximum(few, by_units[0]), np.maximum(many, by_units[1])
+    exact = _exact_tails(np.sum(hits, axis=1), answers, subjects)
+    few, many = map(np.maximum, exact, _t_tails(hits, answers, subjects))
+    return few, many
 
 
 def rejected_as_few(
@@ -220,8 +217,7 @@ def rejected_as_few(
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
     mean = sum(subject.mean[answered] for subject, answered in zip(subjects, answers.T, strict=True))
     variance = sum(subject.variance[answered] for subject, answered in zip(subjects, answers.T, strict=True))
-    spread = np.sqrt(np.maximum(variance, 1e-12))
-    normal = ndtr((np.sum(hits, axis=1) + 0.5 - mean) / spread)
+    normal = ndtr((np.sum(hits, axis=1) + 0.5 - mean) / np.sqrt(np.maximum(variance, 1e-12)))
     sure = (variance > _WIDE) & ((normal < error / _CLOSE) | (normal > error * _CLOSE))
     out &= ~sure | (normal <= error)
     close = np.nonzero(out & ~sure)[0]
@@ -363,13 +359,11 @@ def sign_flip_test(values: ArrayLike) -> SubjectTest:
     sums: Floats = np.zeros(1)
     chances: Floats = np.ones(1)
     for value in np.abs(x):
-        ends = np.concatenate([sums - value, sums + value])
-        sums, place = np.unique(np.round(ends, 9), return_inverse=True)
+        sums, place = np.unique(np.round([sums - value, sums + value], 9), return_inverse=True)
         refuse(len(sums) > _MOST_SUMS, f"values must have at most {_MOST_SUMS} different sums, got more")
         chances = np.bincount(place.ravel(), np.tile(0.5 * chances, 2)).astype(np.float64)
     seen, slack = float(np.sum(x)), 1e-7 * max(1.0, float(np.sum(np.abs(x))))
-    as_far = sums >= seen - slack
-    return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[as_far]))))
+    return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[sums >= seen - slack]))))
 
 
 def finite_values(values: ArrayLike) -> Floats:

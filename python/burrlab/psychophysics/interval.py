@@ -185,10 +185,9 @@ def wait_until_lifted(
     # A session in the air reads the device as usual and gives exactly zero force.
     voxel = burr.radius / 4.0
     nothing = VoxelBone.block((voxel, voxel, voxel), voxel, origin=(0.0, 0.0, -_AWAY))
-    still = Material("nothing", c_e=1.0, alpha=0.0)
     session = Session(
         nothing,
-        (burr, still),
+        (burr, Material("nothing", c_e=1.0, alpha=0.0)),
         device,
         seed=0,
         on_message=on_message,
@@ -363,12 +362,11 @@ def render(
     otherwise: Ending = "time" if in_time and not session.failed else "device"
     ended: Ending = watch.ended or ("subject" if stopped else otherwise)
     ticks = watch.ticks()
-    spans = _PERIOD * ticks["periods"]
     return Rendered(
         mode=mode,
         ended=ended,
         duration=float(ticks["time"][-1] + _PERIOD) if len(ticks) else 0.0,
-        contact=float(spans[ticks["touching"]].sum()),
+        contact=float((_PERIOD * ticks["periods"])[ticks["touching"]].sum()),
         seed=interval.seed,
         burr=burr,
         ticks=ticks,

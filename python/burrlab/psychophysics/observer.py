@@ -89,8 +89,7 @@ def drilling_hand(
     ValueError
         If a number is out of `HandDevice`'s range.
     """
-    start = (0.0, 0.0, burr.radius + clearance)
-    return HandDevice(start, push=push, amplitude=0.5 * stroke, strokes=strokes)
+    return HandDevice((0.0, 0.0, burr.radius + clearance), push=push, amplitude=0.5 * stroke, strokes=strokes)
 
 
 CueName: TypeAlias = Literal["stiffness", "force", "sinking"]

@@ -38,8 +38,8 @@ class Observer:
     """An unbiased observer with one d' and lapses, and the distribution of scores."""
 
     def __init__(self, decision: Rule, d_prime: float, trials: int, lapse: float) -> None:
-        rates = (float(rate) for rate in decision.rates(d_prime))
-        self.hit, self.false_alarm = ((1.0 - lapse) * rate + 0.5 * lapse for rate in rates)
+        rates = decision.rates(d_prime)
+        self.hit, self.false_alarm = ((1.0 - lapse) * float(rate) + 0.5 * lapse for rate in rates)
         self.half = trials // 2
         k = np.arange(self.half + 1)
         of_signals = scipy.stats.binom.pmf(k, self.half, self.hit)
@@ -60,8 +60,7 @@ class Observer:
         with np.errstate(divide="ignore", invalid="ignore"):
             p = stdtr(subjects - 1, -mean / error)
         # Equal scores give no t; the sign-flip test then has its least p.
-        flat = np.where(mean > 0.0, 0.5**subjects, 1.0)
-        return float(np.mean(np.where(error > 0.0, p, flat) <= level))
+        return float(np.mean(np.where(error > 0.0, p, np.where(mean > 0.0, 0.5**subjects, 1.0)) <= level))
 
 
 def critical_score(trials: int, level: float) -> tuple[int | None, float]:

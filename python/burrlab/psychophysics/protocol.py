@@ -364,8 +364,7 @@ def analysis_of(table: TomlTable) -> AnalysisSettings:
         default=list(RULES),
     )
     delta = table.get("delta", _NUMBER, ("a d' above 0", lambda value: value > 0), default=None)
-    in_range: Rule = ("from 0.5 to below 1", lambda value: 0.5 <= value < 1)
-    level = table.get("level", _NUMBER, in_range, default=0.95)
+    level = table.get("level", _NUMBER, ("from 0.5 to below 1", lambda value: 0.5 <= value < 1), default=0.95)
     table.done()
     return AnalysisSettings(tuple(rules), delta, level)
 
@@ -520,8 +519,7 @@ class Protocol:
             If the protocol has no such subject or task.
         """
         # The task's name gives two tasks of one design different orders.
-        design = self.tasks[self._known("task", task, self.tasks)]
-        return design.order(
+        return self.tasks[self._known("task", task, self.tasks)].order(
             seed=self.seed, subject=f"{self._known('subject', subject, self.subjects)} {task}"
         )
 

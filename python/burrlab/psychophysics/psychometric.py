@@ -269,8 +269,10 @@ class PsychometricFit:
             f"rate {100 * self.lapse:.1f} %, {100 * self.lapse_interval[0]:.1f} to "
             f"{100 * self.lapse_interval[1]:.1f} %; {sum(self.trials)} trials"
         )
-        for name, end in self.at_bounds:
-            lines.append(f"the {end} end of the {name} is set by the prior, not by the data")
+        lines += [
+            f"the {end} end of the {name} is set by the prior, not by the data"
+            for name, end in self.at_bounds
+        ]
         return "\n".join(lines)
 
     @drawing

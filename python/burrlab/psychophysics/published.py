@@ -261,8 +261,8 @@ class SelectionEffect:
     def p_value(self, mean: float) -> float:
         """Probability that guessing subjects, so selected, have at least this mean score."""
         # A mean from a division is off by rounding.
-        total = int(np.ceil(mean * self.kept - 1e-9))
-        return float(min(1.0, self.distribution[max(0, total) :].sum()))
+        least = max(0, int(np.ceil(mean * self.kept - 1e-9)))
+        return float(min(1.0, self.distribution[least:].sum()))
 
     @cached_property
     def distribution(self) -> NDArray[np.float64]:

@@ -81,10 +81,9 @@ def rehearse(
     seconds instead of an hour. `burrlab experiment run --simulated` renders every interval.
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
-    taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
     all_counts = []
     for number in range(1, subjects + 1):
-        order = rehearsed_order(design, taught, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
+        order = rehearsed_order(design, subject, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
         main = [(t.trial_type, response, t.correct) for t, response in order.answered if t.phase == "main"]
         all_counts.append(counts_of(design.task, main))
     return all_counts
@@ -373,10 +372,12 @@ class TaskOneTable:
 
     def row(self, cue: str, pair: str, decision: str, noise: float) -> TaskOneRow:
         """The row of these values; ValueError if there is none."""
-        for row in self.rows:
-            if (row.cue, row.pair, row.decision) == (cue, pair, decision) and math.isclose(row.noise, noise):
-                return row
-        raise ValueError(f"the table has no row {cue}, {pair}, {decision}, {noise!r}")
+        rows = [
+            row for row in self.rows
+            if (row.cue, row.pair, row.decision) == (cue, pair, decision) and math.isclose(row.noise, noise)
+        ]  # fmt: skip
+        refuse(not rows, f"the table has no row {cue}, {pair}, {decision}, {noise!r}")
+        return rows[0]
 
     def __str__(self) -> str:
         noises = sorted({row.noise for row in self.rows})
@@ -555,7 +556,7 @@ class SimulatedSeat(Seat):
         self, subject: SimulatedSubject, design: TaskDesign, *, burr: Burr, bone: Block, seed: int, name: str,
         on_progress: Callable[[str], object] | None = None,
     ) -> None:  # fmt: skip
-        self._on_progress = on_progress
+        self._on_progress = on_progress or (lambda text: None)
         check_rehearsable(design)
         self._seed, self._name, self._design = seed, name, design
         self._subject = teach(subject, design, burr=burr, bone=bone)
@@ -572,5 +573,4 @@ class SimulatedSeat(Seat):
         return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
 
     def progress(self, text: str) -> None:
-        if self._on_progress is not None:
-            self._on_progress(text)
+        self._on_progress(text)

@@ -136,11 +136,11 @@ class Runner:
                 self._design, trial, [interval.rendered for interval in felt]
             )
             onset, endings = felt[0].began, tuple(interval.ended for interval in felt)
-            clipped = [None if x.rendered is None else x.rendered.clipped for x in felt]
             self._file.append(
                 AnswerRow.of(
                     trial, onset=onset, duration=felt[-1].over - onset, response=response,
-                    response_time=response_time, endings=endings, repeats=repeats, clipped=clipped,
+                    response_time=response_time, endings=endings, repeats=repeats,
+                    clipped=[None if x.rendered is None else x.rendered.clipped for x in felt],
                 )
             )  # fmt: skip
             self._order.answer(response)
@@ -162,12 +162,14 @@ class Runner:
     def _welcome(self, first: Trial) -> None:
         answers = zip(self._protocol.keys, self._design.answers, strict=True)
         keys = " or ".join(f"{key} for {answer}" for key, answer in answers)
-        again = "You go on where you stopped. " if self._order.answered else ""
+        again = "You go on where you stopped. " * bool(self._order.answered)
         # Lengths of intervals are the same in all trials.
         long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
-        lengths = f"They last {', '.join(long[:-1])} and {long[-1]}; a beep tells start and end."
-        if len(set(long)) == 1:
-            lengths = f"Each lasts {long[0]}; a beep tells its start and its end."
+        lengths = (
+            f"Each lasts {long[0]}; a beep tells its start and its end."
+            if len(set(long)) == 1
+            else f"They last {', '.join(long[:-1])} and {long[-1]}; a beep tells start and end."
+        )
         self._seat.progress("")
         self._seat.ready(
             f"{again}{_BEFORE[self._design.task]} {lengths}\n\nAnswer with the keys: {keys}. "
@@ -194,11 +196,10 @@ class Runner:
             number, place, total = practised + 1, "practice", self._design.practice
         self._seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
-        felt_stimuli = [(interval.stimulus.name, interval.stimulus.material) for interval in trial.intervals]
         stimuli = ", ".join(
-            f"{name} (real)" if m is None else f"{name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
-            for name, m in felt_stimuli
-        )
+            f"{s.name} (real)" if (m := s.material) is None else f"{s.name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
+            for s in (interval.stimulus for interval in trial.intervals)
+        )  # fmt: skip
         self._experimenter.say(
             f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )
@@ -275,8 +276,7 @@ class Runner:
         """Tells the experimenter of a first tick in contact and of many late ticks."""
         ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
         if self._live and len(ticks) and ticks["touching"][0]:
-            force = float(np.linalg.norm(ticks["force"][0]))
-            self._experimenter.say(f"{which} began in contact, at {force:.2f} N")
+            self._experimenter.say(f"{which} began in contact, at {np.linalg.norm(ticks['force'][0]):.2f} N")
         late = int((ticks["periods"] > 1).sum())
         if late > MANY_LATE * len(ticks):
             self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
@@ -317,15 +317,12 @@ class Runner:
         self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
     ) -> None:
         right = response == trial.correct
-        main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
-        score = sum(r == t.correct for t, r in main)
+        main = [r == t.correct for t, r in self._order.answered if t.phase == "main"]
+        fast = response_time is not None and response_time < TOO_FAST
         duration = "" if response_time is None else f" in {response_time:.2f} s"
-        duration += (
-            ", too fast to have judged" if response_time is not None and response_time < TOO_FAST else ""
-        )
         self._experimenter.say(
-            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{duration}, "
-            f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
+            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{duration}"
+            f"{', too fast to have judged' * fast}, {'right' if right else 'wrong'}; {sum(main)} of {len(main)} right"
         )
         if self._protocol.feedback and trial.phase == "practice":
             self._seat.tell("Right." if right else "Not right.")

@@ -107,16 +107,14 @@ class TaskData:
         selected = tuple(
             subject for subject in self.subjects if subjects is None or subject.subject in subjects
         )
-        several = len(selected) < len(self.subjects)
-        of = pool or self.of or (len(self.subjects) if several else 0)
+        of = pool or self.of or (len(self.subjects) if len(selected) < len(self.subjects) else 0)
         # A part of the selected subjects keeps the number that was selected.
-        chosen = (self.chosen or len(self.subjects)) if self.of and not pool else 0
         return replace(
             self,
             subjects=selected,
             of=of if of > len(selected) else 0,
             selected_by=by or self.selected_by,
-            chosen=chosen,
+            chosen=(self.chosen or len(self.subjects)) if self.of and not pool else 0,
         )
 
 
@@ -186,13 +184,12 @@ def _subject(answers: Answers) -> SubjectData:
     planned = None if answers.trials is None else answers.trials - int(_design(answers).get("practice", 0))
     answered = [(row.level, row.correct) for row in answers.main if row.level is not None]
     trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
-    levels = tuple((level, right[level], trials[level]) for level in sorted(trials))
     return SubjectData(
         answers.subject,
         answers.counts() if answers.main else None,
         planned,
         answers.simulated,
-        levels,
+        tuple((level, right[level], trials[level]) for level in sorted(trials)),
         answers,
     )
 
@@ -212,12 +209,11 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
         texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
         text = "; ".join(filter(None, texts))
         numbers = _OF.search(text)
-        chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
         cars = [subject.answers.side_car for subject in task.subjects if subject.answers is not None]
         settings = [car.protocol.get("experiment", {}) for car in cars if car is not None]
         selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]
         # Subjects may be added while the experiment runs.
-        chosen, of = max(selections, default=(chosen, of))
+        chosen, of = max(selections, default=(int(numbers[1]), int(numbers[2])) if numbers else (0, 0))
         n = len(task.subjects)
         selected_tasks.append(
             replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
@@ -305,9 +301,8 @@ class TaskResult(Generic[Subject]):
         """Title of figures: name, comparison, and whether subjects are simulated or selected."""
         about = design_text(self.design)
         text = f"{self.name}: {about}" if about else self.name
-        remarks = ["simulated subjects"] if self.simulated else []
-        if self.selected:
-            remarks.append(self.selected_text if self.of else "selected subjects")
+        selection = self.selected_text if self.of else "selected subjects"
+        remarks = ["simulated subjects"] * self.simulated + [selection] * self.selected
         return f"{text} ({'; '.join(remarks)})" if remarks else text
 
     @property
@@ -414,8 +409,7 @@ def holm(p_values: Sequence[float]) -> list[float]:
     """
     p = np.array(p_values, dtype=np.float64)
     order = np.argsort(p, kind="stable")
-    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    p[order] = np.minimum(stepped, 1.0)
+    p[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
     return list(map(float, p))
 
 

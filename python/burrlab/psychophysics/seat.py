@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from types import TracebackType
 from typing import TextIO
 
 from burrlab.common.check import refuse
@@ -129,9 +128,7 @@ class Keyboard:
         keys.tcsetattr(self._file, keys.TCSADRAIN, mode)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         # Without draining: a terminal that nobody reads must not hold up the program. A closed one has no
         # settings.
         with contextlib.suppress(self._termios.error):
@@ -211,10 +208,8 @@ class TerminalSeat(Seat):
         self._keyboard.__enter__()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._keyboard.__exit__(kind, error, trace)
+    def __exit__(self, *error: object) -> None:
+        self._keyboard.__exit__(*error)
 
     def progress(self, text: str) -> None:
         self._progress = text
@@ -222,15 +217,12 @@ class TerminalSeat(Seat):
     def ready(self, text: str) -> None:
         self._wait_for_space(f"{text}\n\nPress the space bar to go on.")
 
-    def show(self, text: str) -> None:
-        self._page(text)
-
     def begins(self, text: str) -> None:
         self._keyboard.flush()
-        self._page(text, beep=True)
+        self.show(text, beep=True)
 
     def ends(self, text: str, pause: float) -> None:
-        self._page(text, beep=True)
+        self.show(text, beep=True)
         time.sleep(pause)
 
     def done(self) -> bool:
@@ -242,42 +234,41 @@ class TerminalSeat(Seat):
         keys = dict(zip(self.keys, design.answers, strict=True))
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
         self._keyboard.flush()
-        self._page(f"{design.question}\n\n{choices}")
+        self.show(f"{design.question}\n\n{choices}")
         shown_at = time.monotonic()
         key = self._keyboard.pressed(self.keys)
         assert key is not None  # the wait has no time limit
         return keys[key], time.monotonic() - shown_at
 
     def tell(self, text: str) -> None:
-        self._page(text)
+        self.show(text)
         time.sleep(_MOMENT)
 
     def rest(self, text: str, seconds: float) -> None:
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             minutes, rest = divmod(int(left) + 1, 60)
-            self._page(f"{text}\n\nIt goes on in {minutes}:{rest:02d} min.")
+            self.show(f"{text}\n\nIt goes on in {minutes}:{rest:02d} min.")
             time.sleep(min(1.0, left))
         self._wait_for_space(f"{text}\n\nPress the space bar when you are ready.", beep=seconds > 0)
 
     def close(self, text: str) -> None:
         self._progress = ""
-        self._page(text)
+        self.show(text)
 
     def _wait_for_space(self, text: str, *, beep: bool = False) -> None:
         self._keyboard.flush()  # forget keys pressed before the text is shown
-        self._page(text, beep=beep)
+        self.show(text, beep=beep)
         self._keyboard.pressed(SPACE)
 
-    def _page(self, text: str, *, beep: bool = False) -> None:
+    def show(self, text: str, *, beep: bool = False) -> None:
         """Fills the screen: the progress line above, the text bold in the middle."""
         width, height = shutil.get_terminal_size()
         room = max(20, min(60, width - 4))
         lines = [part for line in text.split("\n") for part in textwrap.wrap(line, room) or [""]]
-        if self._plain:
-            page = "\n".join(["", self._progress, *lines, ""])
-        else:
-            left = " " * max(0, (width - max(len(line) for line in lines)) // 2)
+        page = "\n".join(["", self._progress, *lines, ""])
+        if not self._plain:
+            left = " " * max(0, (width - max(map(len, lines))) // 2)
             above = "\n" * max(1, (height - len(lines)) // 2 - 2)
             body = "\n".join(f"{left}\x1b[1m{line}\x1b[0m" for line in lines)
             page = f"\x1b[2J\x1b[H{self._progress}\n{above}{body}\n"
@@ -310,13 +301,12 @@ class Experimenter:
     def __init__(self, log: str | os.PathLike[str], view: str | os.PathLike[str] | None = None) -> None:
         self._view = None if view is None else _open_view(Path(view))
         Path(log).parent.mkdir(parents=True, exist_ok=True)
-        self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by __exit__
+        self._log = open(log, "a", encoding="utf-8", buffering=1)  # noqa: SIM115, closed by __exit__
 
     def say(self, text: str) -> None:
         """Writes a line with the time of day."""
         line = f"{datetime.now():%H:%M:%S} {' '.join(text.split())}\n"
         self._log.write(line)
-        self._log.flush()
         if self._view is not None:
             with contextlib.suppress(OSError):
                 os.write(self._view, line.encode())
@@ -346,10 +336,9 @@ def _open_view(path: Path) -> int:
         f"the experimenter's view must not be the subject's terminal, {path}",
     )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
-    if not stat.S_ISFIFO(kind) and not stat.S_ISCHR(kind):
-        flags |= os.O_CREAT
+    new = 0 if stat.S_ISFIFO(kind) or stat.S_ISCHR(kind) else os.O_CREAT
     try:
-        return os.open(path, flags, 0o666)
+        return os.open(path, flags | new, 0o666)
     except OSError:
         refuse(stat.S_ISFIFO(kind), f"the experimenter's view is a fifo that nobody reads: {path}")
         raise

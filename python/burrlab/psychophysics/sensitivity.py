@@ -96,8 +96,10 @@ class Outcomes:
         """The log-likelihood at the estimate."""
         h, f = self.rates
         positive, trials = self.hits + self.false_alarms, self.signals + self.noises
-        apart = xlogy(self.hits, h) + xlogy(self.signals - self.hits, 1.0 - h)
-        apart = apart + xlogy(self.false_alarms, f) + xlogy(self.noises - self.false_alarms, 1.0 - f)
+        apart = (
+            xlogy(self.hits, h) + xlogy(self.signals - self.hits, 1.0 - h)
+            + xlogy(self.false_alarms, f) + xlogy(self.noises - self.false_alarms, 1.0 - f)
+        )  # fmt: skip
         pooled = xlogy(positive, positive / trials) + xlogy(trials - positive, 1.0 - positive / trials)
         return np.asarray(np.where((h > f) | self.undetermined, apart, pooled))
 
@@ -181,8 +183,9 @@ def binomial(trials: int, log_rate: Floats, log_other: Floats) -> Floats:
 
 def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
     """The p value of d' for the observed outcome: the largest over all criteria."""
-    shape = counts.signals + 1, counts.noises + 1
-    deviance = Outcomes.all(counts.signals, counts.noises).deviance(rule, d_prime).reshape(shape)
+    deviance = (
+        Outcomes.all(counts.signals, counts.noises).deviance(rule, d_prime).reshape(counts.signals + 1, -1)
+    )
     beyond = deviance >= deviance[counts.hits, counts.false_alarms] - _TIE
     of_hits, of_alarms = _probabilities(rule, counts.signals, counts.noises, d_prime)
     return min(float(np.max(np.sum((of_hits @ beyond) * of_alarms, axis=1))), 1.0)
@@ -202,15 +205,14 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     is_open = exact_p_value(counts, rule, LARGEST) > error
     # A deviance this large has a p value below the error rate: each outcome has a probability below
     # exp(-deviance/2).
-    far = 2.0 * math.log((counts.signals + 1) * (counts.noises + 1) / error)
+    far = 2.0 * math.log(outcomes / error)
     grid = np.linspace(0.0, LARGEST, 401)
     near = grid[np.asarray(observed.deviance(rule, grid)) <= far]
     first, last = max(float(near[0]) - 0.1, 0.0), float(near[-1]) + 0.1
     if is_open:
         last = min(last, float(observed.profile_interval(rule, level)[0]) + 1.0)
-    scanned = np.linspace(first, last, _SCANNED)
     estimate = float(observed.estimate(rule)[0])
-    scanned = np.unique(np.append(scanned, min(estimate, last)))
+    scanned = np.unique(np.append(np.linspace(first, last, _SCANNED), min(estimate, last)))
 
     def keeps(d: Floats) -> bool:
         return exact_p_value(counts, rule, float(d)) > error
@@ -562,10 +564,9 @@ def _check(
             )
             probabilities, least = np.convolve(probabilities, row_probabilities), least + low
     table = np.array(rows).sum(axis=0)
-    observed = probabilities[table[0, 0] - least]
-    p = probabilities[probabilities <= observed * (1.0 + _TIES)].sum()
-    smallest = probabilities[probabilities <= probabilities.min() * (1.0 + _TIES)].sum()
-    (n, trials), (m, others) = table.tolist()
-    return PairCheck(
-        types, counted, ((n, trials), (m, others)), min(float(p), 1.0), min(float(smallest), 1.0), meaning
+    p, smallest = (
+        min(float(probabilities[probabilities <= most * (1.0 + _TIES)].sum()), 1.0)
+        for most in (probabilities[table[0, 0] - least], probabilities.min())
     )
+    (n, trials), (m, others) = table.tolist()
+    return PairCheck(types, counted, ((n, trials), (m, others)), p, smallest, meaning)

@@ -116,9 +116,8 @@ class AnswerRow:
 
 def columns_of(task: TaskName, *, limited: bool = False) -> tuple[str, ...]:
     """All columns of a file, in order; with limits those of what they clipped."""
-    places = range(1, INTERVALS[task] + 1)
     columns = [column for column in _NUMBERED if limited or column != "clipped"]
-    numbered = [f"{column}_{place}" for column in columns for place in places]
+    numbered = [f"{column}_{place}" for column in columns for place in range(1, INTERVALS[task] + 1)]
     return (*REQUIRED, "phase", "block", "level", *numbered, "repeats")
 
 
@@ -173,12 +172,11 @@ class RowReader:
             If a field is invalid, or contradicts another field or row; the message names the column.
         """
         fields_read: dict[str, Any] = {}
-        for column in columns_of(self.task, limited=True):
-            if column in fields:
-                try:
-                    fields_read[column] = self._read[_unnumbered(column)](fields[column])
-                except ValueError as error:
-                    raise ValueError(f"column {column}: {error}") from None
+        for column in filter(fields.__contains__, columns_of(self.task, limited=True)):
+            try:
+                fields_read[column] = self._read[_unnumbered(column)](fields[column])
+            except ValueError as error:
+                raise ValueError(f"column {column}: {error}") from None
         for column, name in _NUMBERED.items():
             columns = [f"{column}_{place}" for place in range(1, INTERVALS[self.task] + 1)]
             if fields_read.keys() & columns:
@@ -210,8 +208,7 @@ def _side(row: AnswerRow, answer: str) -> bool | None:
     """Whether the interval with more of the parameter is correct; None if the two intervals are equal."""
     if row.level is None or row.level == 1.0:
         return None
-    comparison = (answer == "first") == (row.trial_type == "CR")
-    return comparison == (row.level > 1.0)
+    return ((answer == "first") == (row.trial_type == "CR")) == (row.level > 1.0)
 
 
 def _check_place(row: AnswerRow, before: AnswerRow) -> None:
@@ -463,13 +460,9 @@ class SideCar:
             not (isinstance(experiment, dict) and isinstance(tasks, dict)),
             "Protocol must have tables of the experiment and its tasks",
         )
-        for key, actual, expected in (
-            ("Design", self.design, tasks.get(self.name)),
-            ("Seed", self.seed, experiment.get("seed")),
-        ):
-            refuse(
-                actual != expected, f"{key} is not that of the Protocol beside it: one of them was changed"
-            )
+        changed = "{} is not that of the Protocol beside it: one of them was changed"
+        refuse(self.design != tasks.get(self.name), changed.format("Design"))
+        refuse(self.seed != experiment.get("seed"), changed.format("Seed"))
         design = design_of_dict(self.design)
         expected = design.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
         refuse(
@@ -542,9 +535,10 @@ def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
 
 def _changes(where: str, was: Any, now: Any) -> tuple[str, ...]:
     if isinstance(was, dict) and isinstance(now, dict):
-        parts = [
-            _changes(f"{where}.{key}" if where else key, was.get(key), now.get(key)) for key in {**was, **now}
-        ]
-        return tuple(change for part in parts for change in part)
+        return tuple(
+            change
+            for key in {**was, **now}
+            for change in _changes(f"{where}.{key}" if where else key, was.get(key), now.get(key))
+        )
     alike = was == now and type(was) is type(now)
     return () if alike else (f"{where} was {shown(was)}, is now {shown(now)}",)

@@ -92,8 +92,7 @@ class StaircaseOrder(Order):
         if self._next is None and done < self.total:
             number, kind = done - design.practice, self._kinds[done]
             if number < 0:
-                easy = kind, design.easy_level()
-                self._next = design._trial(self._draws, easy, done + 1, "practice", 0)
+                self._next = design._trial(self._draws, (kind, design.easy_level()), done + 1, "practice", 0)
             elif (level := self.track.level()) is not None:
                 block = 1 + number * design.blocks // design.trials
                 self._next = design._trial(self._draws, (kind, level), number + 1, "main", block)
@@ -586,8 +585,7 @@ def gaussian_correct(difference: float, threshold: float, lapse: float = LAPSE) 
 
 def gaussian_difference(proportion: float, threshold: float, lapse: float = LAPSE) -> float:
     """The difference at which `gaussian_correct` is this proportion."""
-    d_prime = math.sqrt(2.0) * float(ndtri((proportion - 0.5 * lapse) / (1.0 - lapse)))
-    return threshold * d_prime / _D_PRIME
+    return threshold * (math.sqrt(2.0) * float(ndtri((proportion - 0.5 * lapse) / (1.0 - lapse)))) / _D_PRIME
 
 
 def precision(

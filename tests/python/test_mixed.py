@@ -255,12 +255,47 @@ class TestOffsets:
             fit.likelihood.objective(2.0, 0.08), rel=1e-12
         )
         assert burrlab.fit(curves).status == "poor-fit"
-        with pytest.raises(ValueError, match="compare needs fits of one alpha each"):
+        with pytest.raises(ValueError, match="compare needs fits of one c_e and alpha each"):
             burrlab.compare(fit, apart[0])
-        for data, share, message in ((curves, ("alpha",), r"share must be \('c_e', 'alpha'\) or"),
-                                     (curves[0], ("c_e",), "is for two data sets or more")):  # fmt: skip
+        over = burrlab.VelocityCurve([9.0], [np.nan], radius=3.0, status=["overloaded"])
+        for data, share, message in ((curves, (), "for none fit the sets apart"), (curves[0], ("c_e",), "is for two data sets"),
+                                     ([*curves, over], ("alpha",), "overloaded runs bound one c_e")):  # fmt: skip
             with pytest.raises(ValueError, match=message):
                 burrlab.fit(data, share=share)
+
+    @pytest.mark.parametrize("ratio", [0.4, 1.7])
+    def test_one_drill_in_two_bones(self, ratio, tmp_path):
+        """One alpha and a c_e each, whose forces leave no window in the other's bone."""
+        softer = burrlab.Material("other", c_e=ratio * BONE.c_e, alpha=BONE.alpha)
+        curves = [burrlab.synthetic_curve(burrlab.Burr(R), m, scale * FORCES, scatter=0.05, seed=k)
+                  for k, (R, m, scale) in enumerate(((3.0, BONE, 1.0), (2.0, softer, 0.44 * ratio)))]  # fmt: skip
+        pressed = burrlab.synthetic_indentation(burrlab.Burr(2.0), softer, [0.1, 0.15, 0.2], seed=3)
+        fit = burrlab.fit(curves, share=("alpha",))
+        (own,) = fit.effects
+        assert (own.group, own.quantity, own.levels, fit.status) == ("data set", "c_e", ("2",), "ok")
+        assert own.ends[0] < np.log(ratio) < own.ends[1]
+        assert own.ends[1] - own.ends[0] < 0.1
+        assert BONE.c_e in fit.intervals["c_e"]["95"]
+        assert BONE.alpha in fit.intervals["alpha"]["95"]
+        assert fit.levels("data set")["2"] == pytest.approx((fit.c_e * np.exp(own.values[0]), fit.alpha))
+        assert fit.residual_norm < 0.07
+        moved = curves[0].force * np.exp(-0.3), curves[1].force  # F/c_e alone counts
+        scaled = replace(curves[0], force=moved[0]), curves[1]
+        other = burrlab.fit(scaled, share=("alpha",))
+        assert other.effects[0].values[0] == pytest.approx(own.values[0] + 0.3, abs=1e-3)
+        assert other.alpha == pytest.approx(fit.alpha, rel=1e-3)
+        fit.to_json(tmp_path / "fit.json")
+        again = burrlab.Fit.from_json(tmp_path / "fit.json")
+        assert again.likelihood.objective(2.0, 0.08) == pytest.approx(
+            fit.likelihood.objective(2.0, 0.08), rel=1e-12
+        )
+        assert len(fit.bootstrap(5, seed=1).c_e) == 5
+        fit.report()
+        fit.plot()
+        both = burrlab.fit([*curves, pressed], share=("alpha",))
+        of = {level: c_e for level, (c_e, _) in both.levels("data set").items()}
+        assert of["3"] == pytest.approx(softer.c_e, rel=0.15)
+        assert both.predicted[-3:] == pytest.approx(pressed.force, rel=0.3)
 
     def test_what_would_repair_the_fit(self):
         """A tare, another law and a diameter are found; the right model is not told to be repaired."""

@@ -371,8 +371,8 @@ def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Seque
         any(fit.given_bounds for fit in fits), "compare needs fits without bounds, for these cut intervals"
     )
     refuse(
-        any(x.quantity == "alpha" and x.deviation is None for fit in fits for x in fit.effects),
-        "compare needs fits of one alpha each: fit the data sets apart",
+        any(x.group == "data set" and x.deviation is None for fit in fits for x in fit.effects),
+        "compare needs fits of one c_e and alpha each: fit the data sets apart",
     )
     refuse(
         margin is not None and not 0 < scalar(margin, "margin") <= 1,

@@ -128,9 +128,10 @@ def fit(
         ``"surface"``, ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). They are
         taken within half the median force, R/10, and a factor of e (standard deviations, ours): more than data that
         tell them leave open.
-    share : ("c_e", "alpha") or ("c_e",)
+    share : ("c_e", "alpha"), ("c_e",) or ("alpha",)
         What several data sets have in common. With c_e alone, such as of two drills in one bone, each has an alpha of
-        its own: `alpha` is then that of the first, and `effects` has ln of the others' over it.
+        its own, with alpha alone a c_e: `alpha` or `c_e` is then that of the first, and `effects` has ln of the others'
+        over it.
     known : dict, optional
         ``{"c_e": (value, standard deviation)}`` from elsewhere [N/mm^2], or of ``"alpha"`` [1/ms]; a value alone is
         taken to 0.1 %.
@@ -215,9 +216,10 @@ def fit(
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
     check_offsets(uncertain, estimate)
+    apart = _apart(share, sets)
     observations, beliefs = Observations.of(sets, burr, groups), _beliefs(known)
     given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
-    components = components_of(observations, uncertain, (*estimate, *_own_alphas(share, sets)))
+    components = components_of(observations, uncertain, (*estimate, *apart))
     mixed = bool(components or beliefs)
     kind = _likelihood_kind(observations, residuals, mixed)
     _check_voxels(voxels, seed, {"surface", "radius"} & {*(uncertain or {}), *estimate})
@@ -300,14 +302,19 @@ def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
     return ({"groups": groups} if groups else {}) | ({"known": known} if known else {})
 
 
-def _own_alphas(share: Sequence[str], sets: Sequence[Data]) -> tuple[str, ...]:
-    """What data sets do not share: nothing, or alpha."""
+def _apart(share: Sequence[str], sets: Sequence[Data]) -> tuple[str, ...]:
+    """What data sets do not share: nothing, c_e or alpha."""
     refuse(
-        {*share} not in ({"c_e", "alpha"}, {"c_e"}),
-        f"share must be ('c_e', 'alpha') or ('c_e',): got {share!r}",
+        not {*share} <= {"c_e", "alpha"} or not share,
+        f"share must be ('c_e', 'alpha'), ('c_e',) or ('alpha',), and for none fit the sets apart: got {share!r}",
     )
-    refuse("alpha" not in share and len(sets) < 2, "share=('c_e',) is for two data sets or more: got one")
-    return () if "alpha" in share else ("alpha",)
+    apart = tuple({"c_e", "alpha"} - {*share})
+    refuse(apart and len(sets) < 2, f"share={tuple(share)} is for two data sets or more: got one")
+    over = any(isinstance(x, VelocityCurve) and "overloaded" in (x.status or ()) for x in sets)
+    refuse(
+        over and "c_e" in apart, "overloaded runs bound one c_e: leave them out where data sets have one each"
+    )
+    return apart
 
 
 def _box(likelihood: Likelihood, bounds: Bounds) -> Box:

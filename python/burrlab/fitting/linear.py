@@ -35,7 +35,7 @@ from burrlab.theory.continuum import WINDOW_STOP
 Uncertain: TypeAlias = Mapping[str, float | tuple[float, str]]
 #: Offsets, and their units
 OFFSETS = {"force": "N", "surface": "mm", "radius": "mm"}
-OWN_ALPHA = 3.0  # standard deviation of ln alpha of data sets that have one each: a factor of 20 (ours)
+OWN = 3.0  # standard deviation of ln c_e or ln alpha of data sets that have one each: a factor of 20 (ours)
 _RIDGE = 1e-10  # of the information's trace, added to it: along a ridge it has one direction alone
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
 STEP = 0.005  # of radius and least force: offsets that the rows are moved by are multiples, so that windows recur
@@ -47,7 +47,7 @@ _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest s
 class Component:
     """One quantity that differs between the levels of a group, and their standard deviation where it is given.
 
-    `told` is an offset of one level that the data shall tell, a parameter of the fit; or alphas of data sets.
+    `told` is an offset of one level that the data shall tell, a parameter of the fit; or c_e or alpha of data sets.
     """
 
     group: Group
@@ -55,6 +55,11 @@ class Component:
     deviation: float | None = None
     told: bool = False
     varies: bool = False  # of a pair: by how much the difference of two sets varies
+
+    @property
+    def moves(self) -> bool:
+        """Whether rows are moved by it, as its effect is not linear; of alpha and days it is."""
+        return self.quantity in OFFSETS or (self.told and self.quantity == "c_e")
 
     def of_rows(self, o: Observations) -> "Component":
         """The same of other rows."""
@@ -68,7 +73,7 @@ def components_of(
     """What differs between the groups, and the offsets.
 
     alpha differs by day; c_e, from three specimens on, and alpha by specimen. A group of one level tells nothing, as
-    does one with a level for every run. "alpha" in `estimate` gives each data set an alpha of its own.
+    does one with a level for every run. "c_e" or "alpha" in `estimate` gives each data set one of its own.
     """
     components = []
     for group in observations.groups:
@@ -96,7 +101,7 @@ def components_of(
             f"uncertain of {name} must be below {room:.3g} mm, so that windows stay between 0 and R: got {deviation:g}",
         )
     lengths, force = float(observations.radius.max()) / 10, float(np.median(observations.force)) / 2
-    weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0, "alpha": OWN_ALPHA}
+    weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0, "c_e": OWN, "alpha": OWN}
     return (
         *components,
         *(Component(_told_group(observations, name), name, weak[name], True) for name in estimate),
@@ -104,8 +109,8 @@ def components_of(
 
 
 def _told_group(o: Observations, quantity: str) -> Group:
-    """Where what the data shall tell differs: alpha between the first data set and others, all else nowhere."""
-    if quantity == "alpha":
+    """Where what the data shall tell differs: c_e and alpha between the first data set and others, all else nowhere."""
+    if quantity in ("c_e", "alpha"):
         return Group(o.sets.name, o.sets.levels[1:], o.sets.velocity - 1, o.sets.pressed - 1)
     return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
 
@@ -139,8 +144,8 @@ def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Fl
     """The likelihood of the rows as they were with some offsets; `shifts` has a number for each level."""
     o = likelihood.observations
     for component, block in zip(components, blocks_of(components), strict=True):
-        u = shifts[block]
-        if component.quantity in OFFSETS and u.any():
+        u = np.append(shifts[block], 0.0)  # a level of -1 has none
+        if component.moves and u.any():
             o = o.moved(component.quantity, u[component.group.velocity], u[component.group.pressed])
     return (
         likelihood

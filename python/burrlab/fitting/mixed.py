@@ -36,7 +36,7 @@ from burrlab.fitting.linear import (
 from burrlab.fitting.observations import Floats, Observations, Rows
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
-from burrlab.theory.continuum import WINDOW_STOP
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
@@ -62,18 +62,31 @@ def at_best_variances(
         "force": STEP * forces.min(),
         "surface": STEP * o.radius.max(),
         "radius": STEP * o.radius.max(),
+        "c_e": EDGE,
     }
-    least = {"force": -0.5 * forces.min(), "surface": -0.5 * depths.min(), "radius": -0.5 * o.radius.min()}
-    moved, shifts = likelihood, np.zeros(blocks[-1].stop if blocks else 0)
+    room = 0.5 * np.min(
+        o.radius - np.where(np.isnan(o.window_start), WINDOW_START * o.radius, o.window_start)
+    )
+    ends = {  # so that windows stay between 0 and R
+        "force": (-0.5 * forces.min(), np.inf),
+        "surface": (-0.5 * depths.min(), room),
+        "radius": (-room, np.inf),
+        "c_e": (-np.inf, np.inf),
+    }
+    shifts = _first_shifts(likelihood, components, point)
+    moved = moved_by(likelihood, components, shifts)
+    if moved is not likelihood:
+        eased = float(moved.observations.c_e_bounds().max() / o.c_e_bounds().max())
+        c_e, point = (c_e[0] * eased, c_e[1] * eased), (point[0] * eased, point[1])
     for _ in range(_ROUNDS):
         equations = reml(LinearModel(moved, components, point, shifts))
         last, step = point, np.clip(-equations.solution[-2:], -0.5, 0.5)
         point = float(np.clip(point[0] * np.exp(step[0]), *c_e)), float(point[1] * np.exp(step[1]))
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
-            if component.quantity in OFFSETS and isinstance(likelihood.model, MeanFieldModel):
+            if component.moves and isinstance(likelihood.model, MeanFieldModel):
                 u, unit = -equations.solution[block], steps[component.quantity]
-                near = np.maximum(unit * np.round(u / unit), least[component.quantity])
+                near = np.clip(unit * np.round(u / unit), *ends[component.quantity])
                 beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, near, shifts[block])
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)
@@ -83,6 +96,22 @@ def at_best_variances(
         elif np.abs(np.log(np.divide(point, last))).max() < _CLOSE:
             break
     return MixedLikelihood(moved, components, point, shifts, equations.scatter2, equations.effect2), point
+
+
+def _first_shifts(
+    likelihood: Likelihood, components: Sequence[Component], point: tuple[float, float]
+) -> Floats:
+    """0, and ln c_e of data sets that have one each, over the first's: from their velocities as on a ridge."""
+    shifts = [np.zeros(len(component.group.levels)) for component in components]
+    for component, u in zip(components, shifts, strict=True):
+        if component.moves and component.quantity not in OFFSETS:
+            o = likelihood.observations
+            faster = np.log(o.velocity) - likelihood.model.log_unit(point[0])
+            softer = -0.75 * faster / (likelihood.model.shape.order + 1)
+            for level in range(len(u)):
+                own, first = (softer[component.group.velocity == k] for k in (level, -1))
+                u[level] = own.mean() - first.mean() if len(own) and len(first) else 0.0
+    return np.concatenate([np.empty(0), *shifts])
 
 
 @dataclass(frozen=True, eq=False)
@@ -508,11 +537,11 @@ def _offset_sentences(
     sentences = []
     for k, (component, x) in enumerate(zip(likelihood.components, effects, strict=True)):
         unit = f" {OFFSETS[x.quantity]}" if x.quantity in OFFSETS else ""
-        if x.deviation is None and x.quantity == "alpha":
+        if x.deviation is None and x.quantity in ("c_e", "alpha"):
             for level in map(x.level, range(len(x.levels))):
                 low, ratio, high = np.exp([level.ends[0], level.values[0], level.ends[1]])
                 sentences.append(
-                    f"alpha of data set {level.levels[0]} is {ratio:.3g} times that of the first ({low:.3g} to {high:.3g}, "
+                    f"{x.quantity} of data set {level.levels[0]} is {ratio:.3g} times that of the first ({low:.3g} to {high:.3g}, "
                     f"{p_text(level.p_value)})."
                 )
         elif x.deviation is None:

@@ -197,9 +197,10 @@ class Observations:
 
         Parameters
         ----------
-        offset : {"force", "surface", "radius"}
+        offset : {"force", "surface", "radius", "c_e"}
         velocity, pressed : float or ndarray
-            True less measured force [N], depth or radius [mm], of velocity rows and of pressed rows. Windows stay
+            True less measured force [N], depth or radius [mm], of velocity rows and of pressed rows; or ln of their
+            c_e over that of others, as which less force and more depth count. Windows stay
             where they were measured, in mm, and end at R at the latest.
         """
         start, end = (
@@ -212,6 +213,11 @@ class Observations:
             [F + by * (offset == "force"), stop + by * (offset == "surface"), R + by * (offset == "radius")]
         )
         moved = replace(self, window_start=start, window_end=end, overloaded=overloaded)
+        if offset == "c_e":
+            return replace(
+                self, force=self.force * np.exp(-velocity), measured_force=self.recorded_force,
+                pressed_depth=self.pressed_depth * np.exp(pressed / 1.5),
+            )  # fmt: skip
         if offset == "force":
             return replace(
                 moved,

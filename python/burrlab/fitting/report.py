@@ -139,7 +139,8 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
         if x.interval is not None and x.deviation is not None:
             rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *_ends(x.interval)))
         for k, label in enumerate(x.levels if x.deviation is None else ()):
-            of = f"ln alpha, data set {label} over 1" if x.quantity == "alpha" else f"offset of {x.quantity}"
+            own = x.quantity in ("c_e", "alpha")
+            of = f"ln {x.quantity}, data set {label} over 1" if own else f"offset of {x.quantity}"
             rows.append((of, OFFSETS.get(x.quantity, "1"), x.values[k], *x.level(k).ends))
     for s in fit.evidence.scatters if fit.evidence else ():
         if not s.known:

@@ -6,9 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from matplotlib.axes import Axes
 
 import burrlab._core as _core
 from burrlab._core import Tissues
@@ -17,10 +18,6 @@ from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
 from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 #: Distances within which time is counted [mm], and within which force is looked at [mm].
 WITHIN: tuple[float, ...] = tuple(_core.dose_edges)
@@ -104,9 +101,10 @@ def dose_table(doses: Sequence[Dose]) -> str:
         )
         lines.append(f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{force}")
     lines.append(f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in edges))
-    for d in doses:
-        times = "".join(f"{d.time_within[edge]:9.2f}" for edge in edges)
-        lines.append(f"{d.burr:<5}{d.structure:<{width}}{times}")
+    lines += [
+        f"{d.burr:<5}{d.structure:<{width}}" + "".join(f"{d.time_within[edge]:9.2f}" for edge in edges)
+        for d in doses
+    ]
     return "\n".join(lines)
 
 
@@ -182,8 +180,7 @@ class AnatomyReport:
     @property
     def closest(self) -> dict[str, float]:
         """Smallest distance of a burr's surface to each structure [mm]; infinite if none came near."""
-        doses = self.watched.doses
-        return {name: float(doses[:, i]["closest_mm"].min()) for i, name in enumerate(self.structures)}
+        return dict(zip(self.structures, self.watched.doses["closest_mm"].min(axis=0).tolist(), strict=True))
 
     @property
     def removed(self) -> dict[str, float]:
@@ -211,8 +208,10 @@ class AnatomyReport:
 
     @property
     def _injury_volumes(self) -> dict[str, float]:
-        rows = self.settings.get("structures", ())
-        return {row["name"]: float(row["injury_mm3"]) or INJURY_VOLUME for row in rows}
+        return {
+            row["name"]: float(row["injury_mm3"]) or INJURY_VOLUME
+            for row in self.settings.get("structures", ())
+        }
 
     def dose(self, structure: str, burr: int = 0) -> Dose:
         """The dose of a burr beside a structure.
@@ -287,7 +286,7 @@ class AnatomyReport:
         return f"<pre>{html.escape(str(self))}</pre>"
 
     @drawing
-    def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> "list[Axes]":
+    def plot(self, ax: Panels = None, *, label: str | None = None, **style: Any) -> list[Axes]:
         """Charts of the time within a distance of structures, and of the force there.
 
         Drawn are the five structures that burrs came nearest to; the title says how many are left out. A second

@@ -1,9 +1,10 @@
 """Comparison of the removed bone with a target, by tissue."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from numpy.typing import NDArray
 
@@ -15,10 +16,6 @@ from burrlab.common.figures import axes_or_new, drawing
 from burrlab.common.progress import doing
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 Floats = NDArray[np.float64]
 
@@ -96,15 +93,14 @@ class TargetComparison:
         return self.table()
 
     def _repr_html_(self) -> str:
-        columns: dict[str, list[Any]] = {"tissue": list(self.tissues)}
-        columns.update({f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS})
+        volumes = {f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS}
         title = f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}"
-        return html_table(title, columns)
+        return html_table(title, {"tissue": self.tissues, **volumes})
 
     @drawing
     def plot(
-        self, ax: "Axes | None" = None, *, label: str | None = None, color: Any = None, **style: Any
-    ) -> "Axes":
+        self, ax: Axes | None = None, *, label: str | None = None, color: Any = None, **style: Any
+    ) -> Axes:
         """Bars of the three volumes, a row a tissue.
 
         `label` is said before each part, `color` fades from part to part, `style` is that of the bars.

@@ -393,8 +393,9 @@ def effects_of(
             f"ticks of the frames must be from {first} to {first + player.ticks}, got {min(ticks)} to "
             f"{max(ticks)}"
         )
-    again = ((player.seek_tick(tick), seconds, decision) for seconds, tick, decision in frames)
-    return _stepped(player, effects, again)
+    return _stepped(
+        player, effects, ((player.seek_tick(tick), seconds, decision) for seconds, tick, decision in frames)
+    )
 
 
 #: Bricks that changed, seconds that a frame stands for, the clock's decision.

@@ -116,10 +116,10 @@ def export_volumetric_drilling(
         Path(path).exists() and Path(path).samefile(trace.path),
         f"path must be another file than the trace, got {path}",
     )
-    center = trace.array("center_mm", burr) / 1000.0
     start = float(trace.provenance["started_unix_s"])
     stamps = start + trace.time()
-    pose = np.hstack([center, np.roll(trace.array("orientation", burr), -1, axis=1)])  # w last
+    turn = np.roll(trace.array("orientation", burr), -1, axis=1)  # w last
+    pose = np.hstack([trace.array("center_mm", burr) / 1000.0, turn])
     with new_file(path) as part:
         grid = _SliceGrid.of(trace._bone, trace.source)
         with new_hdf5(part) as file:
@@ -134,18 +134,18 @@ def export_volumetric_drilling(
             volume.attrs["units"] = "mm^3, millimeters cubed"
             about.create_dataset("README", data=_README)
             rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
-            drills, volumes = pose[rows], np.tile(grid.pose(trace._bone), (len(rows), 1))
             _put(
                 group("data"),
                 time=stamps[rows],
-                pose_mastoidectomy_drill=drills,
-                pose_mastoidectomy_volume=volumes,
+                pose_mastoidectomy_drill=pose[rows],
+                pose_mastoidectomy_volume=np.tile(grid.pose(trace._bone), (len(rows), 1)),
             )
             _put(group("high_frequency_poses/mastoidectomy_drill"), time_stamp=stamps, pose=pose)
             wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
             _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
-            whole = np.int64 if layout == "new" else np.int32
-            size = np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole)
+            size = np.array([2 * trace.tools[burr][0].radius]).astype(
+                np.int64 if layout == "new" else np.int32
+            )
             _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
             _write_voxels(group("voxels_removed"), trace, grid, stamps, reporter(progress, "export"))
 

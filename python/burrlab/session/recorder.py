@@ -30,6 +30,7 @@ from burrlab.session.trace import (
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
 _INTERVAL = 0.02  # [s] between two looks at the ring
 _MOST = 20_000  # records taken at once
+_write = os.pwrite  # a name of its own, for tests with a full disk
 _BROKEN = _OVERWRITTEN, _CUT = "was overwritten", "was cut short"  # by another program
 
 
@@ -335,10 +336,6 @@ class TraceWriter:
             except (RuntimeError, ValueError, KeyError) as error:
                 raise OSError(f"{place} could not be made: {error}") from None
             _name(part, Path(place))
-
-
-def _write(file: int, data: bytes | memoryview, at: int) -> int:
-    return os.pwrite(file, data, at)
 
 
 def _name(part: Path, path: Path) -> None:

@@ -125,9 +125,7 @@ def replay(trace: Trace, *, progress: Progress | None = None, until: int | None 
         not 0 <= end <= len(trace),
         f"until must be from {trace.first_tick} to {trace.first_tick + len(trace)}, got {until}",
     )
-    executor, path = executor_of(trace), _core.cpu_path()
-    bone = executor.bone
-    first = trace.first_tick
+    executor, path, first = executor_of(trace), _core.cpu_path(), trace.first_tick
     digests = {tick - first: digest for tick, digest in trace.digests if first <= tick <= first + end}
     marks = sorted({*digests, *range(0, end, _BATCH), end})
     done = compared = 0
@@ -140,12 +138,12 @@ def replay(trace: Trace, *, progress: Progress | None = None, until: int | None 
             done = mark
         if difference is None and mark in digests:
             compared += 1
-            if (digest := bone.digest()) != digests[mark]:
+            if (digest := executor.bone.digest()) != digests[mark]:
                 difference = Difference(executor.tick, None, "digest", digests[mark], digest)
         report(done / max(end, 1))
         if difference is not None:
             break
-    return Replay(done, compared, difference, executor.tick, path, bone)
+    return Replay(done, compared, difference, executor.tick, path, executor.bone)
 
 
 def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> TickExecutor:
@@ -159,10 +157,8 @@ def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> T
 def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
     """Records without the model's results, so that no recorded value can pass for a replayed one."""
     blank = np.zeros_like(rows)
-    for name in ("index", "k"):
-        blank[name] = rows[name]
-    for name in ("center_mm", "on"):
-        blank["burr"][name] = rows["burr"][name]
+    blank[["index", "k"]] = rows[["index", "k"]]
+    blank["burr"][["center_mm", "on"]] = rows["burr"][["center_mm", "on"]]
     return to_records(blank, _core.record_dtype)
 
 

@@ -160,10 +160,10 @@ class Safety:
 
     def check_structures(self, watch: Watch | None, wall_clock: bool) -> None:
         """ValueError unless a session sees how near the burrs come to each structure of `stop_within`."""
-        if self.stop_within and (watch is None or not wall_clock):
-            raise ValueError(
-                "stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock"
-            )
+        refuse(
+            self.stop_within and (watch is None or not wall_clock),
+            "stop_within must be used with a watch, which needs a bone with tissues, and on the wall clock",
+        )
         for name in self.stop_within:
             check_structure(name, () if watch is None else watch.structures)
 

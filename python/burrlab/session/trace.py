@@ -212,9 +212,8 @@ def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
             _copy_table(raw[name], file, int(raw[count][()]), int(raw.attrs["first_tick"]))
         if GROUP in raw:
             watch, compact = raw[GROUP], file.create_group(GROUP)
-            for name in watch:
-                if name != "events":
-                    watch.copy(name, compact)
+            for name in [part for part in watch if part != "events"]:
+                watch.copy(name, compact)
             _copy_table(watch["events"], compact, int(watch["events_recorded"][()]))
 
 
@@ -435,10 +434,10 @@ class Trace:
             values = self.array(name, burr)
             if values.ndim == 1:
                 columns[name] = values
-                continue
-            stem, unit = re.fullmatch("(.*?)(_mm|_mm_s|_N|)", name).groups()  # type: ignore[union-attr]
-            parts = zip("wxyz"[-values.shape[1] :], values.T, strict=True)
-            columns.update({f"{stem}_{part}{unit}": column for part, column in parts})
+            else:
+                stem, unit = re.fullmatch("(.*?)(_mm|_mm_s|_N|)", name).groups()  # type: ignore[union-attr]
+                parts = zip("wxyz"[-values.shape[1] :], values.T, strict=True)
+                columns |= {f"{stem}_{part}{unit}": column for part, column in parts}
         return dataframe(columns).set_index("index")
 
     def __repr__(self) -> str:
@@ -497,8 +496,8 @@ def _read(file: "h5py.File", path: Path) -> Trace:
     tools = tuple(tool_of(row, name=row["material"], source=row["source"]) for row in rows)
     devices = tuple(row["device"] for row in rows)
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
-    names_read = (*devices, *(material.name for _, material in tools))
-    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names_read)
+    names = (*devices, *(material.name for _, material in tools))
+    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in names)
     refuse(
         not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
         f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 "
@@ -515,9 +514,9 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         tick != first or bone.digest() != about["initial_digest"],
         f"{path} is damaged: its volume is not the one that the session began with",
     )
-    names = ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
     made_by = {
-        name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)() for name in names
+        name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)()
+        for name in ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
     }
     return Trace(
         path, ticks, tools, devices, seed, float(about["period_ms"]), scheme,

@@ -124,16 +124,12 @@ def dicom_files(folder: str | os.PathLike[str], *, below: bool = False) -> tuple
 
     A DICOM file has DICM at byte 128, or ends in .dcm or .dicom. The index (DICOMDIR) is in neither list.
     """
-    slice_files, others = [], []
-    for path in sorted(Path(folder).rglob("*") if below else Path(folder).iterdir()):
-        if not path.is_file() or path.name.upper() == "DICOMDIR":
-            continue
-        if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom"):
-            slice_files.append(str(path))
-        elif not path.name.startswith(".") and path.name != IN_FOLDER:
-            others.append(path.name)
-    refuse(not slice_files, f"{os.fspath(folder)}: the folder holds no DICOM files")
-    return slice_files, others
+    files = Path(folder).rglob("*") if below else Path(folder).iterdir()
+    paths = {path for path in files if path.is_file() and path.name.upper() != "DICOMDIR"}
+    slices = {path for path in paths if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom")}
+    refuse(not slices, f"{os.fspath(folder)}: the folder holds no DICOM files")
+    others = (path.name for path in sorted(paths - slices) if not path.name.startswith("."))
+    return list(map(str, sorted(slices))), [name for name in others if name != IN_FOLDER]
 
 
 def holds_dicom(folder: str | os.PathLike[str]) -> bool:

@@ -85,25 +85,20 @@ class OnGrid(ABC):
     @property
     def voxels(self) -> NDArray[Any]:
         """Grey values or labels, shape (z, y, x)."""
-        voxels: NDArray[Any] = getattr(self, self._ARRAY)
-        return voxels
+        return cast(NDArray[Any], getattr(self, self._ARRAY))
 
     def _moved(self, voxels: NDArray[Any], note: str, **grid: Array) -> Self:
         """The volume with other voxels and another grid; grey values get a note."""
         notes = {"notes": (*self.notes, note)} if self._ARRAY == "values" else {}
-        moved: Self = replace(cast(Any, self), **{self._ARRAY: voxels}, **notes, **grid)
-        return moved
+        return cast(Self, replace(cast(Any, self), **{self._ARRAY: voxels}, **notes, **grid))
 
     def _check(self, voxels: NDArray[Any]) -> None:
         """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if it is wrong."""
-        read_only = voxels.view()
-        read_only.flags.writeable = False
-        grid = {
-            "spacing": checked_spacing(self.spacing),
+        self.__dict__.update({
+            self._ARRAY: np.broadcast_to(voxels, voxels.shape), "spacing": checked_spacing(self.spacing),
             "origin": checked_point(self.origin, f"{self.path}: origin"),
             "direction": checked_direction(self.direction, self.path),
-        }
-        self.__dict__.update({self._ARRAY: read_only, **grid})
+        })  # fmt: skip
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -225,8 +220,8 @@ class OnGrid(ABC):
         return np.asarray(self.origin + self.patient_point((spacing - self.spacing) / 2))
 
     def __repr__(self) -> str:
-        kind, sizes = type(self).__name__, _times(self.shape[::-1])
-        return f"{kind}({sizes} voxels of {_times(self.spacing)} mm, {self.voxels.dtype}, {self.path})"
+        grid = f"{_times(self.shape[::-1])} voxels of {_times(self.spacing)} mm"
+        return f"{type(self).__name__}({grid}, {self.voxels.dtype}, {self.path})"
 
 
 def box_text(grid: OnGrid) -> str:
@@ -715,14 +710,14 @@ def specimen_in(
     refuse(
         beyond > math.hypot(*(high - low)),
         f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
-        + _place(grid, at),
+        + _place(low, high, at),
     )
     surface = surface_along(bone, start, direction)
     if surface is None:
         greys = f", whose grey values are {whole().min():g} to {whole().max():g}" if whole else ""
         raise ValueError(
             f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {grid.path}{greys}; "
-            + _place(grid, at)
+            + _place(low, high, at)
         )
     refuse(
         np.array_equal(surface, start),
@@ -732,9 +727,8 @@ def specimen_in(
     return Specimen(bone, surface, direction, source, provenance)
 
 
-def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
-    """Sentence on where a volume lies, for a point outside it."""
-    low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
+def _place(low: Array, high: Array, entry: Array) -> str:
+    """Sentence on where a volume lies, from its least to its largest corner, for a point outside it."""
     sentence = f"the volume lies from {point_text(np.round(low, 2) + 0.0)} to {point_text(np.round(high, 2) + 0.0)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
     if np.all((low <= mirrored) & (mirrored <= high)) and not np.all((low <= entry) & (entry <= high)):
@@ -825,17 +819,15 @@ class LabelVolume(OnGrid):
         # Columns: one voxel of the volume along the axes of the labels [mm].
         steps = (self.direction.T @ volume.direction) * volume.spacing
         z, y, x = (np.arange(n) for n in volume.shape)
-        sizes = self.shape[::-1]
+        spacing, sizes = (np.reshape(along, (3, 1, 1)) for along in (self.spacing, self.shape[::-1]))
         resampled, covered = np.zeros(volume.shape, self.labels.dtype), 0
-        for k in z:  # plane by plane: no large arrays of indices
-            inside = np.ones((len(y), len(x)), bool)
-            places = []
-            for axis in range(3):
-                along = start[axis] + steps[axis, 0] * x + (steps[axis, 1] * y)[:, None] + steps[axis, 2] * k
-                place = np.ceil(along / self.spacing[axis] - 0.5 - 1e-9).astype(np.int64)
-                inside &= (place >= 0) & (place < sizes[axis])
-                places.append(np.clip(place, 0, sizes[axis] - 1))
-            resampled[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
+        # Along each axis of the labels, for a plane of voxels at a time: no large arrays of indices.
+        across = start[:, None] + steps[:, 0, None] * x
+        for k in z:
+            along = across[:, None] + (steps[:, 1, None] * y)[:, :, None] + (steps[:, 2] * k)[:, None, None]
+            places = np.ceil(along / spacing - 0.5 - 1e-9).astype(np.int64)
+            inside = np.all((places >= 0) & (places < sizes), axis=0)
+            resampled[k] = np.where(inside, self.labels[tuple(np.clip(places, 0, sizes - 1)[::-1])], 0)
             covered += int(np.count_nonzero(inside))
         refuse(
             not covered,

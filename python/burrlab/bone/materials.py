@@ -36,11 +36,12 @@ class Materials(Mapping[str, Material]):
         return len(self._named)
 
     def __repr__(self) -> str:
-        lines = [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source"]
-        lines += [
+        rows = (
             f"{m.name:<10} {m.c_e:>12} {m.alpha:>12}  {m.shape.name:<10} {m.source}" for m in self.values()
-        ]
-        return "\n".join(lines)
+        )
+        return "\n".join(
+            [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source", *rows]
+        )
 
 
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:

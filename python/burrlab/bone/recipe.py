@@ -128,8 +128,7 @@ class _FileRecipe(BoneRecipe):
 
     def at(self, path: str | os.PathLike[str]) -> Self:
         """The same recipe with another path of its main file."""
-        moved: Self = replace(cast(Any, self), **{self._file: os.fspath(path)})
-        return moved
+        return cast(Self, replace(cast(Any, self), **{self._file: os.fspath(path)}))
 
     @abstractmethod
     def grid(self) -> OnGrid:

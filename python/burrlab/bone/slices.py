@@ -10,7 +10,7 @@ import struct
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -269,7 +269,7 @@ class Palette:
             self.names[label], self.colours[label] = name, colour
         refuse(not self.colours, "palette must have a colour")
         self.unknown, self._named = _checked_unknown(unknown, {0: "", **self.names})
-        self._ranked = None if ranking is None else self._by_rank(ranking)
+        self._ranked = {} if ranking is None else self._by_rank(ranking)
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
         )
@@ -321,7 +321,7 @@ class Palette:
             summed = kinds[:, 3] == 256 - count
             if count > 2:  # earlier versions knew two alone: what they read stays as it was
                 summed &= strange & (self.unknown == "refuse")
-            if self._ranked is None or not summed.any() or math.comb(len(self.colours), count) >= _UNCLEAR:
+            if not self._ranked or not summed.any() or math.comb(len(self.colours), count) >= _UNCLEAR:
                 continue
             if count not in self._sums:
                 self._sums[count] = self._sums_of(count)
@@ -349,9 +349,8 @@ class Palette:
             for (code, count), label, distance in zip(order, labels.tolist(), apart.tolist(), strict=True)
         )  # fmt: skip
 
-    def notes(self, name: str, unknown: Sequence[Mapping[str, Any]]) -> list[str]:
+    def notes(self, name: str, unknown: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         """Notes on sums and unknown colours; ValueError if unknown colours are refused."""
-        notes = []
         for count, overlaps in self._overlaps.items():
             colours_text = "; ".join(
                 f"{voxels} of {', '.join(first)} and {last} as {self.names[int(self._sums[count].winners[place])]}"
@@ -359,11 +358,9 @@ class Palette:
                 for *first, last in [[self.names[label] for label in self._sums[count].groups[place - 1]]]
             )
             if colours_text:
-                notes.append(
-                    f"voxels of {_SUMMED[count]} structures that overlap, by the sum of their colours: {colours_text}"
-                )
+                yield f"voxels of {_SUMMED[count]} structures that overlap, by the sum of their colours: {colours_text}"
         if not unknown:
-            return notes
+            return
         pixels, kinds = sum(self._strange.values()), len(unknown)
         many = f"{pixels} pixel{'s' if pixels > 1 else ''} of {kinds} colour{'s' if kinds > 1 else ''} that are in no table"
         colours_text = "; ".join(
@@ -380,19 +377,17 @@ class Palette:
             "never as a critical structure or empty",
         )
         replacement = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
-        notes.append(f"{many} were taken as {replacement}: {colours_text}")
+        yield f"{many} were taken as {replacement}: {colours_text}"
         if self._spared:
             instead = " or ".join(self.names[i] for i in self._bones) or "label 0: the table has no bone"
             colours_text = ", ".join(f"{self.names[i]} {count}" for i, count in self._spared.most_common())
-            notes.append(
+            yield (
                 "pixels whose nearest colour is a critical structure's, or of what is empty, were taken as "
                 f"{instead} ({colours_text}); unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that "
                 "structure"
             )
-        return notes + [
-            f"{count} pixels were taken as {self.names[label]} by their nearest colour, as asked"
-            for label, count in self._guessed.items()
-        ]
+        for label, count in self._guessed.items():
+            yield f"{count} pixels were taken as {self.names[label]} by their nearest colour, as asked"
 
     def _of_strange(self, codes: NDArray[np.uint32], strange: NDArray[np.bool_], path: Path) -> NDArray[Any]:
         kinds, first, inverse, counts = np.unique(
@@ -405,7 +400,7 @@ class Palette:
         if self.unknown != "nearest":
             return np.full(inverse.shape, 0 if self.unknown == "refuse" else self.unknown)
         assigned = self._nearest(kinds, list(self.colours))[0]
-        if self._ranked is not None:
+        if self._ranked:
             spared = np.isin(assigned, list(self._spare - set(self._named)))
             for label, count in zip(assigned[spared].tolist(), counts[spared].tolist(), strict=True):
                 self._spared[label] += count
@@ -433,7 +428,7 @@ class Palette:
         A group's sum must lie within 1 a channel, modulo 256. The sum of no other group of as many, and no
         single colour of the table, may lie within 2.
         """
-        assert self._ranked is not None
+
         groups = list(itertools.combinations(self.colours, count))
         winners = np.array([0, *(min(group, key=self._ranked.__getitem__) for group in groups)])
         singles = np.array([*self.colours.values(), (0, 0, 0)])

@@ -261,9 +261,7 @@ def write_bone(group: "h5py.Group", bone: VoxelBone, tick: int, *, source: str =
             content = chunk.tobytes()
             known[content] = known.get(content) or _runs(content)
             datasets[name].id.write_direct_chunk(tuple(start.tolist()), known[content])
-    if bone.tissues is not None:
-        numbers = bone.tissue_numbers
-        assert numbers is not None
+    if bone.tissues is not None and (numbers := bone.tissue_numbers) is not None:
         group.create_dataset("tissue", bone.shape, np.uint8, **packed)
         for k in range(0, len(numbers), 64):  # chunk by chunk: Ctrl-C does not wait for all
             group["tissue"][k : k + 64] = numbers[k : k + 64]

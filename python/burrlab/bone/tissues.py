@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -804,27 +804,22 @@ def _notes_on_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArra
     ]
 
 
-def _notes_on_tissues(both: NDArray[np.int64], tissues: Tissues, volume: float) -> list[str]:
+def _notes_on_tissues(both: NDArray[np.int64], tissues: Tissues, volume: float) -> Iterator[str]:
     """Notes on bone without a label, critical structures without bone, and large nerves; `volume` of a voxel."""
     held = both[1::2]
     voxels = both[::2] + held
-    notes = []
     for number, tissue in enumerate(tissues):
         if tissue.label == 0 and tissue.name == UNLABELLED and held[number]:
-            notes.append(
-                f"{held[number]} voxels of label 0 hold bone: {UNLABELLED}, with the bone's c_e and alpha"
-            )
+            yield f"{held[number]} voxels of label 0 hold bone: {UNLABELLED}, with the bone's c_e and alpha"
         if tissue.critical and voxels[number] and 2 * held[number] < voxels[number]:
-            part = 100.0 * held[number] / voxels[number]
-            notes.append(
-                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be "
-                "injured (fill=, --fill)"
+            yield (
+                f"{tissue.name}: {100.0 * held[number] / voxels[number]:.0f} % of its voxels are half full or more; "
+                "what is empty cannot be injured (fill=, --fill)"
             )
         name = known.name if (known := known_tissue(tissue.name)) else plain_name(tissue.name)
         times = voxels[number] * volume / _NERVE
         if times > _MANY and ("nerve" in name or name == "chorda tympani"):
-            notes.append(
+            yield (
                 f"{tissue.name}: {times * _NERVE:.0f} mm^3, {times:.0f} times a nerve of 2 x 32 mm; is another "
                 "structure in it?"
             )
-    return notes

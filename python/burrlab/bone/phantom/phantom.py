@@ -4,7 +4,7 @@ import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,16 +133,15 @@ class Phantom:
     @property
     def labels(self) -> NDArray[np.uint8]:
         """A copy of the tissue number of each voxel, shape (z, y, x)."""
-        numbers = self.bone.tissue_numbers
-        assert numbers is not None
-        return numbers
+        return cast(NDArray[np.uint8], self.bone.tissue_numbers)
 
     @property
     def target_labels(self) -> LabelVolume:
         """Planned cavity as labels, 1 inside, for `write_volume` and `burrlab metrics --target`."""
         origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
-        labels = self.target.astype(np.uint8)
-        return LabelVolume(labels, spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"})
+        return LabelVolume(
+            self.target.astype(np.uint8), spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"}
+        )
 
 
 def temporal_bone(

@@ -105,8 +105,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         refuse(options.axis is not None, "--axis goes with --volume, --labels or --bone")
         source = _block(options.voxel or 0.1)
         _kept_as(options.save, None)
-        place: Mapping[str, Any] = {"start": (0.0, 0.0, burr.radius + _GAP)}
-        return BoneStart(make_bone(source), 0, material, source, place)
+        return BoneStart(make_bone(source), 0, material, source, {"start": (0.0, 0.0, burr.radius + _GAP)})
     if "hand" in options.device:
         kind = next(kind for kind in ("bone", "volume", "labels") if getattr(options, kind) is not None)
         require_options(options, PLACE, f"--device hand with --{kind}")
@@ -116,12 +115,10 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     like = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
     say_notes(recipe)
+    tick = recipe.tick if isinstance(recipe, DrilledRecipe) else 0
+    if isinstance(recipe, DrilledRecipe) and bone.tissues is not None and material == materials["bone"]:
+        material = bone.tissues.material  # none was chosen, and the bone has its own
     source = {**recipe.plain(), "notes": list(recipe.notes())}
-    tick = 0
-    if isinstance(recipe, DrilledRecipe):
-        tick = recipe.tick
-        if bone.tissues is not None and material == materials["bone"]:  # not chosen: the bone has its own
-            material = bone.tissues.material
     grid = None if str(options.bone or "").lower().endswith(".h5") else recipe.grid()
     return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
 

@@ -63,10 +63,9 @@ def add_options(parser: Any, options: Sequence[Option | OptionGroup]) -> None:
     for option in options:
         if isinstance(option, Option):
             parser.add_argument(option.name, **option.settings)
-        elif option.title:
-            add_options(parser.add_argument_group(option.title), option.options)
         else:
-            add_options(parser.add_mutually_exclusive_group(), option.options)
+            title, exclusive = option.title, parser.add_mutually_exclusive_group
+            add_options(parser.add_argument_group(title) if title else exclusive(), option.options)
 
 
 def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
@@ -226,10 +225,13 @@ def check_outputs(options: Options, arguments: Sequence[str]) -> None:
         if os.path.isfile(text) and text != getattr(options, "config", None)
     ]
     outputs: dict[Path, str] = {}
-    for name in _FILES:
-        path = getattr(options, name, None)
-        if path is None or (path == "-" and name not in _FIGURES):  # "-" is standard output, for text
-            continue
+    paths = [
+        (name, path)
+        for name in _FILES
+        if (path := getattr(options, name, None)) is not None
+        and (path != "-" or name in _FIGURES)  # "-" is standard output, for text
+    ]
+    for name, path in paths:
         place, folder = Path(path).resolve(), Path(path).resolve().parent
         writable = folder.is_dir() and os.access(folder, os.W_OK)
         # slices are saved as a folder

@@ -35,8 +35,7 @@ def transposed(options: Options, *paths: str | None) -> bool | None:
     """The value of --transpose; ValueError where none of the files is a stack."""
     if not any(path is not None and is_stack(path) for path in paths):
         refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
-    transpose: bool | None = options.transpose
-    return transpose
+    return None if options.transpose is None else bool(options.transpose)
 
 
 def chosen_recipe(options: Options, material: Material, burr: Burr | None = None) -> Recipe | None:
@@ -45,41 +44,45 @@ def chosen_recipe(options: Options, material: Material, burr: Burr | None = None
     ValueError for options that contradict one another, or a burr too small for the voxels.
     """
     transpose = transposed(options, options.volume, options.labels)
-    if options.labels is None:
-        refuse_options(options, OF_LABELS, "goes with --labels")
-    grey: VolumeRecipe | None = None
-    recipe: Recipe
-    if options.volume is not None:
-        refuse_options(options, ("smooth",), "goes without --volume")
-        refuse(options.map is None, "--volume needs --map")
-        recipe = grey = VolumeRecipe(
-            options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
-            transpose if is_stack(options.volume) else None,
-        )  # fmt: skip
-    elif options.labels is None:
-        refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
-        return None
-    else:
-        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
-    if options.labels is not None:
-        stack = is_stack(options.labels)
-        # Only --spacing gives the size of slices without a description.
-        sizeless = stack and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
-        of_labels: dict[str, Any] = {
-            "spacing": options.spacing if grey is None or sizeless else None, "unknown": unknown_colours(options),
-            "unit": options.unit, "transpose": transpose if stack else None,
-        }  # fmt: skip
-        settings = {"grey": grey, "fill": dict(options.fill), "onto": options.onto, "smooth": options.smooth}
-        if grey is None:
-            settings |= {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
-        if options.tissues is None:
-            recipe = usual_recipe(options.labels, material, of_labels, **settings)
-        else:
-            table = read_tissues(options.tissues, material=material)
-            recipe = LabelledRecipe(options.labels, table, **of_labels, **settings)
-    if burr is not None:
+    volume, labels = options.volume is not None, options.labels is not None
+    for applies, names, why in (
+        (not labels, OF_LABELS, "goes with --labels"),
+        (volume, ("smooth",), "goes without --volume"),
+        (not volume and labels, ("map", "series", "onto"), "goes with --volume"),
+        (not volume and not labels, ("map", "entry", "spacing", "series", "crop"), "goes with --volume"),
+    ):
+        if applies:
+            refuse_options(options, names, why)
+    refuse(volume and options.map is None, "--volume needs --map")
+    grey = None if not volume else VolumeRecipe(
+        options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
+        transpose if is_stack(options.volume) else None,
+    )  # fmt: skip
+    recipe = _labelled(options, material, grey, transpose) if labels else grey
+    if burr is not None and recipe is not None:
         recipe.check_burr(burr)
     return recipe
+
+
+def _labelled(
+    options: Options, material: Material, grey: VolumeRecipe | None, transpose: bool | None
+) -> LabelledRecipe:
+    stack = is_stack(options.labels)
+    # Only --spacing gives the size of slices without a description.
+    sizeless = stack and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
+    settings: dict[str, Any] = {
+        "grey": grey, "fill": dict(options.fill), "onto": options.onto, "smooth": options.smooth,
+    }  # fmt: skip
+    if grey is None:
+        settings |= {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
+    of_labels: dict[str, Any] = {
+        "spacing": options.spacing if grey is None or sizeless else None, "unknown": unknown_colours(options),
+        "unit": options.unit, "transpose": transpose if stack else None,
+    }  # fmt: skip
+    if options.tissues is None:
+        return usual_recipe(options.labels, material, of_labels, **settings)
+    table = read_tissues(options.tissues, material=material)
+    return LabelledRecipe(options.labels, table, **of_labels, **settings)
 
 
 def chosen_specimen(options: Options, burr: Burr, material: Material) -> Specimen | None:

@@ -3,8 +3,7 @@
 import contextlib
 import json
 import threading
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -83,16 +82,6 @@ class StructureDistances:
         bone, settings = self._bone, self._settings
         with contextlib.suppress(ValueError):  # no voxel of a critical tissue
             self._watch = Watch.of_settings(bone, settings) if settings else Watch(bone)
-
-
-def event_row(time: float, event: np.void, structures: Sequence[str]) -> dict[str, Any]:
-    """The page's row of a trace's or a watch's event: its time [s], its text, and the colour of its mark."""
-    kind, distance = KINDS[int(event["kind"])], float(event["distance_mm"])
-    what, colour = _KINDS[kind]
-    text = f"{what} {structures[int(event['structure'])]}"
-    if kind in ("approach", "away") and np.isfinite(distance):
-        text += f", {distance:.2f} mm"
-    return {"time_s": time, "clock": f"{time:.2f} s", "text": text, "colour": colour}
 
 
 #: Drawn fields of a parcel, as precise as the eye can see: within 0.03 mm, and shares of 255.
@@ -188,6 +177,8 @@ class PageSource:
         The moment [s].
     burrs, force, depth
         At the moment, as of a `TracePlayer`.
+    history : History
+        Time, force and depth, until the moment or longer.
     has_effects : bool
         Whether there is dust, blood and water.
     """
@@ -200,14 +191,11 @@ class PageSource:
         self.time, self.span = 0.0, (0.0, 0.0)
         self.burrs, n = unknown_burrs(self.radii), len(self.radii)
         self.force, self.depth = np.zeros((n, 3)), np.zeros(n)
+        self.history = History(np.zeros(0), np.zeros((0, n)), np.zeros((0, n)))
         self.events: list[dict[str, Any]] = []
+        self._structures = [str(row["name"]) for row in watch["structures"]] if watch else []
         self.has_effects = False
         self._distances = StructureDistances(bone, watch)
-
-    @property
-    def history(self) -> History:
-        """Time, force and depth, until the moment or longer."""
-        return History(np.zeros(0), np.zeros((0, len(self.radii))), np.zeros((0, len(self.radii))))
 
     @property
     def prepared(self) -> float:
@@ -236,6 +224,16 @@ class PageSource:
     def distances(self) -> list[dict[str, Any]]:
         """Rows for the page: name, colour, value [mm], near."""
         return self._distances.rows(self.burrs)
+
+    def _add_events(self, times: Iterable[float], rows: Iterable[np.void]) -> None:
+        """Adds a row for each event of a trace or a watch, at its time [s]."""
+        for time, event in zip(times, rows, strict=True):
+            kind, distance = KINDS[int(event["kind"])], float(event["distance_mm"])
+            what, colour = _KINDS[kind]
+            text = f"{what} {self._structures[int(event['structure'])]}"
+            if kind in ("approach", "away") and np.isfinite(distance):
+                text += f", {distance:.2f} mm"
+            self.events.append({"time_s": time, "clock": f"{time:.2f} s", "text": text, "colour": colour})
 
     def open(self) -> None:
         """Begins the work in the background."""
@@ -277,7 +275,7 @@ class ReplaySource(PageSource):
     def __init__(self, player: Player, effects: Effects | None = None) -> None:
         watch = None if isinstance(player, RecordingPlayer) else player.trace.watch
         super().__init__(player.bone, player.burrs.radii.tolist(), watch)
-        self.player, self.span = player, (0.0, player.duration)
+        self.player, self.span, self.history = player, (0.0, player.duration), player.history
         self.past: ParcelHistory | None = None
         if isinstance(player, RecordingPlayer):
             if effects is not None:
@@ -288,19 +286,13 @@ class ReplaySource(PageSource):
             trace = player.trace
             self.title, self.note = trace.path.name, assumed(trace.notes)
             self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {trace.seed}"
-            for event in player.events:
-                names = [row["name"] for row in trace.watch["structures"]]
-                at = min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1)
-                self.events.append(event_row(float(player.history.time[at]), event, names))
+            ticks = np.array([event["tick"] for event in player.events], np.int64) - trace.first_tick
+            self._add_events(player.history.time[np.clip(ticks, 0, player.ticks - 1)].tolist(), player.events)
             self.past = None if effects is None else ParcelHistory(trace, effects)
         self.has_effects = effects is not None
         self._cancel = threading.Event()
         self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
         self._take_over()
-
-    @property
-    def history(self) -> History:
-        return self.player.history
 
     @property
     def prepared(self) -> float:
@@ -377,16 +369,8 @@ class LiveSource(PageSource):
         self.title = "session" if isinstance(source, Session) else "replica"
         self.note = assumed(told_notes(about.get("source")))
         self._period = 1.0 / float(about["rate_Hz"])  # [s]
-        self._structures = [str(row["name"]) for row in watch["structures"]] if watch else []
-        self._past: deque[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = deque()
         self.span = 0.0, _SHOWN
         self._tell_state()
-
-    @property
-    def history(self) -> History:
-        n = len(self.radii)
-        time, force, depth = (np.array([row[i] for row in self._past]) for i in range(3))
-        return History(time, force.reshape(-1, n), depth.reshape(-1, n))
 
     @property
     def parcels(self) -> NDArray[np.void] | None:
@@ -401,11 +385,15 @@ class LiveSource(PageSource):
             self.span = max(0.0, self.time - _SHOWN), max(self.time, _SHOWN)
             self.burrs = Burrs(burr["center"].copy(), self.burrs.radii, burr["on"] > 0, burr["touching"] > 0)
             self.force, self.depth = burr["force"].copy(), burr["penetration"].copy()
-            if not self._past or self.time > before:
-                self._past.append((self.time, np.linalg.norm(self.force, axis=1), self.depth))
-            while self._past[0][0] < self.time - _SHOWN:
-                self._past.popleft()
-            self._hear(update["tick"])
+            past = self.history
+            if not len(past.time) or self.time > before:
+                recent = past.time >= self.time - _SHOWN
+                self.history = History(
+                    np.append(past.time[recent], self.time),
+                    np.vstack([past.force[recent], np.linalg.norm(self.force, axis=1)]),
+                    np.vstack([past.depth[recent], self.depth]),
+                )
+            self._hear()
         self._tell_state()
         if not len(update["bricks"]):
             return np.empty(0, np.uint32)
@@ -423,13 +411,13 @@ class LiveSource(PageSource):
         else:
             self.state = str(source.status["reason"] or "ended") if source.wait(0.0) else "following"
 
-    def _hear(self, tick: int) -> None:
+    def _hear(self) -> None:
         """Takes over new events; their times follow from the newest tick's."""
         if self._structures:
             follower = self._source.follower if isinstance(self._source, Session) else self._source
-            for row in Watched.of(follower.watched(len(self.events)), np.zeros(0, np.int64)).events:
-                at = max(self.time - (tick - int(row["tick"])) * self._period, 0.0)
-                self.events.append(event_row(at, row, self._structures))
+            rows = Watched.of(follower.watched(len(self.events)), np.zeros(0, np.int64)).events
+            times = [max(self.time - (self.tick - int(row["tick"])) * self._period, 0.0) for row in rows]
+            self._add_events(times, rows)
 
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:

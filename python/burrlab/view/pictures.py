@@ -373,9 +373,7 @@ def plot_depth_map(
                 max(deep_places[0] - margin, places[along][0] - step),
                 min(deep_places[-1] + margin, places[along][-1] + step),
             )
-    figure = axes.get_figure(root=True)
-    assert figure is not None
-    bar = figure.colorbar(
+    bar = axes.figure.colorbar(
         image,
         cax=axes.inset_axes((1.04, 0.0, 0.05, 1.0)),  # as tall as the map
         label=label or f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]",

@@ -62,9 +62,8 @@ class SurfaceBlock:
 
 def tissue_palette(bone: VoxelBone) -> NDArray[np.uint8]:
     """Red, green, blue by tissue number, (tissues, 3)."""
-    if bone.tissues is None:
-        return np.array([BONE], np.uint8)
-    return np.array([tissue.colour for tissue in bone.tissues], np.uint8)
+    colours = [BONE] if bone.tissues is None else [tissue.colour for tissue in bone.tissues]
+    return np.array(colours, np.uint8)
 
 
 def block_counts(bone: VoxelBone) -> BlockPlace:

@@ -154,15 +154,13 @@ class _Plan:
         target, bone = (np.pad(a, ((0, 0), (0, 0), (pad, 0))) for a in (target, bone))
         origin[0] -= pad * spacing[0]
         above = ~np.logical_or.accumulate(target | bone, axis=2)
-        zyx = spacing[::-1]
 
         def distance(mask: Mask) -> Floats:
-            return stoppable(lambda: scipy.ndimage.distance_transform_edt(mask, sampling=zyx))
+            return stoppable(lambda: scipy.ndimage.distance_transform_edt(mask, sampling=spacing[::-1]))
 
         room = distance(np.pad(target | above, 1))[1:-1, 1:-1, 1:-1] - radius
         cuts = distance(~(target & bone)) < radius
-        x = np.flatnonzero(target.any(axis=(0, 1)))
-        edge = origin[0] + spacing[0] * x
+        edge = origin[0] + spacing[0] * np.flatnonzero(target.any(axis=(0, 1)))
         return cls(room, cuts & (room > 0), spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
 
     def strokes(self, x: float, step: float) -> list[Floats]:

@@ -51,8 +51,10 @@ def structure_distances(
     assert numbers is not None  # a search would have refused
     pool = ThreadPoolExecutor(cores())
     try:
-        pairs = zip(searches, tissues, strict=True)
-        fields = [pool.submit(_field, search, bone, numbers, tissue) for search, tissue in pairs]
+        fields = [
+            pool.submit(_field, search, bone, numbers, tissue)
+            for search, tissue in zip(searches, tissues, strict=True)
+        ]
         for done, _ in enumerate(as_completed(fields), 1):
             report(done / len(fields))
         return [field.result() for field in fields]
@@ -274,15 +276,8 @@ def check_structure(structure: str, structures: Sequence[str]) -> None:
 
 def critical_structures(bone: VoxelBone) -> list[str]:
     """Names of the critical tissues that have voxels."""
-    return [t.name for i, t in enumerate(bone.tissues or ()) if t.critical and _has_voxels(bone, i)]
-
-
-def _has_voxels(bone: VoxelBone, tissue: int) -> bool:
-    try:
-        StructureSearch(bone, tissue)
-    except ValueError:
-        return False
-    return True
+    numbers = np.asarray(bone.tissue_numbers)
+    return [t.name for i, t in enumerate(bone.tissues or ()) if t.critical and (numbers == i).any()]
 
 
 def _of(limit: Limit, name: str, default: float) -> float:

@@ -232,8 +232,9 @@ def _write_voxels(
         out, voxel_time_stamp=np.array(times), voxel_removed=np.hstack([group, grid.indices(voxels)]).astype(float),
         voxel_color=np.hstack([group, color, np.full_like(group, 255)]).astype(float),
     )  # fmt: skip
-    axes = _OWN_AXES if grid.turned is None else _STACK_AXES
-    out.create_dataset("README", data=_VOXEL_README.format(axes=axes))
+    out.create_dataset(
+        "README", data=_VOXEL_README.format(axes=_OWN_AXES if grid.turned is None else _STACK_AXES)
+    )
 
 
 def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> NDArray[np.int64]:
@@ -474,8 +475,10 @@ class DrillingRecording:
 
     def __repr__(self) -> str:
         voxels = "no" if self.removed is None else len(self.removed)
-        counts = f"{len(self.time)} poses, {voxels} voxels removed from {len(self.structures)} structures"
-        return f"DrillingRecording({self.layout} layout; {counts}; absent: {', '.join(self.absent) or '-'})"
+        return (
+            f"DrillingRecording({self.layout} layout; {len(self.time)} poses, {voxels} voxels removed from "
+            f"{len(self.structures)} structures; absent: {', '.join(self.absent) or '-'})"
+        )
 
 
 _KIND = "a recording of volumetric_drilling"
@@ -568,11 +571,11 @@ def _structures(colours: Any, tissues: Tissues | None) -> tuple[Any, tuple[str, 
     if colours is None:
         return None, ()
     colours, structure = np.unique(colours, axis=0, return_inverse=True)
-    names = []
-    for colour in map(tuple, colours.tolist()):
-        named = [tissue.name for tissue in tissues or () if tissue.colour == colour]
-        names.append(" or ".join(named) or "#{:02x}{:02x}{:02x}".format(*colour))
-    return structure.ravel(), tuple(names)
+    return structure.ravel(), tuple(
+        " or ".join(tissue.name for tissue in tissues or () if tissue.colour == colour)
+        or "#{:02x}{:02x}{:02x}".format(*colour)
+        for colour in map(tuple, colours.tolist())
+    )
 
 
 def is_recording(path: str | os.PathLike[str]) -> bool:

@@ -90,8 +90,10 @@ def describe_miss(bone: VoxelBone, path: NDArray[np.float64], frame: DeviceFrame
     places = np.column_stack([np.interp(at, along, axis) for axis in path.T])
     miss = float(np.min(scipy.spatial.KDTree(voxels).query(places)[0])) - radius
     half = np.array(bone.spacing) / 2
-    sides = zip("xyz", voxels.min(axis=0) - half, voxels.max(axis=0) + half, strict=True)
-    box = ", ".join(f"{axis} {low:.1f} to {high:.1f}" for axis, low, high in sides)
+    box = ", ".join(
+        f"{axis} {low:.1f} to {high:.1f}"
+        for axis, low, high in zip("xyz", voxels.min(axis=0) - half, voxels.max(axis=0) + half, strict=True)
+    )
     missed = f"its script missed it by {miss:.2f} mm; the bone's box, in the bone frame: {box} mm"
     return missed if miss > 0 else ""
 

@@ -54,8 +54,11 @@ def _without_folders(hello: str) -> str:
     folders: set[str] = set()
 
     def keep_folders(part: dict[str, Any]) -> dict[str, Any]:
-        files = (part[key] for key in ("path", "labels") if isinstance(part.get(key), str))
-        folders.update(os.path.join(os.path.dirname(file), "") for file in files)
+        folders.update(
+            os.path.join(os.path.dirname(part[key]), "")
+            for key in ("path", "labels")
+            if isinstance(part.get(key), str)
+        )
         return part
 
     json.loads(hello, object_hook=keep_folders)

@@ -450,8 +450,8 @@ class RecordingPlayer:
         self._radius = _held(motion.radius_time, motion.radius, 1)
         ends = [times[-1:] for times in (time, self._when, motion.force_time) if times is not None]
         self.duration, self.depth = float(np.concatenate(ends).max(initial=0.0)), np.full(1, np.nan)
-        force = np.linalg.norm(self._force(time), axis=1)
-        self.history = History(time, force[:, None], np.full((len(time), 1), np.nan))
+        force = np.linalg.norm(self._force(time), axis=1, keepdims=True)
+        self.history = History(time, force, np.full((len(time), 1), np.nan))
         empty = int(np.count_nonzero(self._level == 0))
         hollow = [f"{empty} of {len(self._level)} removed voxels are empty in this bone"]
         hollow *= 2 * empty > len(self._level)

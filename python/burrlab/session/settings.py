@@ -199,9 +199,10 @@ class ForceLimits:
             ramps = [safety.ramp] * burrs
         self.guards: list[GuardLimits] = []
         self.sentences: list[str] = []
-        named = [{"model": model.model, **model.numbers()} for model in self.models]
         self.provenance = {
-            "limits": named if any(models) or not by_driver else None,
+            "limits": [{"model": model.model, **model.numbers()} for model in self.models]
+            if any(models) or not by_driver
+            else None,
             "ramp_s": (ramps if len({*ramps}) > 1 else ramps[0]) or None,
         }
         if not any(self.provenance.values()):
@@ -224,8 +225,10 @@ def _describe_guard(model: DeviceLimits, guard: GuardLimits, rate: float) -> str
     rms = "no continuous limit is known"
     if guard.continuous < math.inf:
         rms = f"RMS over {guard.window:g} s {guard.continuous:g} N"
-    limits = f"force at most {guard.force:g} N, its change {guard.slew:g} N/ms"
-    text = f"{model.model}: {limits}, {rms}, ramp {guard.ramp:g} s"
+    text = (
+        f"{model.model}: force at most {guard.force:g} N, its change {guard.slew:g} N/ms, {rms}, "
+        f"ramp {guard.ramp:g} s"
+    )
     if model.rate is not None and rate > model.rate:
         text += f"; the loop's {rate:g} Hz are more than its {model.rate:g}"
     return text

@@ -442,8 +442,10 @@ class Trace:
 
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)
-        end = self.ended or "not ended: killed, or still recorded"
-        return f"Trace({len(self)} ticks from {self.first_tick}, {self.duration:.3f} s; {tools}; seed {self.seed}; {end})"
+        return (
+            f"Trace({len(self)} ticks from {self.first_tick}, {self.duration:.3f} s; {tools}; seed {self.seed}; "
+            f"{self.ended or 'not ended: killed, or still recorded'})"
+        )
 
     def _repr_html_(self) -> str:
         rows = {

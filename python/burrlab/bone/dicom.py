@@ -336,8 +336,7 @@ def _check_whole(part: _Slice) -> None:
 
 
 def _values(part: _Slice) -> NDArray[Any]:
-    import SimpleITK as sitk
-
+    sitk = medical("SimpleITK", "reading DICOM")
     _check_whole(part)
     try:
         with _listening(part.name):
@@ -437,8 +436,6 @@ def check_slices(volume: Volume) -> None:
 
 def write_slices(folder: Path, volume: Volume) -> None:
     """Writes the slices into an existing folder; OSError if they cannot be written."""
-    import SimpleITK as sitk
-
     content = hashlib.sha256(np.ascontiguousarray(volume.values).tobytes())
     for place in (volume.spacing, volume.origin, volume.direction):
         content.update(place.tobytes())
@@ -451,17 +448,15 @@ def write_slices(folder: Path, volume: Volume) -> None:
         "0020|000e": uid_of(content.digest() + b"series"),
         "0020|0052": uid_of(content.digest() + b"frame"),
     }
-    writer = sitk.ImageFileWriter()
+    writer = medical("SimpleITK", "writing volumes").ImageFileWriter()
     writer.SetImageIO("GDCMImageIO")
     writer.KeepOriginalImageUIDOn()
     try:
         for k, pixels in enumerate(volume.values):
-            of_slice = {"0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
+            tags = {**shared, "0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
             origin = volume.origin + volume.patient_point((0, 0, k * volume.spacing[2]))
             writer.SetFileName(str(folder / slice_name(k)))
-            writer.Execute(
-                itk_image(np.ascontiguousarray(pixels[None]), volume, origin, {**shared, **of_slice})
-            )
+            writer.Execute(itk_image(np.ascontiguousarray(pixels[None]), volume, origin, tags))
     except RuntimeError as error:
         raise OSError(
             errno.EIO, "the slices cannot be written (is the disk full?)", os.fspath(folder)

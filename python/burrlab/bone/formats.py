@@ -337,10 +337,8 @@ def _head(
     part: Path, volume: Volume | LabelVolume, fields: Mapping[str, str], kind: np.dtype[Any], packed: bool
 ) -> bytes:
     """What stands before the values: as ITK writes it for few voxels, with the volume's sizes."""
-    import SimpleITK as sitk
-
     image = itk_image(np.zeros((2, 2, 2), kind), volume, volume.origin, fields)
-    sitk.WriteImage(image, str(part), useCompression=packed)
+    medical("SimpleITK", "writing volumes").WriteImage(image, str(part), useCompression=packed)
     content, sizes = part.read_bytes(), volume.shape[::-1]
     if part.name.endswith((".nii", ".nii.gz")):
         head = (gzip.decompress(content) if packed else content)[: -8 * kind.itemsize]
@@ -506,9 +504,9 @@ def merged(
             twice = here & (labels != 0)
             if twice.any():
                 first = tuple(int(i) for i in np.argwhere(twice)[0])
-                other = segments[numbers.index(int(labels[first]))].name
+                other = segments[numbers.index(int(labels[first]))]
                 raise ValueError(
-                    f"segments must not overlap, {other!r} and {segment.name!r} share voxels, "
+                    f"segments must not overlap, {other.name!r} and {segment.name!r} share voxels, "
                     f"{np.count_nonzero(twice)} in all, the first at (z, y, x) = "
                     f"{first}: export the segmentation as a label map"
                 )

@@ -676,15 +676,9 @@ def grey_specimen(
     Errors as `Volume.specimen`.
     """
     provenance = {
-        "path": grid.path,
-        "map": mapping.text,
-        "volume_spacing_mm": grid.spacing.tolist(),
-        "voxel_mm": list(bone.spacing),
-        "origin_mm": grid.origin.tolist(),
-        "direction": grid.direction.tolist(),
-        "notes": list(grid.notes),
-    }
-
+        "path": grid.path, "map": mapping.text, "volume_spacing_mm": grid.spacing.tolist(), "voxel_mm": list(bone.spacing),
+        "origin_mm": grid.origin.tolist(), "direction": grid.direction.tolist(), "notes": list(grid.notes),
+    }  # fmt: skip
     return specimen_in(grid, bone, entry, axis, provenance, f"map {mapping.text}", whole)
 
 

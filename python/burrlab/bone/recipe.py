@@ -330,12 +330,10 @@ class VolumeRecipe(_CachedRecipe):
     @cached_property
     def _whole(self) -> Volume:
         self._entry.look()
-        if is_stack(self.path):
-            volume = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
-        elif self.transpose:
-            raise ValueError(f"transpose (--transpose) goes with PNG slices, got {self.path}")
-        else:
-            volume = read_volume(self.path, spacing=self.spacing, series=self.series)
+        if not is_stack(self.path):
+            refuse(self.transpose, f"transpose (--transpose) goes with PNG slices, got {self.path}")
+            return read_volume(self.path, spacing=self.spacing, series=self.series)
+        volume = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
         if not isinstance(volume, Volume):
             raise ValueError(f"{self.path}: the slices are coloured labels, and a map is of grey values")
         return volume
@@ -749,9 +747,11 @@ class DrilledRecipe(_FileRecipe):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on earlier ticks, and on assumptions in reading the volume."""
-        before = f"{self.path} has been burred for {self.tick} ticks before"
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
-        return (before, *(note for note in notes if assumed([note])))
+        return (
+            f"{self.path} has been burred for {self.tick} ticks before",
+            *(note for note in notes if assumed([note])),
+        )
 
     def grid(self) -> OnGrid:
         """Geometry of the volume; errors as `like`."""

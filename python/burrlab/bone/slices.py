@@ -303,8 +303,12 @@ class Palette:
             return cls(((t.label, t.name, t.colour) for t in palette), unknown, ranking, critical)
         named = VOLUMETRIC_DRILLING if palette is None else palette
         critical = [i for i, name in enumerate(named, 1) if (known := known_tissue(name)) and known.critical]
-        rows = ((i, name, colour) for i, (name, colour) in enumerate(named.items(), start=1))
-        return cls(rows, unknown, ranking, critical)
+        return cls(
+            ((i, name, colour) for i, (name, colour) in enumerate(named.items(), start=1)),
+            unknown,
+            ranking,
+            critical,
+        )
 
     def labels(self, image: NDArray[np.uint8], path: Path) -> NDArray[Any]:
         """Labels of the next slice of RGBA pixels."""

@@ -205,13 +205,11 @@ def default_tissues(
         f"the default table does not know {unknown}; it knows {', '.join(tissue.name for tissue in KNOWN)}, and their "
         "usual synonyms: give a table of your own (read_tissues, `burrlab tissues FILE --template table.csv`)",
     )
-    rows = []
-    used_names: set[str] = set()
+    rows: list[Tissue] = []
     for label, file_name in sorted(names.items()):
         tissue = _BY_NAME[plain_name(file_name)]
         # The second side keeps its name in the file.
-        name = file_name if tissue.name in used_names else tissue.name
-        used_names.add(name)
+        name = file_name if tissue.name in (row.name for row in rows) else tissue.name
         rows.append(
             Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha,
                    colour=colours.get(label, tissue.colour), critical=tissue.critical, bleeds=tissue.bleeds,
@@ -796,11 +794,10 @@ def _notes_on_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArra
     held = np.zeros((len(tissues), z[-1] + 1, y[-1] + 1, x[-1] + 1), bool)
     for k, plane in zip(z, numbers[:: steps[0], :: steps[1], :: steps[2]], strict=True):
         held[plane, k, y[:, None], x] = True
-    pieces = [scipy.ndimage.label(where, np.ones((3, 3, 3)))[1] for where in held]
     return [
         f"{tissue.name}: in {count} pieces, over {sides.min():g} mm apart"
-        for tissue, count in zip(tissues, pieces, strict=True)
-        if tissue.critical and count > 1
+        for tissue, where in zip(tissues, held, strict=True)
+        if tissue.critical and (count := scipy.ndimage.label(where, np.ones((3, 3, 3)))[1]) > 1
     ]
 
 

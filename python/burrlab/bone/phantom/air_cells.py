@@ -75,8 +75,8 @@ class AirCells:
         normal = special.ndtri(uniform(seed, 0, most))
         # Rounded: the last bit of exp differs between processors.
         diameter = np.round(self.median_diameter * np.exp(sigma * normal), 6)
-        filled = np.cumsum(math.pi / 6 * diameter**3)
-        return np.sort(diameter[: max(1, int(np.searchsorted(filled, volume)))])[::-1]
+        count = int(np.searchsorted(np.cumsum(math.pi / 6 * diameter**3), volume))
+        return np.sort(diameter[: max(1, count)])[::-1]
 
 
 def uniform(seed: int, purpose: int, count: int) -> Floats:

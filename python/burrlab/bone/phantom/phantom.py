@@ -262,10 +262,9 @@ def _checked_grid(
 
 @lru_cache(maxsize=4)
 def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Honeycomb:
-    at = Structures.of(seed)
     low, high = (np.array(corner) for corner in CELLS_BOX)
-    grid = lattice_around(Grid(*(np.array([a, b]) for a, b in zip(low, high, strict=True))))
-    fields = Fields.of(at, grid)
+    grid = lattice_around(Grid(*np.transpose([low, high])))
+    fields = Fields.of(Structures.of(seed), grid)
 
     def lattice(step: float) -> Floats:
         fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))

@@ -106,23 +106,18 @@ class Structures:
         )
         sinus = Tube.along(sinus_points + back, SINUS + jitter(0.4), step=2.0)
         canals, vestibule = _labyrinth(inner)
-        ossicles = tuple(Tube(inner + [a, b], np.array(radii)) for a, b, radii in OSSICLES)
+
         antrum = (
             np.array([12.0, 6.0, 4.6]) + 0.5 * inner + np.array([0.0, jitter(0.6), 0.0]),
             np.array([3.5, 7.0, 4.5]) * (1 + jitter(0.08)),
         )
         tympanum = (np.array([15.8, -4.0, -2.0]) + inner, np.array([2.1, 4.2, 6.2]))
-        aditus = Tube(
-            np.array([antrum[0] + [0.5, -4.5, -0.2], tympanum[0] + [0.0, 1.5, 5.0]]), np.array([2.0, 1.7])
-        )
-        ear_canal = Tube(
-            np.array([[-6.0, -3.3, -3.6], [14.2, -4.3, -3.6] + inner * [0.0, 1.0, 1.0]]), np.full(2, CANAL)
-        )
-        tip = Tube(
-            np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])
-        )
         return cls(
-            nerve, sinus, canals, vestibule, ossicles, antrum, aditus, ear_canal, tympanum, tip,
+            nerve, sinus, canals, vestibule, antrum=antrum, tympanum=tympanum,
+            ossicles=tuple(Tube(inner + [a, b], np.array(radii)) for a, b, radii in OSSICLES),
+            aditus=Tube(np.array([antrum[0] + [0.5, -4.5, -0.2], tympanum[0] + [0.0, 1.5, 5.0]]), np.array([2.0, 1.7])),
+            ear_canal=Tube(np.array([[-6.0, -3.3, -3.6], [14.2, -4.3, -3.6] + inner * [0.0, 1.0, 1.0]]), np.full(2, CANAL)),
+            tip=Tube(np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])),
             tegmen=np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)]),
             genu=int(np.argmin(np.linalg.norm(nerve.points - nerve_points[6], axis=1))), fossa=28.7 + jitter(0.5),
         )  # fmt: skip

@@ -1,6 +1,6 @@
 """Specimens: a bone with a point on its surface and a direction."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -63,32 +63,6 @@ class Specimen:
         return np.asarray(self.surface + (immersion - burr.radius) * self.axis)
 
 
-@dataclass(frozen=True, eq=False)
-class BlockBelowPlane:
-    """Voxels around a descent into the space below a plane, before they are filled.
-
-    Parameters
-    ----------
-    centers : tuple of ndarray
-        Coordinates x, y and z of the voxel centres [mm].
-    fraction : ndarray, shape (z, y, x)
-        Part of each voxel that lies below the plane, 0..1.
-    spacing, surface, axis : ndarray, shape (3,)
-        (x, y, z); see `Specimen`.
-    """
-
-    centers: tuple[NDArray[np.float64], ...]
-    fraction: NDArray[np.float64]
-    spacing: NDArray[np.float64]
-    surface: NDArray[np.float64]
-    axis: NDArray[np.float64]
-
-    def filled(self, levels: NDArray[np.uint8], source: str) -> Specimen:
-        """The specimen with these levels, shape (z, y, x)."""
-        bone = VoxelBone(levels, spacing=self.spacing, origin=[float(c[0]) for c in self.centers])
-        return Specimen(bone, self.surface, self.axis, source)
-
-
 def checked_spacing(spacing: ArrayLike, what: str = "spacing") -> NDArray[np.float64]:
     """Spacing (x, y, z) from one number or three [mm]; ValueError unless positive and finite."""
     lengths = real(spacing, what)
@@ -100,9 +74,20 @@ def checked_spacing(spacing: ArrayLike, what: str = "spacing") -> NDArray[np.flo
 
 
 def block_below_plane(
-    burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
-) -> BlockBelowPlane:
-    """Block of `half_space`, with the same parameters and errors."""
+    burr: Burr,
+    voxel: float | Vector,
+    fill: Callable[..., NDArray[np.uint8]],
+    source: str,
+    *,
+    depth: float | None,
+    axis: Vector,
+    offset: Vector,
+) -> Specimen:
+    """Specimen of `half_space`, with the same further parameters and errors.
+
+    `fill` returns the levels (z, y, x) from the coordinates x, y and z of the voxel centres [mm], the part of each
+    voxel that lies below the plane, 0..1, and the spacing.
+    """
     require_tool(burr)
     spacing = checked_spacing(voxel, "voxel")
     depth = burr.radius / 3 if depth is None else scalar(depth, "depth")
@@ -134,7 +119,9 @@ def block_below_plane(
     below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
         np.sum((spacing * normal) ** 2)
     )
-    return BlockBelowPlane(centers, np.clip(below + 0.5, 0, 1), spacing, np.asarray(shift), normal)
+    levels = fill(centers, np.clip(below + 0.5, 0, 1), spacing)
+    bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in centers])
+    return Specimen(bone, np.asarray(shift), normal, source)
 
 
 def half_space(
@@ -173,8 +160,10 @@ def half_space(
     >>> float(specimen.bone.density.max()), [float(c) for c in specimen.center(0.0, burrlab.Burr(3.0))]
     (255.0, [0.0, 0.0, 3.0])
     """
-    block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
-    return block.filled(np.rint(255 * block.fraction).astype(np.uint8), "half-space of solid bone")
+    return block_below_plane(
+        burr, voxel, lambda centers, fraction, spacing: np.rint(255 * fraction).astype(np.uint8),
+        "half-space of solid bone", depth=depth, axis=axis, offset=offset,
+    )  # fmt: skip
 
 
 class Border:

@@ -176,22 +176,25 @@ class BoneField:
         ValueError
             If the seed is not in 0..2^64 - 1 or the correlation length is below a voxel; and as `half_space`.
         """
-        block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
-        # At a spacing of L, voxel centres cannot represent 0.2 % of g's variance along each axis.
-        refuse(
-            self.contrast > 0 and self.correlation_length < block.spacing.max(),
-            f"correlation_length must be at least one voxel, {block.spacing.max():g} mm, "
-            f"got {self.correlation_length:g} mm",
-        )
-        levels = self.levels(*block.centers, seed=seed)
-        partial = (block.fraction > 0) & (block.fraction < 1)
-        levels[block.fraction == 0] = 0
-        levels[partial] = np.rint(block.fraction[partial] * levels[partial]).astype(np.uint8)
-        return block.filled(
-            levels,
+
+        def filled(centers: tuple[Floats, ...], fraction: Floats, spacing: Floats) -> NDArray[np.uint8]:
+            # At a spacing of L, voxel centres cannot represent 0.2 % of g's variance along each axis.
+            refuse(
+                self.contrast > 0 and self.correlation_length < spacing.max(),
+                f"correlation_length must be at least one voxel, {spacing.max():g} mm, "
+                f"got {self.correlation_length:g} mm",
+            )
+            levels = self.levels(*centers, seed=seed)
+            partial = (fraction > 0) & (fraction < 1)
+            levels[fraction == 0] = 0
+            levels[partial] = np.rint(fraction[partial] * levels[partial]).astype(np.uint8)
+            return levels
+
+        source = (
             f"half-space of uneven bone, mean {self.mean:g}, contrast {self.contrast:g}, "
-            f"correlation length {self.correlation_length:g} mm, seed {seed}",
+            f"correlation length {self.correlation_length:g} mm, seed {seed}"
         )
+        return block_below_plane(burr, voxel, filled, source, depth=depth, axis=axis, offset=offset)
 
     def _beta(self) -> tuple[float, float]:
         """Parameters a and b of the beta distribution, by its first two moments."""

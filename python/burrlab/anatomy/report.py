@@ -3,6 +3,7 @@
 import html
 import itertools
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
@@ -100,10 +101,12 @@ def dose_table(doses: Sequence[Dose]) -> str:
             for edge in NEAR
         )
         lines.append(f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{force}")
-    lines.append(f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in edges))
     lines += [
-        f"{d.burr:<5}{d.structure:<{width}}" + "".join(f"{d.time_within[edge]:9.2f}" for edge in edges)
-        for d in doses
+        f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in edges),
+        *(
+            f"{d.burr:<5}{d.structure:<{width}}" + "".join(f"{d.time_within[edge]:9.2f}" for edge in edges)
+            for d in doses
+        ),
     ]
     return "\n".join(lines)
 
@@ -259,15 +262,18 @@ class AnatomyReport:
         removed = ", ".join(f"{name} {volume:.4g}" for name, volume in self.removed.items() if volume)
         lines = [f"removed [mm^3]: {removed or 'nothing'}"]
         if self.structures:
-            lines.append(f"touched [s], from {TOUCH_TIME:g} on: {_listed(self.touched)}")
             least = " or ".join(f"{volume:g}" for volume in dict.fromkeys(self._injury_volumes.values()))
-            lines.append(f"injured [mm^3], from {least} on: {_listed(self.injured)}")
             doses, others = self._shown
-            lines += [dose_table(doses), *[others] * bool(others)]
-            kinds = [event.kind for event in self.events]
-            counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-            lines.append(f"events: {counts or 'none'}" + ", each to the tick, however small" * bool(counts))
-            lines += [f"  {event}" for event in self.events if event.kind in ("touch", "injury")][:20]
+            kinds = Counter(event.kind for event in self.events)
+            counts = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+            lines += [
+                f"touched [s], from {TOUCH_TIME:g} on: {_listed(self.touched)}",
+                f"injured [mm^3], from {least} on: {_listed(self.injured)}",
+                dose_table(doses),
+                *[others] * bool(others),
+                f"events: {counts or 'none'}" + ", each to the tick, however small" * bool(counts),
+                *[f"  {event}" for event in self.events if event.kind in ("touch", "injury")][:20],
+            ]
         w = self.watched
         if w.events_lost:
             lines.append(f"  ! {w.events_lost} further events were counted, not kept")
@@ -300,7 +306,12 @@ class AnatomyReport:
             look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
             times = list(d.time_within), list(d.time_within.values())
             top.plot(*times, label=f"{label}, {name}" if label else name, **look)
-        top.set(xlabel="distance of the burr's surface [mm]", ylabel="time within [s]", ylim=(0, None))
+        top.set(
+            xlabel="distance of the burr's surface [mm]",
+            ylabel="time within [s]",
+            ylim=(0, None),
+            title=others,
+        )
         if doses:
             top.legend()
         rows = np.arange(len(doses))
@@ -315,7 +326,6 @@ class AnatomyReport:
         bottom.set_yticks(rows, names)
         bottom.invert_yaxis()
         bottom.set(xlabel="force [N]", xlim=(0, None))
-        top.set_title(others)
         return [top, bottom]
 
 

@@ -77,16 +77,15 @@ class TargetComparison:
     def table(self) -> str:
         """Text, a line a tissue."""
         wide = max(8, *(len(name) for name in self.tissues))
-        lines = [f"{'tissue':<{wide}}  overlap [mm^3]  missed [mm^3]  excess [mm^3]"]
         rows = [
             *zip(self.tissues, self.overlap, self.missed, self.excess, strict=True),
             ("all", self.overlap.sum(), self.missed.sum(), self.excess.sum()),
         ]
-        lines += [f"{name:<{wide}}  {a:>14.2f}  {b:>13.2f}  {c:>13.2f}" for name, a, b, c in rows]
-        lines.append(
-            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice "
-            f"{self.dice:.3f}"
-        )
+        lines = [
+            f"{'tissue':<{wide}}  overlap [mm^3]  missed [mm^3]  excess [mm^3]",
+            *(f"{name:<{wide}}  {a:>14.2f}  {b:>13.2f}  {c:>13.2f}" for name, a, b, c in rows),
+            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice {self.dice:.3f}",
+        ]
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -115,8 +114,8 @@ class TargetComparison:
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
         axes.margins(x=0.12)
-        axes.set_xlabel("volume of solid bone [mm$^3$]")
-        axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}")
+        title = f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}"
+        axes.set(xlabel="volume of solid bone [mm$^3$]", title=title)
         return axes
 
 

@@ -123,6 +123,5 @@ def read_vrpn_log(path: str | os.PathLike[str]) -> VrpnLog:
         for column, _ in number:
             table[column] = numbers
         fields = values.view([(column, "f8", *shape) for column, _, *shape in columns])[:, 0]
-        for column, *_ in columns:
-            table[column] = fields[column]
+        table[[column for column, *_ in columns]] = fields
     return VrpnLog(file, started / 1e6, **tables, other=other)

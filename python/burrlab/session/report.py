@@ -129,21 +129,19 @@ class SessionReport:
         }))  # fmt: skip
 
     def __str__(self) -> str:
+        f = self.follower
         lines = [
             f"{self.state}: {self.ticks} ticks, {self.late} with k > 1, {self.missed} deadlines missed, "
             f"{self.dropped} periods dropped",
             f"  {'[us]':<20}" + "".join(f"{q:>9}" for q in ("p50", "p99", "p99.9", "max")),
-        ]
-        lines += [
-            f"  {_NAMES[name]:<20}" + "".join(f"{value:9.1f}" for value in times.values())
-            for name, times in self.times.items()
-            if not math.isnan(times["max"])
-        ]
-        f = self.follower
-        lines.append(
+            *(
+                f"  {_NAMES[name]:<20}" + "".join(f"{value:9.1f}" for value in times.values())
+                for name, times in self.times.items()
+                if not math.isnan(times["max"])
+            ),
             f"  follower: tick {f['tick']}, {f['behind']} behind, at most {1e3 * f['most_behind_s']:.0f} ms; "
-            f"rebuilt {f['rebuilds']} times"
-        )
+            f"rebuilt {f['rebuilds']} times",
+        ]
         if f["differing"]:
             lines.append(
                 f"  follower and loop DIFFER in {f['differing']} ticks, first in {f['first_difference']}"
@@ -176,9 +174,8 @@ class SessionReport:
             ]
             if parts:
                 lines.append(f"  {name}: {', '.join(parts)}")
-        if self.anatomy is not None:
-            lines += [f"  {line}" for line in str(self.anatomy).splitlines()]
-        lines += [f"  {note}" for note in self.notes]
+        anatomy = "" if self.anatomy is None else str(self.anatomy)
+        lines += [f"  {line}" for line in (*anatomy.splitlines(), *self.notes)]
         lines += [f"  ! {message}" for message in self.messages if message not in self.notes]
         return "\n".join(lines)
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,11 +18,11 @@ _RAMP = 1.0  # [s], ours
 _LEAST_RATE = 20.0  # [Hz], so that a stall differs from a period
 
 
-def _make_numbers(settings: object, *names: str) -> None:
-    """Makes floats of the numbers that were given: JSON knows Python's alone."""
+def _make_numbers(settings: object, *names: str, make: Callable[[Any, str], float] = scalar) -> None:
+    """Makes Python's floats, or whole numbers, of those that were given: JSON knows no others."""
     for name in names:
         if (number := getattr(settings, name)) is not None:
-            object.__setattr__(settings, name, scalar(number, name))
+            object.__setattr__(settings, name, make(number, name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,7 @@ class Clock:
             self.wall_clock and self.rate < _LEAST_RATE,
             f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {self.rate!r}",
         )
-        if self.cpu is not None:
-            whole("cpu", self.cpu, 2**31, "2^31")
+        _make_numbers(self, "cpu", make=lambda number, name: whole(name, number, 2**31, "2^31"))
         refuse(not 0 < self.digest_every < 1e9, f"digest_every must be positive, got {self.digest_every!r}")
 
 
@@ -145,8 +144,7 @@ class Safety:
         _make_numbers(self, "force_limit", "slew_limit", "ramp", "coupling", "stop_at_force")
         if self.stop_at_force is not None:
             check_positive("stop_at_force", self.stop_at_force)
-        if self.stop_button is not None:
-            object.__setattr__(self, "stop_button", whole("stop_button", self.stop_button, 8, "8"))
+        _make_numbers(self, "stop_button", make=lambda number, name: whole(name, number, 8, "8"))
         require_type("stop_within", self.stop_within, Mapping, "{'facial nerve': 1.0}")
         distances = {
             name: scalar(limit, f"stop_within of {name}") for name, limit in self.stop_within.items()
@@ -280,6 +278,4 @@ class Publish:
     sensor: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("port", "vrpn"):
-            if (number := getattr(self, name)) is not None:
-                object.__setattr__(self, name, whole(name, number, 2**16, "2^16"))
+        _make_numbers(self, "port", "vrpn", make=lambda number, name: whole(name, number, 2**16, "2^16"))

@@ -46,6 +46,7 @@ _BURR = [
 ]  # fmt: skip
 BURR_COLUMNS = tuple(name for name, *_ in _BURR)
 TICK_COLUMNS = tuple(name for name, *_ in _TICK)
+_BURR_FIELDS, _TICK_FIELDS = [field for *_, field in _BURR], [field for *_, field in _TICK]
 BURR_DTYPE = np.dtype([(name, kind, shape) for name, kind, shape, _ in _BURR])
 _BEFORE_3 = np.dtype([column[:3] for column in _BURR[:-2]])
 DIGEST_DTYPE = np.dtype([("tick", "<u8"), ("digest", "S32")])
@@ -59,10 +60,8 @@ def row_dtype(burrs: int, burr: np.dtype[Any] = BURR_DTYPE) -> np.dtype[Any]:
 def to_rows(records: NDArray[np.void], burrs: int) -> NDArray[np.void]:
     """Tick records as rows of the file, bit for bit."""
     rows = np.zeros(len(records), row_dtype(burrs))
-    for name, _, key in _TICK:
-        rows[name] = records[key]
-    for name, _, _, key in _BURR:
-        rows["burr"][name] = records["burr"][key][:, :burrs]
+    rows[list(TICK_COLUMNS)] = records[_TICK_FIELDS]
+    rows["burr"][list(BURR_COLUMNS)] = records["burr"][_BURR_FIELDS][:, :burrs]
     return rows
 
 
@@ -72,11 +71,9 @@ def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]
     records = np.zeros(len(rows), dtype)
     records["burrs"] = burrs
     records["burr"]["orientation"][..., 0] = 1.0
-    for name, _, key in _TICK:
-        records[key] = rows[name]
-    for name, _, _, key in _BURR:
-        if name in (rows["burr"].dtype.names or ()):
-            records["burr"][key][:, :burrs] = rows["burr"][name]
+    records[_TICK_FIELDS] = rows[list(TICK_COLUMNS)]
+    fields = _BURR_FIELDS[: len(rows["burr"].dtype.names or ())]  # none of the last two before format 3
+    records["burr"][fields][:, :burrs] = rows["burr"]
     return records
 
 

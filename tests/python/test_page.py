@@ -8,7 +8,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, tool
-from page_scenes import make_page, nerve_session, nerve_trace
+from page_scenes import make_page, nerve_session, watched_trace  # noqa: F401
 from PIL import Image
 from session_scenes import FakeReader, ended
 
@@ -18,11 +18,6 @@ from burrlab.effects.effects import Effects
 from burrlab.session.player import TracePlayer
 from burrlab.view.page_source import page_source
 from burrlab.view.surface import brick_numbers
-
-
-@pytest.fixture(scope="module")
-def trace(tmp_path_factory):
-    return burrlab.load_trace(nerve_trace(tmp_path_factory.mktemp("page") / "session.h5"))
 
 
 @pytest.fixture
@@ -231,7 +226,7 @@ def test_events_of_the_trace(page, trace):
 def test_distances_once_their_fields_are_made(page, trace):
     assert page.state.distances == []
     page.source.open()
-    page.source._distances.close()
+    page.source._background[-1].join()
     page.go(trace.time()[trace.events[0]["tick"]])  # an approach
     turn(page, 2.0)
     nerve = next(row for row in page.state.distances if row["name"] == "nerve")

@@ -235,8 +235,8 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
         of_name = [label for label, tissue in known if tissue is not None and tissue.name == name]
         if len(of_name) != 1:
             return None
-        places = np.argwhere(labels.labels == of_name[0])[:, ::-1] * labels.spacing
-        clouds.append(places @ labels.direction.T)
+        voxels = np.argwhere(labels.labels == of_name[0])[:, ::-1]
+        clouds.append((voxels * labels.spacing) @ labels.direction.T)
     canal, joint, nerve = clouds
     middle = canal.mean(axis=0)
     outwards, to_joint = _unit(middle - nerve.mean(axis=0)), _unit(joint.mean(axis=0) - middle)

@@ -79,11 +79,14 @@ def do_sweep(options: Options) -> int:
 
 
 def do_materials(options: Options) -> None:
-    table = {
-        name: {"c_e": m.c_e, "alpha": m.alpha, "shape": m.shape.name, "source": m.source}
-        for name, m in burrlab.materials.items()
-    }
-    deliver(options, table, str(burrlab.materials))
+    deliver(
+        options,
+        {
+            name: {"c_e": m.c_e, "alpha": m.alpha, "shape": m.shape.name, "source": m.source}
+            for name, m in burrlab.materials.items()
+        },
+        str(burrlab.materials),
+    )
 
 
 def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
@@ -110,12 +113,16 @@ def read_data(options: Options, kind: str, **layout_options: Any) -> list[Any]:
 
 
 def do_fit(options: Options) -> None:
-    if options.engine != "voxel":
+    engine: Literal["mean-field"] | burrlab.VoxelEngine = "mean-field"
+    if options.engine == "voxel":
+        store = None if options.store is None else burrlab.Store(options.store)
+        engine = burrlab.VoxelEngine(voxel=options.voxel or 0.1, store=store, progress=on_terminal())
+    else:
         refuse_options(options, ("voxel", "store"), "goes with --engine voxel")
     result = burrlab.fit(
         _data(options),
         shape=options.shape,
-        engine=_engine(options),
+        engine=engine,
         residuals=options.residuals,
         seed=options.seed,
         share=options.share,
@@ -216,13 +223,6 @@ def _effects(options: Options) -> dict[str, Any]:
         "estimate": options.estimate,
         "known": options.known,
     }
-
-
-def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:
-    if options.engine == "mean-field":
-        return "mean-field"
-    store = None if options.store is None else burrlab.Store(options.store)
-    return burrlab.VoxelEngine(voxel=options.voxel or 0.1, store=store, progress=on_terminal())
 
 
 def do_version(options: Options) -> None:

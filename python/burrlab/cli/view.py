@@ -79,8 +79,9 @@ def _draw(
     """Makes the film and the picture that are asked for, or shows a window, of the bone as it was at a moment."""
     window = options.png is None and options.video is None
     both = window and bool(options.stereo)  # files have two whole pictures
-    size = options.size or (SIZE if both else (1024, 768))
-    settings: dict[str, Any] = {"size": size, "off_screen": not window, "stereo": both, "note": note}
+    settings: dict[str, Any] = {
+        "size": options.size or (SIZE if both else (1024, 768)), "off_screen": not window, "stereo": both, "note": note,
+    }  # fmt: skip
     if player is None:
         scene = Scene(bone, [], **settings)
         if options.slices:

@@ -331,8 +331,8 @@ class Legend:
             text.GetSize(self.renderer, bounds)
             widest = max(widest, bounds[0])
         if self.rows:
-            low = height - 1.2 * size - len(self.rows) * pitch
-            self.ground.place(0.5 * size, low - 0.4 * size, left + 2.5 * size + widest, height - 0.6 * size)
+            low = height - 1.2 * size - len(self.rows) * pitch - 0.4 * size
+            self.ground.place(0.5 * size, low, left + 2.5 * size + widest, height - 0.6 * size)
 
 
 def font_size(height: int) -> int:

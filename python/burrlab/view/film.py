@@ -74,8 +74,9 @@ class TraceView:
         """Shows a time of the trace [s], and says it; returns the number of blocks made anew. `progress` as
         for `TracePlayer.seek`. ValueError outside the trace."""
         self.scene.say(f"{self._note}\n{seconds:.2f} s".lstrip())
-        bricks = self._replay.go(seconds, progress=progress)
-        return self._replay.show_in(self.scene, bricks, slices=self.slices, curves=True)
+        return self._replay.show_in(
+            self.scene, self._replay.go(seconds, progress=progress), slices=self.slices, curves=True
+        )
 
     def frames(
         self,

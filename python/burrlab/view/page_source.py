@@ -3,7 +3,7 @@
 import contextlib
 import json
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -29,59 +29,6 @@ _KINDS = {  # text and colour of an event
     "injury": ("injury of", "#ff7b72"),
     "away": ("away from", "#7a8791"),
 }
-
-
-class StructureDistances:
-    """Distance of the nearest burr's surface to each critical structure of a bone; the distance fields are
-    made in the background.
-
-    Parameters
-    ----------
-    bone : VoxelBone
-        A bone without critical tissues gives no rows.
-    settings : mapping, optional
-        Settings of the bone's watch; default: a watch of all critical tissues.
-    """
-
-    def __init__(self, bone: VoxelBone, settings: Mapping[str, Any] | None = None) -> None:
-        self._watch: Watch | None = None
-        self._thread = threading.Thread(target=self._make, name="burrlab distances", daemon=True)
-        self._bone, self._settings = bone, settings
-
-    def open(self) -> None:
-        """Starts the work. The bone must not change until this returns."""
-        tissues = self._bone.tissues
-        if tissues is not None and (self._settings or any(tissue.critical for tissue in tissues)):
-            self._bone = self._bone.copy()  # the original goes on changing
-            self._thread.start()
-
-    def close(self) -> None:
-        """Waits for the end of the work."""
-        if self._thread.ident is not None:
-            self._thread.join()
-
-    def rows(self, burrs: Burrs) -> list[dict[str, Any]]:
-        """A row a structure: name, colour, value [mm], near (within the approach limit). Empty at first."""
-        watch = self._watch
-        known = np.isfinite(np.column_stack([burrs.centers, burrs.radii])).all(axis=1)
-        if watch is None or not known.any():
-            return []
-        rows = []
-        for name, colour, limit in zip(watch.structures, watch.colours, watch.limits, strict=True):
-            nearest = min(
-                float(watch.distance(center, name, radius=float(radius)))
-                for center, radius in zip(burrs.centers[known], burrs.radii[known], strict=True)
-            )
-            rows.append({
-                "name": name, "colour": "rgb({}, {}, {})".format(*colour), "near": nearest <= limit.approach,
-                "value": f"{nearest:.2f}" if np.isfinite(nearest) else "far",
-            })  # fmt: skip
-        return rows
-
-    def _make(self) -> None:
-        bone, settings = self._bone, self._settings
-        with contextlib.suppress(ValueError):  # no voxel of a critical tissue
-            self._watch = Watch.of_settings(bone, settings) if settings else Watch(bone)
 
 
 #: Drawn fields of a parcel, as precise as the eye can see: within 0.03 mm, and shares of 255.
@@ -195,7 +142,9 @@ class PageSource:
         self.events: list[dict[str, Any]] = []
         self._structures = [str(row["name"]) for row in watch["structures"]] if watch else []
         self.has_effects = False
-        self._distances = StructureDistances(bone, watch)
+        self._watch: Watch | None = None  # it is made in the background
+        self._settings = watch
+        self._background: list[threading.Thread] = []
 
     @property
     def prepared(self) -> float:
@@ -222,8 +171,30 @@ class PageSource:
         return np.empty(0, np.uint32)
 
     def distances(self) -> list[dict[str, Any]]:
-        """Rows for the page: name, colour, value [mm], near."""
-        return self._distances.rows(self.burrs)
+        """A row for each critical structure, or each of the watch: name, colour, distance of the nearest burr's
+        surface as value [mm], near (within the approach limit). Empty until the distance fields are made."""
+        watch, burrs = self._watch, self.burrs
+        known = np.isfinite(np.column_stack([burrs.centers, burrs.radii])).all(axis=1)
+        if watch is None or not known.any():
+            return []
+        spheres = list(zip(burrs.centers[known], burrs.radii[known].tolist(), strict=True))
+        nearest = [
+            min(float(watch.distance(center, name, radius=radius)) for center, radius in spheres)
+            for name in watch.structures
+        ]
+        return [
+            {
+                "name": name, "colour": "rgb({}, {}, {})".format(*colour), "near": distance <= limit.approach,
+                "value": f"{distance:.2f}" if np.isfinite(distance) else "far",
+            }
+            for name, colour, limit, distance in zip(
+                watch.structures, watch.colours, watch.limits, nearest, strict=True
+            )
+        ]  # fmt: skip
+
+    def _make_watch(self, bone: VoxelBone) -> None:
+        with contextlib.suppress(ValueError):  # no voxel of a critical tissue
+            self._watch = Watch.of_settings(bone, self._settings) if self._settings else Watch(bone)
 
     def _add_events(self, times: Iterable[float], rows: Iterable[np.void]) -> None:
         """Adds a row for each event of a trace or a watch, at its time [s]."""
@@ -236,11 +207,21 @@ class PageSource:
             self.events.append({"time_s": time, "clock": f"{time:.2f} s", "text": text, "colour": colour})
 
     def open(self) -> None:
-        """Begins the work in the background."""
+        """Begins the work in the background. The bone must not change until this returns."""
+        tissues = self.bone.tissues
+        if self.radii and tissues is not None and (self._settings or any(t.critical for t in tissues)):
+            bone = self.bone.copy()  # the original goes on changing
+            self._background.append(
+                threading.Thread(target=self._make_watch, args=(bone,), name="burrlab distances", daemon=True)
+            )
+        for thread in self._background:
+            thread.start()
 
     def close(self) -> None:
         """Ends the work in the background."""
-        self._distances.close()
+        for thread in self._background:
+            if thread.ident is not None:
+                thread.join()
 
     def show_in(
         self,
@@ -273,8 +254,11 @@ class ReplaySource(PageSource):
     kind = "replay"
 
     def __init__(self, player: Player, effects: Effects | None = None) -> None:
-        watch = None if isinstance(player, RecordingPlayer) else player.trace.watch
-        super().__init__(player.bone, player.burrs.radii.tolist(), watch)
+        super().__init__(
+            player.bone,
+            player.burrs.radii.tolist(),
+            None if isinstance(player, RecordingPlayer) else player.trace.watch,
+        )
         self.player, self.span, self.history = player, (0.0, player.duration), player.history
         self.past: ParcelHistory | None = None
         if isinstance(player, RecordingPlayer):
@@ -291,7 +275,7 @@ class ReplaySource(PageSource):
             self.past = None if effects is None else ParcelHistory(trace, effects)
         self.has_effects = effects is not None
         self._cancel = threading.Event()
-        self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
+        self._background.append(threading.Thread(target=self._prepare, name="burrlab page", daemon=True))
         self._take_over()
 
     @property
@@ -315,15 +299,9 @@ class ReplaySource(PageSource):
         player = self.player
         self.time, self.burrs, self.force, self.depth = player.time, player.burrs, player.force, player.depth
 
-    def open(self) -> None:
-        self._thread.start()
-        self._distances.open()
-
     def close(self) -> None:
         self._cancel.set()
         super().close()
-        if self._thread.ident is not None:
-            self._thread.join()
 
     def _prepare(self) -> None:
         player = self.player
@@ -400,9 +378,6 @@ class LiveSource(PageSource):
         bricks = brick_numbers(update["bricks"], self.bone)
         restore_bricks(self.bone, bricks, update["density"].reshape(-1, 512))
         return bricks
-
-    def open(self) -> None:
-        self._distances.open()
 
     def _tell_state(self) -> None:
         source = self._source

@@ -27,6 +27,7 @@ PLANES = {"xy": (2, 0, 1), "xz": (1, 0, 2), "yz": (0, 1, 2)}
 #: Colour of removed bone.
 REMOVED = (92, 44, 40)
 _EMPTY = (16, 18, 24)
+_HEX = "#{:02x}{:02x}{:02x}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -206,15 +207,11 @@ def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch
         *(np.unique(image.tissues[image.levels > 0]) for image in images if image.tissues is not None)
     )
     handles = [
-        Patch(facecolor=_hex(*tissue.colour), label=tissue.name, edgecolor="0.3", linewidth=0.5)
+        Patch(facecolor=_HEX.format(*tissue.colour), label=tissue.name, edgecolor="0.3", linewidth=0.5)
         for number, tissue in enumerate(bone.tissues or ())
         if number in seen
     ]
-    return handles + [Patch(facecolor=_hex(*REMOVED), label="removed")] * bool(bone.removed)
-
-
-def _hex(red: int, green: int, blue: int) -> str:
-    return f"#{red:02x}{green:02x}{blue:02x}"
+    return handles + [Patch(facecolor=_HEX.format(*REMOVED), label="removed")] * bool(bone.removed)
 
 
 def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:

@@ -84,8 +84,10 @@ def serve(
     page = page_source(source, effects)
     refuse(not 0 <= port <= 65535, f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    settings = {"size": size, "level": level, "note": note or page.note, "outline": page.kind == "replay"}
-    asyncio.run(_serve(page, host, port, viewpoint, stereo, on_ready, settings))
+    asyncio.run(_serve(
+        page, host, port, viewpoint, stereo, on_ready,
+        size=size, level=level, note=note or page.note, outline=page.kind == "replay",
+    ))  # fmt: skip
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -121,7 +123,7 @@ def warning(address: str) -> str:
 
 async def _serve(
     source: PageSource, host: str, port: int, viewpoint: Viewpoint | None, stereo: bool,
-    on_ready: Callable[[str], object] | None, settings: dict[str, Any],
+    on_ready: Callable[[str], object] | None, **settings: Any,
 ) -> None:  # fmt: skip
     scene = Scene(source.bone, source.radii, off_screen=True, chart=False, **settings)
     try:

@@ -232,29 +232,36 @@ def box_text(grid: OnGrid) -> str:
 
 def same_geometry(first: OnGrid, second: OnGrid) -> bool:
     """Whether two volumes have as many voxels, and no corner is off by more than `SAME` of a voxel."""
-    return _difference(first, second) is None
+    return not _difference(first, second)
 
 
 def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
     """ValueError that names the difference, unless two volumes have the same geometry."""
     what = _difference(first, second)
-    refuse(what is not None, f"{first.path} and {second.path} must have the same geometry: {what}")
+    refuse(what, f"{first.path} and {second.path} must have the same geometry: {what}")
 
 
-def _difference(first: OnGrid, second: OnGrid) -> str | None:
-    if first.shape != second.shape:
-        return f"{_times(first.shape[::-1])} voxels against {_times(second.shape[::-1])}"
-    if np.any(np.abs(first.spacing - second.spacing) > 1e-3 * np.minimum(first.spacing, second.spacing)):
-        return f"spacing {point_text(first.spacing)} against {point_text(second.spacing)} mm"
+def _difference(first: OnGrid, second: OnGrid) -> str:
+    """The first difference of two geometries; empty if there is none."""
+    sides = np.minimum(first.spacing, second.spacing)
     off = float(np.linalg.norm(first.corners() - second.corners(), axis=1).max())
-    if off <= SAME * min(first.spacing.min(), second.spacing.min()):
-        return None
-    if np.abs(first.direction - second.direction).max() > 1e-3:
-        turn = [point_text(column) for column in (*first.direction.T, *second.direction.T)]
-        return f"directions {', '.join(turn[:3])} against {', '.join(turn[3:])}"
-    if np.linalg.norm(first.origin - second.origin) > 0.5 * off:
-        return f"origin {point_text(first.origin)} against {point_text(second.origin)} mm"
-    return f"a corner is off by {off:.3g} mm"
+    turn = [point_text(column) for column in (*first.direction.T, *second.direction.T)]
+    differences = {
+        f"{_times(first.shape[::-1])} voxels against {_times(second.shape[::-1])}": first.shape
+        != second.shape,
+        f"spacing {point_text(first.spacing)} against {point_text(second.spacing)} mm": (
+            np.any(np.abs(first.spacing - second.spacing) > 1e-3 * sides)
+        ),
+        "": off <= SAME * sides.min(),
+        f"directions {', '.join(turn[:3])} against {', '.join(turn[3:])}": (
+            np.abs(first.direction - second.direction).max() > 1e-3
+        ),
+        f"origin {point_text(first.origin)} against {point_text(second.origin)} mm": (
+            np.linalg.norm(first.origin - second.origin) > 0.5 * off
+        ),
+        f"a corner is off by {off:.3g} mm": True,
+    }
+    return next(text for text, differs in differences.items() if differs)
 
 
 def grid_of_bone(bone: VoxelBone, like: OnGrid) -> "LabelVolume":

@@ -647,20 +647,19 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
         and np.allclose(labels.direction, volume.direction, atol=1e-3)
         and np.abs(offset - start).max() <= SAME
     )
+    whole = labels.labels
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
         try:
             check_same_geometry(volume, labels)
         except ValueError as error:
             raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
-        return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
-    whole = np.zeros(volume.shape, labels.labels.dtype)
-    (x, y, z), (u, v, w) = start, stop
-    whole[z:w, y:v, x:u] = labels.labels
-    placed = replace(
+    else:
+        whole = np.zeros(volume.shape, labels.labels.dtype)
+        (x, y, z), (u, v, w) = start, stop
+        whole[z:w, y:v, x:u] = labels.labels
+    return replace(
         labels, labels=whole, spacing=volume.spacing, origin=volume.origin, direction=volume.direction
     )
-    check_same_geometry(volume, placed)
-    return placed
 
 
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:

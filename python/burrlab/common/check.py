@@ -67,9 +67,8 @@ def check_positive(name: str, value: float) -> None:
 
 def seed_or_new(seed: int | None) -> int:
     """The seed, or a random one for None; ValueError unless it is whole, from 0 and below 2^64."""
-    if seed is None:
-        return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-    return whole("seed", seed, 2**64, "2^64")
+    drawn = np.random.SeedSequence().generate_state(1, np.uint64)[0] if seed is None else seed
+    return whole("seed", drawn, 2**64, "2^64")
 
 
 def nearest(name: object, names: Iterable[str]) -> str:
@@ -164,10 +163,10 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
     raise ValueError(f"{name}: the compressed data must hold {size} bytes, as the header says, got far more")
 
 
-def refuse(broken: object, sentence: str) -> None:
-    """ValueError with this sentence if the rule is broken.
+def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:
+    """ValueError, or another error, with this sentence if the rule is broken.
 
     The sentence is made in every call: to show an array takes a millisecond, so there write `if` and `raise`.
     """
     if broken:
-        raise ValueError(sentence)
+        raise error(sentence)

@@ -84,9 +84,8 @@ def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
 
 def _size(width: float, height: float) -> tuple[float, float]:
     chosen = rcParams["figure.figsize"]
-    if list(chosen) == list(rcParamsDefault["figure.figsize"]):
-        return width, height
-    return chosen[0], height * min(max(chosen[0] / width, 0.7), 1.0)
+    usual = list(chosen) == list(rcParamsDefault["figure.figsize"])
+    return (width, height) if usual else (chosen[0], height * min(max(chosen[0] / width, 0.7), 1.0))
 
 
 def axes_or_new(axes: Axes | None) -> Axes:

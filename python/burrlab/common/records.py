@@ -175,10 +175,8 @@ class Codec:
 
     def _state(self, value: Any) -> Any:
         """What the core makes the object of again."""
-        keys = self._known(type(value))
-        return self.plain(
-            {key: getattr(value, str(name)) for key, name in keys.items()} or value.__getstate__()
-        )
+        parts = {key: getattr(value, str(name)) for key, name in self._known(type(value)).items()}
+        return self.plain(parts or value.__getstate__())
 
     def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:
         if value is None and self._not_finite == "null":
@@ -192,8 +190,7 @@ class Codec:
     def _array(self, value: Any, _: Any) -> Any:
         numbers = np.array(_of_type((list,), value, list), dtype=object)
         wrong = set(map(type, numbers.flat)) - {float, int, type(None)}
-        named = " and ".join(sorted(kind.__name__ for kind in wrong))
-        refuse(wrong, f"must be of numbers, got {named}")
+        refuse(wrong, f"must be of numbers, got {' and '.join(sorted(kind.__name__ for kind in wrong))}")
         return numbers.astype(np.float64)
 
     def _taken_apart(self, kind: type) -> Callable[[Any], Any]:
@@ -220,8 +217,8 @@ class Codec:
         overrides: dict[str, Any] = {name: override(rename=key) for name, key in keys.items()}
         for (owner, name), meaning in self._null.items():
             if owner is kind:
-                hook = functools.partial(self._number, null=meaning)
-                overrides[name] = override(rename=keys[name], struct_hook=hook)
+                number = functools.partial(self._number, null=meaning)
+                overrides[name] = override(rename=keys[name], struct_hook=number)
         structure: Any = make_dict_structure_fn(
             kind, converter, _cattrs_forbid_extra_keys=self._not_finite != "spelt", **overrides
         )
@@ -284,8 +281,8 @@ class InJson:
         text = isinstance(file, str) and file.lstrip().startswith(("{", "["))
         refuse(text, f"file must be a name or an open file, as io.StringIO(text), got the text {shown(file)}")
         with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as stream:
-            name = getattr(stream, "name", "JSON text")
-            return parsed(name, stream.read(), f"the JSON of a {cls.__name__.lower()}", cls.from_dict)
+            what = f"the JSON of a {cls.__name__.lower()}"
+            return parsed(getattr(stream, "name", "JSON text"), stream.read(), what, cls.from_dict)
 
 
 def is_of_core(kind: Any) -> bool:

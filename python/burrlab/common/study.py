@@ -75,7 +75,7 @@ def _identity(value: Any) -> Any:
     if is_of_core(type(value)) and (identity := _identity_in_core(value)) is not None:
         return identity
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [field.name for field in dataclasses.fields(value) if field.compare]
+        fields = [f.name for f in dataclasses.fields(value) if f.compare]
         return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]
     raise TypeError(
         "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers "
@@ -113,10 +113,11 @@ def key_of(function: Callable[..., Any], item: Any) -> str:
     >>> key_of(round, 0.1) == key_of(round, 0.1), key_of(round, 0.1) == key_of(round, 0.1 + 2e-17)
     (True, False)
     """
-    if "<" in getattr(function, "__qualname__", "<"):  # <lambda>, <locals>, functools.partial
-        raise TypeError(
-            f"function must be one of a module, which a store knows by its name, got {function!r}"
-        )
+    refuse(
+        "<" in getattr(function, "__qualname__", "<"),  # <lambda>, <locals>, functools.partial
+        f"function must be one of a module, which a store knows by its name, got {function!r}",
+        TypeError,
+    )
     parts = [FORMAT, SAME_NUMBERS_SINCE, _name(function), _identity(item)]
     return hashlib.sha256(json.dumps(parts, separators=(",", ":")).encode()).hexdigest()
 
@@ -246,8 +247,11 @@ class Store:
         file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
             written = os.write(file, text)
-            if written < len(text):
-                raise OSError(f"store: {self.path} took {written} of {len(text)} bytes: is the disk full?")
+            refuse(
+                written < len(text),
+                f"store: {self.path} took {written} of {len(text)} bytes: is the disk full?",
+                OSError,
+            )
             if time.monotonic() - self._synced > _SYNC:
                 os.fsync(file)
                 self._synced = time.monotonic()
@@ -375,11 +379,12 @@ class Study(Generic[Item, Result]):
         store: StorePath | None = None,
         chunk: int | None = None,
     ) -> None:
-        if executor is not None and not isinstance(executor, Executor):
-            raise TypeError(
-                "executor must be a concurrent.futures.Executor, of a dask client its client.get_executor(), "
-                f"got {executor!r}"
-            )
+        refuse(
+            executor is not None and not isinstance(executor, Executor),
+            "executor must be a concurrent.futures.Executor, of a dask client its client.get_executor(), "
+            f"got {executor!r}",
+            TypeError,
+        )
         refuse(
             chunk is not None and not (isinstance(chunk, int) and chunk >= 1),
             f"chunk must be a whole number from 1, got {chunk!r}",

@@ -270,8 +270,9 @@ def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping
         text = io.StringIO()
         write(text, comments, columns)
         return write_text(file, text.getvalue())
-    if not hasattr(file, "write"):
-        raise TypeError(f"file must be a path or an open text file, got {shown(file)}")
+    refuse(
+        not hasattr(file, "write"), f"file must be a path or an open text file, got {shown(file)}", TypeError
+    )
     for key, value in comments.items():
         file.write(f"# {key}: {value}\n")
     writer = csv.writer(file, lineterminator="\n")
@@ -553,8 +554,8 @@ class TableData(Tabular):
 
     def _columns(self) -> dict[str, Any]:
         """Columns that are not None, by their names."""
-        columns = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
-        return {name: values for name, values in columns.items() if values is not None}
+        names = (column.name for column in self._TABLE.columns)
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
     def _check_rows(self) -> None:
         """ValueError unless there is a row and every row obeys the table's rules."""
@@ -654,8 +655,8 @@ class Tabulated(ABC):
         lines = [
             " & ".join(map(cell, row)) + r" \\" for row in (columns, *zip(*columns.values(), strict=True))
         ]
-        begin = [rf"\begin{{tabular}}{{{''.join(kinds)}}}", r"\toprule", lines[0], r"\midrule"]
-        return "\n".join([*begin, *lines[1:], r"\bottomrule", r"\end{tabular}"])
+        begin, end = rf"\begin{{tabular}}{{{''.join(kinds)}}}", r"\end{tabular}"
+        return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", end])
 
 
 _LATEX = re.compile(r"[%&_#$^{}]")

@@ -27,9 +27,8 @@ from burrlab.common.table import (
 from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
 from burrlab.psychophysics.group import probability_text
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
-from burrlab.psychophysics.rules import Counts, rule_of
+from burrlab.psychophysics.rules import COUNTED, Counts, rule_of
 from burrlab.psychophysics.scored_task import (
-    CORRECTION,
     CountsBySubject,
     CountsByTask,
     Progress,
@@ -47,9 +46,6 @@ from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 Task: TypeAlias = ScoredTask | ThresholdTask
 
-_COUNTED = {"same-different": '"different"', "abx": '"first"', "2ifc": '"first"'}
-_CORRECTIONS = {"log-linear": "half an answer more in each cell (log-linear)"}
-
 
 def head(analysis: "Analysis") -> str:
     name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
@@ -59,16 +55,14 @@ def head(analysis: "Analysis") -> str:
 def heading(task: Task) -> str:
     """The heading of a task: name, kind, comparison, trials, chance."""
     kind = task.design.get("design", task.task)
-    parts = [f"{task.name}: {kind}" if task.name != kind else str(kind)]
-    parts += [about] if (about := design_text(task.design)) else []
+    parts = [f"{task.name}: {kind}" if task.name != kind else str(kind), design_text(task.design)]
     if isinstance(task, ThresholdTask):
-        parts.append(f"chance {task.chance:g}")
-        parts += [str(task.design["held"])] if "held" in task.design else []
+        parts += [f"chance {task.chance:g}", str(task.design.get("held", ""))]
     elif task.trials:
         parts.append(f"{task.trials} trials, chance {task.chance * task.trials:g}")
     elif task.subjects:
         parts.append(f"trials differ between subjects, chance {task.chance:g}")
-    return ", ".join(parts)
+    return ", ".join(filter(None, parts))
 
 
 def warnings(task: Task) -> list[str]:
@@ -120,7 +114,10 @@ def columns(task: Task) -> list[ReportColumn]:
             ("", "threshold", ["" if subject.threshold is None else f"{subject.threshold:.3f}" for subject in ones]),
             *([("", f"{100 * task.level:g} %", intervals)] if any(intervals) else []),
         ]  # fmt: skip
-    listing += [(group, name, list(map(cell, task.subjects))) for group, name, cell in _score_cells(task)]
+    listing += [
+        (group.format(COUNTED[task.task]), name, list(map(cell, task.subjects)))
+        for group, name, cell in _SCORE_CELLS
+    ]
     for rule in task.rules:
         of_rule = [subject.of_rule(rule) for subject in task.subjects]
         listing += [
@@ -130,17 +127,14 @@ def columns(task: Task) -> list[ReportColumn]:
     return listing
 
 
-def _score_cells(task: ScoredTask) -> list[tuple[str, str, Callable[[SubjectResult], str]]]:
-    counted = _COUNTED[task.task]
-    return [
-        ("", "score", lambda subject: f"{subject.counts.score}/{subject.counts.trials}"),
-        ("binomial", "p", lambda subject: p_text(subject.p_value)),
-        ("binomial", "Holm", lambda subject: p_text(subject.holm)),
-        (counted, "hits", lambda subject: f"{subject.counts.hits}/{subject.counts.signals}"),
-        (counted, "f.a.", lambda subject: f"{subject.counts.false_alarms}/{subject.counts.noises}"),
-    ]
-
-
+#: Columns of scores: group, name, cell. {} is the answer that is counted.
+_SCORE_CELLS: tuple[tuple[str, str, Callable[[SubjectResult], str]], ...] = (
+    ("", "score", lambda subject: f"{subject.counts.score}/{subject.counts.trials}"),
+    ("binomial", "p", lambda subject: p_text(subject.p_value)),
+    ("binomial", "Holm", lambda subject: p_text(subject.holm)),
+    ('"{}"', "hits", lambda subject: f"{subject.counts.hits}/{subject.counts.signals}"),
+    ('"{}"', "f.a.", lambda subject: f"{subject.counts.false_alarms}/{subject.counts.noises}"),
+)
 #: Columns of d' by one rule. The column without a name is the interval.
 _D_PRIME_CELLS: Mapping[str, Callable[[DPrime], str]] = {
     "d'": lambda d: two_decimals(d.estimate),
@@ -159,9 +153,9 @@ def legend(task: Task) -> list[str]:
     return [
         "p: exact binomial test of the score against chance, one-sided; Holm: the same, corrected for all "
         "subjects of the task",
-        f"d': of greatest likelihood, with its {d_primes[0].method} interval on [0, inf), open where the answers set no "
-        "upper limit; s.e. only where 0 is excluded",
-        f"corr.: d' after {_CORRECTIONS[CORRECTION]}, which is finite also after perfect answers",
+        f"d': of greatest likelihood, with its {d_primes[0].method} interval on [0, inf), open where the "
+        "answers set no upper limit; s.e. only where 0 is excluded",
+        "corr.: d' after half an answer more in each cell (log-linear), which is finite also after perfect answers",
         *(f"crit., {d.rule}: {d.criterion_meaning}" for d in d_primes),
     ]
 
@@ -258,8 +252,7 @@ class Analysis(InJson):
             If no task has this name.
         """
         tasks = {task.name: task for task in self.tasks}
-        if name not in tasks:
-            raise KeyError(f"task must be one of {', '.join(tasks)}, got {name!r}")
+        refuse(name not in tasks, f"task must be one of {', '.join(tasks)}, got {name!r}", KeyError)
         return tasks[name]
 
     @property
@@ -280,10 +273,8 @@ class Analysis(InJson):
         for task in self.tasks:
             lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
             if task.subjects:
-                lines += ["", *tables_lines(columns(task), width)]
-                lines += wrapped_lines(
-                    [*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width
-                )
+                sentences = [*(f"  {line}" for line in legend(task)), "", *group_lines(task)]
+                lines += ["", *tables_lines(columns(task), width), *wrapped_lines(sentences, width)]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -341,9 +332,11 @@ class Analysis(InJson):
                 *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
             ]
             if task.subjects:
-                parts.append(table_html(columns(task)))
-                parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
-                parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
+                parts += [
+                    table_html(columns(task)),
+                    f"<p><small>{escape(' '.join(legend(task)))}</small></p>",
+                    *(f"<p>{escape(line)}</p>" for line in group_lines(task)),
+                ]
         return "".join(parts)
 
 
@@ -497,8 +490,8 @@ def _selected(
     task: TaskData, subjects: Sequence[str] | None, selected_from: int | None, selected_by: str
 ) -> TaskData:
     known = [subject.subject for subject in task.subjects]
-    if isinstance(subjects, str):
-        raise TypeError(f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}")
+    text = isinstance(subjects, str)
+    refuse(text, f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}", TypeError)
     unknown = [name for name in subjects or () if name not in known]
     refuse(
         unknown or subjects == [],
@@ -523,10 +516,11 @@ def _tasks_of(data: Any, simulated: bool) -> tuple[str, list[TaskData]]:
         return Path(data).resolve().name, _of_folder(data)
     if isinstance(data, Mapping):
         return "", of_counts(data, simulated=simulated)
-    if isinstance(data, Counts) or not isinstance(data, Iterable):
-        raise TypeError(
-            f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}"
-        )
+    refuse(
+        isinstance(data, Counts) or not isinstance(data, Iterable),
+        f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}",
+        TypeError,
+    )
     return "", of_answers(data)
 
 

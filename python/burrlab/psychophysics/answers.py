@@ -413,8 +413,8 @@ class AnswerFile:
         path = Path(path)
         refuse(path.suffix != ".tsv", f"path must end in .tsv, got {path}")
         path.parent.mkdir(parents=True, exist_ok=True)
-        if side_car_path(path).exists():
-            raise FileExistsError(f"path must be a new file, {side_car_path(path)} exists")
+        car = side_car_path(path)
+        refuse(car.exists(), f"path must be a new file, {car} exists", FileExistsError)
         exists = FileExistsError(f"path must be a new file, {path} exists: resume the run")
         with _opened(path, os.O_CREAT | os.O_EXCL, exists) as file:
             return cls._begin(path, file, side_car)
@@ -625,8 +625,8 @@ class ExperimentFolder:
 
     def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
         """The path of an interval's trace."""
-        stem = f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}"
-        return self._source(subject) / f"{stem}_trace.h5"
+        name = f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}_trace.h5"
+        return self._source(subject) / name
 
     def _source(self, subject: str) -> Path:
         # BIDS has no form for these files; its validators ignore sourcedata.
@@ -699,8 +699,10 @@ class ExperimentFolder:
         for line, fields in text_table.rows:
             subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
             refuse(subject in participants, f"{path}, line {line}: subject {subject} is there twice")
-            where = f"{path}, line {line}, column simulated"
-            refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
+            refuse(
+                kind not in ("yes", "no"),
+                f"{path}, line {line}, column simulated: must be yes or no, got {kind!r}",
+            )
             participants[subject] = {**fields, "participant_id": subject}
         return participants
 

@@ -405,10 +405,8 @@ class _Watch:
     def look(self) -> None:
         while self._reader is not None:
             records, lost = self._reader.take(_MOST)
-            if lost:
-                raise RuntimeError(
-                    "records of the interval were lost: this program was too slow to take them"
-                )
+            slow = "records of the interval were lost: this program was too slow to take them"
+            refuse(lost, slow, RuntimeError)
             if len(records):
                 self._keep(records)
             if self.ended:

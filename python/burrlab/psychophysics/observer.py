@@ -145,9 +145,8 @@ def interval_cues(rendered: Rendered) -> Cues:
     """
     depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
     if rendered.mode == "drilling":
-        if rendered.contact <= 0.0 or not depth.max() > 0.0:
-            return Cues()
-        return Cues(sinking=math.log(float(depth.max()) / rendered.contact))
+        sank = rendered.contact > 0.0 and depth.max() > 0.0
+        return Cues(sinking=math.log(float(depth.max()) / rendered.contact)) if sank else Cues()
     stiffness, at_depth = [], []
     before = 0
     for start, end in _presses(force):
@@ -424,9 +423,8 @@ class SimulatedSubject:
         if task == "same-different":
             if self.decision == "covert":
                 return "different" if x[0] * x[1] < 0.0 else "same"
-            k = self.criterion
-            if k is None:
-                k = float(rule_of(task, "differencing").unbiased(self.d_prime))
+            unbiased = rule_of(task, "differencing").unbiased
+            k = float(unbiased(self.d_prime)) if self.criterion is None else self.criterion
             return "different" if abs(x[0] - x[1]) > k else "same"
         reference, a, b = x
         if self.decision == "covert":

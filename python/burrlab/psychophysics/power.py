@@ -128,10 +128,12 @@ class Equivalence:
             )
         bound = "there is no upper bound" if math.isinf(self.upper) else f"upper bound {self.upper:.2f}"
         where = f"d' ({self.rule}), {bound} at {100 * self.level:.4g} %, {probability_text(self.p_value)}"
-        if self.equivalent:
-            text = f"Equivalent: below {self.delta:g} in {where}."
-        else:
-            text = f"Not shown to be equivalent: {self.delta:g} or more is possible in {where}. That does not show a difference."
+        text = (
+            f"Equivalent: below {self.delta:g} in {where}."
+            if self.equivalent
+            else f"Not shown to be equivalent: {self.delta:g} or more is possible in {where}. That does not show a "
+            "difference."
+        )
         if self.informative < self.subjects:
             text += f" {self.subjects - self.informative} of {self.subjects} subjects gave one answer only: nothing is known of theirs."
         if self.p_below_chance < _BELOW_CHANCE:
@@ -339,8 +341,10 @@ class DesignPower:
         ]
         if rules := list(dict.fromkeys(row.rule for row in self.rows)):
             columns = "score subject" + (" group" if self.subjects > 1 else "")
-            lines += ["        " + "".join(f"{rule:>26}" for rule in rules)]
-            lines += ["d'      " + f"{columns:>26}" * len(rules)]
+            lines += [
+                "        " + "".join(f"{rule:>26}" for rule in rules),
+                "d'      " + f"{columns:>26}" * len(rules),
+            ]
         for d in dict.fromkeys(row.d_prime for row in self.rows):
             cells = [
                 f"{row.score:>5.1f}   {100 * row.subject:>3.0f} %"

@@ -97,8 +97,7 @@ class TomlTable:
         """The value of a key, which must obey the rules; numbers become floats; lists must hold numbers."""
         value = self.value(key, default)
         for rule, holds in (kind, *more) if key in self else ():
-            if not holds(value):
-                raise self.error(f"{key} must be {rule}, got {shown(value)}")
+            self.refuse(not holds(value), f"{key} must be {rule}, got {shown(value)}")
             value = float(value) if kind is _NUMBER else value
         if kind is _LIST and key in self:
             return [TomlTable(self.file, self.name, {key: part}).get(key, _NUMBER) for part in value]
@@ -108,8 +107,7 @@ class TomlTable:
         """A table inside this one."""
         name = f"{self.name}.{key}" if self.name else key
         value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
-        if not isinstance(value, dict):
-            raise self.error(f"{key} must be a table, [{name}], got {shown(value)}")
+        self.refuse(not isinstance(value, dict), f"{key} must be a table, [{name}], got {shown(value)}")
         return TomlTable(self.file, name, value)
 
     def tables(self) -> "Mapping[str, TomlTable]":
@@ -119,21 +117,25 @@ class TomlTable:
     def value(self, key: str, default: Any = _REQUIRED, *, what: str | None = None) -> Any:
         """The value of a key, as in the file."""
         self._known.append(key)
-        if key not in self and default is _REQUIRED:
-            raise self.error(f"{what or key} is missing")
+        self.refuse(key not in self and default is _REQUIRED, f"{what or key} is missing")
         return self._values.get(key, default)
 
     def done(self) -> None:
         """Raises ValueError if the table has a key that was never asked for."""
         for key in self._values:
-            if key not in self._known:
-                raise self.error(f"unknown key {shown(key)}; known are {', '.join(self._known)}")
+            unknown = f"unknown key {shown(key)}; known are {', '.join(self._known)}"
+            self.refuse(key not in self._known, unknown)
 
     def error(self, sentence: object) -> ValueError:
         """A ValueError with the table's place before the sentence."""
         return ValueError(
             f"{self.file}, [{self.name}]: {sentence}" if self.name else f"{self.file}: {sentence}"
         )
+
+    def refuse(self, broken: object, sentence: str) -> None:
+        """Raises the `error` of a sentence if the rule is broken."""
+        if broken:
+            raise self.error(sentence)
 
     @contextmanager
     def errors(self) -> Iterator[None]:
@@ -181,10 +183,11 @@ def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:
     """
     stimuli = {name: Stimulus(name, material) for name, material in paper.items()}
     for name, stimulus in table.tables().items():
-        if name in paper:
-            raise table.error(f"{name!r} is a material of the paper: choose another name")
-        if not (name.isascii() and name.replace("_", "").replace("-", "").isalnum()):
-            raise table.error(f"a material's name must be of letters, digits, _ and -, got {name!r}")
+        table.refuse(name in paper, f"{name!r} is a material of the paper: choose another name")
+        table.refuse(
+            not (name.isascii() and name.replace("_", "").replace("-", "").isalnum()),
+            f"a material's name must be of letters, digits, _ and -, got {name!r}",
+        )
         material = None
         if not stimulus.get("real", _FLAG, default=False):
             numbers = {key: stimulus.get(key, _NUMBER) for key in ("c_e", "alpha")}
@@ -202,8 +205,10 @@ def _read(table: TomlTable, key: str, kind: Any, stimuli: Mapping[str, Stimulus]
         kind = next(alternative for alternative in get_args(kind) if alternative is not type(None))
     if kind is Stimulus:
         name = table.get(key, _TEXT, default=default)
-        if name is not None and name not in stimuli:
-            raise table.error(f"{key} must be a material, one of {', '.join(stimuli)}, got {name!r}")
+        table.refuse(
+            name is not None and name not in stimuli,
+            f"{key} must be a material, one of {', '.join(stimuli)}, got {name!r}",
+        )
         return stimuli.get(name)
     if kind is float:
         return table.get(key, _NUMBER, *[_AT_MOST_A_DAY] * key.endswith("_s"), default=default)
@@ -261,10 +266,10 @@ def _check_labels(table: TomlTable, what: str, labels: list[str]) -> None:
     """Raises ValueError unless the labels can be part of file names on any file system."""
     seen: dict[str, str] = {}
     for label in labels:
-        if not (label.isascii() and label.isalnum()):
-            raise table.error(
-                f"{what}'s name must be of letters and digits, as BIDS labels are, got {shown(label)}"
-            )
+        table.refuse(
+            not (label.isascii() and label.isalnum()),
+            f"{what}'s name must be of letters and digits, as BIDS labels are, got {shown(label)}",
+        )
         if (other := seen.get(label.lower())) is not None:
             raise table.error(f"{what}'s name must be there once, got {shown(other)} and {label!r}")
         seen[label.lower()] = label
@@ -314,10 +319,9 @@ def _volume_of(table: TomlTable, folder: Path) -> dict[str, Any] | None:
         ("crop_mm", _CORNERS), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
     ):  # fmt: skip
         options[key] = table.get(key, kind, default=None)
-        if path is None and key in table:
-            raise table.error(f"{key} goes with volume")
-        if path is not None and key in ("map", "entry_mm", "axis") and key not in table:
-            raise table.error(f"{key} is missing: volume needs it")
+        table.refuse(path is None and key in table, f"{key} goes with volume")
+        needed = path is not None and key in ("map", "entry_mm", "axis")
+        table.refuse(needed and key not in table, f"{key} is missing: volume needs it")
     if path is None:
         return None
     text, entry, axis, *others = options.values()
@@ -334,17 +338,16 @@ def designs_of(file: TomlTable) -> Mapping[str, TaskDesign]:
     stimuli = stimuli_of(file.table("materials", needed=False))
     table = file.table("tasks")
     tables = table.tables()
-    if not tables:
-        raise table.error("there must be at least one task, [tasks.NAME]")
+    table.refuse(not tables, "there must be at least one task, [tasks.NAME]")
     _check_labels(table, "a task", list(tables))
     tasks: dict[str, TaskDesign] = {}
     for name, task_table in tables.items():
         tasks[name] = design_of(task_table, stimuli)
         for other, design in tasks.items():
-            if other != name and design.to_dict() == tasks[name].to_dict():
-                raise task_table.error(
-                    f"this is task {other} again, trial by trial: give one of them more trials or blocks"
-                )
+            task_table.refuse(
+                other != name and design.to_dict() == tasks[name].to_dict(),
+                f"this is task {other} again, trial by trial: give one of them more trials or blocks",
+            )
     return MappingProxyType(tasks)
 
 

@@ -25,7 +25,6 @@ from burrlab.psychophysics.rules import Floats, one_of
 _THRESHOLDS, _LEVELS = 61, 41  # sizes of the grids, even in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
 _LAPSES = 0.01 + 0.02 * np.arange(5)  # middles of cells from 0 to 0.1; 0 would exclude any slip
-_LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10)
 _DIGITS = 10  # digits of an information [nat]; further ones differ between machines
 
 
@@ -72,7 +71,7 @@ class ThresholdPosterior:
         self.thresholds, self.differences, self._grid, self._correct, self._entropy = _tables(
             smallest, largest
         )
-        self._log = np.tile(np.log(_LAPSE_PRIOR), _THRESHOLDS * _SLOPES.size)
+        self._log = np.tile(np.log((1.0 - _LAPSES) ** 9), _THRESHOLDS * _SLOPES.size)  # beta(1, 10)
 
     def weights(self) -> Floats:
         """Posterior weights of the grid, which sum to 1."""
@@ -328,7 +327,6 @@ class PsychometricFit:
         return math.exp(-difference if self.side == "below" else difference)
 
 
-_GUESS, _PROPORTION = 0.5, 0.75
 _MANY_LEVELS, _FEW_TRIALS = (
     25,
     5,
@@ -421,8 +419,8 @@ def psychometric_function(
         *_ends([2.0 * value for value in lapse]),  # psignifit's lambda counts wrong answers only
         overdispersion=float(psignifit_fit.parameter_estimate["eta"]),
         level=level,
-        guess_rate=_GUESS,
-        proportion=_PROPORTION,
+        guess_rate=0.5,
+        proportion=0.75,
         ratios=tuple(pooled),
         correct=tuple(right for right, _ in pooled.values()),
         trials=tuple(number for _, number in pooled.values()),

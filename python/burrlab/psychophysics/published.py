@@ -193,9 +193,8 @@ def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: in
 
 
 def _spread_p(spread: float, noise: float, n: int) -> float:
-    if noise == 0.0:  # only at a mean of 0 or of all trials
-        return 0.0
-    return float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
+    # There is no noise only at a mean of 0 or of all trials.
+    return 0.0 if noise == 0.0 else float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
 
 
 _LEAST = 1e-300  # least probability, in place of 0

@@ -147,9 +147,8 @@ def check_rehearsable(design: TaskDesign) -> None:
 
 def stood_in(design: TaskDesign, interval: Interval) -> Interval:
     """The interval with the match in place of a real reference, and with a length if it has none."""
-    stimulus = interval.stimulus
-    if stimulus.material is None and isinstance(design, ABX):
-        stimulus = design.matching
+    real = interval.stimulus.material is None
+    stimulus = design.matching if real and isinstance(design, ABX) else interval.stimulus
     duration = SELF_PACED if interval.duration is None else interval.duration
     return replace(interval, stimulus=stimulus, duration=duration)
 
@@ -279,9 +278,11 @@ def predicted_d_prime(
     burr, bone = burr or Burr(3.0), bone or Block()
 
     def felt(material: Material) -> Cues:
-        if closed_form:
-            return closed_form_cues(material, burr=burr)
-        return rendered_cues(material, mode, burr=burr, bone=bone, duration=duration)
+        return (
+            closed_form_cues(material, burr=burr)
+            if closed_form
+            else rendered_cues(material, mode, burr=burr, bone=bone, duration=duration)
+        )
 
     pair = felt(a), felt(b)
     taught = subject.taught(*pair)

@@ -197,9 +197,11 @@ class Runner:
         self._seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
         stimuli = ", ".join(
-            f"{s.name} (real)" if (m := s.material) is None else f"{s.name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
-            for s in (interval.stimulus for interval in trial.intervals)
-        )  # fmt: skip
+            f"{i.stimulus.name} (real)"
+            if (m := i.stimulus.material) is None
+            else f"{i.stimulus.name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
+            for i in trial.intervals
+        )
         self._experimenter.say(
             f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeVar, cast
+from typing import Any, ClassVar, Generic, Protocol, TypeAlias, TypeVar, cast
 
 import numpy as np
 import scipy
@@ -130,10 +130,11 @@ def of_answers(runs: Iterable[Answers]) -> list[TaskData]:
     """
     tasks: dict[str, TaskData] = {}
     for answers in runs:
-        if not isinstance(answers, Answers):
-            raise TypeError(
-                f"data must hold Answers, or be a mapping of subjects to Counts, got {type(answers).__name__}"
-            )
+        refuse(
+            not isinstance(answers, Answers),
+            f"data must hold Answers, or be a mapping of subjects to Counts, got {type(answers).__name__}",
+            TypeError,
+        )
         task = tasks.setdefault(answers.name, TaskData(answers.name, answers.task, (), _design(answers)))
         names = [other.subject for other in task.subjects]
         refuse(
@@ -281,10 +282,8 @@ class TaskResult(Generic[Subject]):
     chosen: int
     selected_by: str
 
-    @property
-    def chance(self) -> float:
-        """Proportion correct of a subject who guesses; all tasks have two answers."""
-        return 0.5
+    #: Proportion correct of a subject who guesses; all tasks have two answers.
+    chance: ClassVar[float] = 0.5
 
     @property
     def simulated(self) -> bool:
@@ -413,9 +412,6 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return list(map(float, p))
 
 
-CORRECTION: Literal["log-linear"] = "log-linear"
-
-
 @dataclass(frozen=True)
 class ScoredTask(TaskResult[SubjectResult]):
     """A `TaskResult` with scores of the subjects, and of the group with the subject as the unit.
@@ -459,7 +455,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)
         counts = [subject.counts for subject in used if subject.counts is not None]
         several = len(used) > 1
-        tested_rules = rules if counts and delta is not None else ()
+        tested = rules if counts and delta is not None else ()
         return cls(
             **shared(data, level, _results(used, rules, level, data.name, progress)),
             task=data.task,
@@ -467,9 +463,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             delta=delta,
             score=group_score(counts, level=level) if several else None,
             group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
-            equivalence=tuple(
-                equivalence(counts, rule=x, delta=delta or 0.0, level=level) for x in tested_rules
-            ),
+            equivalence=tuple(equivalence(counts, rule=x, delta=delta or 0.0, level=level) for x in tested),
             checks=tuple(pair_checks(counts)) if counts and all(map(_has_types, counts)) else (),
         )
 
@@ -629,7 +623,7 @@ def _results(
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and many subjects have equal counts
 def _of_outcome(*counts: Any, **options: Any) -> DPrime:
-    return d_prime(Counts(*counts), **options, correction=CORRECTION)
+    return d_prime(Counts(*counts), **options, correction="log-linear")
 
 
 def _has_types(counts: Counts) -> bool:

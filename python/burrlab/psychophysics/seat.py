@@ -152,8 +152,7 @@ class Keyboard:
             typed = os.read(self._file, 1024)
         except OSError:
             typed = b""
-        if not typed:
-            raise KeyboardInterrupt(_CLOSED)
+        refuse(not typed, _CLOSED, KeyboardInterrupt)
         return typed
 
     def pressed(self, keys: str, seconds: float | None = None) -> str | None:

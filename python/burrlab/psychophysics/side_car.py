@@ -206,9 +206,8 @@ class RowReader:
 
 def _side(row: AnswerRow, answer: str) -> bool | None:
     """Whether the interval with more of the parameter is correct; None if the two intervals are equal."""
-    if row.level is None or row.level == 1.0:
-        return None
-    return ((answer == "first") == (row.trial_type == "CR")) == (row.level > 1.0)
+    comparison = (answer == "first") == (row.trial_type == "CR")
+    return None if row.level is None or row.level == 1.0 else comparison == (row.level > 1.0)
 
 
 def _check_place(row: AnswerRow, before: AnswerRow) -> None:
@@ -245,8 +244,8 @@ def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 def _one_of(choices: Sequence[str | None]) -> Callable[[str], Any]:
-    named = ", ".join(filter(None, choices))
-    return _kept(_or_none, f"must be one of {named}", lambda value: value in choices)
+    rule = f"must be one of {', '.join(filter(None, choices))}"
+    return _kept(_or_none, rule, lambda value: value in choices)
 
 
 _seconds = _kept(table.number_or_none, "must be at least 0 [s]", lambda value: value is None or value >= 0)
@@ -516,15 +515,14 @@ def descriptions(columns: Sequence[str], task: TaskName, keys: str = KEYS) -> di
         "phase": {"practice": "not analysed", "main": "analysed"},
         "ended": _ENDED,
     }
-    described: dict[str, Any] = {}
-    for column in columns:
-        name = _unnumbered(column)
-        described[column] = {
+    return {
+        column: {
             "Description": _TYPES[task] if name == "trial_type" else _COLUMNS[name].format(column[-1]),
             **({"Units": _UNITS[name]} if name in _UNITS else {}),
             **({"Levels": levels[name]} if name in levels else {}),
         }
-    return described
+        for column, name in zip(columns, map(_unnumbered, columns), strict=True)
+    }
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:

@@ -277,9 +277,8 @@ class StaircaseTrack:
 
     def level(self) -> float | None:
         design = self._design
-        if self._trials >= design.trials or len(self._reversals) >= design.discard + design.reversals:
-            return None
-        return math.exp(self._side * self._difference)
+        over = self._trials >= design.trials or len(self._reversals) >= design.discard + design.reversals
+        return None if over else math.exp(self._side * self._difference)
 
     def update(self, correct: bool) -> None:
         design = self._design
@@ -604,7 +603,8 @@ def precision(
     sought = threshold if target is None else gaussian_difference(target, threshold)
     logs = [math.log(difference / sought) for difference, _ in runs if difference is not None]
     lines = [
-        f"{_RUNS} simulated runs ({np.mean([number for _, number in runs]):.0f} trials on average) of an observer with Gaussian noise, "
+        f"{_RUNS} simulated runs ({np.mean([number for _, number in runs]):.0f} trials on average) of an "
+        "observer with Gaussian noise, "
         f"{100 * LAPSE:g} % lapses and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):"
     ]
     if len(logs) < _RUNS:

@@ -202,12 +202,11 @@ def _fitted(
     subject: SubjectData, design: TaskDesign | None, level: float
 ) -> tuple[PsychometricFit | None, str]:
     """The psychometric function and its text, or None and the reason."""
-    known = {}
-    if isinstance(design, ConstantStimuli):
-        known = {
-            "parameter": design.parameter,
-            "reference": getattr(design.reference.material, design.parameter),
-        }
+    known: dict[str, Any] = (
+        {"parameter": design.parameter, "reference": getattr(design.reference.material, design.parameter)}
+        if isinstance(design, ConstantStimuli)
+        else {}
+    )
     ratios, correct, trials = zip(*subject.levels, strict=True)
     try:
         fit = psychometric_function(ratios, correct, trials, level=level, **known)

@@ -373,8 +373,6 @@ class LiveSource(PageSource):
                 )
             self._hear()
         self._tell_state()
-        if not len(update["bricks"]):
-            return np.empty(0, np.uint32)
         bricks = brick_numbers(update["bricks"], self.bone)
         restore_bricks(self.bone, bricks, update["density"].reshape(-1, 512))
         return bricks

@@ -166,7 +166,7 @@ def held_back() -> Iterator[list[int]]:
         raise KeyboardInterrupt
 
 
-class SceneWindow:
+class SceneWindow(contextlib.ExitStack):
     """A context manager that opens the window of a scene, in the main thread.
 
     Within it only `turn` raises KeyboardInterrupt.
@@ -178,21 +178,18 @@ class SceneWindow:
     """
 
     def __init__(self, scene: "Scene") -> None:
+        super().__init__()
         self.scene = scene
         self._seen: tuple[Any, ...] = ()
         self._drawn, self._fast = 0.0, False
-        self._held = held_back()
         scene._take_sight()
         scene.plotter.show(interactive_update=True, auto_close=False)
         self._events = scene.plotter.iren
         self._events.interactor.EnableRenderOff()  # else each waiting move of the mouse is drawn by itself
 
     def __enter__(self) -> "SceneWindow":
-        self._came = self._held.__enter__()
+        self._came = self.enter_context(held_back())
         return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._held.__exit__(*error)
 
     def turn(self, *, draw: bool = False) -> bool:
         """Handles mouse, keys and the window's frame since the last call, and draws if they or the caller

@@ -133,7 +133,7 @@ async def _serve(
         secret, end = secrets.token_hex(16), asyncio.Event()  # lower case, as trame needs it
         server.controller.on_server_bind.add(lambda web: _prepare(web, server.protocol, host, secret))
         ready = server.ready
-        with _ended_by_signals(end), _own_arguments():
+        with _on_its_own(end):
             task = server.start(
                 host=host, port=port, exec_mode="task", thread=True, open_browser=False, show_connection_info=False, timeout=0,
             )  # fmt: skip
@@ -200,10 +200,13 @@ def _named(host: str, port: int) -> str:
 
 
 @contextlib.contextmanager
-def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
-    """Lets Ctrl-C and SIGTERM end the page in order, if this is the main thread."""
+def _on_its_own(end: asyncio.Event) -> Iterator[None]:
+    """Lets Ctrl-C and SIGTERM end the page in order, if this is the main thread, and hides the program's arguments,
+    which trame would read as its own."""
     loop = asyncio.get_running_loop()
     with contextlib.ExitStack() as after:
+        after.callback(setattr, sys, "argv", sys.argv)
+        sys.argv = sys.argv[:1]
         for number in (signal.SIGINT, signal.SIGTERM):
             handler = signal.getsignal(number)
             # Event loops take no handlers on Windows, nor outside the main thread: there Ctrl-C stays as it is.
@@ -212,13 +215,3 @@ def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
                 after.callback(signal.signal, number, handler)
                 after.callback(loop.remove_signal_handler, number)
         yield
-
-
-@contextlib.contextmanager
-def _own_arguments() -> Iterator[None]:
-    """Hides the program's arguments, which trame would read as its own."""
-    before, sys.argv = sys.argv, sys.argv[:1]
-    try:
-        yield
-    finally:
-        sys.argv = before

@@ -26,40 +26,58 @@ from test_openigtlink import serve
 from test_segments import FIELDS, layered, seg_nrrd
 
 import burrlab
-from burrlab import materials
-from burrlab.anatomy.watch import Watch
-from burrlab.bone.formats import write_volume
-from burrlab.bone.kept import load_drilled, save_drilled
+from burrlab import (
+    Burr,
+    DepthTrace,
+    Descent,
+    Fit,
+    IgtlDevice,
+    Indentation,
+    Store,
+    VelocityCurve,
+    descend,
+    fit,
+    load_bone,
+    load_trace,
+    materials,
+    read_labels,
+    read_script,
+    read_volume,
+    replay,
+    save_bone,
+    session_metrics,
+    synthetic_curve,
+    synthetic_indentation,
+    synthetic_trace,
+    write_volume,
+)
+from burrlab.anatomy import Watch, anatomy_report, read_tissues, write_tissues
 from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
-from burrlab.bone.slices import read_stack
-from burrlab.bone.tissues import read_tissues, write_tissues
 from burrlab.common.study import key_of
-from burrlab.psychophysics.analysis import Analysis, analyse
-from burrlab.psychophysics.answers import read_folder
-from burrlab.psychophysics.protocol import Protocol, template
-from burrlab.session.anatomy import anatomy_report
+from burrlab.psychophysics import Analysis, Protocol, analyse, read_folder, template
 from burrlab.session.network import block_recipe, follow, make_bone
+from burrlab.volume import load_drilled, read_stack, save_drilled
 
 PACKAGE = str(Path(burrlab.__file__).parent)
-BURR = burrlab.Burr(3.0), materials["bone"]
+BURR = Burr(3.0), materials["bone"]
 VALUES = greys()[8:11, :5, :6]
 Seed = Callable[[Path], object]
 
 
 def _volume(name: str) -> object:
     if ".seg." in name:
-        return burrlab.read_labels(name)
-    return burrlab.read_volume(name)
+        return read_labels(name)
+    return read_volume(name)
 
 
 def _dicom(name: str) -> object:
     alone = len(os.listdir()) == 1
-    return burrlab.read_volume(name if alone else ".", spacing=(0.25, 0.5, 0.75) if alone else None)
+    return read_volume(name if alone else ".", spacing=(0.25, 0.5, 0.75) if alone else None)
 
 
 def _trace(name: str) -> object:
-    trace = burrlab.load_trace(name)
-    told = burrlab.replay(trace), burrlab.session_metrics(trace), trace._repr_html_()
+    trace = load_trace(name)
+    told = replay(trace), session_metrics(trace), trace._repr_html_()
     return told, anatomy_report(trace) if trace.watch else None
 
 
@@ -75,7 +93,7 @@ def _experiment(name: str) -> object:
 
 
 def _store(name: str) -> object:
-    store = burrlab.Store(name)
+    store = Store(name)
     return [store.get(key) for key in store._results]
 
 
@@ -89,7 +107,7 @@ def _hello(name: str) -> object:
 
 def _device(name: str) -> object:
     with socket.create_server(("127.0.0.1", 0)) as listener:
-        device = burrlab.IgtlDevice("127.0.0.1", listener.getsockname()[1])
+        device = IgtlDevice("127.0.0.1", listener.getsockname()[1])
         with listener.accept()[0] as peer, contextlib.suppress(ConnectionError):
             peer.sendall(Path(name).read_bytes())
             peer.shutdown(socket.SHUT_WR)
@@ -123,7 +141,7 @@ def _stack(planes: np.ndarray) -> Seed:
 def _drilled(ending: str) -> Seed:
     def write(at: Path) -> None:
         write_volume(at.with_suffix(ending), volume())
-        found = burrlab.read_volume(at.with_suffix(ending))
+        found = read_volume(at.with_suffix(ending))
         save_drilled(at / f"in{ending}", drilled(found), found, mapping=MAP)
 
     return write
@@ -174,35 +192,35 @@ TARGETS: dict[str, tuple[Callable[[str], object], list[Seed]]] = {
         _stack(np.array([(0, 0, 0, 0), (255, 249, 219, 255), (244, 214, 49, 255)], np.uint8)[VALUES % 3]),
     ]),
     "drilled": (lambda name: load_drilled(name).volume(), [_drilled(".nrrd"), _drilled(".nii.gz"), _drilled(".mha")]),
-    "bone": (burrlab.load_bone, [
-        lambda at: burrlab.save_bone(at / "in.h5", small_bone(), 50), lambda at: burrlab.save_bone(at / "in.h5", nerve_bone()),
+    "bone": (load_bone, [
+        lambda at: save_bone(at / "in.h5", small_bone(), 50), lambda at: save_bone(at / "in.h5", nerve_bone()),
     ]),
     "trace": (_trace, [lambda at: record(at / "in.h5", make_records(small_bone(), 40, first=40), duration=0.1), _watched]),
-    "curve": (burrlab.VelocityCurve.from_csv, [
-        lambda at: burrlab.synthetic_curve(*BURR, [0.8, 1.4, 2.0], seed=1).to_csv(at / "in.csv"),
+    "curve": (VelocityCurve.from_csv, [
+        lambda at: synthetic_curve(*BURR, [0.8, 1.4, 2.0], seed=1).to_csv(at / "in.csv"),
     ]),
-    "foreign": (partial(burrlab.VelocityCurve.from_csv, columns={"force": "F [N]", "velocity": "v"}, unit="um/s", decimal=","), [
+    "foreign": (partial(VelocityCurve.from_csv, columns={"force": "F [N]", "velocity": "v"}, unit="um/s", decimal=","), [
         lambda at: (at / "in.csv").write_text("Lab 3\n#a: b\nF [N];v;by\n;um/s;\n0,5;1.078,5;A\n1;498;\"B\nC\"\n"),
     ]),
-    "indentation": (burrlab.Indentation.from_csv, [
-        lambda at: burrlab.synthetic_indentation(*BURR, [0.1, 0.2], seed=1).to_csv(at / "in.csv"),
+    "indentation": (Indentation.from_csv, [
+        lambda at: synthetic_indentation(*BURR, [0.1, 0.2], seed=1).to_csv(at / "in.csv"),
     ]),
-    "depth": (burrlab.DepthTrace.from_csv, [
-        lambda at: burrlab.synthetic_trace(*BURR, 2.0, sample_ms=10, seed=1).to_csv(at / "in.csv"),
+    "depth": (DepthTrace.from_csv, [
+        lambda at: synthetic_trace(*BURR, 2.0, sample_ms=10, seed=1).to_csv(at / "in.csv"),
     ]),
     "tissues": (read_tissues, [lambda at: write_tissues(at / "in.csv", TABLE)]),
-    "script": (burrlab.read_script, [lambda at: (at / "in.csv").write_text("# way\ntime_s,x_mm,y_mm,z_mm,on\n0,1,2,3,1\n1,2,3,4,0\n")]),
+    "script": (read_script, [lambda at: (at / "in.csv").write_text("# way\ntime_s,x_mm,y_mm,z_mm,on\n0,1,2,3,1\n1,2,3,4,0\n")]),
     "protocol": (_protocol, [
         lambda at: protocol(at, template()), lambda at: protocol(at, HEAD.format(more="", subjects=2) + MATCH + LEVELS),
     ]),
     "experiment": (_experiment, [lambda at, task=task: begun(at, task, 4) for task in TASKS]),
     "analysis": (Analysis.from_json, [lambda at: analyse(begun(at.parents[1], count=10)[0]).to_json(at / "in.json")]),
-    "fit": (burrlab.Fit.from_json, [
-        lambda at: burrlab.fit(burrlab.synthetic_curve(*BURR, [0.8, 1.4, 2.0], seed=1), BURR[0]).to_json(at / "in.json"),
+    "fit": (Fit.from_json, [
+        lambda at: fit(synthetic_curve(*BURR, [0.8, 1.4, 2.0], seed=1), BURR[0]).to_json(at / "in.json"),
     ]),
-    "descent": (burrlab.Descent.load, [lambda at: burrlab.descend(*BURR, 1.0, voxel=0.7, seed=1).save(at / "in.json")]),
+    "descent": (Descent.load, [lambda at: descend(*BURR, 1.0, voxel=0.7, seed=1).save(at / "in.json")]),
     "store": (_store, [
-        lambda at: burrlab.Store(at / "in.jsonl").add(key_of(round, 1.5), {"a": (0.1, float("nan")), "b": np.arange(3.0)}),
+        lambda at: Store(at / "in.jsonl").add(key_of(round, 1.5), {"a": (0.1, float("nan")), "b": np.arange(3.0)}),
     ]),
     "hello": (_hello, [_recipe(block_recipe((4, 4, 2), 0.2)), _recipe(LabelledRecipe("labels.nii.gz", TABLE).plain()), _recipe({
         "kind": "volume block", "volume": VolumeRecipe("ct.nrrd", MAP).plain(), "size_mm": [2, 2, 1], "voxel_mm": 0.2,

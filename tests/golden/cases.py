@@ -28,17 +28,13 @@ sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "py
 from page_scenes import make_page
 
 import burrlab.view.page as page_calls
-from burrlab.bone.kept import load_drilled
-from burrlab.bone.slices import read_stack
-from burrlab.psychophysics.analysis import analyse
-from burrlab.psychophysics.answers import read_folder
-from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics import Protocol, analyse, read_folder
 from burrlab.session.anatomy import anatomy_report
 from burrlab.view.page_source import page_source
+from burrlab.volume import load_drilled, read_stack
 from golden.made_files import BONE, BURR, FILES, curve, make_files, run
 
-FOLDER = Path(__file__).parent
-FROZEN = FOLDER / "frozen"
+FROZEN = Path(__file__).parent / "frozen"
 CASES: dict[str, Callable[[Path], Any]] = {}
 
 

@@ -6,10 +6,8 @@ import numpy as np
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
-from burrlab._core import VoxelBone
+from burrlab import LabelVolume, OccupancyMap, Volume, VoxelBone, write_volume
 from burrlab.anatomy import labelled_bone
-from burrlab.bone.formats import write_volume
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues, write_tissues
 
 MAP = OccupancyMap.two_point(0, 1000)

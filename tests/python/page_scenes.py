@@ -4,6 +4,7 @@ from pathlib import Path
 from unittest.mock import MagicMock
 
 import numpy as np
+import pytest
 from anatomy_scenes import nerve_bone, straight, tool
 from session_scenes import ended, session_of
 
@@ -25,6 +26,11 @@ def nerve_trace(file: Path) -> Path:
     """Records 4 s of a cut into a nerve."""
     ended(nerve_session(record=file))
     return file
+
+
+@pytest.fixture(name="trace", scope="module")
+def watched_trace(tmp_path_factory):
+    return burrlab.load_trace(nerve_trace(tmp_path_factory.mktemp("page") / "session.h5"))
 
 
 class State(dict):

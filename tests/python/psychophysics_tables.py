@@ -17,9 +17,8 @@ from group_scenes import (
     rejections_of_several,
 )
 
+from burrlab.psychophysics import design_power, psychometric_function
 from burrlab.psychophysics.group import conditional_hits, group_tails
-from burrlab.psychophysics.power import design_power
-from burrlab.psychophysics.psychometric import psychometric_function
 from burrlab.psychophysics.published import unbiased_d_prime
 from burrlab.psychophysics.rules import RULES, rule_of
 from burrlab.psychophysics.staircase import gaussian_correct

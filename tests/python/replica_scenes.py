@@ -14,8 +14,7 @@ from dataclasses import fields
 
 import wire
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, HandDevice, Publish, _core, materials
 from burrlab.session.network import block_recipe, make_bone, open_publisher
 
 VOXEL = 0.2
@@ -48,16 +47,16 @@ class Leader:
             "tools": [TOOL] * burrs,
             "source": source,
         }
-        self.tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * burrs
+        self.tools = [(Burr(3.0), materials["bone"])] * burrs
         self.executor = _core.TickExecutor(make_bone(BLOCK), self.tools, seed)
-        devices = [burrlab.HandDevice(start=(0.0, 2.5 * i, 3.3), strokes_after=0.0) for i in range(burrs)]
+        devices = [HandDevice(start=(0.0, 2.5 * i, 3.3), strokes_after=0.0) for i in range(burrs)]
         # On a busy machine threads may wait for seconds. The tests check content, not times.
         self.loop = _core.HapticLoop(
             self.executor, devices, wall_clock=wall_clock, ticks=ticks, stall_limit=5000.0
         )
         self.follower = _core.Follower(self.loop, digest_every=digest_every, rebuild_after=60.0)
-        names = {field.name for field in fields(burrlab.Publish)} & options.keys()
-        publish = burrlab.Publish(**{"port": 0} | {name: options.pop(name) for name in names})
+        names = {field.name for field in fields(Publish)} & options.keys()
+        publish = Publish(**{"port": 0} | {name: options.pop(name) for name in names})
         self.publisher = open_publisher(self.follower, self.hello, publish, **options)
 
     @property

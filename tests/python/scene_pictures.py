@@ -7,8 +7,7 @@ import pytest
 from rendering_probe import need_drawing
 from session_scenes import small_bone
 
-from burrlab.view.camera import surgeon_view
-from burrlab.view.scene import Scene
+from burrlab.view import Scene, surgeon_view
 
 SIZE = (320, 240)
 

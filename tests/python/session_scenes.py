@@ -6,8 +6,21 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-import burrlab
-import burrlab._core as _core
+from burrlab import (
+    Burr,
+    BurrContact,
+    Clock,
+    Publish,
+    Safety,
+    Session,
+    StartingBone,
+    TraceHeader,
+    TraceWriter,
+    VoxelBone,
+    _core,
+    load_trace,
+    materials,
+)
 
 SEED = 7
 
@@ -22,18 +35,18 @@ def session_of(bone, tools, devices, *, frames=None, **options):
     options["port"] = options.pop("publish", None)
     if frames is not None:
         devices = [(device, frames) for device in (devices if isinstance(devices, tuple) else [devices])]
-    begin = settings(burrlab.StartingBone, bone) if isinstance(bone, burrlab.VoxelBone) else bone
-    publish = settings(burrlab.Publish)
-    return burrlab.Session(
-        begin, tools, devices, clock=settings(burrlab.Clock), safety=settings(burrlab.Safety),
+    begin = settings(StartingBone, bone) if isinstance(bone, VoxelBone) else bone
+    publish = settings(Publish)
+    return Session(
+        begin, tools, devices, clock=settings(Clock), safety=settings(Safety),
         publish=None if publish.port is publish.vrpn is None else publish, **options,
     )  # fmt: skip
 
 
 def small_bone():
     """12 x 12 x 4 mm at 0.2 mm, top at z = 0, eroded at one place."""
-    bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
-    worn = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1)
+    bone = VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
+    worn = BurrContact(bone, Burr(1.0), materials["bone"], seed=1)
     for _ in range(50):
         worn.step((2.0, 1.0, 0.5), 1.0)
     return bone
@@ -41,7 +54,7 @@ def small_bone():
 
 def tools(burrs=1):
     pairs = (2.0, "bone"), (1.5, "pettigrew")
-    return [(burrlab.Burr(radius), burrlab.materials[name]) for radius, name in pairs[:burrs]]
+    return [(Burr(radius), materials[name]) for radius, name in pairs[:burrs]]
 
 
 def path(tick, burr):
@@ -56,8 +69,7 @@ def make_records(bone, n, *, burrs=1, first=0, seed=SEED, place=path, after=lamb
     `place(tick, burr)` is a burr's place; `after` is called after each tick.
     """
     contacts = [
-        burrlab.BurrContact(bone, burr, material, seed, index)
-        for index, (burr, material) in enumerate(tools(burrs))
+        BurrContact(bone, burr, material, seed, index) for index, (burr, material) in enumerate(tools(burrs))
     ]
     records = np.zeros(n, _core.record_dtype)
     for i in range(n):
@@ -119,7 +131,7 @@ def writer(file, *batches, burrs=1, reader=None, **options):
 
 def new_writer(file, reader, bone, tools, **settings):
     room = {name: settings.pop(name) for name in ("duration", "digest_every", "on_end") if name in settings}
-    return burrlab.TraceWriter(file, reader, bone, burrlab.TraceHeader(tools, **settings), **room)
+    return TraceWriter(file, reader, bone, TraceHeader(tools, **settings), **room)
 
 
 def record(file, *batches, **options):
@@ -133,7 +145,7 @@ def record(file, *batches, **options):
 def recorded(file, *batches, **options):
     """The trace of a `record`."""
     record(file, *batches, **options)
-    return burrlab.load_trace(file)
+    return load_trace(file)
 
 
 def refused(*rows, error=ValueError):

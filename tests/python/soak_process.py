@@ -15,12 +15,9 @@ import time
 from pathlib import Path
 
 import burrlab
-from burrlab._core import EffectParameters, Nozzle, Sucker
-from burrlab.anatomy.mastoidectomy import mastoidectomy_path
-from burrlab.anatomy.watch import Watch
-from burrlab.bone.phantom.phantom import temporal_bone
+from burrlab.anatomy import Watch, mastoidectomy_path, temporal_bone
 from burrlab.cli.options import ended_by_signals
-from burrlab.effects.companion import Companion
+from burrlab.effects import Companion, EffectParameters, Nozzle, Sucker
 from burrlab.session.anatomy import replica_events
 from burrlab.session.network import follow
 

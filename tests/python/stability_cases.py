@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, VoxelBone, _core, materials
 
 RADIUS = 3.0
 SPACING = 0.1
@@ -24,10 +23,10 @@ GRID = [
 ]
 
 
-def block(hole: float) -> burrlab.VoxelBone:
+def block(hole: float) -> VoxelBone:
     """Solid bone, top at z = 0, with a spherical hole of this depth at the origin, as cut by a burr."""
     origin = (-SIZE[0] / 2 + SPACING / 2, -SIZE[1] / 2 + SPACING / 2, -SIZE[2] + SPACING / 2)
-    bone = burrlab.VoxelBone.block(SIZE, SPACING, origin=origin)
+    bone = VoxelBone.block(SIZE, SPACING, origin=origin)
     if hole == 0:
         return bone
     z, y, x = np.meshgrid(
@@ -43,7 +42,7 @@ def block(hole: float) -> burrlab.VoxelBone:
 
 
 def executor(material: str, hole: float, period: float) -> _core.TickExecutor:
-    tools = [(burrlab.Burr(RADIUS), burrlab.materials[material])]
+    tools = [(Burr(RADIUS), materials[material])]
     return _core.TickExecutor(block(hole), tools, 1, period=period)
 
 

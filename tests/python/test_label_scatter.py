@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from burrlab import materials
-from burrlab._core import Burr, VoxelBone
-from burrlab.anatomy import labelled_bone
-from burrlab.bone.image import LabelVolume
-from burrlab.bone.phantom.phantom import temporal_bone
-from burrlab.bone.specimen import Specimen, surface_along
+from burrlab import Burr, LabelVolume, Specimen, VoxelBone, descend, materials, surface_along
+from burrlab.anatomy import labelled_bone, temporal_bone
 from burrlab.bone.tissues import LABEL_SCATTER, default_tissues
-from burrlab.descent.descent import descend
 
 
 def scatter(bone: VoxelBone, entry: np.ndarray, axis: np.ndarray, radius: float) -> float:

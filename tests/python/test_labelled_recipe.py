@@ -12,13 +12,10 @@ from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, writ
 from session_scenes import ended, session_of
 from test_stack import wrapped
 
-from burrlab import materials
-from burrlab._core import Burr, ScriptedDevice
-from burrlab.anatomy.watch import Watch
-from burrlab.bone.formats import read_labels, read_volume
+from burrlab import Burr, ScriptedDevice, materials, read_labels, read_volume
+from burrlab.anatomy import Watch, default_tissues
 from burrlab.bone.kept import save_drilled
 from burrlab.bone.recipe import WORTH_SMOOTHED, LabelledRecipe, VolumeRecipe
-from burrlab.bone.tissues import default_tissues
 from burrlab.session.network import make_bone
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")

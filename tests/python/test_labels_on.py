@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from label_scenes import MAP, TABLE, labels, volume
 
+from burrlab import LabelVolume, Volume, write_volume
 from burrlab.anatomy import labelled_bone
-from burrlab.bone.formats import write_volume
-from burrlab.bone.image import LabelVolume, Volume
 from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
 from burrlab.session.network import make_bone
 

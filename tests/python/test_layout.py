@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from command_line import call, refusal
 
-import burrlab
-from burrlab import DepthTrace, Indentation, VelocityCurve
+from burrlab import DepthTrace, Indentation, VelocityCurve, fit
 from burrlab.cli.descent import read_data
 from burrlab.cli.main import command_parser
 
-NAN = float("nan")
 FORCES, VELOCITIES = [0.5, 1.0, 1.5, 2.0, 2.5], [0.0785, 0.498, 1.4982, 2.75, 3.125]
 NAMES = "force=Kraft [N],velocity=v (um/s)"
 
@@ -113,7 +111,7 @@ def test_messy_files_go_in_with_one_command(name: str, tmp_path: Any, capsys: An
     code, out, err = call(capsys, *words, "--json", "-")
     assert (code, err.count("\n")) == (0, 1)
     assert all(one in err for one in told), err
-    clean = burrlab.fit(VelocityCurve(FORCES, VELOCITIES, radius=3.0))
+    clean = fit(VelocityCurve(FORCES, VELOCITIES, radius=3.0))
     assert json.loads(out)["c_e"] == pytest.approx(clean.c_e, rel=1e-6)
     (curve,) = read_data(command_parser().parse_args(words), "file")
     np.testing.assert_allclose(curve.force, FORCES, rtol=1e-7)
@@ -233,7 +231,7 @@ def test_other_kinds_and_what_only_python_can_ask(tmp_path: Any, capsys: Any) ->
 def test_from_dataframe() -> None:
     pandas = pytest.importorskip("pandas", reason="extra `pandas` is not installed")
     frame = pandas.DataFrame(
-        {"F [N]": [1, 2, 3], "v": [78.5, None, 498.0], "s": [1.0, 2.0, NAN], "by": ["a", None, "b"]}
+        {"F [N]": [1, 2, 3], "v": [78.5, None, 498.0], "s": [1.0, 2.0, np.nan], "by": ["a", None, "b"]}
     )
     options = {"force": "F [N]", "velocity": "v", "sigma": "s", "unit": "um/s", "radius": 3.0}
     curve = VelocityCurve.from_dataframe(frame, **options)

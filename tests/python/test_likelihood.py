@@ -11,16 +11,22 @@ from scipy import optimize, stats
 from scipy.optimize import brentq
 from session_scenes import refused
 
-from burrlab._core import Burr, Material, Shape
+from burrlab import (
+    Burr,
+    Fit,
+    MasterCurve,
+    Material,
+    Shape,
+    VelocityCurve,
+    fit,
+    penetration_velocity,
+    synthetic_trace,
+)
 from burrlab.fitting import likelihood
 from burrlab.fitting.calibration import Calibration, RowScatter
-from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, Domain
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.synthetic import synthetic_trace
-from burrlab.theory.continuum import MasterCurve, penetration_velocity
 from reference.likelihood import Oracle
 
 CURVE, PRESSED = DATA["wide"], DATA["pressed"]

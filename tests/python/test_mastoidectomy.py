@@ -8,9 +8,7 @@ from scipy import ndimage
 from session_scenes import ended, session_of
 
 import burrlab
-from burrlab.anatomy.mastoidectomy import mastoidectomy_path
-from burrlab.anatomy.target import compare_with_target
-from burrlab.bone.phantom.phantom import Phantom, temporal_bone
+from burrlab.anatomy import Phantom, compare_with_target, mastoidectomy_path, temporal_bone
 
 BURR = burrlab.Burr(3.0)
 

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import burrlab
-from burrlab import materials
-from burrlab._core import Burr, Material, Shape
+from burrlab import Burr, Material, Shape, _core, elastic_force, materials, penetration
 
 NAMES = ("constant", "linear", "parabolic", "quartic", "power(0.5)", "power(3)", "power(8)")
 NAMESPACE = {"Burr": Burr, "Material": Material, "Shape": Shape}
@@ -117,12 +115,12 @@ UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(15", "power(1) "
         (lambda: material(alpha=-0.1), "alpha must be zero or positive and finite, got -0.1"),
         (lambda: material(alpha=np.inf), "alpha must be zero or positive and finite, got inf"),
         (lambda: material(shape="cubic"), SHAPE),
-        *((lambda k=k: burrlab._core.depth_table(k), rf"order must be in \(0, 8\], got {k}") for k in (0, 8.5, np.nan)),
-        (lambda: burrlab.penetration(-1.0, 3.0), "m0 must be zero or positive and finite, got -1"),
-        (lambda: burrlab.penetration(np.nan, 3.0), "m0 must be zero or positive and finite, got nan"),
-        (lambda: burrlab.penetration(1.0, 0.0), "radius must be positive and finite, got 0"),
-        (lambda: burrlab.elastic_force(1.0, (0, 0, 0), radius=3.0, c_e=0.0), "c_e must be positive and finite, got 0"),
-        (lambda: burrlab.elastic_force(1.0, (0, np.nan, 0), radius=3.0, c_e=1.0), "m1 must be finite"),
+        *((lambda k=k: _core.depth_table(k), rf"order must be in \(0, 8\], got {k}") for k in (0, 8.5, np.nan)),
+        (lambda: penetration(-1.0, 3.0), "m0 must be zero or positive and finite, got -1"),
+        (lambda: penetration(np.nan, 3.0), "m0 must be zero or positive and finite, got nan"),
+        (lambda: penetration(1.0, 0.0), "radius must be positive and finite, got 0"),
+        (lambda: elastic_force(1.0, (0, 0, 0), radius=3.0, c_e=0.0), "c_e must be positive and finite, got 0"),
+        (lambda: elastic_force(1.0, (0, np.nan, 0), radius=3.0, c_e=1.0), "m1 must be finite"),
         (lambda: materials.__setitem__("bone", None), "no attribute '__setitem__'"),
         (lambda: setattr(Burr(3.0), "radius", 1.0), "has no setter"),
         (lambda: setattr(materials["bone"], "alpha", 1.0), "has no setter"),

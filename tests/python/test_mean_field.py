@@ -5,10 +5,12 @@ import math
 import numpy as np
 import pytest
 
-import burrlab._core as _core
-from burrlab._core import Burr, Material, Shape
-from burrlab.theory.continuum import (
+from burrlab import (
+    Burr,
     MasterCurve,
+    Material,
+    Shape,
+    _core,
     mean_field_descent,
     penetration_velocity,
     thin_layer_velocity,

@@ -13,19 +13,20 @@ from hypothesis.extra import numpy as arrays
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-import burrlab
 from burrlab import (
     Burr,
     DepthTrace,
     Indentation,
     VelocityCurve,
+    descend,
     materials,
+    mean_field_descent,
+    penetration_velocity,
     synthetic_curve,
     synthetic_indentation,
     synthetic_trace,
 )
 from burrlab.measured.depth_trace import rising, slope_error
-from burrlab.theory.continuum import mean_field_descent, penetration_velocity
 
 NAN = float("nan")
 BURR, BONE = Burr(3.0), materials["bone"]
@@ -439,7 +440,7 @@ def autoregression(random: np.random.Generator, n: int, rho: float) -> np.ndarra
 
 
 def test_a_record_of_controller_and_rig_begins_out_of_contact():
-    run = burrlab.descend(BURR, BONE, 0.75, voxel=0.2, seed=1)
+    run = descend(BURR, BONE, 0.75, voxel=0.2, seed=1)
     trace = DepthTrace(run.time, run.immersion, run.setpoint, run.burr.radius, *run.window)
     assert trace.immersion[0] < 0
     np.testing.assert_allclose(trace.segments().velocity, by_the_model(trace), rtol=0.05)
@@ -465,8 +466,7 @@ class TestRising:
         np.testing.assert_allclose(rising(0.01 * np.round(immersion / 0.01)), immersion, rtol=0, atol=2e-4)
 
     def test_noise_does_not_bring_a_depth_forward(self):
-        immersion = np.linspace(0.5, 1.0, 20000)
-        noisy = immersion + 0.002 * np.random.default_rng(1).standard_normal(20000)
+        noisy = np.linspace(0.5, 1.0, 20000) + 0.002 * np.random.default_rng(1).standard_normal(20000)
         assert np.argmax(noisy >= 0.7) < 8000 - 120  # three standard deviations, 0.006 mm
         # 160 samples lie within two standard deviations; the count below has a deviation near 7
         assert abs(np.argmax(rising(noisy) >= 0.7) - 8000) < 35

@@ -11,18 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from burrlab._core import VoxelBone
-from burrlab.bone.formats import write_volume
-from burrlab.bone.image import LabelVolume, Volume
-from burrlab.bone.kept import load_drilled
-from burrlab.bone.snapshot import load_bone
+from burrlab import LabelVolume, Volume, VoxelBone, load_bone, load_trace, write_volume
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues, write_tissues
 from burrlab.cli import main
 from burrlab.cli.bone import ear_side
 from burrlab.session.network import make_bone
-from burrlab.session.trace import load_trace
 from burrlab.view.page_source import page_source
-from burrlab.volume import write_dicom
+from burrlab.volume import load_drilled, write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")

@@ -16,8 +16,18 @@ import pytest
 import wire
 from replica_scenes import soon
 
-import burrlab
-import burrlab._core as _core
+from burrlab import (
+    Burr,
+    Clock,
+    IgtlDevice,
+    Safety,
+    Session,
+    VoxelBone,
+    VrpnDevice,
+    _core,
+    load_trace,
+    materials,
+)
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 
@@ -59,9 +69,9 @@ def device(host, port, **options):
         (device("127.0.0.1", 1, device_name="x" * 21),
          "length of device_name must be at most 20 bytes, got 21"),
         (device("127.0.0.1", 1, lost_after=0), "lost_after must be positive and finite, got 0"),
-        (lambda: burrlab.VrpnDevice("", "127.0.0.1"), "length of name must be 1 to 99 bytes, got 0"),
-        (lambda: burrlab.VrpnDevice("T", "127.0.0.1", 0), "port must be 1 to 65535, got 0"),
-        (lambda: burrlab.VrpnDevice("T", "127.0.0.1", on_button=8), "on_button must be 0 to 7, or None, got 8"),
+        (lambda: VrpnDevice("", "127.0.0.1"), "length of name must be 1 to 99 bytes, got 0"),
+        (lambda: VrpnDevice("T", "127.0.0.1", 0), "port must be 1 to 65535, got 0"),
+        (lambda: VrpnDevice("T", "127.0.0.1", on_button=8), "on_button must be 0 to 7, or None, got 8"),
     ],
 )  # fmt: skip
 def test_refusals(call, told):
@@ -90,8 +100,8 @@ def test_libopenigtlink_decodes_the_frozen_messages(build):
 
 def loop_of(device):
     """A loop that this device drives over bone, and a reader of its ticks."""
-    bone = burrlab.VoxelBone.block((6, 6, 4), 0.1, origin=(-2.95, -2.95, -3.95))
-    executor = _core.TickExecutor(bone, [(burrlab.Burr(1.5), burrlab.materials["bone"])], seed=1)
+    bone = VoxelBone.block((6, 6, 4), 0.1, origin=(-2.95, -2.95, -3.95))
+    executor = _core.TickExecutor(bone, [(Burr(1.5), materials["bone"])], seed=1)
     loop = _core.HapticLoop(executor, [device], realtime=False)
     return bone, loop, _core.RecordReader(loop)
 
@@ -164,21 +174,21 @@ def test_pyigtl_drives_the_burr(pyigtl, version):
 def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
     """Its tools come as PLUS sends them, names cut at 20 bytes. The force on the hand goes back, at last zero."""
     server = pyigtl.OpenIGTLinkServer(port=free_port(), local_server=True)
-    bone = burrlab.VoxelBone.block((6, 6, 4), 0.1, origin=(-2.95, -2.95, -3.95))
-    device = burrlab.IgtlDevice("127.0.0.1", server.port, lost_after=5000, on_button=0)
+    bone = VoxelBone.block((6, 6, 4), 0.1, origin=(-2.95, -2.95, -3.95))
+    device = IgtlDevice("127.0.0.1", server.port, lost_after=5000, on_button=0)
 
     def felt():
         return server.wait_for_message("Force" + frame, 5).matrix[:3, 3]
 
     sent, answers = [], []
     try:
-        with burrlab.Session(
+        with Session(
             bone,
-            (burrlab.Burr(1.5), burrlab.materials["bone"]),
+            (Burr(1.5), materials["bone"]),
             device,
             seed=1,
-            clock=burrlab.Clock(realtime=False),
-            safety=burrlab.Safety(slew_limit=0.1, stop_button=1),
+            clock=Clock(realtime=False),
+            safety=Safety(slew_limit=0.1, stop_button=1),
             record=tmp_path / "t.h5",
         ) as run:
             assert soon(server.is_connected)
@@ -199,9 +209,8 @@ def test_a_haptic_device_behind_plus(pyigtl, tmp_path, frame):
     finally:
         server.stop()
     assert run.reason == "a stop button of device 0 was pressed"
-    assert device.counters["messages"] == 60
-    assert device.counters["other_device"] == 0
-    trace = burrlab.load_trace(tmp_path / "t.h5")
+    assert (device.counters["messages"], device.counters["other_device"]) == (60, 0)
+    trace = load_trace(tmp_path / "t.h5")
     assert np.isin(trace.array("center_mm"), np.array(sent)).all()
     np.testing.assert_array_equal(trace.array("device_velocity_mm_s")[-1], [-20, 10, -5])
     height, on = trace.array("center_mm")[:, 2], trace.array("on").astype(bool)

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-import burrlab
-from burrlab.anatomy.target import compare_with_target
-from burrlab.bone.formats import read_labels, write_volume
-from burrlab.bone.phantom.air_cells import AirCells
+from burrlab import read_labels, surface_along, write_volume
+from burrlab.anatomy import AirCells, compare_with_target
 from burrlab.bone.phantom.phantom import Phantom, _cells, phantom_tissues, temporal_bone
 from burrlab.bone.phantom.structures import MARGINS, Structures
 
@@ -123,7 +121,7 @@ def test_the_planned_cavity_keeps_its_margins_and_begins_on_the_surface(phantom)
         away = ndimage.distance_transform_edt(~where(phantom, name), sampling=phantom.bone.spacing[::-1])
         assert away[phantom.target].min() > MARGINS[name] - 0.6, name  # a voxel and a half
     assert ndimage.label(phantom.target)[1] == 1
-    surface = burrlab.surface_along(phantom.bone, phantom.entry - 5 * phantom.axis, phantom.axis)
+    surface = surface_along(phantom.bone, phantom.entry - 5 * phantom.axis, phantom.axis)
     assert np.linalg.norm(surface - phantom.entry) < 0.5
     assert np.linalg.norm(phantom.axis) == pytest.approx(1)
     antrum = np.rint((phantom.landmarks["antrum"] - phantom.bone.origin) / phantom.bone.spacing).astype(int)

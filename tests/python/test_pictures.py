@@ -27,8 +27,8 @@ def bone():
     """A full bone of two tissues, 30 x 20 x 10 voxels."""
     is_nerve = np.zeros((10, 20, 30), bool)
     is_nerve[4:6, 8:12] = True  # along x
-    made = burrlab.VoxelBone(np.full((10, 20, 30), 255, np.uint8), SPACING, ORIGIN)
-    return cortex_and_nerve(made, is_nerve)
+    full = np.full((10, 20, 30), 255, np.uint8)
+    return cortex_and_nerve(burrlab.VoxelBone(full, SPACING, ORIGIN), is_nerve)
 
 
 @pytest.fixture(scope="module")

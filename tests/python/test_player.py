@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from session_scenes import make_records, recorded, refused, small_bone
 
-import burrlab
-import burrlab._core as _core
+from burrlab import VoxelBone, _core
 from burrlab.session.player import BrickHistory, TracePlayer
 
 TICKS, FIRST = 3000, 30
@@ -40,8 +39,7 @@ def test_every_moment_is_that_of_the_session(scene, prepared, memory):
     rng = np.random.default_rng(1)
     for moment in [*MOMENTS, *reversed(MOMENTS), *rng.choice(MOMENTS, 30)]:
         player.seek_tick(FIRST + int(moment))
-        assert player.done == moment
-        assert player.tick == FIRST + moment
+        assert (player.done, player.tick) == (moment, FIRST + moment)
         assert player.bone.digest() == scene[1][moment]
     states, size = player.kept
     assert size <= memory * 1e6
@@ -68,8 +66,7 @@ def test_seconds_count_whole_ticks(scene):
     for done in (1, 2, 1234, TICKS):
         for late in (0.0, 0.0009):  # a tick that has not ended is not executed
             player.seek(min(times[done - 1] + late, player.duration))
-            assert player.done == done
-            assert player.time == times[done - 1]
+            assert (player.done, player.time) == (done, times[done - 1])
     player.seek(0.0)
     assert (player.time, player.done) == (0.0, 0)
 
@@ -108,7 +105,7 @@ def test_prepares_beside_seeks(scene):
 @pytest.mark.parametrize("states", [1.5, 2.5, 3.5, 4.5, 100])
 def test_given_up_states_take_no_change_with_them(states):
     """Every tick changes two other bricks, so that a change lost with a state is found."""
-    bone = burrlab.VoxelBone.block((12.8, 1.6, 1.6), 0.2)
+    bone = VoxelBone.block((12.8, 1.6, 1.6), 0.2)
     history = BrickHistory(bone.copy(), int(states * 2 * 512))
     everything = np.arange(8, dtype=np.uint32)
     known = {0: _core.read_bricks(bone, everything)}
@@ -169,7 +166,7 @@ def test_bricks_are_restored_under_their_pristine_levels():
     assert list(_core.take_changed_bricks(bone))[-1] >= 3
     assert bone.digest() != before
     assert (bone.pristine == small_bone().pristine).all()
-    thin = burrlab.VoxelBone.block((2, 2, 2), 0.2, level=100)
+    thin = VoxelBone.block((2, 2, 2), 0.2, level=100)
     dense = np.full((2, 512), 101, np.uint8)
     refused(
         (lambda: _core.restore_bricks(thin, bricks, dense), "must be at most its pristine level, got 101"),

@@ -14,15 +14,19 @@ from answer_scenes import protocol
 
 import burrlab
 import burrlab.psychophysics.run as sitting
-from burrlab.psychophysics.analysis import analyse
-from burrlab.psychophysics.answers import read_answers
-from burrlab.psychophysics.designs import ABX, SameDifferent
-from burrlab.psychophysics.interval import render
-from burrlab.psychophysics.observer import drilling_hand, probing_hand
-from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics import (
+    ABX,
+    Protocol,
+    SameDifferent,
+    Stimulus,
+    analyse,
+    drilling_hand,
+    probing_hand,
+    read_answers,
+    render,
+)
 from burrlab.psychophysics.run import DeviceLost, LoopStalled, Runner, Sitting
 from burrlab.psychophysics.seat import Experimenter, Seat
-from burrlab.psychophysics.trial import Stimulus
 
 BURR = burrlab.Burr(3.0)
 BONE, PVC, PETTIGREW = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc", "pettigrew"))

@@ -13,11 +13,8 @@ from view_scenes import carve, parcels, write_trace
 
 import burrlab
 import burrlab.view.scene as scene_module
+from burrlab.view import LiveView, Scene, TraceView, surgeon_view, write_video
 from burrlab.view.actors import parcel_colours
-from burrlab.view.camera import surgeon_view
-from burrlab.view.film import TraceView, write_video
-from burrlab.view.live import LiveView
-from burrlab.view.scene import Scene
 from burrlab.view.surface import BONE, surface_blocks
 
 pytestmark = pytest.mark.slow

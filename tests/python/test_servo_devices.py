@@ -1,7 +1,5 @@
 """A Touch and an Omega in sessions, over stubs of the vendors' libraries (tests/stubs)."""
 
-from __future__ import annotations
-
 import functools
 import os
 import shutil

@@ -8,20 +8,38 @@ import numpy as np
 import pytest
 from session_scenes import ended, refused, session_of
 
-import burrlab
-import burrlab._core as _core
+from burrlab import (
+    Burr,
+    BurrContact,
+    Clock,
+    DeviceFrame,
+    HandDevice,
+    MailboxDevice,
+    Material,
+    ReplayDevice,
+    ScriptedDevice,
+    Session,
+    StartingBone,
+    VoxelBone,
+    _core,
+    load_bone,
+    load_trace,
+    materials,
+    replay,
+    save_bone,
+)
 
-TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
+TOOL = Burr(3.0), materials["bone"]
 
 
 def block(voxel=0.2):
     o = voxel / 2
-    return burrlab.VoxelBone.block((24, 16, 5), voxel, origin=(o - 12, o - 8, o - 5))
+    return VoxelBone.block((24, 16, 5), voxel, origin=(o - 12, o - 8, o - 5))
 
 
 def session(device=None, **options):
     options = {"seed": 1, "wall_clock": False, **options}
-    return session_of(block(), TOOL, device or burrlab.HandDevice(), **options)
+    return session_of(block(), TOOL, device or HandDevice(), **options)
 
 
 class TestVirtualClock:
@@ -36,11 +54,7 @@ class TestVirtualClock:
     def test_bone_given_is_not_changed(self):
         bone = block()
         before = bone.digest()
-        run = ended(
-            burrlab.Session(
-                bone, TOOL, burrlab.HandDevice(), seed=1, duration=2.0, clock=burrlab.Clock(wall_clock=False)
-            )
-        )
+        run = ended(Session(bone, TOOL, HandDevice(), seed=1, duration=2.0, clock=Clock(wall_clock=False)))
         assert bone.digest() == before
         cut, tick = run.snapshot()
         assert (cut.digest(), tick) == run.digests[-1][::-1]
@@ -49,41 +63,41 @@ class TestVirtualClock:
     def test_a_coarse_burr_is_told(self):
         """As README says, a result tells of a radius below 7.5 voxels."""
         for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
-            bone = burrlab.VoxelBone.block((16, 16, 4), spacing)
-            device = burrlab.ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
-            run = ended(burrlab.Session(bone, TOOL, device, seed=1, clock=burrlab.Clock(wall_clock=False)))
+            bone = VoxelBone.block((16, 16, 4), spacing)
+            device = ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
+            run = ended(Session(bone, TOOL, device, seed=1, clock=Clock(wall_clock=False)))
             assert [text for text in run.report().messages if "coarse" in text] == told
 
     def test_goes_on_from_a_saved_bone(self, tmp_path):
         """Two halves with a continued tick index give the bone of one run."""
         time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
-        whole = ended(session(burrlab.ScriptedDevice(time_, position), record=tmp_path / "whole.h5"))
-        positions = burrlab.load_trace(tmp_path / "whole.h5").array("device_position_mm")
+        whole = ended(session(ScriptedDevice(time_, position), record=tmp_path / "whole.h5"))
+        positions = load_trace(tmp_path / "whole.h5").array("device_position_mm")
         bone, tick = block(), 0
         for part in np.array_split(positions, 2):
             half = ended(
-                burrlab.Session(
-                    burrlab.StartingBone(bone, tick=tick),
+                Session(
+                    StartingBone(bone, tick=tick),
                     TOOL,
-                    burrlab.ReplayDevice(part),
+                    ReplayDevice(part),
                     seed=1,
-                    clock=burrlab.Clock(wall_clock=False),
+                    clock=Clock(wall_clock=False),
                 )
             )
-            burrlab.save_bone(tmp_path / "bone.h5", *half.snapshot())
-            bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
+            save_bone(tmp_path / "bone.h5", *half.snapshot())
+            bone, tick = load_bone(tmp_path / "bone.h5")
         assert tick == whole.ticks
         assert bone.digest() == whole.digests[-1][1]
 
     def test_two_burrs(self, tmp_path):
-        sucker = burrlab.Burr(2.0), burrlab.Material("sucker", c_e=2.145, alpha=0.0)
-        devices = [burrlab.HandDevice(), burrlab.HandDevice(start=(6, 0, 2.5), strokes=0)]
+        sucker = Burr(2.0), Material("sucker", c_e=2.145, alpha=0.0)
+        devices = [HandDevice(), HandDevice(start=(6, 0, 2.5), strokes=0)]
         path = tmp_path / "two.h5"
         ended(
             session_of(block(), [TOOL, sucker], devices, seed=3, wall_clock=False, duration=2.0, record=path)
         )
-        trace = burrlab.load_trace(path)
-        assert burrlab.replay(trace).equal
+        trace = load_trace(path)
+        assert replay(trace).equal
         assert trace.array("removed_levels", burr=0).sum() > 0
         assert trace.array("removed_levels", burr=1).sum() == 0
         assert np.abs(trace.array("force_N", burr=1)).max() > 0.5
@@ -93,9 +107,9 @@ class TestWallClock:
     def test_records_what_replays(self, tmp_path):
         path = tmp_path / "session.h5"
         run = ended(session(wall_clock=True, duration=1.5, record=path))
-        trace = burrlab.load_trace(path)
+        trace = load_trace(path)
         assert len(trace.ticks) == run.ticks == 1500
-        assert burrlab.replay(trace).equal
+        assert replay(trace).equal
         assert trace.digests[-1] == run.digests[-1]
         report = run.report()
         assert (report.follower["differing"], report.follower["tick"]) == (0, 1500)
@@ -108,7 +122,7 @@ class TestWallClock:
         assert sum(report.histograms["jitter"]) == 1499
 
     def test_periods_before_the_first_position_are_in_no_histogram(self):
-        box = burrlab.MailboxDevice(lost_after=60_000.0)
+        box = MailboxDevice(lost_after=60_000.0)
         with session(box, wall_clock=True, duration=0.05) as run:
             time.sleep(0.2)
             box.put((0, 0, 2.8))
@@ -120,7 +134,7 @@ class TestWallClock:
 
     def test_python_does_not_delay_the_loop(self):
         """A call that holds the interpreter stops no tick."""
-        box = burrlab.MailboxDevice(lost_after=60_000.0)
+        box = MailboxDevice(lost_after=60_000.0)
         box.put((0, 0, 2.8))
         with session(box, wall_clock=True) as run:
             before, start = run.ticks, time.perf_counter()
@@ -129,7 +143,7 @@ class TestWallClock:
             assert run.ticks - before > 50  # of 400, on any machine
 
     def test_mailbox(self):
-        box = burrlab.MailboxDevice()
+        box = MailboxDevice()
         with session(box, wall_clock=True) as run:
             assert not run.wait(0.2)  # the session waits for a first position
             assert run.ticks == 0
@@ -149,7 +163,7 @@ class TestSafety:
     @staticmethod
     def pressed(depth, **options):
         """The burr's last record, after it stood still at a depth in the bone [mm]."""
-        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
+        script = ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
         run = ended(session(script, **options))
         return run.follower.take(run.follower.view())["newest"]["burr"][0]
 
@@ -161,7 +175,7 @@ class TestSafety:
 
     def test_slew_limit(self, tmp_path):
         self.pressed(0.5, slew_limit=0.05, record=tmp_path / "slew.h5")
-        sent = burrlab.load_trace(tmp_path / "slew.h5").array("sent_force_N")
+        sent = load_trace(tmp_path / "slew.h5").array("sent_force_N")
         assert np.linalg.norm(np.diff(sent, axis=0, prepend=0), axis=1).max() <= 0.05 + 1e-12
         assert sent[-1, 2] > 1.0
 
@@ -175,9 +189,7 @@ class TestSafety:
 
     def test_stability_is_told(self):
         said = []
-        run = ended(
-            session(burrlab.HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append)
-        )
+        run = ended(session(HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append))
         assert any(
             re.search(r"N/mm, at its stiffest \d+\.\d\d of the device's limit; below", text) for text in said
         )
@@ -189,12 +201,8 @@ class TestSafety:
 
 
 BURR, BONE = TOOL
-HANDS = [burrlab.HandDevice() for _ in range(3)]
+HANDS = [HandDevice() for _ in range(3)]
 NO_TOOLS = r"tools must be \(Burr, Material\) or a list of such pairs, got"
-
-
-def begun_twice():
-    ended(session(duration=0.1)).start()
 
 
 def stopped_first():
@@ -228,14 +236,14 @@ def executor(**options):
             ({"digest_every": float("inf")}, "digest_every must be positive, got inf"),
         ]),
         (lambda: session(HANDS[:2]), ValueError, "number of devices must be one a burr, 1, got 2"),
-        (lambda: burrlab.Session(block(), [TOOL] * 3, HANDS), ValueError,
+        (lambda: Session(block(), [TOOL] * 3, HANDS), ValueError,
          "number of burrs must be 1 or 2, got 3"),
-        *((lambda tools=tools: burrlab.Session(block(), tools, HANDS[0]), TypeError, NO_TOOLS)
+        *((lambda tools=tools: Session(block(), tools, HANDS[0]), TypeError, NO_TOOLS)
           for tools in (BURR, [BURR, BONE], (BONE, BURR), [TOOL, None])),
-        *((lambda devices=devices: burrlab.Session(block(), TOOL, devices), TypeError,
+        *((lambda devices=devices: Session(block(), TOOL, devices), TypeError,
             "devices must be a Device or a list of them, .*got")
           for devices in (3, ["hand"], None)),
-        (begun_twice, ValueError, "session must be started once: it has been started or stopped"),
+        (lambda: ended(session(duration=0.1)).start(), ValueError, "session must be started once: it has been started or stopped"),
         (stopped_first, ValueError, "session must be started once: it has been started or stopped"),
         *((make, ValueError, told) for make, told in [
             (lambda: session().follower.take(session().follower.view()),
@@ -266,8 +274,8 @@ def test_never_started():
 def test_a_script_that_misses_the_bone(height, missed):
     """From corner to corner above it; the burr's radius is 3 mm, and the highest voxels lie 0.1 mm below z = 0."""
     path = [(-30.0, -20.0, 40.0), (0.0, 0.0, height), (30.0, 20.0, 40.0)]
-    frame = burrlab.DeviceFrame(scale=0.5, rotation=(0.0, 0.0, 0.0, 1.0))
-    run = ended(session(burrlab.ScriptedDevice([0.0, 1.0, 2.0], 2 * np.array(path)), frames=frame))
+    frame = DeviceFrame(scale=0.5, rotation=(0.0, 0.0, 0.0, 1.0))
+    run = ended(session(ScriptedDevice([0.0, 1.0, 2.0], 2 * np.array(path)), frames=frame))
     told = [
         f"burr 0 never met the bone: its script missed it by {by} mm; the bone's box, in the bone frame: x -12.0 to "
         "12.0, y -8.0 to 8.0, z -5.0 to 0.0 mm" for by in missed
@@ -303,7 +311,7 @@ def test_executor_is_steps():
     """An executed record is `BurrContact.step` with dt = k periods."""
     bone, other = block(), block()
     executor = _core.TickExecutor(bone, [TOOL], 7, period=0.5, tick=5)
-    contact = burrlab.BurrContact(other, *TOOL, seed=7)
+    contact = BurrContact(other, *TOOL, seed=7)
     contact.tick = 5
     records = np.zeros(40, _core.record_dtype)
     records["index"], records["burrs"] = 5 + np.arange(40), 1

@@ -17,9 +17,20 @@ import pytest
 from session_scenes import ended
 from test_session import TOOL, block, session
 
-import burrlab
-import burrlab._core as _core
 import burrlab.session.recorder as trace_writer
+from burrlab import (
+    Clock,
+    HandDevice,
+    IgtlDevice,
+    MailboxDevice,
+    ReplayDevice,
+    ScriptedDevice,
+    Session,
+    VoxelBone,
+    _core,
+    load_trace,
+    replay,
+)
 
 
 def run_here(program, *arguments, **environment):
@@ -32,7 +43,7 @@ def run_here(program, *arguments, **environment):
 
 def lost_soon(**options):
     """A session whose device is lost after 100 ms."""
-    box = burrlab.MailboxDevice()
+    box = MailboxDevice()
     box.put((0, 0, 2.8))
     return session(box, wall_clock=True, realtime=False, **options)
 
@@ -84,14 +95,14 @@ class TestCallback:
         run = ended(lost_soon(on_message=leave, record=tmp_path / "a.h5"))
         assert run.failed
         assert f"on_message failed: {kind('enough')!r}" in run.messages
-        trace = burrlab.load_trace(tmp_path / "a.h5")
+        trace = load_trace(tmp_path / "a.h5")
         assert trace.ended == run.reason
-        assert burrlab.replay(trace).equal
+        assert replay(trace).equal
 
     def test_may_stop_the_session(self, tmp_path):
         run = lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5")
         assert not [text for text in ended(run).messages if "on_message failed" in text]
-        assert burrlab.load_trace(tmp_path / "a.h5").complete
+        assert load_trace(tmp_path / "a.h5").complete
 
     def test_may_stop_it_from_the_recorder(self, tmp_path, monkeypatch):
         run = session(wall_clock=True, record=tmp_path / "a.h5", on_message=lambda text: run.stop("no trace"))
@@ -112,12 +123,12 @@ class TestCallback:
 class TestEnds:
     def test_force_that_falls_on_the_way_in(self):
         """In a plate thinner than the burr, k = dF/dH is negative. No warning comes; housekeeping goes on."""
-        plate = burrlab.VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
-        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
-        run = ended(burrlab.Session(plate, TOOL, script, seed=1, clock=burrlab.Clock(realtime=False)))
+        plate = VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
+        script = ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
+        run = ended(Session(plate, TOOL, script, seed=1, clock=Clock(realtime=False)))
         assert not [text for text in run.messages if "without warnings" in text]
         executor = _core.TickExecutor(plate, [TOOL], 1)
-        still = burrlab.ScriptedDevice([0.0, 0.05], [[0, 0, 0.2]] * 2, [False] * 2)
+        still = ScriptedDevice([0.0, 0.05], [[0, 0, 0.2]] * 2, [False] * 2)
         loop = _core.HapticLoop(executor, [still], wall_clock=False)
         follower = _core.Follower(loop, stiffness_every=1e-6)
         follower.start()
@@ -168,7 +179,7 @@ class TestEnds:
         assert run.reason == "stopped by KeyboardInterrupt"
         assert not run.running
         assert run.wait(20)
-        assert burrlab.load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
+        assert load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
 
     def test_wait_before_start(self):
         assert not session().loop.wait(0.01)
@@ -184,15 +195,13 @@ class TestEnds:
             tmp_path / "a.h5",
         )
         assert (done.returncode, done.stderr) == (0, "")
-        trace = burrlab.load_trace(tmp_path / "a.h5")
+        trace = load_trace(tmp_path / "a.h5")
         assert trace.complete
         assert trace.ended == "the program ended"
-        assert burrlab.replay(trace).equal
+        assert replay(trace).equal
 
     def test_follower_forgotten_while_the_loop_runs(self):
-        loop = _core.HapticLoop(
-            _core.TickExecutor(block(), [TOOL], 1), [burrlab.HandDevice()], realtime=False
-        )
+        loop = _core.HapticLoop(_core.TickExecutor(block(), [TOOL], 1), [HandDevice()], realtime=False)
         follower = _core.Follower(loop)
         loop.start()
         follower.start()
@@ -204,8 +213,8 @@ class TestEnds:
 
 class TestDevices:
     def test_one_burr_of_one_session_at_a_time(self):
-        hand = burrlab.HandDevice()
-        two = burrlab.Session(block(), [TOOL] * 2, [hand] * 2, seed=1, clock=burrlab.Clock(wall_clock=False))
+        hand = HandDevice()
+        two = Session(block(), [TOOL] * 2, [hand] * 2, seed=1, clock=Clock(wall_clock=False))
         with pytest.raises(ValueError, match="device 1 must serve one burr of one session at a time"):
             two.start()
         with (
@@ -217,17 +226,17 @@ class TestDevices:
 
     def test_second_session_feels_the_bone(self):
         """A device stopped at the end of a session gives force again in the next."""
-        hand = burrlab.HandDevice()
+        hand = HandDevice()
         digests = [ended(session(hand, duration=2.0)).digests[-1] for _ in range(2)]
         assert digests[0] == digests[1]
 
     def test_replay_begins_again(self):
-        device = burrlab.ReplayDevice(np.tile([0.0, 0.0, 2.8], (100, 1)))
+        device = ReplayDevice(np.tile([0.0, 0.0, 2.8], (100, 1)))
         for _ in range(2):
             assert ended(session(device)).ticks == 100
 
     def test_closed_network_device(self):
-        device = burrlab.IgtlDevice("127.0.0.1", 9)
+        device = IgtlDevice("127.0.0.1", 9)
         with session(device, wall_clock=True, realtime=False):
             pass
         run = session(device, wall_clock=True, realtime=False)
@@ -251,7 +260,7 @@ class TestResources:
 
     def test_digests_that_come_often(self, tmp_path):
         run = ended(session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5"))
-        trace = burrlab.load_trace(tmp_path / "a.h5")
+        trace = load_trace(tmp_path / "a.h5")
         assert len(trace.digests) == 301
         assert trace.digests[-1] == run.digests[-1]
 
@@ -262,10 +271,10 @@ def test_numpy_numbers(tmp_path):
         "force_limit": np.float32(4), "slew_limit": np.int64(1), "coupling": np.float32(2), "publish": np.int64(0),
     }  # fmt: skip
     ended(session(**options, record=tmp_path / "a.h5"))
-    trace = burrlab.load_trace(tmp_path / "a.h5")
+    trace = load_trace(tmp_path / "a.h5")
     assert (trace.seed, trace.first_tick, len(trace)) == (2**64 - 1, 3, 50)
     assert json.loads(json.dumps(trace.note))["seed"] == 2**64 - 1
-    assert burrlab.replay(trace).equal
+    assert replay(trace).equal
 
 
 @pytest.mark.parametrize("record", [False, True])

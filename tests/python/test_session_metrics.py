@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from session_scenes import FakeReader, make_records, new_writer, recorded, small_bone, tools
 
-import burrlab
-import burrlab._core as _core
+from burrlab import VoxelBone, _core, load_trace, replay, session_metrics
 
 
 def trace_of(tmp_path, center, *, period=1.0, **columns):
@@ -18,9 +17,9 @@ def trace_of(tmp_path, center, *, period=1.0, **columns):
         (records if name in ("k",) else burr)[name] = values
     file = tmp_path / "session.h5"
     new_writer(
-        file, FakeReader(records), burrlab.VoxelBone.block((2, 2, 2), 0.1), tools(), seed=1, period=period, duration=600
+        file, FakeReader(records), VoxelBone.block((2, 2, 2), 0.1), tools(), seed=1, period=period, duration=600
     ).stop()  # fmt: skip
-    return burrlab.load_trace(file)
+    return load_trace(file)
 
 
 def stroking(seconds, rate, amplitude, period=1.0):
@@ -32,9 +31,7 @@ def stroking(seconds, rate, amplitude, period=1.0):
 @pytest.mark.parametrize("period", [0.5, 1.0, 2.0])
 def test_sinusoidal_strokes(tmp_path, period):
     rate, amplitude, seconds = 1.4, 8.0, 20.0
-    found = burrlab.session_metrics(
-        trace_of(tmp_path, stroking(seconds, rate, amplitude, period), period=period)
-    )
+    found = session_metrics(trace_of(tmp_path, stroking(seconds, rate, amplitude, period), period=period))
     gain = 1 / (1 + (rate / 10.0) ** 4)  # of the low pass, twice second order
     omega, cycles = 2 * np.pi * rate, rate * seconds
     assert found.duration == pytest.approx(seconds)
@@ -58,28 +55,28 @@ def test_tremor_and_pauses_are_no_strokes(tmp_path):
     shaking = steady + 0.2 * np.sin(2 * np.pi * 9.0 * time)[:, None] + random.normal(0, 0.05, steady.shape)
     paused = np.concatenate([steady[:4400], np.repeat(steady[4400:4401], 3000, axis=0), steady[4400:]])
     for motion in (steady, shaking, paused):
-        assert burrlab.session_metrics(trace_of(tmp_path, motion)).strokes == 11
+        assert session_metrics(trace_of(tmp_path, motion)).strokes == 11
         (tmp_path / "session.h5").unlink()
 
 
 def test_the_hysteresis_decides_what_is_a_stroke(tmp_path):
     trace = trace_of(tmp_path, stroking(10, 1.0, 0.8))
-    assert burrlab.session_metrics(trace, hysteresis=1.5).strokes == 19
-    assert burrlab.session_metrics(trace, hysteresis=1.7).strokes == 0
+    assert session_metrics(trace, hysteresis=1.5).strokes == 19
+    assert session_metrics(trace, hysteresis=1.7).strokes == 0
 
 
 def test_strokes_are_counted_between_first_and_last_contact(tmp_path):
     motion = stroking(20, 1.0, 8.0)
     touching = np.zeros(len(motion))
     touching[5000:15000] = 1
-    found = burrlab.session_metrics(trace_of(tmp_path, motion, touching=touching))
+    found = session_metrics(trace_of(tmp_path, motion, touching=touching))
     assert found.strokes in (20, 21)
     assert found.stroke_rate == pytest.approx(2.0, rel=0.06)
     assert found.contact == pytest.approx(10.0)
 
 
 def test_a_still_burr(tmp_path):
-    found = burrlab.session_metrics(trace_of(tmp_path, np.zeros((2000, 3))))
+    found = session_metrics(trace_of(tmp_path, np.zeros((2000, 3))))
     assert (found.strokes, found.peak_speed, found.path, found.rms_jerk) == (0, 0.0, 0.0, 0.0)
     assert np.isnan(found.normalised_jerk)
     assert found.to_dict()["normalised_jerk"] is None
@@ -90,21 +87,20 @@ def test_forces_are_weighted_by_the_time_of_their_tick(tmp_path):
     force[:200], touching[:200], k[:200] = (0.0, 0.0, 3.0), 1, 4
     force[200:600], touching[200:600] = (0.6, 0.0, 0.8), 1
     trace = trace_of(tmp_path, np.zeros((1000, 3)), sent=force, touching=touching, k=k)
-    found = burrlab.session_metrics(trace)
-    assert found.duration == pytest.approx(1.6)
-    assert found.contact == pytest.approx(1.2)
-    assert found.mean_force == pytest.approx((3.0 * 0.8 + 1.0 * 0.4) / 1.2)
-    assert found.rms_force == pytest.approx(np.sqrt((9.0 * 0.8 + 1.0 * 0.4) / 1.2))
-    assert found.peak_force == pytest.approx(3.0)
-    assert found.over_threshold == pytest.approx(0.8)
-    assert burrlab.session_metrics(trace, threshold=0.9).over_threshold == pytest.approx(1.2)
-    assert burrlab.session_metrics(trace, threshold=3.0).over_threshold == 0
+    found = session_metrics(trace)
+    due = {
+        "duration": 1.6, "contact": 1.2, "mean_force": (3.0 * 0.8 + 1.0 * 0.4) / 1.2,
+        "rms_force": np.sqrt((9.0 * 0.8 + 1.0 * 0.4) / 1.2), "peak_force": 3.0, "over_threshold": 0.8,
+    }  # fmt: skip
+    assert {name: getattr(found, name) for name in due} == pytest.approx(due)
+    assert session_metrics(trace, threshold=0.9).over_threshold == pytest.approx(1.2)
+    assert session_metrics(trace, threshold=3.0).over_threshold == 0
 
 
 def test_removed_volume_is_the_bones_own(tmp_path):
     bone = small_bone()
     records = make_records(bone, 1500)
-    found = burrlab.session_metrics(recorded(tmp_path / "session.h5", records))
+    found = session_metrics(recorded(tmp_path / "session.h5", records))
     assert found.removed == pytest.approx(bone.removed - small_bone().removed)
     cutting = (records["k"] * (records["burr"]["removed"][:, 0] > 0)).sum() / 1000
     assert 0 < found.cutting < found.duration
@@ -121,7 +117,7 @@ def test_a_late_tick_moves_no_faster(tmp_path):
     for at in range(100, len(whole) - 10, 50):
         keep[at : at + 4] = False
         k[at + 4] = 5
-    found = burrlab.session_metrics(trace_of(tmp_path, whole[keep], k=k[keep]))
+    found = session_metrics(trace_of(tmp_path, whole[keep], k=k[keep]))
     assert found.duration == pytest.approx(10.0)
     assert found.peak_speed == pytest.approx(8.0 * 2 * np.pi, rel=5e-3)
     assert found.strokes == 21
@@ -129,7 +125,7 @@ def test_a_late_tick_moves_no_faster(tmp_path):
 
 @pytest.mark.parametrize("ticks", [0, 1, 40])
 def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
-    found = burrlab.session_metrics(trace_of(tmp_path, np.zeros((ticks, 3))))
+    found = session_metrics(trace_of(tmp_path, np.zeros((ticks, 3))))
     assert found.duration == pytest.approx(ticks / 1000)
     assert np.isnan([found.path, found.mean_speed, found.rms_jerk]).all()
     assert found.to_dict()["path_mm"] is None
@@ -147,10 +143,10 @@ def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
 def test_wrong_parameters(tmp_path, options, told):
     trace = trace_of(tmp_path, np.zeros((10, 3)))
     with pytest.raises(ValueError, match=told):
-        burrlab.session_metrics(trace, **options)
+        session_metrics(trace, **options)
 
 
-@pytest.mark.parametrize("ask", [burrlab.session_metrics, burrlab.replay])
+@pytest.mark.parametrize("ask", [session_metrics, replay])
 def test_a_name_is_no_trace(ask):
     with pytest.raises(TypeError, match=r"trace must be a Trace, as load_trace gives it, got 'session\.h5'"):
         ask("session.h5")

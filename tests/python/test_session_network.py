@@ -9,8 +9,22 @@ from replica_scenes import BLOCK, Leader, soon
 from scipy.spatial.transform import Rotation
 from session_scenes import refused
 
-import burrlab
-import burrlab._core as _core
+from burrlab import (
+    Burr,
+    Clock,
+    IgtlDevice,
+    MailboxDevice,
+    OccupancyMap,
+    Publish,
+    ReplayDevice,
+    Session,
+    StartingBone,
+    VoxelBone,
+    _core,
+    load_trace,
+    materials,
+    read_volume,
+)
 from burrlab.session.network import block_recipe, follow, make_bone, open_publisher, volume_recipe
 
 
@@ -22,7 +36,7 @@ def leader():
 
 def test_block_recipe_survives_json():
     recipe = json.loads(json.dumps(block_recipe((3, 2, 1), 0.1, origin=(0.1, 1 / 3, -1e-9), level=200)))
-    bone = burrlab.VoxelBone.block((3, 2, 1), 0.1, origin=(0.1, 1 / 3, -1e-9), level=200)
+    bone = VoxelBone.block((3, 2, 1), 0.1, origin=(0.1, 1 / 3, -1e-9), level=200)
     assert make_bone(recipe).digest() == bone.digest()
 
 
@@ -31,9 +45,9 @@ def test_volume_recipe(tmp_path):
     image = sitk.GetImageFromArray(np.random.default_rng(1).integers(0, 1000, (9, 10, 11), dtype=np.int16))
     for name in ("here.nrrd", "there.nrrd"):
         sitk.WriteImage(image, str(tmp_path / name))
-    mapping = burrlab.OccupancyMap.two_point(100, 900)
+    mapping = OccupancyMap.two_point(100, 900)
     recipe = volume_recipe(tmp_path / "here.nrrd", mapping)
-    bone = burrlab.read_volume(tmp_path / "there.nrrd").to_bone(mapping)
+    bone = read_volume(tmp_path / "there.nrrd").to_bone(mapping)
     assert make_bone(json.loads(json.dumps(recipe))).digest() == bone.digest()
     (tmp_path / "here.nrrd").unlink()
     assert make_bone(recipe, volume=tmp_path / "there.nrrd").digest() == bone.digest()
@@ -102,7 +116,6 @@ def test_follow_needs_a_recipe():
         follow("127.0.0.1", leader.port)
 
 
-TOOLS = [(burrlab.Burr(3.0), burrlab.materials["bone"])]
 ALONE = _core.Replica("127.0.0.1", 1)
 
 
@@ -123,14 +136,14 @@ ALONE = _core.Replica("127.0.0.1", 1)
         ]),
         (lambda leader: _core.Publisher(leader.follower, port=leader.port),
          "free to listen on, got 127.0.0.1:"),
-        *((lambda leader, name=name: open_publisher(leader.follower, {key: leader.hello[key] for key in leader.hello if key != name}, burrlab.Publish()),
+        *((lambda leader, name=name: open_publisher(leader.follower, {key: leader.hello[key] for key in leader.hello if key != name}, Publish()),
            f"hello must hold .*, got none of {name}") for name in ("seed", "rate_Hz", "scheme", "tools")),
-        (lambda leader: open_publisher(leader.follower, {**leader.hello, "force": float("nan")}, burrlab.Publish()), "hello must be what JSON holds"),
+        (lambda leader: open_publisher(leader.follower, {**leader.hello, "force": float("nan")}, Publish()), "hello must be what JSON holds"),
         (lambda leader: leader.publisher.finish("done", linger=-1.0),
          "linger must be zero or positive and finite, got -1"),
         (lambda leader: follow("127.0.0.1", leader.port, bone=make_bone({**BLOCK, "level": 254})),
          r"bone must be the leader's initial volume, digest .*, got"),
-        (lambda leader: ALONE.start(make_bone(BLOCK), TOOLS, 1),
+        (lambda leader: ALONE.start(make_bone(BLOCK), leader.tools, 1),
          "hello must be fetched before the replica is started"),
         (lambda leader: ALONE.digest(), "replica must be started first"),
         (lambda leader: ALONE.fetch_hello(0.0), "timeout must be positive"),
@@ -156,9 +169,7 @@ def test_replica_is_started_once(leader):
 def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
     """The path is absolute, as a replica seldom runs in the leader's folder."""
     monkeypatch.chdir(tmp_path)
-    assert volume_recipe("here.nrrd", burrlab.OccupancyMap.two_point(0, 1))["path"] == str(
-        tmp_path / "here.nrrd"
-    )
+    assert volume_recipe("here.nrrd", OccupancyMap.two_point(0, 1))["path"] == str(tmp_path / "here.nrrd")
 
 
 def test_orientation_and_buttons_survive_the_way(tmp_path):
@@ -168,36 +179,34 @@ def test_orientation_and_buttons_survive_the_way(tmp_path):
     turned /= np.linalg.norm(turned, axis=1)[:, None] * np.where(turned[:, :1] < 0, -1, 1)  # w >= 0
     buttons = random.integers(0, 256, 3000)
     place = np.tile([0.0, 0.0, 2.9], (3000, 1))
-    device = burrlab.ReplayDevice(place, orientation=turned, buttons=buttons)
-    tool = burrlab.Burr(3.0), burrlab.materials["bone"]
+    device = ReplayDevice(place, orientation=turned, buttons=buttons)
+    tool = Burr(3.0), materials["bone"]
     path = tmp_path / "turned.h5"
-    with burrlab.Session(
-        burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
+    with Session(
+        StartingBone(make_bone(BLOCK), source=BLOCK),
         tool,
         device,
         seed=1,
         publish=0,
         record=path,
-        clock=burrlab.Clock(realtime=False),
+        clock=Clock(realtime=False),
     ) as session:
         replica = follow("127.0.0.1", session.port)
         seen = {}
-        onward = burrlab.IgtlDevice(
-            "127.0.0.1", session.port, device_name="burrlab_burr_0", lost_after=1000.0
-        )
-        with burrlab.Session(
+        onward = IgtlDevice("127.0.0.1", session.port, device_name="burrlab_burr_0", lost_after=1000.0)
+        with Session(
             make_bone(BLOCK),
             tool,
             onward,
             seed=1,
             record=tmp_path / "onward.h5",
-            clock=burrlab.Clock(realtime=False),
+            clock=Clock(realtime=False),
         ):
             while not session.wait(0.01):
                 if (newest := replica.take()["newest"]) is not None:
                     seen[int(newest["index"])] = newest["burr"][0].copy()
     replica.stop()
-    trace, far = burrlab.load_trace(path), burrlab.load_trace(tmp_path / "onward.h5")
+    trace, far = load_trace(path), load_trace(tmp_path / "onward.h5")
     np.testing.assert_array_equal(trace.array("orientation"), turned[: len(trace)])
     np.testing.assert_array_equal(trace.array("buttons"), buttons[: len(trace)])
     assert len(seen) > 20
@@ -213,6 +222,6 @@ def test_orientation_and_buttons_survive_the_way(tmp_path):
     assert apart.max() < 1e-6
     length = "length of orientation must be 1, got"
     refused(
-        (lambda: burrlab.MailboxDevice().put((0, 0, 0), orientation=(0, 0, 0, 0)), f"{length} 0"),
-        (lambda: burrlab.ReplayDevice(place, orientation=turned * np.nan), f"{length} nan"),
+        (lambda: MailboxDevice().put((0, 0, 0), orientation=(0, 0, 0, 0)), f"{length} 0"),
+        (lambda: ReplayDevice(place, orientation=turned * np.nan), f"{length} nan"),
     )

@@ -10,48 +10,62 @@ from fit_scenes import BURR, curve_of
 from session_scenes import ended
 from tick_scenes import TABLES
 
-import burrlab
+from burrlab import (
+    Clock,
+    DescentSettings,
+    Fit,
+    MasterCurve,
+    Material,
+    ScriptedDevice,
+    Session,
+    Shape,
+    Tissue,
+    Tissues,
+    VoxelBone,
+    compare_shapes,
+    descend,
+    fit,
+    load_trace,
+    replay,
+)
 from burrlab._core import shape_kappa
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.study import key_of
-from burrlab.fitting.fit import fit
-from burrlab.fitting.result import Fit
-from burrlab.theory.continuum import MasterCurve
 
 X = 1 - np.linspace(1, 0, 33) ** 2
 PHI = np.geomspace(1e-4, 0.19, 30)
-COSINE = burrlab.Shape.from_table(X, lambda x: np.cos(np.pi / 2 * x))
+COSINE = Shape.from_table(X, lambda x: np.cos(np.pi / 2 * x))
 
 
 def table_of(name, x=X, **options):
-    return burrlab.Shape.from_table(x, burrlab.Shape(name), **options)
+    return Shape.from_table(x, Shape(name), **options)
 
 
 def test_linear_between_points_and_a_power_at_the_end():
-    f = burrlab.Shape.from_table([0, 0.5, 0.8, 1], [8, 4, 1, 0])  # divided by f(0)
+    f = Shape.from_table([0, 0.5, 0.8, 1], [8, 4, 1, 0])  # divided by f(0)
     assert f.order == 2  # log 4/log 2.5 = 1.51
     at = np.array([0.0, 0.25, 0.5, 0.65, 0.8, 0.9, 1.0, 1.1])
     root = np.interp(at, [0, 0.5, 0.8, 1, 1.0001, 2], [1, 0.5**0.5, 0.125**0.5, 0, 0, 0])
     np.testing.assert_allclose(f(at), root**2, rtol=1e-14, atol=1e-16)
     assert shape_kappa(f) == pytest.approx(0.125 / 0.2**2)
-    edge = burrlab.Shape.from_table([0, 0.5, 1], [2, 1, 0.5])
+    edge = Shape.from_table([0, 0.5, 1], [2, 1, 0.5])
     assert (edge.order, shape_kappa(edge), edge(0.75), edge(1.0)) == (0, 0.25, 0.375, 0.25)
     assert COSINE.order == 1, "cos(pi/2) is 6e-17: that counts as zero"
-    assert burrlab.Shape.from_table(X, COSINE(X), order=1.5).order == 1.5
+    assert Shape.from_table(X, COSINE(X), order=1.5).order == 1.5
 
 
-@pytest.mark.parametrize("f", [COSINE, *map(burrlab.Shape, TABLES)], ids=lambda f: f.label)
+@pytest.mark.parametrize("f", [COSINE, *map(Shape, TABLES)], ids=lambda f: f.label)
 def test_the_name_is_the_table(f):
-    assert burrlab.Shape(f.name) == f == pickle.loads(pickle.dumps(f))
-    assert burrlab.Shape(f.name).name == f.name
+    assert Shape(f.name) == f == pickle.loads(pickle.dumps(f))
+    assert Shape(f.name).name == f.name
     assert f.name not in repr(f)
-    assert f.label in repr(burrlab.Material("own", c_e=1, alpha=1, shape=f))
+    assert f.label in repr(Material("own", c_e=1, alpha=1, shape=f))
 
 
 def test_two_tables_are_two_shapes():
     values = COSINE(X)
     values[7] = np.nextafter(values[7], 0)
-    near = burrlab.Shape.from_table(X, values)
+    near = Shape.from_table(X, values)
     assert near != COSINE
     assert (near.label != COSINE.label, hash(near) != hash(COSINE)) == (True, True)
     assert key_of(round, near) != key_of(round, COSINE)
@@ -71,18 +85,18 @@ def test_master_curve_of_a_table_is_that_of_its_shape(name, error):
 @pytest.mark.parametrize("x", [X, np.linspace(0, 1, 21)], ids=["dense at the surface", "even"])
 def test_the_order_is_that_of_the_tables_end(x):
     for name in ("linear", "parabolic", "quartic", "power(0.5)", "power(1.25)", "power(1.5)", "power(3)"):
-        assert table_of(name, x).order == burrlab.Shape(name).order, name
+        assert table_of(name, x).order == Shape(name).order, name
     noisy = np.random.default_rng(1).normal(1, 0.01, len(x)) * COSINE(x)
-    assert 0.5 <= burrlab.Shape.from_table(x, np.minimum(noisy, noisy[0])).order <= 1.5
+    assert 0.5 <= Shape.from_table(x, np.minimum(noisy, noisy[0])).order <= 1.5
 
 
 @pytest.mark.parametrize("scheme", ["layer", "cell"])
 @pytest.mark.parametrize("name", ["parabolic", "quartic"])
 def test_descent_with_a_table_is_that_with_its_shape(name, scheme):
     made = [
-        burrlab.descend(
-            BURR, burrlab.Material("m", c_e=2.145, alpha=0.087, shape=f), 2.0, voxel=0.3, seed=1, ideal=True,
-            settings=burrlab.DescentSettings(scheme=scheme),
+        descend(
+            BURR, Material("m", c_e=2.145, alpha=0.087, shape=f), 2.0, voxel=0.3, seed=1, ideal=True,
+            settings=DescentSettings(scheme=scheme),
         ).penetration_velocity
         for f in (name, table_of(name))
     ]  # fmt: skip
@@ -90,7 +104,7 @@ def test_descent_with_a_table_is_that_with_its_shape(name, scheme):
 
 
 def test_fit_json_and_bootstrap():
-    own = burrlab.Material("own", c_e=2.145, alpha=0.087, shape=COSINE)
+    own = Material("own", c_e=2.145, alpha=0.087, shape=COSINE)
     curve = curve_of(material=own, scatter=0.03, seed=2)
     found = fit(curve, BURR, shape=COSINE)
     assert found.status == "ok"
@@ -105,7 +119,7 @@ def test_fit_json_and_bootstrap():
     assert COSINE.name not in found.report() + repr(found)
     made = [each.bootstrap(4, seed=1).c_e for each in (found, again)]
     np.testing.assert_array_equal(*made)
-    compared = burrlab.compare_shapes(curve, BURR, shapes=[COSINE, "quartic"], free=False)
+    compared = compare_shapes(curve, BURR, shapes=[COSINE, "quartic"], free=False)
     assert compared[COSINE].fit.alpha == found.alpha
     assert COSINE.name not in repr(compared) + "".join(compared.sentences)
 
@@ -117,22 +131,20 @@ def test_fit_with_a_table_of_parabolic():
 
 
 def test_trace_and_tissues_keep_it(tmp_path, cpu_path):
-    own = burrlab.Material("own", c_e=2.145, alpha=0.087, shape=COSINE)
-    bone = burrlab.VoxelBone.block((10, 8, 4), 0.2, origin=(-5, -4, -4))
-    device = burrlab.ScriptedDevice([0.0, 0.5], [(-1, 0, 2.8), (1, 0, 2.7)])
+    own = Material("own", c_e=2.145, alpha=0.087, shape=COSINE)
+    bone = VoxelBone.block((10, 8, 4), 0.2, origin=(-5, -4, -4))
+    device = ScriptedDevice([0.0, 0.5], [(-1, 0, 2.8), (1, 0, 2.7)])
     file = tmp_path / "own.h5"
-    session = burrlab.Session(
-        bone, (BURR, own), device, seed=1, clock=burrlab.Clock(wall_clock=False), record=file
-    )
+    session = Session(bone, (BURR, own), device, seed=1, clock=Clock(wall_clock=False), record=file)
     cut = ended(session).snapshot()[0]
-    trace = burrlab.load_trace(file)
+    trace = load_trace(file)
     assert session.provenance["tools"][0]["shape"] == COSINE.name
     assert trace.tools[0][1] == own
-    again = burrlab.replay(trace)
+    again = replay(trace)
     assert again.equal
     assert again.bone.digest() == cut.digest()
     assert cut.removed > 0.1
-    tissues = burrlab.Tissues([burrlab.Tissue("bone", label=1, c_e=2, alpha=0.1)], own)
+    tissues = Tissues([Tissue("bone", label=1, c_e=2, alpha=0.1)], own)
     assert tissues_from_json(tissues_to_json(tissues)).material == own
 
 
@@ -190,7 +202,7 @@ def test_files_that_are_no_shape(rows, told, tmp_path, capsys, monkeypatch):
 )  # fmt: skip
 def test_refusals(x, f, options, said):
     with pytest.raises(ValueError, match=said):
-        burrlab.Shape.from_table(x, f, **options)
+        Shape.from_table(x, f, **options)
 
 
 @pytest.mark.parametrize(
@@ -198,4 +210,4 @@ def test_refusals(x, f, options, said):
 )
 def test_names_that_are_no_table(name):
     with pytest.raises(ValueError, match=r"a table must read table\(k;x:f,x:f,...\), got 'table"):
-        burrlab.Shape(name)
+        Shape(name)

@@ -10,7 +10,7 @@ import pytest
 from fit_scenes import BONE, BURR, curve_of, with_sigma
 from scipy import stats
 
-from burrlab._core import Material
+from burrlab import MasterCurve, Material, synthetic_indentation
 from burrlab.common.study import run_items
 from burrlab.comparing.shape_comparison import NODES
 from burrlab.comparing.shapes import SHAPES, FamilyCurve, PowerFamily, compare_shapes, member, weigh_shapes
@@ -18,8 +18,6 @@ from burrlab.fitting.calibration import Threshold
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain, lowest
-from burrlab.measured.synthetic import synthetic_indentation
-from burrlab.theory.continuum import MasterCurve
 
 mpl.use("Agg")
 
@@ -132,8 +130,7 @@ class TestThreshold:
 class TestResult:
     def test_rows(self, comparison):
         assert [row.shape.name for row in comparison.rows] == list(SHAPES)
-        assert comparison.rejected == ("quartic", "constant")
-        assert comparison.kept == ("parabolic", "linear")
+        assert (comparison.rejected, comparison.kept) == (("quartic", "constant"), ("parabolic", "linear"))
         assert min(row.delta_aic for row in comparison.rows) == comparison.best.delta_aic == 0
         for name in ("parabolic", "quartic", "constant"):
             assert comparison[name].rise >= -1e-6  # members of the family

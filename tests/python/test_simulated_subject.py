@@ -13,7 +13,7 @@ from scipy.stats import binom, binomtest, norm
 
 import burrlab
 import burrlab.psychophysics.rehearsal as rehearsal
-from burrlab.psychophysics.designs import ABX, SameDifferent
+from burrlab.psychophysics import ABX, ConstantStimuli, Interval, SameDifferent, Staircase, Stimulus, Trial
 from burrlab.psychophysics.interval import TICK, Block, Rendered, render
 from burrlab.psychophysics.observer import (
     Cues,
@@ -34,8 +34,6 @@ from burrlab.psychophysics.rehearsal import (
     teach,
 )
 from burrlab.psychophysics.rules import counts_of, rule_of
-from burrlab.psychophysics.staircase import ConstantStimuli, Staircase
-from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 FALSE_ALARM = 1e-6
 MANY = 6000

@@ -12,9 +12,7 @@ from drilled_scenes import stack as save
 from PIL import Image
 from session_scenes import refused
 
-from burrlab import materials
-from burrlab._core import Tissue, Tissues
-from burrlab.bone.image import LabelVolume, OccupancyMap
+from burrlab import LabelVolume, OccupancyMap, Tissue, Tissues, materials
 from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, labels_of
 from burrlab.bone.slices import ROWS_ALONG_X, read_stack
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
@@ -82,8 +80,9 @@ def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
     np.testing.assert_array_equal(labels.labels, wanted)
     assert (labels.names[10], labels.colours[10]) == ("Facial_Nerve", NERVE)
     assert labels.notes == (SILENT,)
-    turned = read_labels(folder, transpose=True)
-    np.testing.assert_array_equal(turned.labels, labels.labels.transpose(0, 2, 1))
+    np.testing.assert_array_equal(
+        read_labels(folder, transpose=True).labels, labels.labels.transpose(0, 2, 1)
+    )
 
 
 @pytest.mark.parametrize("mode", ["RGBA", "RGB", "P"])

@@ -11,15 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import burrlab
-from burrlab.common.study import Store
+from burrlab import Burr, Store, VoxelBone, descend, force_sweep, half_space, materials
 from burrlab.descent.sweep import SweepItem, item_seed, run_item, specimen_seed
 
-BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
+BURR, BONE = Burr(3.0), materials["bone"]
 
 
 def sweep(forces=(1.0, 1.5, 2.0), **options):
-    return burrlab.force_sweep(BURR, BONE, forces, **{"repeats": 2, "voxel": 0.4, "seed": 7, **options})
+    return force_sweep(BURR, BONE, forces, **{"repeats": 2, "voxel": 0.4, "seed": 7, **options})
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,7 @@ def test_rows_do_not_depend_on_workers_or_order(alone):
             assert np.array_equal(sweep(executor=executor).velocity, alone.velocity)
     assert np.array_equal(np.sort(sweep(forces=(2.0, 1.5, 1.0)).velocity), np.sort(alone.velocity))
     assert len(set(alone.velocity)) == 6, "repeats differ"
-    run = burrlab.descend(BURR, BONE, 1.5, voxel=0.4, seed=item_seed(7, 1.5, 1), ideal=True)
+    run = descend(BURR, BONE, 1.5, voxel=0.4, seed=item_seed(7, 1.5, 1), ideal=True)
     assert run.penetration_velocity == alone.velocity[3], "one can be rerun by itself"
 
 
@@ -43,7 +42,7 @@ def test_a_seed_keeps_its_meaning():
 
 
 def test_rig_sweep_and_specimen():
-    specimen = burrlab.half_space(BURR, 0.4)
+    specimen = half_space(BURR, 0.4)
     before = specimen.bone.digest()
     assert sweep(forces=(0.8,), repeats=1, ideal=False, specimen=specimen).status == ("ok",)
     assert specimen.bone.digest() == before, "descents work on copies"
@@ -117,10 +116,10 @@ class Fuller:
     def specimen(self, burr, voxel, *, depth, seed):
         with open(self.notes, "a") as file:
             file.write(f"{seed} {depth} {voxel}\n")
-        specimen = burrlab.half_space(burr, voxel, depth=depth)
+        specimen = half_space(burr, voxel, depth=depth)
         level = np.random.default_rng(seed).integers(self.lowest, 255)
         levels = (specimen.bone.density > 0) * np.uint8(level)
-        bone = burrlab.VoxelBone(levels, spacing=specimen.bone.spacing, origin=specimen.bone.origin)
+        bone = VoxelBone(levels, spacing=specimen.bone.spacing, origin=specimen.bone.origin)
         return replace(specimen, bone=bone)
 
 
@@ -166,7 +165,7 @@ def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
 
 def test_a_store_tells_specimens_apart(tmp_path):
     store = Store(tmp_path / "s.jsonl")
-    given = burrlab.half_space(BURR, 0.4)
+    given = half_space(BURR, 0.4)
     bone = given.bone.copy()
     bone.write(np.full(bone.shape, 200, np.uint8))
     moved = given.surface + [0.1, 0, 0]

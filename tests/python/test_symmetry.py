@@ -43,8 +43,9 @@ def sink(axis: tuple[float, float, float], seed: int, force: float, voxel: float
     run = burrlab.descend(BURR, BONE, force, specimen=specimen, seed=seed, ideal=True)
     assert run.penetration_velocity is not None, run
     bone = specimen.bone.copy()
-    contact = burrlab.BurrContact(bone, BURR, BONE, seed=seed)
-    contact.run([specimen.center(h, BURR) for h in run.immersion], 1.0)
+    burrlab.BurrContact(bone, BURR, BONE, seed=seed).run(
+        [specimen.center(h, BURR) for h in run.immersion], 1.0
+    )
     assert run.provenance["digest"] == bone.digest()
     return run.penetration_velocity, removed_centroid_off_axis(specimen, bone)
 

@@ -97,8 +97,7 @@ def test_depth_limits(order: float) -> None:
 def test_depth_table_at_its_nodes(order: float, accuracy: float) -> None:
     """T[i, j] is G(i/8, j/40), rounded to single precision; near e = 0 at high orders to 1e-5."""
     table = burrlab._core.depth_table(order)
-    assert table.dtype == np.float32
-    assert table.shape == (25, 41)
+    assert (table.dtype, table.shape) == (np.float32, (25, 41))
     exact = np.array([[effective_depth(i / 8, j / 40, order) for j in range(41)] for i in range(25)])
     np.testing.assert_allclose(table, exact, rtol=0.0, atol=accuracy)
 

@@ -10,9 +10,7 @@ import pytest
 from session_scenes import refused
 from tick_scenes import assert_same_sums
 
-import burrlab._core as _core
-from burrlab import materials
-from burrlab._core import Burr, BurrContact, Material, Tissue, Tissues, VoxelBone
+from burrlab import Burr, BurrContact, Material, Tissue, Tissues, VoxelBone, _core, materials
 
 BONE = materials["bone"]
 
@@ -115,8 +113,7 @@ def test_a_packed_bone_is_the_same() -> None:
     faint = bone.read((0, 0, 0), bone.shape).copy()
     faint[:8, :, 8:], faint[8:, :, 8:] = 7, 0  # uniform bricks
     bone.write(faint)
-    plain = VoxelBone(faint, (0.1, 0.2, 0.3), (1, 2, 3))
-    for one in (bone, plain):
+    for one in (bone, VoxelBone(faint, (0.1, 0.2, 0.3), (1, 2, 3))):
         levels, numbers = _core.pack_bone(one)
         again = _core.unpack_bone(one.shape, one.spacing, one.origin, levels, one.tissues, numbers)
         center = np.array(one.origin) + 0.5 * np.array(one.spacing) * one.shape[::-1]

@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from label_scenes import anatomy_bone
 
-from burrlab import materials
-from burrlab._core import Material, Tissue, Tissues
-from burrlab.anatomy import labelled_bone
-from burrlab.anatomy.watch import Watch
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
-from burrlab.bone.recipe import LabelledRecipe
+from burrlab import LabelVolume, Material, OccupancyMap, Tissue, Tissues, Volume, materials
+from burrlab.anatomy import LabelledRecipe, Watch, labelled_bone
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.bone.tissues import (
     KNOWN,

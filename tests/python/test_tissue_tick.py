@@ -26,12 +26,24 @@ from tick_scenes import (
     tissues_of,
 )
 
-import burrlab
-import burrlab._core as _core
+from burrlab import (
+    Burr,
+    BurrContact,
+    HandDevice,
+    Material,
+    Tissue,
+    Tissues,
+    VoxelBone,
+    _core,
+    erode,
+    load_trace,
+    materials,
+    replay,
+)
 from reference.tick import ReferenceTissues
 
 PATHS = tuple(_core.cpu_paths())
-BONE, PVC = burrlab.materials["bone"], burrlab.materials["pvc"]
+BONE, PVC = materials["bone"], materials["pvc"]
 
 pytestmark = pytest.mark.usefixtures("keep_cpu_path")
 
@@ -100,10 +112,8 @@ def felt(scene: Scene, tissues: ReferenceTissues | None, c_e: float = 2.145) -> 
     """Last levels, and forces, removed volumes and c_e; without tissues in a plain bone of `c_e`."""
     core, _ = make_pair(scene, tissues)
     if tissues is None:
-        material = burrlab.Material("any", c_e=c_e, alpha=scene.alpha, shape=scene.shape)
-        core = burrlab.BurrContact(
-            core.bone, core.burr, material, scene.seed, scene.index, scheme=scene.scheme
-        )
+        material = Material("any", c_e=c_e, alpha=scene.alpha, shape=scene.shape)
+        core = BurrContact(core.bone, core.burr, material, scene.seed, scene.index, scheme=scene.scheme)
         core.tick = scene.tick
     run = core.run(np.array(scene.centers()), scene.dt)
     return core.bone.density.tobytes(), [
@@ -133,10 +143,10 @@ def test_splitting_a_tissue_changes_nothing(cpu_path: str, scheme: str) -> None:
         assert felt(scene, ReferenceTissues(numbers, [2.0] * count, [0.2] * count)) == whole
 
 
-def mixed_bone(size: tuple[int, int, int]) -> tuple[burrlab.VoxelBone, ReferenceTissues]:
+def mixed_bone(size: tuple[int, int, int]) -> tuple[VoxelBone, ReferenceTissues]:
     """A block below z = 0 of sixteen tissues at random."""
     x, y, z = size
-    bone = burrlab.VoxelBone.block(size, 0.2, origin=(0.1 - x / 2, 0.1 - y / 2, 0.1 - z))
+    bone = VoxelBone.block(size, 0.2, origin=(0.1 - x / 2, 0.1 - y / 2, 0.1 - z))
     tissues = tissues_of("random", bone.shape, 16, (0.087, 0.3))
     tissues = replace(tissues, c_e=[0.5 + 0.25 * i for i in range(16)])
     bone.set_tissues(table_of_tissues(tissues, BONE), tissues.number)
@@ -148,7 +158,7 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
     for path in PATHS:
         _core.use_cpu_path(path)
         bone, _ = mixed_bone((8, 8, 3))
-        contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), BONE, seed=4)
+        contact = BurrContact(bone, Burr(2.0), BONE, seed=4)
         held = contact.hold(1.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200)
         assert np.abs(held.force - 1.0).max() < 1e-3
         found.add((bone.digest(), tuple(held.position)))
@@ -158,16 +168,16 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
 def test_a_session_in_tissues_replays_on_every_path(tmp_path: Path) -> None:
     """Forces, digests and the removed volume of each tissue are equal."""
     bone, tissues = mixed_bone((12, 12, 4))
-    tool, options = (burrlab.Burr(2.0), BONE), {"seed": 1, "duration": 2.0, "wall_clock": False}
-    session = ended(session_of(bone, tool, burrlab.HandDevice(), record=tmp_path / "session.h5", **options))
+    tool, options = (Burr(2.0), BONE), {"seed": 1, "duration": 2.0, "wall_clock": False}
+    session = ended(session_of(bone, tool, HandDevice(), record=tmp_path / "session.h5", **options))
     carved, tick = session.snapshot()
     assert tick == 2000
     removed = [carved.removed_of(i) for i in range(16)]
     assert min(removed) > 0.0
-    trace = burrlab.load_trace(tmp_path / "session.h5")
+    trace = load_trace(tmp_path / "session.h5")
     for path in PATHS:
         _core.use_cpu_path(path)
-        again = burrlab.replay(trace)
+        again = replay(trace)
         assert again.equal
         assert again.bone.digest() == carved.digest()
         assert [again.bone.removed_of(i) for i in range(16)] == removed
@@ -177,18 +187,18 @@ def test_a_session_in_tissues_replays_on_every_path(tmp_path: Path) -> None:
 # --- What is refused ----------------------------------------------------------------------------------------
 
 
-def two_tissues() -> burrlab.VoxelBone:
-    bone = burrlab.VoxelBone.block((4, 4, 4), 0.2)
+def two_tissues() -> VoxelBone:
+    bone = VoxelBone.block((4, 4, 4), 0.2)
     tissues = tissues_of("halves", bone.shape, 2, (0.087, 0.0))
     bone.set_tissues(table_of_tissues(tissues, BONE), tissues.number)
     return bone
 
 
-def enamel(radius: float, dt: float = 1.0) -> burrlab.BurrContact:
-    bone = burrlab.VoxelBone.block((1, 1, 1), 0.01)
-    rows = [burrlab.Tissue("enamel", label=1, c_e=1000.0, alpha=0.1)]
-    bone.set_tissues(burrlab.Tissues(rows, BONE), np.zeros(bone.shape, np.uint8))
-    contact = burrlab.BurrContact(bone, burrlab.Burr(radius), BONE, seed=1)
+def enamel(radius: float, dt: float = 1.0) -> BurrContact:
+    bone = VoxelBone.block((1, 1, 1), 0.01)
+    rows = [Tissue("enamel", label=1, c_e=1000.0, alpha=0.1)]
+    bone.set_tissues(Tissues(rows, BONE), np.zeros(bone.shape, np.uint8))
+    contact = BurrContact(bone, Burr(radius), BONE, seed=1)
     return contact if dt == 1.0 else contact.step((0, 0, 0), dt)
 
 
@@ -200,8 +210,8 @@ OTHER_MATERIAL = (
 @pytest.mark.parametrize(
     ("make", "text"),
     [
-        (lambda: burrlab.BurrContact(two_tissues(), burrlab.Burr(1.5), PVC, seed=1), OTHER_MATERIAL),
-        (lambda: burrlab.erode(two_tissues(), burrlab.Burr(1.5), (2, 2, 2), PVC, dt=1.0, seed=1, tick=0), OTHER_MATERIAL),
+        (lambda: BurrContact(two_tissues(), Burr(1.5), PVC, seed=1), OTHER_MATERIAL),
+        (lambda: erode(two_tissues(), Burr(1.5), (2, 2, 2), PVC, dt=1.0, seed=1, tick=0), OTHER_MATERIAL),
         (lambda: enamel(2.05), "radius over the voxel must be small enough for c_e of the tissues"),
         (lambda: enamel(1.0, 2e5), "alpha dt of 'enamel' must be at most 1000, got 20000"),
     ],
@@ -214,12 +224,12 @@ def test_refused(make: Callable[[], object], text: str) -> None:
 
 def test_tissues_may_come_after_the_burr() -> None:
     """The next tick uses them, or refuses another material; without contact c_e is the material's."""
-    bone, plain = two_tissues(), burrlab.VoxelBone.block((4, 4, 4), 0.2)
-    burr, center = burrlab.Burr(1.5), (2, 2, 4.5)
-    late = burrlab.BurrContact(plain, burr, BONE, seed=1)
-    refused = burrlab.BurrContact(plain, burr, PVC, seed=1)
+    bone, plain = two_tissues(), VoxelBone.block((4, 4, 4), 0.2)
+    burr, center = Burr(1.5), (2, 2, 4.5)
+    late = BurrContact(plain, burr, BONE, seed=1)
+    refused = BurrContact(plain, burr, PVC, seed=1)
     plain.set_tissues(bone.tissues, bone.tissue_numbers)
-    got = burrlab.BurrContact(bone, burr, BONE, seed=1).run(np.array([[2.0, 2.0, 9.0], center]), 1.0)
+    got = BurrContact(bone, burr, BONE, seed=1).run(np.array([[2.0, 2.0, 9.0], center]), 1.0)
     assert late.step((2, 2, 9), 1.0).c_e == got.c_e[0] == 2.145
     assert late.step(center, 1.0).c_e == got.c_e[1] == got[1].c_e != 2.145
     assert plain.digest() == bone.digest()

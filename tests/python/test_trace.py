@@ -63,8 +63,7 @@ def test_nan_payloads_and_extremes_survive(file, burrs):
     records["burr"]["removed"][:, 0] = np.iinfo(np.int64).max
     trace = recorded(file, records, burrs=burrs, seed=2**64 - 1)
     assert_holds(trace, records)
-    assert trace.seed == 2**64 - 1
-    assert trace.burrs == burrs
+    assert (trace.seed, trace.burrs) == (2**64 - 1, burrs)
 
 
 def test_the_header_comes_back(file):
@@ -132,8 +131,9 @@ def test_the_raw_file_takes_room_only_as_it_is_written(file, records):
 
 
 def test_a_compact_copy_that_fails_leaves_the_raw_file(file, records, monkeypatch):
-    full = Mock(side_effect=OSError(28, "No space left on device"))
-    monkeypatch.setattr(trace_writer, "make_compact", full)
+    monkeypatch.setattr(
+        trace_writer, "make_compact", Mock(side_effect=OSError(28, "No space left on device"))
+    )
     assert "could not be compacted: No space left on device" in record(file, records).warning
     trace = burrlab.load_trace(file)
     assert_holds(trace, records)

@@ -8,39 +8,48 @@ import numpy as np
 import pytest
 from session_scenes import ended
 
-import burrlab
-import burrlab._core as _core
 import burrlab.session.recorder as trace_writer
+from burrlab import (
+    Burr,
+    Clock,
+    HandDevice,
+    Session,
+    TraceHeader,
+    TraceWriter,
+    VoxelBone,
+    _core,
+    load_trace,
+    materials,
+    replay,
+)
 
 
 def two_hands(folder, seconds, voxel):
     """(trace, digest of the loop's bone) of two simulated hands that cut one block, on the virtual clock."""
-    bone = burrlab.VoxelBone.block((30, 30, 10), voxel, origin=(-14.9, -14.9, -9.9))
-    tools = [(burrlab.Burr(3.0), burrlab.materials["bone"]), (burrlab.Burr(2.0), burrlab.materials["bone"])]
+    bone = VoxelBone.block((30, 30, 10), voxel, origin=(-14.9, -14.9, -9.9))
+    tools = [(Burr(3.0), materials["bone"]), (Burr(2.0), materials["bone"])]
     devices = [
-        burrlab.HandDevice(start=(0.0, -1.5, 3.5)),
-        burrlab.HandDevice(
-            start=(0.0, 1.5, 2.5), along=(0.0, 1.0, 0.0), amplitude=4.0, strokes=2.0, push=0.5
-        ),
+        HandDevice(start=(0.0, -1.5, 3.5)),
+        HandDevice(start=(0.0, 1.5, 2.5), along=(0.0, 1.0, 0.0), amplitude=4.0, strokes=2.0, push=0.5),
     ]
     run = ended(
-        burrlab.Session(
+        Session(
             bone,
             tools,
             devices,
             seed=3,
-            clock=burrlab.Clock(wall_clock=False),
+            clock=Clock(wall_clock=False),
             duration=seconds,
             record=folder / "session.h5",
         )
     )
-    trace = burrlab.load_trace(folder / "session.h5")
+    trace = load_trace(folder / "session.h5")
     assert trace.complete
     return trace, run.loop.executor.bone.digest()
 
 
 def assert_replays(trace, digest):
-    again = burrlab.replay(trace)
+    again = replay(trace)
     assert again.equal, again
     assert again.digests == len(trace.digests)
     assert again.bone.digest() == digest
@@ -67,8 +76,8 @@ def test_two_devices_for_half_a_minute_on_every_path_and_in_several_threads(tmp_
 
 
 def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypatch):
-    bone = burrlab.VoxelBone.block((6, 6, 4), 0.2)
-    tools = [(burrlab.Burr(2.0), burrlab.materials["bone"])]
+    bone = VoxelBone.block((6, 6, 4), 0.2)
+    tools = [(Burr(2.0), materials["bone"])]
     device = _core.MailboxDevice(lost_after=60_000.0)
     loop = _core.HapticLoop(
         _core.TickExecutor(bone.copy(), tools, 1), [device], realtime=False, ring=0.2, stall_limit=60_000.0
@@ -84,11 +93,11 @@ def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypa
         return real(file, data, at)
 
     monkeypatch.setattr(trace_writer, "_write", write)
-    writer = burrlab.TraceWriter(
+    writer = TraceWriter(
         tmp_path / "session.h5",
         _core.RecordReader(loop),
         bone,
-        burrlab.TraceHeader(tools, seed=1),
+        TraceHeader(tools, seed=1),
         on_end=lambda _: told.set(),
     )
     device.put((3.0, 3.0, 6.0))
@@ -101,9 +110,9 @@ def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypa
     assert loop.running
     loop.stop()
     writer.stop("stopped")
-    trace = burrlab.load_trace(writer.path)
+    trace = load_trace(writer.path)
     assert trace.ended.startswith(f"recording ended before tick {len(trace)}: the ring was overrun")
     assert 50 <= len(trace) < 600
     assert not trace.complete
-    assert burrlab.replay(trace).equal
+    assert replay(trace).equal
     np.testing.assert_array_equal(trace.array("index"), np.arange(len(trace)))

@@ -5,19 +5,31 @@ import pytest
 from session_scenes import ended, session_of
 from volume_scenes import ASKEW
 
-import burrlab
-from burrlab.bone.image import Volume
+from burrlab import (
+    Burr,
+    OccupancyMap,
+    ScriptedDevice,
+    Volume,
+    VoxelBone,
+    descend,
+    half_space,
+    load_trace,
+    materials,
+    read_volume,
+    session_metrics,
+    write_volume,
+)
 from burrlab.bone.specimen import Border
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 
-BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
+BURR, BONE = Burr(3.0), materials["bone"]
 PERMUTED = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # left-handed
 
 
 def half_space_volume(voxel, axis, direction):
     """Volume with the bone of `half_space`, and entry and axis in its coordinates."""
-    made = burrlab.half_space(BURR, voxel, axis=axis, offset=(0.03, 0.04, 0.02))
+    made = half_space(BURR, voxel, axis=axis, offset=(0.03, 0.04, 0.02))
     bone = made.bone
     volume = Volume(bone.density, bone.spacing, direction @ bone.origin, direction, "half-space")
     return volume, {"entry": direction @ (made.surface - 5 * made.axis), "axis": direction @ made.axis}
@@ -26,10 +38,10 @@ def half_space_volume(voxel, axis, direction):
 def descent(volume, way, force=1.0, path=None):
     """A descent into a volume, after writing and reading it if a path is given."""
     if path is not None:
-        burrlab.write_volume(path, volume)
-        volume = burrlab.read_volume(path)
-    specimen = volume.specimen(burrlab.OccupancyMap.two_point(0, 255), **way)
-    return burrlab.descend(BURR, BONE, force, specimen=specimen, seed=1, ideal=True)
+        write_volume(path, volume)
+        volume = read_volume(path)
+    specimen = volume.specimen(OccupancyMap.two_point(0, 255), **way)
+    return descend(BURR, BONE, force, specimen=specimen, seed=1, ideal=True)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +77,7 @@ def test_a_turned_volume_gives_the_same_within_rounding(tmp_path, straight, dire
 
 def test_bone_that_ends_with_the_volume_has_its_surface_at_the_face():
     volume, way = half_space_volume((0.1, 0.1, 0.4), (0, 0, -1), np.eye(3))
-    assert volume.specimen(burrlab.OccupancyMap.two_point(0, 255), **way).surface[2] == pytest.approx(
+    assert volume.specimen(OccupancyMap.two_point(0, 255), **way).surface[2] == pytest.approx(
         0.0, abs=0.01 * 0.4
     )
 
@@ -74,14 +86,14 @@ def test_bone_that_is_cut_open_at_the_border_gets_a_note(tmp_path):
     values = np.zeros((40, 60, 60), np.int16)
     values[:30] = 1000
     slab = Volume(values, (0.15, 0.15, 0.15), (0, 0, 0), np.eye(3), "slab")
-    burr, said, mapping = burrlab.Burr(2.0), [], burrlab.OccupancyMap.two_point(0, 1000)
+    burr, said, mapping = Burr(2.0), [], OccupancyMap.two_point(0, 1000)
     for x in (4.5, 0.825):  # in the middle, and 0.9 mm from the border
         specimen = slab.specimen(mapping, entry=(x, 4.5, 5.9), axis=(0, 0, -1))
-        run = burrlab.descend(burr, BONE, 0.5, specimen=specimen, ideal=True, seed=1)
-        path, device = tmp_path / f"{x}.h5", burrlab.ScriptedDevice([0, 0.2], [(x, 4.5, 6.6), (x, 4.5, 5.6)])
+        run = descend(burr, BONE, 0.5, specimen=specimen, ideal=True, seed=1)
+        path, device = tmp_path / f"{x}.h5", ScriptedDevice([0, 0.2], [(x, 4.5, 6.6), (x, 4.5, 5.6)])
         options = {"seed": 1, "duration": 0.2, "wall_clock": False, "record": path}
         session = ended(session_of(slab.to_bone(mapping), (burr, BONE), device, **options))
-        metrics = burrlab.session_metrics(burrlab.load_trace(path))
+        metrics = session_metrics(load_trace(path))
         assert (run.status, session.messages) == ("ok", list(session.report().messages))
         assert metrics.to_dict().get("notes", []) == list(metrics.notes)
         assert all(note in str(metrics) for note in metrics.notes)
@@ -95,7 +107,7 @@ def test_bone_that_is_cut_open_at_the_border_gets_a_note(tmp_path):
 
 
 def test_the_face_through_which_a_burr_comes_in_is_no_border():
-    border = Border(burrlab.VoxelBone.block((4, 4, 4), 0.2))  # from -0.1 to 3.9 mm
+    border = Border(VoxelBone.block((4, 4, 4), 0.2))  # from -0.1 to 3.9 mm
     down = np.column_stack([np.full(50, 2.0), np.full(50, 2.0), np.linspace(5, 1.2, 50)])
     assert border.count_cut(down, 1.2) == 0
     assert border.count_cut(np.array([[2.0, 2.0, 3.5], [2.0, 1.2, 2.0]]), 1.2) == 0  # it is still inside

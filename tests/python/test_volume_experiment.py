@@ -7,8 +7,7 @@ import pytest
 from PIL import Image
 from volume_scenes import ASKEW
 
-import burrlab
-from burrlab.bone.image import OccupancyMap, Volume
+from burrlab import OccupancyMap, Volume, write_volume
 from burrlab.bone.recipe import VolumeRecipe, cut_block
 from burrlab.cli import main
 from burrlab.psychophysics.protocol import Protocol
@@ -49,7 +48,7 @@ def volume(tmp_path):
     values[:16] = 1000
     values[4:8, 18:22, 18:22] = 0
     volume = Volume(values, (0.5, 0.5, 0.5), (10, 20, 30), ASKEW, "made")
-    burrlab.write_volume(tmp_path / "ct.nrrd", volume)
+    write_volume(tmp_path / "ct.nrrd", volume)
     return volume
 
 
@@ -109,7 +108,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
     (elsewhere := tmp_path / "elsewhere").mkdir()
     for values, alike in ((volume.values, True), (volume.values // 2, False)):
         made = Volume(values, volume.spacing, volume.origin, ASKEW, "made")
-        burrlab.write_volume(elsewhere / "ct.nrrd", made)
+        write_volume(elsewhere / "ct.nrrd", made)
         other = protocol(elsewhere, volume, '"0:1000"', '"0:1000"' if alike else '"0:900"')
         assert (Protocol.read(other).digest == one.digest) is alike
 

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from session_scenes import file_size_limit
 
-import burrlab
-from burrlab import read_volume, write_volume
-from burrlab.bone.image import LabelVolume, Volume, same_geometry
-from burrlab.bone.kept import save_drilled
+from burrlab import OccupancyMap, read_labels, read_volume, write_volume
+from burrlab.volume import LabelVolume, Volume, same_geometry, save_drilled
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 nibabel = pytest.importorskip("nibabel", reason="an independent reader of NIfTI, extra `dev`")
@@ -71,8 +69,8 @@ def independently(path):
 @pytest.mark.parametrize("name", ["v.nrrd", "v.nii", "v.nii.gz", "v.mha"])
 def test_round_trip(tmp_path, name, kind, direction):
     volume, path = a_volume(kind, direction), tmp_path / name
-    burrlab.write_volume(path, volume)
-    again = burrlab.read_volume(path)
+    write_volume(path, volume)
+    again = read_volume(path)
     close = 3e-7 if "nii" in name else 1e-15  # NIfTI keeps float32
     for found in (again, Volume(*independently(path), "by others")):
         assert found.values.dtype == volume.values.dtype
@@ -104,7 +102,7 @@ def test_files_by_other_programs(tmp_path, name):
             "MET_SHORT\nElementDataFile = LOCAL\n"
         )
         path.write_bytes(text.encode() + volume.values.tobytes())
-    again = burrlab.read_volume(path)
+    again = read_volume(path)
     np.testing.assert_array_equal(again.values, volume.values)
     np.testing.assert_allclose(again.spacing, volume.spacing, rtol=3e-7)
     assert same_geometry(again, volume)
@@ -114,12 +112,12 @@ def test_files_by_other_programs(tmp_path, name):
 @pytest.mark.parametrize("compress", [False, True])
 def test_one_byte_less_is_an_error(tmp_path, name, compress):
     path = tmp_path / name
-    burrlab.write_volume(path, a_volume(), compress=compress)
+    write_volume(path, a_volume(), compress=compress)
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(
         ValueError, match=rf"{name}: (cannot be read|the file is cut|the compressed data is cut)"
     ):
-        burrlab.read_volume(path)
+        read_volume(path)
 
 
 def test_other_errors(tmp_path, monkeypatch):
@@ -131,7 +129,7 @@ def test_other_errors(tmp_path, monkeypatch):
         (tmp_path / name).write_bytes(content)
     (tmp_path / "v.dcm").write_bytes(bytes(128) + b"DICM")
     half = Volume(np.zeros((2, 2, 2), np.float16), (1, 1, 1), (0, 0, 0), np.eye(3), "half")
-    burrlab.write_volume(tmp_path / "v.nrrd", a_volume())
+    write_volume(tmp_path / "v.nrrd", a_volume())
     for error, match, call, name, *given in (
         (ValueError, r"a\.png: cannot be read as a volume: it must be a folder of DICOM slices or end in", read_volume, "a.png"),
         (FileNotFoundError, r"none\.nrrd: no such file", read_volume, "none.nrrd"),
@@ -154,20 +152,20 @@ def test_other_errors(tmp_path, monkeypatch):
 def test_labels(tmp_path):
     labels = LabelVolume(np.arange(24).reshape(2, 3, 4) % 5, (1, 1, 2), (0, 1, 2), TURNED, "made")
     for name in ("l.nrrd", "l.nii.gz", "l.mha"):
-        burrlab.write_volume(tmp_path / name, labels)
-        again = burrlab.read_labels(tmp_path / name)
+        write_volume(tmp_path / name, labels)
+        again = read_labels(tmp_path / name)
         np.testing.assert_array_equal(again.labels, labels.labels)
         assert same_geometry(again, labels)
     nifti(tmp_path / "float.nii", labels.labels.astype(np.float32), affine=np.eye(4))
-    assert burrlab.read_labels(tmp_path / "float.nii").labels.dtype == np.int32
+    assert read_labels(tmp_path / "float.nii").labels.dtype == np.int32
     nifti(tmp_path / "float.nii", labels.labels + np.float32(0.5) * (labels.labels == 3), affine=np.eye(4))
     with pytest.raises(
         ValueError, match=r"labels must be whole numbers below 2\^31, got 3\.5 at \(z, y, x\) = \(0, 0, 3\)"
     ):
-        burrlab.read_labels(tmp_path / "float.nii")
+        read_labels(tmp_path / "float.nii")
     nifti(tmp_path / "large.nii", labels.labels.astype(np.float64) * 2.0**30, affine=np.eye(4))
     with pytest.raises(ValueError, match=r"below 2\^31, got 2147483648 at \(z, y, x\) = \(0, 0, 2\)"):
-        burrlab.read_labels(tmp_path / "large.nii")
+        read_labels(tmp_path / "large.nii")
 
 
 @pytest.mark.parametrize("ending", ["nrrd", "mha", "nii.gz"])
@@ -192,7 +190,7 @@ def test_a_full_disk_leaves_the_older_file_and_is_named(
     save: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     noise = np.random.default_rng(1).integers(-999, 999, (60, 60, 60)).astype(np.int16)
-    path, mapping = tmp_path / name, burrlab.OccupancyMap.two_point(0, 500)
+    path, mapping = tmp_path / name, OccupancyMap.two_point(0, 500)
     volumes = [Volume(noise[:size], (0.1,) * 3, (0, 0, 0), np.eye(3), "noise") for size in (6, 60)]
 
     def write(volume: Volume) -> None:

@@ -5,18 +5,24 @@ import json
 import numpy as np
 import pytest
 
-import burrlab
-from burrlab.bone.image import OccupancyMap
-from burrlab.bone.kept import load_drilled, save_drilled
-from burrlab.bone.recipe import VolumeRecipe
-from burrlab.fitting.voxel import VoxelEngine
+from burrlab import (
+    Burr,
+    OccupancyMap,
+    VelocityCurve,
+    Volume,
+    VoxelEngine,
+    descend,
+    force_sweep,
+    materials,
+    read_volume,
+)
 from burrlab.session.network import make_bone, volume_recipe
-from burrlab.volume import write_dicom
+from burrlab.volume import VolumeRecipe, load_drilled, save_drilled, write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab
 
-BONE = burrlab.materials["bone"]
+BONE = materials["bone"]
 MAP = OccupancyMap.two_point(0, 1)
 
 
@@ -28,7 +34,7 @@ def test_recipe_through_json(tmp_path):
     again = VolumeRecipe.of(json.loads(json.dumps(recipe)))
     assert again.plain() == recipe
     bone = make_bone(json.loads(json.dumps(recipe)))
-    direct = burrlab.read_volume(tmp_path / "ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
+    direct = read_volume(tmp_path / "ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
     assert bone.digest() == direct.digest() == again.bone().digest()
     assert again.at(tmp_path / "ct.nrrd") == again
 
@@ -49,12 +55,12 @@ def test_parameters_that_are_wrong(options, match):
 def test_a_picture_among_dicom_slices_is_ignored(tmp_path):
     image = pytest.importorskip("PIL.Image")
     values = np.full((3, 4, 5), 100, np.int16)
-    write_dicom(tmp_path / "ct", burrlab.Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made"))
+    write_dicom(tmp_path / "ct", Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made"))
     image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
     found = VolumeRecipe(tmp_path / "ct", MAP).volume()
     np.testing.assert_array_equal(found.values, values)
     save_drilled(tmp_path / "kept", found.to_bone(MAP), found, mapping=MAP)
-    assert burrlab.read_volume(tmp_path / "kept").shape == (3, 4, 5)
+    assert read_volume(tmp_path / "kept").shape == (3, 4, 5)
     assert load_drilled(tmp_path / "kept").bone.digest() == found.to_bone(MAP).digest()
 
 
@@ -66,14 +72,14 @@ def test_results_keep_how_the_bone_was_made(tmp_path):
         tmp_path / "ct.nrrd", OccupancyMap.table([-1000, 1000], [0.1, 0.9]), crop=crop, voxel=0.3
     )
     specimen = recipe.specimen(entry=volume.origin + ASKEW @ (10, 10, 11.5), axis=-ASKEW[:, 2])
-    burr = burrlab.Burr(2.4)
-    run = burrlab.descend(burr, BONE, 1.0, specimen=specimen, seed=1, ideal=True)
-    curve = burrlab.force_sweep(burr, BONE, [0.5, 1.0], specimen=specimen, seed=1)
+    burr = Burr(2.4)
+    run = descend(burr, BONE, 1.0, specimen=specimen, seed=1, ideal=True)
+    curve = force_sweep(burr, BONE, [0.5, 1.0], specimen=specimen, seed=1)
     curve.to_csv(tmp_path / "curve.csv")
     for kept in (
         run.provenance,
         curve.provenance,
-        burrlab.VelocityCurve.from_csv(tmp_path / "curve.csv").provenance,
+        VelocityCurve.from_csv(tmp_path / "curve.csv").provenance,
         VoxelEngine(voxel=0.3, specimen=specimen)._described(),
     ):
         made = json.loads(json.dumps(kept["volume"]))

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 from session_scenes import ended, make_records, recorded, refused, session_of, small_bone
 
 import burrlab
-from burrlab.bone.recipe import LabelledRecipe
-from burrlab.bone.tissues import default_tissues
+from burrlab.anatomy import LabelledRecipe, default_tissues
 from burrlab.effects.effects import Effects
 from burrlab.foreign.volumetric_drilling import _NEW
 from burrlab.view import RecordingPlayer, TracePlayer

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import burrlab
-from burrlab._core import VoxelBone
+from burrlab import Burr, BurrContact, VoxelBone, materials
 
 INTEGERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 FLOATS = ("float16", "float32", "float64", "longdouble")
@@ -207,7 +206,7 @@ def test_mass_removed_and_reset() -> None:
     whole, fresh = bone.mass, bone.digest()
     assert whole == pytest.approx(18.0, rel=1e-12)
     assert bone.removed == 0.0
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1)
+    contact = BurrContact(bone, Burr(1.0), materials["bone"], seed=1)
     removed = sum(contact.step((1.5, 1.5, 2.4), 1.0).removed for _ in range(20))
     assert removed > 0
     assert bone.removed == pytest.approx(removed, rel=1e-12)

@@ -11,13 +11,8 @@ import pytest
 from fit_scenes import BURR, curve_of, plain
 from session_scenes import refused
 
-from burrlab.bone.materials import materials
-from burrlab.bone.specimen import half_space
-from burrlab.bone.uneven import BoneField
-from burrlab.common.study import Store
-from burrlab.fitting.fit import Fit, fit
+from burrlab import BoneField, Fit, Store, fit, half_space, materials, penetration_velocity
 from burrlab.fitting.voxel import VoxelDescent, VoxelEngine, sink
-from burrlab.theory.continuum import penetration_velocity
 
 NAN = float("nan")
 PVC = materials["pvc"]

@@ -13,13 +13,24 @@ import pytest
 import wire
 from replica_scenes import BLOCK, Leader, soon
 
-import burrlab
-import burrlab._core as _core
+from burrlab import (
+    Burr,
+    Clock,
+    DeviceFrame,
+    Publish,
+    ReplayDevice,
+    ScriptedDevice,
+    Session,
+    VrpnDevice,
+    _core,
+    materials,
+    read_vrpn_log,
+)
 from burrlab.session.network import make_bone
 
 GOLDEN = Path(__file__).parents[1] / "golden/vrpn"
 COOKIE = wire.VRPN_COOKIE
-TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
+TOOL = Burr(3.0), materials["bone"]
 POSE, VELOCITY, FORCE = "vrpn_Tracker Pos_Quat", "vrpn_Tracker Velocity", "vrpn_ForceDevice Force"
 
 
@@ -51,7 +62,7 @@ def device(*stream, keep=True, **options):
     """A device whose server says this over TCP; keeps the connection open."""
     with socket.create_server(("127.0.0.1", 0)) as listener:
         listener.settimeout(20)
-        one = burrlab.VrpnDevice(
+        one = VrpnDevice(
             "Tracker0", "127.0.0.1", listener.getsockname()[1], tcp=True, lost_after=1e4, **options
         )
         peer, _ = listener.accept()
@@ -65,28 +76,26 @@ def device(*stream, keep=True, **options):
 
 def test_log_of_the_real_library():
     """Its tables; the messages of a server that was started again have new numbers."""
-    log = burrlab.read_vrpn_log(GOLDEN / "client_in.vrpn")
+    log = read_vrpn_log(GOLDEN / "client_in.vrpn")
     told = (
         "6 poses of Tracker0, 6 velocities of Tracker0, 3 forces of Force0, 7 buttons of Tracker0, 9 others"
     )
     assert repr(log) == f"VrpnLog({told})"
     assert log.other == {"vrpn_Analog Channel": 3, "vrpn_Base pong_message": 6}
     assert log.started == 1795454089.817998
-    poses, velocities = log.poses["Tracker0"], log.velocities["Tracker0"]
-    np.testing.assert_array_equal(poses["sensor"], [0, 1, 0, 1, 0, 1])
-    x = 1e3 * (0.001 * np.repeat([0, 1, 2], 2))
-    np.testing.assert_array_equal(poses["position"], np.column_stack([x, [-2.5, 997.5] * 3, [3.0] * 6]))
-    np.testing.assert_array_equal(poses["orientation"], [(0.9, 0.1, -0.3, 0.3)] * 6)
-    np.testing.assert_array_equal(poses["time"], np.repeat([0.200259, 0.252723, 0.300708], 2))
-    np.testing.assert_array_equal(velocities["velocity"], [(10.0, 20.0, -30.0)] * 6)
-    np.testing.assert_array_equal(velocities["turn"], [(0.8, 0, 0, 0.6)] * 6)
-    np.testing.assert_array_equal(velocities["step"], [0.001] * 6)
-    np.testing.assert_array_equal(log.forces["Force0"]["force"], [(1.25, -2.5, 0.75 * i) for i in range(3)])
-    buttons = log.buttons["Tracker0"]
-    np.testing.assert_array_equal(buttons["button"], [0, 1, 0, 1, 0, 1, 1])
-    np.testing.assert_array_equal(buttons["pressed"], [False] * 6 + [True])
+    poses, x = log.poses["Tracker0"], 1e3 * (0.001 * np.repeat([0, 1, 2], 2))
+    for rows, columns in (
+        (poses, {"sensor": [0, 1] * 3, "position": np.column_stack([x, [-2.5, 997.5] * 3, [3.0] * 6]),
+                 "orientation": [(0.9, 0.1, -0.3, 0.3)] * 6, "time": np.repeat([0.200259, 0.252723, 0.300708], 2)}),
+        (log.velocities["Tracker0"],
+         {"velocity": [(10.0, 20.0, -30.0)] * 6, "turn": [(0.8, 0, 0, 0.6)] * 6, "step": [0.001] * 6}),
+        (log.forces["Force0"], {"force": [(1.25, -2.5, 0.75 * i) for i in range(3)]}),
+        (log.buttons["Tracker0"], {"button": [0, 1, 0, 1, 0, 1, 1], "pressed": [False] * 6 + [True]}),
+    ):  # fmt: skip
+        for name, column in columns.items():
+            np.testing.assert_array_equal(rows[name], column, err_msg=name)
     path = poses[poses["sensor"] == 0]
-    device = burrlab.ScriptedDevice(path["time"], path["position"], None, path["orientation"])
+    device = ScriptedDevice(path["time"], path["position"], None, path["orientation"])
     assert device.duration == pytest.approx(0.300708)
 
 
@@ -111,7 +120,7 @@ def test_a_log_over_two_connections(tmp_path):
         LOG + logged(3, 7, LOGGED) + logged(0, -5) + called(-1, 3, "U") + logged(3, 7, LOGGED, at=(4, 999_999))
         + called(-2, 7, "mine") + logged(3, 7, LOGGED) + logged(4, 8) + logged(4, 9, struct.pack(">3i", 2, 0, 1))
     )  # fmt: skip
-    log = burrlab.read_vrpn_log(file)
+    log = read_vrpn_log(file)
     assert {name: rows["time"].tolist() for name, rows in log.poses.items()} == {"T": [0.250001], "U": [0.0]}
     assert log.buttons["sender 4"].tolist() == [(0.250001, 0, False), (0.250001, 1, True)]
     assert (log.other, log.started) == ({"mine": 1, "type 8": 1}, 4.999999)
@@ -119,7 +128,7 @@ def test_a_log_over_two_connections(tmp_path):
     with pytest.warns(
         UserWarning, match=r"is read as a log of VRPN 07.38, it begins with b'vrpn: ver. 07.35  0'"
     ):
-        assert repr(burrlab.read_vrpn_log(file)) == "VrpnLog(0 others)"
+        assert repr(read_vrpn_log(file)) == "VrpnLog(0 others)"
 
 
 NOT_WHOLE = " is truncated or damaged: at byte {} stands no whole message"
@@ -146,7 +155,7 @@ def test_logs_that_are_refused(tmp_path, stream, sentence):
     file = tmp_path / "in.vrpn"
     file.write_bytes(stream)
     with pytest.raises(ValueError, match=f"^{re.escape(f'{file}{sentence.format(len(LOG))}')}$"):
-        burrlab.read_vrpn_log(file)
+        read_vrpn_log(file)
 
 
 def test_a_session_follows_a_tracker():
@@ -162,12 +171,12 @@ def test_a_session_follows_a_tracker():
     ):
         server = one.name.removeprefix("vrpn:Tracker0@tcp://")
         note = f"{server} says 'vrpn: ver. 07.35  0', its minor version is not 38"
-        with burrlab.Session(
+        with Session(
             make_bone(BLOCK),
             TOOL,
-            (one, burrlab.DeviceFrame(rotation=(math.sqrt(0.5), 0, 0, math.sqrt(0.5)))),
+            (one, DeviceFrame(rotation=(math.sqrt(0.5), 0, 0, math.sqrt(0.5)))),
             seed=1,
-            clock=burrlab.Clock(realtime=False),
+            clock=Clock(realtime=False),
         ) as session:
             assert soon(lambda: session.ticks > 20)
             newest = session.follower.take(session.follower.view())["newest"]["burr"][0]
@@ -192,7 +201,7 @@ def test_default_handshake_and_udp():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
         asked.bind(("127.0.0.1", 0))
         asked.settimeout(20)
-        one = burrlab.VrpnDevice("Tracker0", "127.0.0.1", asked.getsockname()[1], lost_after=1e4)
+        one = VrpnDevice("Tracker0", "127.0.0.1", asked.getsockname()[1], lost_after=1e4)
         host, port = asked.recv(200).rstrip(b"\0").decode().split()
         with contextlib.suppress(OSError), socket.socket() as stranger:
             stranger.bind(("127.0.0.2", 0))
@@ -242,10 +251,10 @@ def test_bad_input(stream, keep, sentence, count):
 
 
 def test_without_a_server():
-    one = burrlab.VrpnDevice("T", "127.0.0.1", 9, tcp=True)
+    one = VrpnDevice("T", "127.0.0.1", 9, tcp=True)
     assert soon(lambda: one.fault == "no server answers at 127.0.0.1:9")
     one.stop()
-    session = burrlab.Session(make_bone(BLOCK), TOOL, one, seed=1, clock=burrlab.Clock(realtime=False))
+    session = Session(make_bone(BLOCK), TOOL, one, seed=1, clock=Clock(realtime=False))
     with pytest.raises(ValueError, match=r"vrpn:.* must be new: its connection was closed"):
         session.start()
 
@@ -291,11 +300,14 @@ def test_every_tick_over_tcp():
             rows[begin : begin + len(forces)]
             for rows, begin in ((records[:, i], first), (poses, 0), (velocities, 0))
         )
-        np.testing.assert_array_equal(poses[:, 0], 0.0)  # the sensor's number, and padding
-        np.testing.assert_array_equal(poses[:, 1:4], 1e-3 * those["center"])
-        np.testing.assert_array_equal(poses[:, [7, 4, 5, 6]], those["orientation"])
-        np.testing.assert_array_equal(velocities[:, 1:4], 1e-3 * those["device_velocity"])
-        np.testing.assert_array_equal(forces, those["force"])
+        for came, sent in (
+            (poses[:, 0], 0.0),  # the sensor's number, and padding
+            (poses[:, 1:4], 1e-3 * those["center"]),
+            (poses[:, [7, 4, 5, 6]], those["orientation"]),
+            (velocities[:, 1:4], 1e-3 * those["device_velocity"]),
+            (forces, those["force"]),
+        ):
+            np.testing.assert_array_equal(came, sent)
         np.testing.assert_allclose(velocities[:, 8], 1e-3 * every["k"][first : first + len(forces)])
         assert np.abs(forces).max() > 0.1
 
@@ -396,34 +408,30 @@ def test_who_does_not_greet_goes():
 def test_session_over_vrpn():
     """A session's Tracker drives another session."""
     place = np.tile([0.001, 0.002, 2.9], (4000, 1))
-    with burrlab.Session(
+    with Session(
         make_bone(BLOCK),
         TOOL,
-        burrlab.ReplayDevice(place),
+        ReplayDevice(place),
         seed=1,
-        publish=burrlab.Publish(vrpn=0),
-        clock=burrlab.Clock(realtime=False),
+        publish=Publish(vrpn=0),
+        clock=Clock(realtime=False),
     ) as session:
         assert session.port is None
-        onward = burrlab.VrpnDevice("burrlab_burr_0", "127.0.0.1", session.vrpn_port, lost_after=1e4)
-        with burrlab.Session(
-            make_bone(BLOCK), TOOL, onward, seed=1, clock=burrlab.Clock(realtime=False)
-        ) as second:
+        onward = VrpnDevice("burrlab_burr_0", "127.0.0.1", session.vrpn_port, lost_after=1e4)
+        with Session(make_bone(BLOCK), TOOL, onward, seed=1, clock=Clock(realtime=False)) as second:
             assert soon(lambda: second.ticks > 100)
             newest = second.follower.take(second.follower.view())["newest"]["burr"][0]
         np.testing.assert_allclose(newest["center"], place[0], rtol=1e-15)
         assert (onward.counters["lost"], onward.note) == (0, "")
     with pytest.raises(ValueError, match=r"vrpn must be a whole number from 0 and below 2\^16"):
-        burrlab.Session(
-            make_bone(BLOCK), TOOL, burrlab.ReplayDevice(place), publish=burrlab.Publish(vrpn=70000)
-        )
+        Session(make_bone(BLOCK), TOOL, ReplayDevice(place), publish=Publish(vrpn=70000))
     with (
         socket.create_server(("127.0.0.1", 0)) as taken,
         pytest.raises(ValueError, match="host and port must be free to listen on"),
     ):
-        burrlab.Session(
+        Session(
             make_bone(BLOCK),
             TOOL,
-            burrlab.ReplayDevice(place),
-            publish=burrlab.Publish(vrpn=taken.getsockname()[1]),
+            ReplayDevice(place),
+            publish=Publish(vrpn=taken.getsockname()[1]),
         )

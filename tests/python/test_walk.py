@@ -7,12 +7,11 @@ import pytest
 from fit_scenes import BONE, BURR
 
 import burrlab.fitting.fit as module
+from burrlab import VelocityCurve, synthetic_curve, synthetic_indentation, synthetic_trace
 from burrlab.fitting.fit import Fit, fit, minimise
 from burrlab.fitting.observations import Box
 from burrlab.fitting.profile import _valleys
 from burrlab.fitting.verdict import Start
-from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 
 FORCES = {
     "wide": np.geomspace(0.3, 2.6, 6),

@@ -9,12 +9,9 @@ import pytest
 from anatomy_scenes import NAMES, nerve_bone, straight, tool
 from session_scenes import ended, refused, session_of
 
-import burrlab
-import burrlab._core as _core
+from burrlab import VoxelBone, _core, load_trace, session_metrics
+from burrlab.anatomy import AnatomyReport, Watch, anatomy_report
 from burrlab.anatomy.events import KINDS
-from burrlab.anatomy.report import AnatomyReport
-from burrlab.anatomy.watch import Watch
-from burrlab.session.anatomy import anatomy_report
 from burrlab.session.replay import inputs
 from reference import anatomy as reference
 
@@ -54,7 +51,7 @@ def lost_of(trace, tissue):
 def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("watch") / "near.h5"
     said = []
-    return ran(path, on_message=said.append), burrlab.load_trace(path), said
+    return ran(path, on_message=said.append), load_trace(path), said
 
 
 def test_events_come_at_the_ticks_of_the_definition(recorded) -> None:
@@ -99,8 +96,9 @@ def test_session_trace_and_replay_say_the_same_to_the_bit(recorded) -> None:
     assert not anatomy_report(trace, watch=Watch(trace.bone(), **{**LIMITS, "approach": 3.0})).equals(kept)
     after, _ = session.snapshot()
     for name in NAMES:
-        lost = trace.bone().mass_of(name) - after.mass_of(name)
-        assert again.removed[name] == pytest.approx(lost, abs=1e-9)
+        assert again.removed[name] == pytest.approx(
+            trace.bone().mass_of(name) - after.mass_of(name), abs=1e-9
+        )
     assert again.removed["bone"] > 0 < again.removed["nerve"]
 
 
@@ -134,7 +132,7 @@ def test_two_burrs_are_told_apart(tmp_path) -> None:
     still = straight([(-3, 0, 1.2), (-3, 0, 1.2)], [0.0, 1.6])
     path = tmp_path / "two.h5"
     session = ran(path, devices=[still, straight(DOWN, TIMES)], tools=[tool(1.5), tool(1.0)])
-    trace, report = burrlab.load_trace(path), session.anatomy()
+    trace, report = load_trace(path), session.anatomy()
     assert {event.burr for event in report.events if event.kind in ("touch", "injury")} == {1}
     assert report.dose("nerve", 0).removed == 0 < report.dose("nerve", 1).removed
     watch = Watch(trace.bone(), **LIMITS)
@@ -151,16 +149,16 @@ def test_a_killed_session_keeps_its_events(tmp_path) -> None:
         mailbox.put((0, 0, 1.5))
         for _ in range(100):
             session.wait(0.05)
-            if len(burrlab.load_trace(path).events) == 1:
+            if len(load_trace(path).events) == 1:
                 break
         early.write_bytes(path.read_bytes())  # the file as a kill would leave it
-    trace = burrlab.load_trace(early)
+    trace = load_trace(early)
     assert trace.watched is None
     assert AnatomyReport.recorded(trace) is None
     assert len(trace.events) == 1
     assert trace.events["tick"][0] < trace.first_tick + len(trace)
     assert anatomy_report(trace).watched.events.tobytes() == trace.events.tobytes()
-    assert burrlab.load_trace(path).watched is not None
+    assert load_trace(path).watched is not None
 
 
 def test_ticks_that_are_passed_over_are_said_and_injuries_stay_whole(recorded) -> None:
@@ -181,7 +179,7 @@ def test_ticks_that_are_passed_over_are_said_and_injuries_stay_whole(recorded) -
 def test_tissues_without_a_watch_are_counted(tmp_path) -> None:
     report, trace = (
         ran(tmp_path / "plain.h5", watch=None).anatomy(),
-        burrlab.load_trace(tmp_path / "plain.h5"),
+        load_trace(tmp_path / "plain.h5"),
     )
     assert report.structures == ()
     assert report.removed["nerve"] > 0.05
@@ -192,18 +190,18 @@ def test_tissues_without_a_watch_are_counted(tmp_path) -> None:
 
 def test_a_bone_without_tissues_has_no_watch(tmp_path) -> None:
     path = tmp_path / "old.h5"
-    bone = burrlab.VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
+    bone = VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
     down = straight([(0, 0, 2), (0, 0, 0.8)], [0, 0.1])
     session = ran(path, bone=bone, watch=None, devices=down, duration=0.1)
     with h5py.File(path) as file:
         assert "watch" not in file
         assert "watch" not in json.loads(file["note"][()])
     assert session.report().anatomy is None
-    for told in (session.report(), burrlab.session_metrics(burrlab.load_trace(path))):
+    for told in (session.report(), session_metrics(load_trace(path))):
         assert "anatomy" not in told.to_dict()
     refused(
         (session.anatomy, "bone of the session must have tissues"),
-        (lambda: anatomy_report(burrlab.load_trace(path)), "trace must be of a bone with tissues"),
+        (lambda: anatomy_report(load_trace(path)), "trace must be of a bone with tissues"),
         (lambda: anatomy_report(path), "trace must be a Trace", TypeError),
     )
 

@@ -6,8 +6,7 @@ from anatomy_scenes import BONE, nerve_bone, straight, tool
 from session_scenes import ended, refused, session_of, writer
 
 import burrlab
-from burrlab.anatomy.watch import Watch
-from burrlab.session.anatomy import anatomy_report
+from burrlab.anatomy import Watch, anatomy_report
 
 
 @pytest.mark.parametrize(
@@ -36,17 +35,13 @@ def plain_bone():
     return bone
 
 
-def watched(watch):
-    return burrlab.Session(nerve_bone(), tool(), straight([(0, 0, 3), (0, 0, 2)], [0, 1]), watch=watch)
-
-
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
         (lambda: Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2)),
          "bone must have tissues, got one of a single material"),
         (lambda: Watch(plain_bone()), "structures must be named: no tissue of the bone is critical"),
-        (lambda: watched(Watch(nerve_bone())),
+        (lambda: session_of(nerve_bone(), tool(), straight([(0, 0, 3), (0, 0, 2)], [0, 1]), watch=Watch(nerve_bone())),
          "bone must be the one that the watch was made of, or a copy of it"),
         (lambda: Watch(nerve_bone(), structures="nerve").distance((0, 0, 0), "sinus"),
          "structure must be one of nerve, got 'sinus'"),

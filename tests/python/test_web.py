@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
 from command_line import call
-from page_scenes import PATH, make_page, make_scene, nerve_session, nerve_trace
+from page_scenes import PATH, make_page, make_scene, nerve_session, watched_trace  # noqa: F401
 from replica_scenes import soon
 from session_scenes import refused
 
 import burrlab
 import burrlab.view.web as web
-from burrlab.effects.companion import Companion
-from burrlab.effects.effects import Effects, effects_of
+from burrlab.effects import Companion, Effects, effects_of
 from burrlab.session.network import block_recipe, follow, make_bone
 from burrlab.view.page import Page
 from burrlab.view.page_source import ParcelHistory, page_source
@@ -31,11 +30,6 @@ def turned(page):
     page._turn(0.0)
     page.shown()
     return page
-
-
-@pytest.fixture(scope="module")
-def trace(tmp_path_factory):
-    return burrlab.load_trace(nerve_trace(tmp_path_factory.mktemp("web") / "session.h5"))
 
 
 def test_beside_a_session_to_its_end():

@@ -8,8 +8,7 @@ from session_scenes import refused
 from volume_scenes import ASKEW
 
 import burrlab
-from burrlab.bone.image import Volume, same_geometry
-from burrlab.volume import write_dicom
+from burrlab.volume import Volume, same_geometry, write_dicom
 
 sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="the independent reader, extra `dev`")

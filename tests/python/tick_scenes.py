@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import burrlab
-import burrlab._core as _core
+from burrlab import Burr, BurrContact, Material, Tissue, Tissues, VoxelBone, _core
 from reference.tick import ReferenceContact, ReferenceShape, ReferenceTissues
 
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
@@ -66,12 +65,12 @@ class Scene:
         return list(np.array(self.origin) + voxels * np.array(self.spacing))
 
 
-def table_of_tissues(tissues: ReferenceTissues, material: burrlab.Material) -> burrlab.Tissues:
+def table_of_tissues(tissues: ReferenceTissues, material: Material) -> Tissues:
     rows = [
-        burrlab.Tissue(f"tissue {i}", label=i, c_e=c_e, alpha=alpha)
+        Tissue(f"tissue {i}", label=i, c_e=c_e, alpha=alpha)
         for i, (c_e, alpha) in enumerate(zip(tissues.c_e, tissues.alpha, strict=True))
     ]
-    return burrlab.Tissues(rows, material)
+    return Tissues(rows, material)
 
 
 def numbers_of(kind: str, size: tuple[int, ...], count: int) -> NDArray[np.uint8]:
@@ -116,12 +115,12 @@ def reference_of(
 def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, ReferenceContact]:
     """Contacts of the core and of the reference for a scene, each on its own bone."""
     p = scene.pristine()
-    bone = burrlab.VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
-    material = burrlab.Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
+    bone = VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
+    material = Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
     if tissues is not None:
         bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
-    burr = burrlab.Burr(scene.ratio * max(scene.spacing))
-    core = burrlab.BurrContact(bone, burr, material, scene.seed, scene.index, scheme=scene.scheme)
+    burr = Burr(scene.ratio * max(scene.spacing))
+    core = BurrContact(bone, burr, material, scene.seed, scene.index, scheme=scene.scheme)
     core.tick = scene.tick
     return core, reference_of(core, p.copy(), p, tissues)
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-import burrlab
-from burrlab.bone.image import Volume
+from burrlab import Volume, write_volume
 
 ASKEW = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
@@ -20,7 +19,7 @@ def slab(path, spacing=0.4):
     values = np.full(n[::-1], 1000, np.int16)
     values[2 * n[2] // 3 :] = -1000
     volume = Volume(values, (spacing,) * 3, (100, 50, -20), ASKEW, "slab")
-    burrlab.write_volume(path, volume)
+    write_volume(path, volume)
     entry = volume.origin + ASKEW @ (10, 10, 11.5)
     return volume, [
         f"--entry={','.join(map(repr, entry.tolist()))}",

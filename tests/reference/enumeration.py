@@ -122,8 +122,8 @@ def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[Simpl
     ]
     for rule in RULES:
         for n in trials:
-            rows = enumerate_estimator(task, rule, trials=n, shift=shift)
-            lines.append(f"| {rule} | {n} | " + " | ".join(cell(row) for row in rows) + " |")
+            cells = map(cell, enumerate_estimator(task, rule, trials=n, shift=shift))
+            lines.append(f"| {rule} | {n} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 

@@ -7,10 +7,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import brentq, minimize_scalar
 
-from burrlab._core import Burr, Material
-from burrlab.measured.curve import Indentation, VelocityCurve
-from burrlab.measured.depth_trace import DepthTrace
-from burrlab.theory.continuum import penetration_velocity
+from burrlab import Burr, DepthTrace, Indentation, Material, VelocityCurve, penetration_velocity
 
 MODEL_ERROR = 2e-3  # of the master curve, added in quadrature to every residual of unknown scatter [1]
 SEGMENTS = 5  # of a trace

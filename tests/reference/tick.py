@@ -162,6 +162,8 @@ class ReferenceShape:
 
     def raised(self, y: Float) -> Float:
         """y^k (f32)."""
+        if self.base == "one":
+            return np.ones_like(y)
         if self.order != int(self.order):
             return portable_pow(y.astype(np.float64), self.order).astype(f32)
         result = y  # and for k = 0, of a table
@@ -171,22 +173,17 @@ class ReferenceShape:
 
     def at_depth(self, delta: Float, deep: NDArray[np.bool_], x2: Float) -> Float:
         """f at the depth delta R below the sphere's surface; for deep voxels from x2 = (r/R)^2 (f32)."""
-        if self.base == "one":
-            return np.ones_like(delta)
         if self.base == "depth":
             return self.raised(self.tabulated(delta) if ";" in self.name else delta)
         return self.raised(np.where(deep, ONE - np.where(deep, x2, ZERO), delta * (TWO - delta)))
 
     def at_radius(self, x: Float, x2: Float) -> Float:
         """f at the distance x R from the centre, zero beyond R; x2 = x^2 (f32)."""
-        if self.base == "one":
-            f = np.ones_like(x)
-        elif self.base == "depth":
+        y = ONE - np.where(x2 > ONE, ONE, x2)
+        if self.base == "depth":
             delta = np.maximum(ONE - x, ZERO)
-            f = self.raised(self.tabulated(delta) if ";" in self.name else delta)
-        else:
-            f = self.raised(ONE - np.where(x2 > ONE, ONE, x2))
-        return np.where(x2 > ONE, ZERO, f)
+            y = self.tabulated(delta) if ";" in self.name else delta
+        return np.where(x2 > ONE, ZERO, self.raised(y))
 
 
 # --- Geometry, mass, depth, loss: a section of docs/tick.md each -------------------------------------------
@@ -470,8 +467,7 @@ class ReferenceContact:
 
     def _erode(self, at: Geometry, m256: Integer, dt: float) -> int:
         lam = self.expected_loss(at, m256, dt)
-        u = draw_lanes(self.q.shape, self.seed, self.tick, self.index, 0)
-        v = draw_lanes(self.q.shape, self.seed, self.tick, self.index, 1)
+        u, v = (draw_lanes(self.q.shape, self.seed, self.tick, self.index, draw) for draw in (0, 1))
         drop = loss(lam, u, v)
         if np.any(drop > self.q):
             raise AssertionError("a voxel would lose more than it holds")

@@ -198,9 +198,7 @@ class Page:
             ("effects", self._switch), ("playing", self._play), ("speed", self._play),
         ):  # fmt: skip
             self.state.change(name)(handler)
-        for call in (
-            self.drag, self.wheel, self.shown, self.draw, self.look, self.step, self.seek, self.go,
-        ):  # fmt: skip
+        for call in (self.drag, self.wheel, self.shown, self.draw):
             server.trigger(call.__name__)(call)
         scene.draw_fast()
         scene.set_stereo(self.state.stereo)
@@ -406,5 +404,7 @@ def build_layout(page: Page) -> None:
     buttons = {"VBtn": {"variant": "text", "density": "comfortable"}}
     config = {"theme": {"defaultTheme": "dark"}, "defaults": buttons}
     page.state.trame__title = f"burrlab: {page.source.title}"
+    for call in (page.look, page.step, page.seek, page.go):
+        page.server.trigger(call.__name__)(call)
     with VAppLayout(page.server, vuetify_config=config) as layout:
         layout.root.add_child((files("burrlab.view") / "page.html").read_text("utf-8"))

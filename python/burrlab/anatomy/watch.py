@@ -220,12 +220,14 @@ class Watch:
     @property
     def settings(self) -> dict[str, Any]:
         """The settings for JSON, units in the names."""
-        rows = [
-            {"name": name, "approach_mm": limit.approach, "touch_mm": limit.touch, "injury_mm3": limit.injury}
-            for name, limit in zip(self.structures, self.limits, strict=True)
-        ]
-        return {"structures": rows, "hysteresis_mm": self.hysteresis, "field_spacing_mm": SPACING, "field_margin_mm": MARGIN,
-                "voxel_volume_mm3": self._voxel_volume}  # fmt: skip
+        return {
+            "structures": [
+                {"name": name, "approach_mm": limit.approach, "touch_mm": limit.touch, "injury_mm3": limit.injury}
+                for name, limit in zip(self.structures, self.limits, strict=True)
+            ],
+            "hysteresis_mm": self.hysteresis, "field_spacing_mm": SPACING, "field_margin_mm": MARGIN,
+            "voxel_volume_mm3": self._voxel_volume,
+        }  # fmt: skip
 
     def core(self, radii: Sequence[float]) -> AnatomyWatch:
         """A new watch of the core for burrs of these radii [mm]. ValueError if limits are out of order."""

@@ -597,7 +597,8 @@ def _split(pose: Array, scale: float) -> list[Array]:
 
 
 class _Part:
-    """One file. Its tables are lists of columns, the times first; None where it has none."""
+    """One file, whose ValueErrors `told_as_damage` completes. Its tables are lists of columns, the times first; None
+    where it has none."""
 
     def __init__(self, file: "h5py.File", path: Path, scale: float) -> None:
         self._file, self._path = file, path
@@ -609,7 +610,7 @@ class _Part:
             self._check_unit(place, unit[1], "m")
         size = self._column("metadata", "voxel_volume", "mm^3", None, optional=True)
         self.voxel_volume = float(size) / scale**3 or None if size is not None else None  # its 0: not known
-        refuse((self.voxel_volume or 1.0) < 0, f"{path} is damaged: its voxels have a volume of {size} mm^3")
+        refuse((self.voxel_volume or 1.0) < 0, f"its voxels have a volume of {size} mm^3")
         volume = self._column("data", "pose_mastoidectomy_volume", "m", 7, optional=True)
         self.volume_pose = (
             None if volume is None or not len(volume) else np.hstack(_split(volume[:1], scale))[0]
@@ -638,7 +639,7 @@ class _Part:
                 np.insert(rows, 0, np.arange(len(rows)), axis=1) for rows in (removed, colours)
             )
         group, rgb = removed[:, 0], np.rint(colours[:, 1:4])
-        self._refuse(
+        refuse(
             len(colours) != len(removed) or (colours[:, 0] != group).any(),
             "its voxel_removed and voxel_color are of other groups",
         )
@@ -646,15 +647,15 @@ class _Part:
         if len(filled) == len(stamps):  # in 2024, groups without voxels have no time
             group = rank
         whole = (removed == np.rint(removed)).all() and (removed >= 0).all() and (group < len(stamps)).all()
-        self._refuse(not whole, f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0")
-        self._refuse(((rgb < 0) | (rgb > 255)).any(), "its voxel_color must lie from 0 to 255")
+        refuse(not whole, f"its voxel_removed must hold one of {len(stamps)} groups and indices from 0")
+        refuse(((rgb < 0) | (rgb > 255)).any(), "its voxel_color must lie from 0 to 255")
         return [stamps[group.astype(np.int64)], removed[:, 1:].astype(np.int64), rgb.astype(np.int64)]
 
     def _table(self, group: str, time: str, column: tuple[str, str, int]) -> list[Array] | None:
         stamps, values = self._column(group, time, "s", 0), self._column(group, *column)
         if stamps is None or values is None:
             return None
-        self._refuse(
+        refuse(
             len(values) != len(stamps),
             f"its {self._place(group, column[0])} has {len(values)} rows for {len(stamps)} times",
         )
@@ -669,19 +670,17 @@ class _Part:
         folder = place.rpartition("/")[0]
         if folder not in self._file or not len(self._file[folder]) or (optional and place not in self._file):
             return None
-        self._refuse(place not in self._file, f"it has no dataset {place}")
+        refuse(place not in self._file, f"it has no dataset {place}")
         if unit is not None:
             self._check_unit(place, str(attributes(self._file[place]).get("units", unit)), unit)
         values, dataset = np.asarray(read_dataset(self._file, place)), f"its dataset {place}"
-        self._refuse(values.dtype.kind not in "iuf", f"{dataset} must hold numbers, got {values.dtype}")
+        refuse(values.dtype.kind not in "iuf", f"{dataset} must hold numbers, got {values.dtype}")
         shape = () if width is None else (len(values), width)[: 1 + bool(width)] if values.ndim else None
-        self._refuse(values.shape != shape, f"{dataset} has the shape {values.shape}")
+        refuse(values.shape != shape, f"{dataset} has the shape {values.shape}")
         values = values.astype(float)
-        self._refuse(
-            not (abs(values) < 1e12).all(), f"{dataset} holds a number that is not finite, or above 1e12"
-        )
+        refuse(not (abs(values) < 1e12).all(), f"{dataset} holds a number that is not finite, or above 1e12")
         turns = np.linalg.norm(values[:, 3:], axis=1) if width == 7 else np.ones(1)
-        self._refuse((abs(turns - 1.0) > 1e-3).any(), f"{dataset} holds a quaternion not of length 1")
+        refuse((abs(turns - 1.0) > 1e-3).any(), f"{dataset} holds a quaternion not of length 1")
         return values
 
     def _place(self, group: str, name: str) -> str:
@@ -692,6 +691,3 @@ class _Part:
             re.split(r"[\s,;]", unit_text.strip().lower())[0] not in _UNITS[unit],
             f"{self._path} is in other units: {place} must be in {unit}, says {unit_text!r}",
         )
-
-    def _refuse(self, broken: object, why: str) -> None:
-        refuse(broken, f"{self._path} is damaged: {why}")

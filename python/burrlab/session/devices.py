@@ -94,8 +94,7 @@ def describe_miss(bone: VoxelBone, path: NDArray[np.float64], frame: DeviceFrame
         f"{axis} {low:.1f} to {high:.1f}"
         for axis, low, high in zip("xyz", voxels.min(axis=0) - half, voxels.max(axis=0) + half, strict=True)
     )
-    missed = f"its script missed it by {miss:.2f} mm; the bone's box, in the bone frame: {box} mm"
-    return missed if miss > 0 else ""
+    return f"its script missed it by {miss:.2f} mm; the bone's box, in the bone frame: {box} mm" * (miss > 0)
 
 
 @dataclass(frozen=True)

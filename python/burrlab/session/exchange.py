@@ -79,8 +79,10 @@ def read_script(file: table.Path | IO[str] | IO[bytes], *, volume: OnGrid | None
     if volume is None:
         return device
     if turn is not None:
-        mirrored = np.linalg.det(volume.direction) < 0
-        refuse(mirrored, f"{name}: no orientation can be given in coordinates that mirror the bone frame")
+        refuse(
+            np.linalg.det(volume.direction) < 0,
+            f"{name}: no orientation can be given in coordinates that mirror the bone frame",
+        )
         rotation = scipy.spatial.transform.Rotation
         orientation = rotation.from_quat(np.roll(turn, -1, axis=1))
         turn = np.roll((rotation.from_matrix(volume.direction.T) * orientation).as_quat(), 1, axis=1)
@@ -204,11 +206,10 @@ def find_devices(doing: Callable[[str], AbstractContextManager[None]]) -> list[d
         count = OmegaDevice.count()
     except ValueError:
         count = 0
-    omegas = {f"omega:{index}": "libdhd of Force Dimension" for index in range(max(count, 1))}
     rows = []
     for text, needs in {
         "touch": "libHD of OpenHaptics",
-        **omegas,
+        **{f"omega:{index}": "libdhd of Force Dimension" for index in range(max(count, 1))},
         "haply": "Haply's Inverse Service",
     }.items():
         row = {"device": text, "needs": needs}

@@ -137,8 +137,9 @@ def follow(
             (b, known if described[0] == description else m)
             for (b, m), description in zip(tools, described[1:], strict=True)
         ]
-    watch = _watch(copy, hello.get("watch"), tools)
-    replica.start(copy, tools, seed, period=period, scheme=scheme, watch=watch)
+    replica.start(
+        copy, tools, seed, period=period, scheme=scheme, watch=_watch(copy, hello.get("watch"), tools)
+    )
     return replica
 
 

@@ -450,16 +450,15 @@ def check_drilled(
         and not is_drilled(target),
         f"path must be another file than the original {like.path}",
     )
-    empty = None
     if isinstance(like, LabelVolume):
         refuse(
             mapping is not None, f"mapping must be given for grey values only, and {like.path} holds labels"
         )
-    elif mapping is None:
-        raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
     else:
-        empty = float(grey_of_levels(mapping)[0])
-        coded(np.empty(0), like.path, empty, like.values.dtype)
+        refuse(mapping is None, f"mapping must be given: that with which the bone was made of {like.path}")
+    empty = None if mapping is None else float(grey_of_levels(mapping)[0])
+    if empty is not None:
+        coded(np.empty(0), like.path, empty, like.voxels.dtype)
     series = is_series(target, like)
     slices = None if series or target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
     if not series and slices is None:

@@ -537,8 +537,7 @@ class LabelledRecipe(_CachedRecipe):
         if self.grey is None:
             return super().at(path)
         beside = Path(path).parent / Path(self.labels).name
-        labels = str(beside) if beside.exists() else self.labels
-        return replace(self, grey=self.grey.at(path), labels=labels)
+        return replace(self, grey=self.grey.at(path), labels=str(beside) if beside.exists() else self.labels)
 
     def made(self) -> LabelledBone:
         """The bone and its notes; they are made once.
@@ -576,8 +575,9 @@ class LabelledRecipe(_CachedRecipe):
         grid = self.grid()
         provenance = {"path": grid.path, "recipe": self.plain(), "notes": list(self.notes())}
         if self.grey is None:
-            widest = float(max(*grid.spacing, *(self.voxel or ())))
-            provenance["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
+            provenance["labels_alone"] = {
+                "voxel_mm": float(max(*grid.spacing, *(self.voxel or ()))), "smooth_mm": self.smooth,
+            }  # fmt: skip
         return specimen_in(grid, self.bone(), entry, axis, provenance, f"labels of {self.labels}")
 
     def _voxel(self) -> ArrayLike:
@@ -630,8 +630,10 @@ def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **sett
     `stack` has the options of `labels_of`, `settings` the other fields of the recipe. Errors as `labels_of` and
     `default_tissues`.
     """
-    bone = (material.name, material.c_e, material.alpha, material.source, material.shape.name)
-    entry = _entry_of(["tissues", absolute(path), *bone, dict(stack)], [absolute(path)])
+    entry = _entry_of([
+        "tissues", absolute(path), material.name, material.c_e, material.alpha, material.source, material.shape.name,
+        dict(stack),
+    ], [absolute(path)])  # fmt: skip
     with contextlib.suppress(*UNREADABLE):
         if (cached := entry.find()) is not None:
             tissues = tissues_from_json(cached.header["tissues"])
@@ -707,12 +709,7 @@ class DrilledRecipe(_FileRecipe):
     def plain(self) -> dict[str, Any]:
         """The recipe ready for JSON, with the digest: after further drilling the file holds another bone."""
         transpose = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
-        return {
-            "kind": "drilled volume",
-            "path": self.path,
-            "digest": self.drilled().bone.digest(),
-            **transpose,
-        }
+        return {"kind": self._KIND, "path": self.path, "digest": self.drilled().bone.digest(), **transpose}
 
     def drilled(self) -> DrilledVolume:
         """Content of the file; it is read once."""

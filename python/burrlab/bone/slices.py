@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 import scipy
@@ -744,19 +744,18 @@ def stack_of(
     shape = (count, slices.columns, slices.rows) if turned else (count, slices.rows, slices.columns)
     notes = [f"PNG slices say no orientation: {LPS_ASSUMED}", *([ROWS_ALONG_X] if turned else [])]
     if described is None:
-        assert spacing is not None
-        apart = checked_spacing(spacing)
+        apart = checked_spacing(cast(ArrayLike, spacing))
     else:
         apart = described.extent / np.array(shape[::-1])
-        if described.count is not None and described.count != count:
-            refuse(
-                count > described.count,
-                f"{name}: images: count must be {count}, the slices in {described.folder}, got "
-                f"{described.count}",
-            )
+        stated = described.count or count
+        refuse(
+            count > stated,
+            f"{name}: images: count must be {count}, the slices in {described.folder}, got {stated}",
+        )
+        if count < stated:
             notes.append(
-                f"count in {name} is {described.count}, and {count} slices are there: they share its "
-                "dimensions, so slices that are missing at the end would make the others thicker"
+                f"count in {name} is {stated}, and {count} slices are there: they share its dimensions, so slices that "
+                "are missing at the end would make the others thicker"
             )
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,

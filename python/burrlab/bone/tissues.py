@@ -736,8 +736,10 @@ def _smoothed(
     change = 100 * (after - before) / np.maximum(before, 255)
     most = int(np.argmax(np.abs(change)))
     whole = 100 * (after.sum() / max(before.sum(), 1.0) - 1)
-    note = f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by {change[most]:.2g} %"
-    return levels, owner, note
+    return levels, owner, (
+        f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by "
+        f"{change[most]:.2g} %"
+    )  # fmt: skip
 
 
 def _grow(owner: NDArray[np.uint8]) -> None:

@@ -6,7 +6,6 @@ Writes results.json and tick.png. First it compares all implementations with tes
 difference in one bit ends the run with an error. --waits prints where a researcher waits instead (waits.py).
 """
 
-import argparse
 import datetime
 import itertools
 import json
@@ -27,6 +26,7 @@ import waits
 from check import check_all
 from measure import measure, volume_scaling
 from native import Native
+from options import options
 from plot import draw
 from scenes import growing
 from times import on_one_core
@@ -76,15 +76,16 @@ def run(native: Native, quick: bool, reference: str) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--library", type=Path, required=True, help="the built bench library")
-    parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of results.json and tick.png")
-    parser.add_argument("--quick", action="store_true", help="small scenes, few ticks: does it run?")
-    parser.add_argument("--waits", action="store_true", help="where a researcher waits, instead of ticks")
-    options = parser.parse_args()
-    native = Native(options.library)
-    if options.waits:
-        folder = options.out / "waits"
+    chosen = options(
+        (__doc__ or "").partition("\n")[0],
+        library={"type": Path, "required": True, "help": "the built bench library"},
+        out={"type": Path, "default": Path("bench"), "help": "folder of results.json and tick.png"},
+        quick={"action": "store_true", "help": "small scenes, few ticks: does it run?"},
+        waits={"action": "store_true", "help": "where a researcher waits, instead of ticks"},
+    )
+    native = Native(chosen.library)
+    if chosen.waits:
+        folder = chosen.out / "waits"
         for line in itertools.chain(waits.lines(folder), waits.longest_ticks(folder, native)):
             print(line, flush=True)
         return
@@ -96,23 +97,23 @@ def main() -> None:
     missing = [path for path in ("portable", "avx2", "avx512") if path not in native.cpu_paths]
     results = {
         "machine": machine(native),
-        "quick": options.quick,
+        "quick": chosen.quick,
         "compared_with_reference": comparisons,
         "reference_path": reference,
         "left_out": missing,
-        **run(native, options.quick, reference),
+        **run(native, chosen.quick, reference),
     }
     here = results["machine"]
     print(f"{here['cpu']}, {here['compiler']} {here['flags']}, burrlab {burrlab.__version__}")
     if missing:
         print(f"Left out, as this CPU has none: {', '.join(missing)}")
     print(*report.table(results), *report.summary(results), sep="\n")
-    options.out.mkdir(parents=True, exist_ok=True)
+    chosen.out.mkdir(parents=True, exist_ok=True)
     results["seconds"] = time.perf_counter() - begun
-    (options.out / "results.json").write_text(json.dumps(results, indent=2, allow_nan=False) + "\n")
+    (chosen.out / "results.json").write_text(json.dumps(results, indent=2, allow_nan=False) + "\n")
     about = f"median over ticks, one thread; {here['cpu']}, {here['compiler']}, burrlab {burrlab.__version__}"
-    draw(results, about, options.out / "tick.png")
-    say(f"{options.out}/results.json, {options.out}/tick.png; {results['seconds']:.0f} s")
+    draw(results, about, chosen.out / "tick.png")
+    say(f"{chosen.out}/results.json, {chosen.out}/tick.png; {results['seconds']:.0f} s")
 
 
 if __name__ == "__main__":

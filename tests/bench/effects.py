@@ -8,31 +8,24 @@ number in the first 5 s, then the measurement begins. Each round also runs the s
 over the same ticks, before or after by turns, so that the ratio of the ticks is of one machine in one run.
 """
 
-import argparse
 import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from options import options
 
 import burrlab
-from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
-from burrlab.effects.companion import Companion
+from burrlab.effects import Camera, Companion, EffectParameters, Nozzle, Sucker
 
 WARM = 5.0  # time for parcels to reach their number [s]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--parcels", type=int, default=20_000)
-    parser.add_argument("--rounds", type=int, default=2)
-    options = parser.parse_args()
-    for number in range(options.rounds):
-        text = run(options.seconds, options.parcels, alone_first=number % 2 == 0)["text"]
-        print(f"round {number + 1} of {options.rounds}, on {os.cpu_count()} CPUs\n{text}\n")
+    chosen = options(__doc__, seconds=60.0, parcels=20_000, rounds=2)
+    for number in range(chosen.rounds):
+        text = run(chosen.seconds, chosen.parcels, alone_first=number % 2 == 0)["text"]
+        print(f"round {number + 1} of {chosen.rounds}, on {os.cpu_count()} CPUs\n{text}\n")
 
 
 def block() -> burrlab.VoxelBone:

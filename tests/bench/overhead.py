@@ -8,7 +8,6 @@ instead: studies of so many items on dask clusters whose scheduler and workers a
 the growth of a store; `--png` draws items per second against workers.
 """
 
-import argparse
 import asyncio
 import logging
 import multiprocessing
@@ -24,6 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from options import options
+from times import timed
 
 import burrlab
 from burrlab.common.figures import new_figure, tidy
@@ -83,9 +84,9 @@ def cost(executor: Executor, items: int, rounds: int, chunk: int, stored: bool) 
     with tempfile.TemporaryDirectory() as folder:
         for i in range(rounds):
             store = Path(folder) / f"{i}.jsonl" if stored else None
-            start = time.perf_counter()
-            run_items(overhead.nothing, work, executor=executor, chunk=chunk, store=store)
-            times.append(time.perf_counter() - start)
+            times.append(
+                timed(run_items, overhead.nothing, work, executor=executor, chunk=chunk, store=store)
+            )
     return 1e6 * min(times) / items
 
 
@@ -122,9 +123,8 @@ def serve(address: str, count: int, folder: str) -> None:
 
     async def run() -> None:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        workers = []
-        for _ in range(count):
-            workers.append(await Worker(address, nthreads=1, memory_limit=0, local_directory=folder))
+        each = {"nthreads": 1, "memory_limit": 0, "local_directory": folder}
+        workers = [await Worker(address, **each) for _ in range(count)]
         await asyncio.gather(*(worker.finished() for worker in workers))
 
     clock = {"distributed.worker.profile.enabled": False, "distributed.admin.system-monitor.interval": "60s"}
@@ -200,20 +200,11 @@ def growth(count: int) -> None:
     """Prints what a store of `count` descents takes."""
     items, row = [descent(seed) for seed in range(count)], (0.48228, 0.5, 1.0, "ok", ())
     with tempfile.TemporaryDirectory() as folder:
-        path, times = Path(folder) / "s.jsonl", []
-        key_times = time.perf_counter()
+        path, start = Path(folder) / "s.jsonl", time.perf_counter()
         store, keys = Store(path), [key_of(run_item, item) for item in items]
-        key_times = time.perf_counter() - key_times
-        for key in keys:
-            start = time.perf_counter()
-            store.add(key, row)
-            times.append(time.perf_counter() - start)
-        start = time.perf_counter()
-        Store(path)
-        opened = time.perf_counter() - start
-        start = time.perf_counter()
-        run_items(run_item, items, store=path)
-        resumed = time.perf_counter() - start
+        key_times = time.perf_counter() - start
+        times = [timed(store.add, key, row) for key in keys]
+        opened, resumed = timed(Store, path), timed(run_items, run_item, items, store=path)
         first, last = (1e6 * np.mean(part) for part in (times[:1000], times[-1000:]))
         print(
             f"\nStore of {count} descents: {first:.0f} us a result in the first 1000, {last:.0f} in the last; "
@@ -267,17 +258,14 @@ def draw(runs: list[Run], overhead: float, png: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--items", type=int, default=500)
-    parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--study", type=int, metavar="ITEMS")
-    parser.add_argument("--png")
-    options = parser.parse_args()
+    chosen = options(
+        __doc__.splitlines()[0], items=500, rounds=3, study={"type": int, "metavar": "ITEMS"}, png={}
+    )
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
-    if options.study is None:
-        costs(options.items, options.rounds)
+    if chosen.study is None:
+        costs(chosen.items, chosen.rounds)
     else:
-        study(options.study, options.png)
+        study(chosen.study, chosen.png)
 
 
 if __name__ == "__main__":

@@ -34,13 +34,11 @@ def draw_line(axes: Axes, name: str, x: object, y: object, more: str = "") -> st
 
 def finish(axes: Axes, ticks: list[float], labels: list[str], along: str, title: str) -> None:
     """Logarithmic scales, with ticks along x at the measurements."""
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log", xlabel=along)
     axes.set_xticks(ticks, labels)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(FuncFormatter(plain_number))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel(along)
     axes.set_title(title, fontsize=10)
     tidy(axes)
 
@@ -64,9 +62,8 @@ def draw_volume(axes: Axes, volume: dict[str, Any]) -> None:
     voxels = [int(side) ** 3 for side in rows]
     for name, column in (("plain", "plain_median_us"), (volume["cpu_path"], "core_median_us")):
         y = [row[column] for row in rows.values()]
-        colour = draw_line(axes, name, voxels, y)
         axes.annotate(STYLES[name][2], (voxels[0], y[0]), xytext=(0, 7), textcoords="offset points", fontsize=8,
-                      color=colour)  # fmt: skip
+                      color=draw_line(axes, name, voxels, y))  # fmt: skip
     title = f"the same slide in a larger volume, R/voxel = {volume['radius_over_voxel']:g}"
     finish(axes, voxels, [f"{side}³" for side in rows], "volume [voxels]", title)
     axes.set_xlim(voxels[0] / 2, 2 * voxels[-1])

@@ -108,8 +108,7 @@ def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
     resolution = radius / spacing
     ticks = 20 if quick else int(np.clip(4e7 / resolution**3, 40, 400))
     side = voxels(2 * radius, spacing) + 6
-    shift = np.random.default_rng(1).uniform(-0.5, 0.5, (ticks, 3))
-    path = (0.5 * (side - 1) + shift) * spacing
+    path = (0.5 * (side - 1) + np.random.default_rng(1).uniform(-0.5, 0.5, (ticks, 3))) * spacing
     return Scene(f"buried {resolution:g}",
         "wholly in solid bone, fresh at every tick", Burring(spacing, radius),
                  (side, side, side), side, path, fresh=True,

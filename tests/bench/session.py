@@ -8,7 +8,6 @@ and on its other users. --stub adds a burr of a device over a stub of the vendor
 the rate of the loop, or over a mock of Haply's service in another process, and prints the age of its positions.
 """
 
-import argparse
 import contextlib
 import os
 import subprocess
@@ -17,6 +16,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from options import options
 
 import burrlab
 
@@ -27,19 +27,13 @@ _SERVICE = Path(__file__).parents[1] / "haply_service.py"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=120.0)
-    parser.add_argument("--rate", type=float, default=1000.0)
-    parser.add_argument("--stub", choices=("libhd", "libdhd", "haply"))
-    options = parser.parse_args()
+    chosen = options(__doc__, seconds=120.0, rate=1000.0, stub={"choices": ("libhd", "libdhd", "haply")})
     for busy in (0, 2):
         for realtime in (True, False):
             with contextlib.ExitStack() as others:
                 for _ in range(busy):
                     others.callback(subprocess.Popen([sys.executable, "-c", "while True: pass"]).kill)
-                report = run(options.seconds, options.rate, realtime, options.stub)
+                report = run(chosen.seconds, chosen.rate, realtime, chosen.stub)
             name = f"{busy} busy processes" if busy else "alone"
             print(
                 f"{name}, {'with' if realtime else 'without'} real-time priority, {os.cpu_count()} "

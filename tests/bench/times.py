@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,11 +65,16 @@ class Times:
         return undisturbed(ratio, (self.interrupted | other.interrupted)[both])
 
 
+def timed(work: Callable[..., object], *arguments: Any, **options: Any) -> float:
+    """Wall time of a call [s]."""
+    start = time.perf_counter()
+    work(*arguments, **options)
+    return time.perf_counter() - start
+
+
 def stopwatch(interruptions: Callable[[], int], work: Callable[..., object], *arguments: object) -> Times:
     """The time of one call."""
-    before, start = interruptions(), time.perf_counter()
-    work(*arguments)
-    seconds = time.perf_counter() - start
+    before, seconds = interruptions(), timed(work, *arguments)
     return Times(np.array([seconds]), np.array([interruptions() != before]))
 
 

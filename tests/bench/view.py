@@ -2,14 +2,14 @@
 
 Run: python tests/bench/view.py; with --live 10, pictures a second beside a session of 10 s at 1 kHz instead."""
 
-import argparse
 import time
 
 import numpy as np
+from options import options
+from times import timed
 
 import burrlab
-from burrlab.view.live import LiveView
-from burrlab.view.scene import Scene
+from burrlab.view import LiveView, Scene
 
 SIDE, VOXEL, RADIUS, SPEED, IMMERSION = 512, 0.1, 5.0, 20.0, 0.7
 TICKS = 50  # at 1 kHz: a frame of 20 Hz
@@ -71,30 +71,24 @@ def timed_updates(frames: int, rebuilds: int) -> None:
         before = bone.read(low, (64, 160, SIDE))
         contact.run(path, 1.0)
         bricks = changed_bricks(bone, low, before)
-        begin = time.perf_counter()
-        scene.update(bone, bricks)
-        updates.append(1e3 * (time.perf_counter() - begin))
+        updates.append(1e3 * timed(scene.update, bone, bricks))
         if frame % max(frames // rebuilds, 1) == 0:
-            begin = time.perf_counter()
-            scene.update(bone)
-            whole.append(1e3 * (time.perf_counter() - begin))
+            whole.append(1e3 * timed(scene.update, bone))
     update, rebuild = np.median(updates), np.median(whole)
     print(f"update of a frame {update:.1f} ms, rebuild {rebuild:.0f} ms, {rebuild / update:.0f} times")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=24)
-    parser.add_argument("--rebuilds", type=int, default=5)
-    parser.add_argument("--live", type=float, metavar="SECONDS")
-    parser.add_argument("--side", type=int, default=256, help="of the live block [voxels]")
-    parser.add_argument("--size", default="1024x768", help="of the live pictures [pixels]")
-    options = parser.parse_args()
-    if options.live:
-        width, height = map(int, options.size.split("x"))
-        drawn_pictures(options.live, options.side, (width, height))
+    chosen = options(
+        __doc__, frames=24, rebuilds=5, live={"type": float, "metavar": "SECONDS"},
+        side={"type": int, "default": 256, "help": "of the live block [voxels]"},
+        size={"default": "1024x768", "help": "of the live pictures [pixels]"},
+    )  # fmt: skip
+    if chosen.live:
+        width, height = map(int, chosen.size.split("x"))
+        drawn_pictures(chosen.live, chosen.side, (width, height))
     else:
-        timed_updates(options.frames, options.rebuilds)
+        timed_updates(chosen.frames, chosen.rebuilds)
 
 
 if __name__ == "__main__":

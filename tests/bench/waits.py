@@ -157,8 +157,7 @@ def make(folder: Path) -> None:
         f"  images: {{path: ./png, prefix: slice, format: png, count: {SIDE}}}\n"
     )
     times = np.linspace(0.0, 4.0, 401)
-    path = phantom.entry + np.outer(2.0 * times - 4.0, phantom.axis)
-    device = ScriptedDevice(times, path)
+    device = ScriptedDevice(times, phantom.entry + np.outer(2.0 * times - 4.0, phantom.axis))
     tool = Burr(3.0), materials["bone"]
     record = folder / "ear.h5"
     with Session(phantom.bone, tool, device, seed=1, clock=Clock(wall_clock=False), record=record) as session:

@@ -1,6 +1,6 @@
 """Secondary effects beside a running session: its end, rebuilds, stops, and their cost."""
 
-import importlib.util
+import importlib
 import math
 import os
 import signal
@@ -14,9 +14,7 @@ import pytest
 from effects_scenes import bone_with_tissues, levels_removed, session
 
 from burrlab import _core, load_trace
-from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
-from burrlab.effects.companion import Companion
-from burrlab.effects.effects import Effects, effects_of
+from burrlab.effects import Camera, Companion, EffectParameters, Effects, Nozzle, Sucker, effects_of
 from burrlab.session.network import follow
 from burrlab.session.player import TracePlayer
 
@@ -82,8 +80,10 @@ def test_on_a_replica_beside_another_consumer() -> None:
     assert newest["balance"]["blood"].made > 0 < newest["balance"]["water"].made
     assert exact(companion)
     taken = {tuple(brick) for bricks in [*seen, replica.take()["bricks"]] for brick in bricks}
-    start = bone_with_tissues().density
-    assert taken == {tuple(place) for place in np.unique(np.argwhere(bone.density != start) // 8, axis=0)}
+    assert taken == {
+        tuple(place)
+        for place in np.unique(np.argwhere(bone.density != bone_with_tissues().density) // 8, axis=0)
+    }
 
 
 @pytest.mark.parametrize("tick", [0, 70_000])
@@ -102,8 +102,7 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None
     assert companion.first_tick > tick
     player.seek_tick(companion.first_tick)
     again = Effects(player.bone, seed=5, nozzle=water, sucker=sucker, camera=CAMERA)
-    for _ in effects_of(player, again, frames=companion.frames):
-        pass
+    list(effects_of(player, again, frames=companion.frames))
     assert 0 < again.hidden == companion.hidden < 1
     assert len(again.parcels) > 0
     assert (again.parcels == companion.parcels).all()
@@ -207,13 +206,10 @@ def test_refusals(options: dict, sentence: str) -> None:
 
 
 @pytest.mark.slow
-def test_twenty_thousand_parcels_beside_the_loop(capsys) -> None:
+def test_twenty_thousand_parcels_beside_the_loop(capsys, monkeypatch) -> None:
     """In 60 s the balance is exact on any machine. The times are printed, not tested."""
-    path = Path(__file__).parents[1] / "bench" / "effects.py"
-    spec = importlib.util.spec_from_file_location("bench_effects", path)
-    bench = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(bench)
-    result = bench.run(60.0, 20_000)
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "bench")
+    result = importlib.import_module("effects").run(60.0, 20_000)
     with capsys.disabled():
         print("\n" + result["text"])
     assert (result["exact"], bool(result["failed"])) == (True, False)

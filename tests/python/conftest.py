@@ -1,13 +1,11 @@
 """Fixtures that the tests share."""
 
 import functools
-import importlib
 import os
 import shutil
 import signal
 import subprocess
 import sys
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,8 +40,16 @@ def _no_figures_left() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _patient_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a busy machine a thread may wait longer than the watchdog, whose tests make their own loops."""
-    patient = functools.partial(_core.HapticLoop, stall_limit=5000.0)
-    monkeypatch.setattr("burrlab.session.session.HapticLoop", patient)
+    monkeypatch.setattr(
+        "burrlab.session.session.HapticLoop", functools.partial(_core.HapticLoop, stall_limit=5000.0)
+    )
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """The test's own folder, in which it works."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
 
 
 @pytest.fixture
@@ -57,12 +63,10 @@ def bone():
 
 
 @pytest.fixture(params=_core.cpu_paths())
-def cpu_path(request):
+def cpu_path(request, keep_cpu_path):
     """Each CPU path of the tick in turn; restores the path that was in use."""
-    before = _core.cpu_path()
     _core.use_cpu_path(request.param)
-    yield request.param
-    _core.use_cpu_path(before)
+    return request.param
 
 
 @pytest.fixture
@@ -119,12 +123,7 @@ def build(tmp_path_factory):
 @pytest.fixture
 def pyigtl():
     """The package, with the signal handlers that its server replaces put back."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            module = importlib.import_module("pyigtl")
-        except ImportError:
-            pytest.skip("pyigtl is needed")
+    module = pytest.importorskip("pyigtl", reason="pyigtl is needed")  # its warnings are ignored
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield module
     for number, handler in before.items():

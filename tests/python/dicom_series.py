@@ -16,23 +16,20 @@ def write_slice(
     meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[str(path), series])
     meta.TransferSyntaxUID = ExplicitVRLittleEndian
     slice_ = FileDataset(str(path), {}, file_meta=meta, preamble=b"\0" * 128)
-    slice_.SOPClassUID, slice_.SOPInstanceUID = CTImageStorage, meta.MediaStorageSOPInstanceUID
-    slice_.SeriesInstanceUID, slice_.StudyInstanceUID = series, "1.2.3"
-    slice_.Modality, slice_.PatientID, slice_.InstanceNumber = "CT", "phantom", number
-    slice_.ImagePositionPatient = [f"{p:.6f}" for p in position]
-    slice_.ImageOrientationPatient = [f"{v:.6f}" for v in (*rows, *columns)]
-    slice_.PixelSpacing = [f"{s:g}" for s in spacing]
-    slice_.SamplesPerPixel, slice_.PhotometricInterpretation = 1, "MONOCHROME2"
-    slice_.Rows, slice_.Columns = pixels.shape
-    slice_.BitsAllocated = slice_.BitsStored = 16
-    slice_.HighBit, slice_.PixelRepresentation = 15, 1
-    slice_.RescaleSlope, slice_.RescaleIntercept = "1", "0"
-    slice_.PixelData = np.asarray(pixels, dtype="<i2").tobytes()
-    for name, value in changes.items():
-        if value is None:
-            delattr(slice_, name)
-        else:
-            setattr(slice_, name, value)
+    elements = {
+        "SOPClassUID": CTImageStorage, "SOPInstanceUID": meta.MediaStorageSOPInstanceUID,
+        "SeriesInstanceUID": series, "StudyInstanceUID": "1.2.3",
+        "Modality": "CT", "PatientID": "phantom", "InstanceNumber": number,
+        "ImagePositionPatient": [f"{p:.6f}" for p in position],
+        "ImageOrientationPatient": [f"{v:.6f}" for v in (*rows, *columns)],
+        "PixelSpacing": [f"{s:g}" for s in spacing],
+        "SamplesPerPixel": 1, "PhotometricInterpretation": "MONOCHROME2",
+        "Rows": pixels.shape[0], "Columns": pixels.shape[1],
+        "BitsAllocated": 16, "BitsStored": 16, "HighBit": 15, "PixelRepresentation": 1,
+        "RescaleSlope": "1", "RescaleIntercept": "0",
+        "PixelData": np.asarray(pixels, dtype="<i2").tobytes(),
+    }  # fmt: skip
+    slice_.update({name: value for name, value in (elements | changes).items() if value is not None})
     slice_.save_as(path, enforce_file_format=True)
 
 

@@ -4,6 +4,7 @@ import gzip
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -32,6 +33,13 @@ def drilled(volume: Volume) -> VoxelBone:
         erode(bone, Burr(5 * max(bone.spacing)), center, materials["bone"], dt=1.0, seed=1, tick=tick)
     assert np.count_nonzero((bone.density > 0) & (bone.density < bone.pristine)) > 0
     return bone
+
+
+def cut(bone: VoxelBone, box: Any, by: int) -> None:
+    """Divides the levels in a box, and rounds them down."""
+    density = bone.density.copy()
+    density[box] //= by
+    bone.restore(density)
 
 
 def kept(path: Path, like: Volume, tick: int = 0) -> tuple[VoxelBone, Volume, DrilledVolume]:
@@ -68,18 +76,14 @@ def nifti(path: Path, values: np.ndarray, slope: float = 0.0, inter: float = 0.0
     """A NIfTI-1 file by its definition, with an extension, a description and unusual codes."""
     code = {"i2": 4, "u2": 512, "f4": 16}[values.dtype.str[1:]]
     head = bytearray(352)
-    struct.pack_into("<i", head, 0, 348)
-    struct.pack_into("<8h", head, 40, 3, *values.shape[::-1], 1, 1, 1, 1)
-    struct.pack_into("<2h", head, 70, code, 8 * values.dtype.itemsize)
-    struct.pack_into("<8f", head, 76, 1.0, 0.3, 0.4, 0.5, 0, 0, 0, 0)
-    struct.pack_into("<3f", head, 108, 352.0 + 16, slope, inter)
-    head[123] = 2
-    head[148:228] = b"described as it pleases, in so many words that no zero ends it: ".ljust(80, b".")
-    struct.pack_into("<2h", head, 252, 3, 4)
-    struct.pack_into("<3f", head, 268, 1.5, -2.25, 3.0)
-    struct.pack_into("<12f", head, 280, 0.3, 0, 0, 1.5, 0, 0.4, 0, -2.25, 0, 0, 0.5, 3.0)
-    head[344:348] = b"n+1\0"
-    head[348:352] = b"\1\0\0\0"
+    for place, kind, *fields in (
+        (0, "i", 348), (40, "8h", 3, *values.shape[::-1], 1, 1, 1, 1), (70, "2h", code, 8 * values.dtype.itemsize),
+        (76, "8f", 1.0, 0.3, 0.4, 0.5, 0, 0, 0, 0), (108, "3f", 352.0 + 16, slope, inter), (123, "B", 2),
+        (148, "80s", b"described as it pleases, in so many words that no zero ends it: ".ljust(80, b".")),
+        (252, "2h", 3, 4), (268, "3f", 1.5, -2.25, 3.0),
+        (280, "12f", 0.3, 0, 0, 1.5, 0, 0.4, 0, -2.25, 0, 0, 0.5, 3.0), (344, "8s", b"n+1\0\1\0\0\0"),
+    ):  # fmt: skip
+        struct.pack_into(f"<{kind}", head, place, *fields)
     content = (
         bytes(head)
         + struct.pack("<2i", 16, 6)

@@ -3,8 +3,7 @@
 from pathlib import Path
 from unittest.mock import Mock
 
-from burrlab.psychophysics.protocol import Protocol
-from burrlab.psychophysics.side_car import AnswerRow
+from burrlab.psychophysics import AnswerRow, Protocol
 
 SMALL = """
 [experiment]

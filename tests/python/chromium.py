@@ -42,8 +42,9 @@ class Chromium:
             time.sleep(0.05)
         self._connection = connect(f"ws://127.0.0.1:{address[0]}{address[1]}", max_size=None)
         self._socket = self._connection.__enter__()
-        targets = self.call("Target.getTargets")["targetInfos"]
-        page = next(target for target in targets if target["type"] == "page")
+        page = next(
+            target for target in self.call("Target.getTargets")["targetInfos"] if target["type"] == "page"
+        )
         attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Log"):

@@ -41,8 +41,10 @@ def descent(shape: str, scheme: str, tissues: bool) -> str:
     material = _core.Material("bone", c_e=2.145, alpha=0.087, shape=shape)
     bone = block(material, tissues)
     contact = _core.BurrContact(bone, _core.Burr(1.5), material, 7, scheme=scheme)
-    held = contact.hold(0.5, (0, 0, 1.5), (0, 0, -1), from_=0.0, travel=1.0, dt=1.0, ticks=300)
-    return line(bone, held.position[-1])
+    return line(
+        bone,
+        contact.hold(0.5, (0, 0, 1.5), (0, 0, -1), from_=0.0, travel=1.0, dt=1.0, ticks=300).position[-1],
+    )
 
 
 def session() -> str:
@@ -77,8 +79,9 @@ def test_another_cpu_gives_the_same_digests_of_descents_and_of_a_session(tmp_pat
     program = [QEMU, "-L", "/usr/aarch64-linux-gnu", tmp_path / "tests/cpp/digests"]
     theirs = {}
     for path in ("portable", "neon"):
-        environment = {**os.environ, "BURRLAB_CPU_PATH": path}
-        done = subprocess.run(program, check=True, capture_output=True, text=True, env=environment)
+        done = subprocess.run(
+            program, check=True, capture_output=True, text=True, env={**os.environ, "BURRLAB_CPU_PATH": path}
+        )
         theirs[path] = done.stdout.splitlines()
 
     _core.use_cpu_path(_core.cpu_paths()[0])

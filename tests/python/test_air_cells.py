@@ -1,8 +1,7 @@
 """Air cells: given sizes, walls as in a slow calculation, closed cells."""
 
 import math
-from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import pytest
@@ -15,23 +14,20 @@ from burrlab.bone.phantom.shapes import Grid
 FALSE_ALARM = 1e-6
 
 
-def cube(side: float) -> Callable[[float], np.ndarray]:
-    """Points of cubic lattices in a box of that side [mm], a multiple of the steps used here."""
-
-    def points(step: float) -> np.ndarray:
-        places = (np.arange(round(side / step)) + 0.5) * step
-        return Grid(places, places, places).points()
-
-    return points
+def lattice(side: float, step: float) -> np.ndarray:
+    """Points of a cubic lattice in a box of that side [mm], a multiple of the steps used here."""
+    places = (np.arange(round(side / step)) + 0.5) * step
+    return Grid(places, places, places).points()
 
 
 @lru_cache(maxsize=4)
 def filled(cells: AirCells, seed: int) -> tuple[Honeycomb, np.ndarray]:
     """A honeycomb in a box, and its diameters counted on another lattice."""
-    box = cube(8 * cells.median_diameter)
+    box = partial(lattice, 8 * cells.median_diameter)
     found, step = honeycomb(cells, box, seed), 8 * cells.median_diameter / 55
-    count = np.bincount(found.owners(box(step)), minlength=len(found.sites))
-    return found, np.cbrt(6 / math.pi * count * step**3)
+    return found, np.cbrt(
+        6 / math.pi * np.bincount(found.owners(box(step)), minlength=len(found.sites)) * step**3
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.text import Annotation
 from scipy import stats
 
-from burrlab.psychophysics.analysis import Analysis, analyse
-from burrlab.psychophysics.psychometric import PsychometricFit
-from burrlab.psychophysics.published import SelectionEffect, group_score_from
-from burrlab.psychophysics.rules import Counts
+from burrlab.psychophysics import (
+    Analysis,
+    Counts,
+    PsychometricFit,
+    SelectionEffect,
+    analyse,
+    group_score_from,
+)
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 RULES = ("independent-observations", "differencing")
@@ -21,8 +25,9 @@ RULES = ("independent-observations", "differencing")
 
 def pairs(ab, ba, aa, bb):
     """Counts of three trials of each type."""
-    types = {"AA": (aa, 3), "AB": (ab, 3), "BA": (ba, 3), "BB": (bb, 3)}
-    return Counts("same-different", ab + ba, 6, aa + bb, 6, types)
+    return Counts(
+        "same-different", ab + ba, 6, aa + bb, 6, {"AA": (aa, 3), "AB": (ab, 3), "BA": (ba, 3), "BB": (bb, 3)}
+    )
 
 
 THREE = {"01": pairs(3, 2, 0, 1), "02": pairs(3, 1, 3, 0), "03": pairs(3, 3, 0, 0)}
@@ -46,13 +51,13 @@ def three():
 def test_a_subject_by_hand(three):
     one = three["probing"].subject("01")
     assert (one.counts.score, one.p_value) == (10, pytest.approx(79 / 4096))
-    ends = stats.beta.ppf(0.025, 10, 3), stats.beta.ppf(0.975, 11, 2)
-    assert one.score_interval == pytest.approx(ends, abs=1e-9)
+    assert one.score_interval == pytest.approx(
+        (stats.beta.ppf(0.025, 10, 3), stats.beta.ppf(0.975, 11, 2)), abs=1e-9
+    )
     # H = 5/6 and F = 1/6 are unbiased: d' = 2 z((1 + sqrt(2 p - 1))/2), p = 5/6
     root = math.sqrt(2 * 5 / 6 - 1)
     d, differencing = (one.of_rule(rule) for rule in RULES)
-    assert d.estimate == pytest.approx(2 * stats.norm.ppf(0.5 * (1 + root)), abs=1e-6)
-    assert d.criterion == pytest.approx(0.0, abs=1e-6)
+    assert (d.estimate, d.criterion) == pytest.approx((2 * stats.norm.ppf(0.5 * (1 + root)), 0.0), abs=1e-6)
     # Differencing: F = 2 Phi(-k/sqrt 2)
     assert differencing.criterion == pytest.approx(-math.sqrt(2) * stats.norm.ppf(1 / 12), abs=1e-6)
     assert [found.rule for found in one.d_prime] == list(RULES)
@@ -68,8 +73,7 @@ def test_a_perfect_score_is_open_and_corrected(three):
     )
     assert d.interval[0] > 0
     # Half an answer more: H = 6.5/7, F = 0.5/7
-    corrected = 2 * stats.norm.ppf(0.5 * (1 + math.sqrt(2 * 6.5 / 7 - 1)))
-    assert d.corrected == pytest.approx(corrected, abs=1e-6)
+    assert d.corrected == pytest.approx(2 * stats.norm.ppf(0.5 * (1 + math.sqrt(2 * 6.5 / 7 - 1))), abs=1e-6)
 
 
 def test_the_group_by_hand(three):
@@ -97,8 +101,10 @@ def test_delta_asks_for_equivalence_and_its_origin_is_said():
     tests = analysis["probing"].equivalence
     assert [(test.rule, test.delta) for test in tests] == [(rule, 1.5) for rule in RULES]
     assert all(0 <= test.power <= 1 for test in tests)
-    told = "Delta = 1.5, given to the analysis: it counts only if it was set before the answers were seen."
-    assert told in analysis.notes
+    assert (
+        "Delta = 1.5, given to the analysis: it counts only if it was set before the answers were seen."
+        in analysis.notes
+    )
 
 
 def test_rules_and_checks_of_other_counts():
@@ -157,8 +163,10 @@ def test_html_is_escaped():
 
 @pytest.mark.parametrize("options", [{}, {"delta": 1.5, "selected_from": 20, "simulated": True}])
 def test_json_round_trip(options, tmp_path):
-    types = {"AB": (4, 5), "BA": (0, 5)}
-    analysis = analyse({"probing": THREE, "match": {"01": Counts("abx", 4, 5, 0, 5, types)}}, **options)
+    analysis = analyse(
+        {"probing": THREE, "match": {"01": Counts("abx", 4, 5, 0, 5, {"AB": (4, 5), "BA": (0, 5)})}},
+        **options,
+    )
     analysis.to_json(tmp_path / "analysis.json")
     back, text = Analysis.from_json(tmp_path / "analysis.json"), io.StringIO()
     assert (back, back.report()) == (analysis, analysis.report())
@@ -175,8 +183,7 @@ def test_tsv_of_the_subjects():
     assert [(row["task"], row["subject"], row["score"]) for row in table] == [
         ("probing", "01", "10"), ("probing", "02", "7"), ("probing", "03", "12"), ("match", "01", "9"),
     ]  # fmt: skip
-    names = ("hits", "signals", "false_alarms", "noises")
-    assert [table[1][name] for name in names] == ["4", "6", "3", "6"]
+    assert [table[1][name] for name in ("hits", "signals", "false_alarms", "noises")] == ["4", "6", "3", "6"]
     assert table[2]["d_prime_differencing_high"] == "inf"
     assert table[2]["d_prime_differencing_standard_error"] == "n/a"
     assert float(table[0]["p_value"]) == 79 / 4096
@@ -208,8 +215,9 @@ _NONE = r"a\.json: this is not the JSON of a analysis"
 )
 def test_json_that_is_none_is_named(three, content, sentence, tmp_path):
     path = tmp_path / "a.json"
-    text = content if isinstance(content, bytes) else json.dumps(three.to_dict() | content).encode()
-    path.write_bytes(text)
+    path.write_bytes(
+        content if isinstance(content, bytes) else json.dumps(three.to_dict() | content).encode()
+    )
     with pytest.raises(ValueError, match=sentence):
         Analysis.from_json(path)
 
@@ -267,8 +275,7 @@ def names(axes):
 
 
 def test_scores(task):
-    paper = group_score_from(mean=9.3, sem=0.4, n=20, trials=12)
-    axes = task.plot_scores(published=paper)
+    axes = task.plot_scores(published=group_score_from(mean=9.3, sem=0.4, n=20, trials=12))
     heights = [bar.get_height() for bar in axes.patches if hasattr(bar, "get_height")]
     assert heights[:13] == [0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 2, 0, 1]
     (stairs,) = (patch for patch in axes.patches if not hasattr(patch, "get_height"))
@@ -276,8 +283,10 @@ def test_scores(task):
     assert values == pytest.approx(4 * stats.binom.pmf(np.arange(13), 12, 0.5))
     assert edges == pytest.approx(np.arange(14) - 0.5)
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("score [correct answers of 12]", "subjects")
-    mean = f"mean ± s.e.m., {task.score.mean:.1f} ± {task.score.sem:.1f}"
-    assert {mean, "published, 9.3 ± 0.4, n = 20"} <= set(labels(axes))
+    assert {
+        f"mean ± s.e.m., {task.score.mean:.1f} ± {task.score.sem:.1f}",
+        "published, 9.3 ± 0.4, n = 20",
+    } <= set(labels(axes))
     marks = {line.get_marker(): list(line.get_xdata()) for line in axes.lines}
     assert (marks["D"], marks["s"]) == ([9.75], [9.3])
     assert not any("published" in label for label in labels(task.plot_scores()))
@@ -313,8 +322,9 @@ def test_d_prime_of_both_rules_and_the_group(task):
 
 def test_simulated_subjects_and_selection_stand_in_every_title():
     made = only(FOUR, simulated=True, selected_from=20)
-    told = "ScoredTask('same-different', same-different, 4 simulated subjects, 9.8 +- 1.0 of 12)"
-    assert repr(made) == told
+    assert (
+        repr(made) == "ScoredTask('same-different', same-different, 4 simulated subjects, 9.8 +- 1.0 of 12)"
+    )
     for axes in (made.plot_scores(), made.plot_intervals(), made.plot_d_prime()):
         assert "(simulated subjects; 4 selected of 20)" in axes.get_title().replace("\n", " ")
 

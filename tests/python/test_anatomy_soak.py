@@ -93,8 +93,7 @@ def scene(tmp_path_factory):
 def soak(scene, tmp_path_factory):
     """(folder, leader, replica, killed replica), after a whole session."""
     folder = tmp_path_factory.mktemp("soak")
-    draw = [] if why_not() else ["draw"]
-    with Process("lead", scene, folder, SECONDS, *draw) as leader:
+    with Process("lead", scene, folder, SECONDS, *([] if why_not() else ["draw"])) as leader:
         port = leader.said[0]["port"]
         with Process("follow", scene, port) as replica, Process("follow", scene, port) as victim:
             leader.begin()
@@ -166,10 +165,8 @@ def test_the_trace_gives_all_of_it_again(scene, soak):
     player = TracePlayer(trace)
     player.seek_tick(made["first"])
     effects = Effects(player.bone, **effects_like(read_scene(scene)[1]))
-    for _ in effects_of(player, effects, frames=made["frames"]):
-        pass
-    assert effects.parcels.tobytes() == made["parcels"]
-    assert effects.balance()["dust"].made == end["dust"]
+    list(effects_of(player, effects, frames=made["frames"]))
+    assert (effects.parcels.tobytes(), effects.balance()["dust"].made) == (made["parcels"], end["dust"])
 
 
 def test_the_view_has_taken_all_of_it(soak):

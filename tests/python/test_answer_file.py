@@ -5,13 +5,14 @@ import errno
 import json
 import os
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 from answer_scenes import SMALL, answer, begun, give, protocol, trials_of
+from session_scenes import refused
 
-from burrlab.psychophysics.answers import AnswerFile, read_answers
+from burrlab.psychophysics import AnswerFile, Sitting, read_answers
 from burrlab.psychophysics.interval import ENDINGS
-from burrlab.psychophysics.run import Sitting
 from burrlab.psychophysics.side_car import digest
 
 
@@ -32,8 +33,7 @@ def test_a_run_goes_on_at_its_next_trial(tmp_path, task, count):
 def test_nothing_is_overwritten(tmp_path):
     one, path = begun(tmp_path, count=3)
     before, car = path.read_bytes(), path.with_suffix(".json").read_bytes()
-    with pytest.raises(FileExistsError, match=r"path must be a new file, .*json exists"):
-        one.begin("01", "probing")
+    refused((lambda: one.begin("01", "probing"), r"path must be a new file, .*json exists", FileExistsError))
     assert path.read_bytes() == before
     path.unlink()
     with pytest.raises(FileExistsError, match=r"path must be a new file, .*events.json exists"):
@@ -104,12 +104,10 @@ def test_a_start_broken_off_at_any_byte_begins_again(tmp_path):
     for length in (*range(0, len(head), 3), len(head)):
         path.write_bytes(head[:length])
         path.with_suffix(".json").unlink()
-        with pytest.raises(FileExistsError, match="resume the run"):
-            one.begin("01", "probing")
+        refused((lambda: one.begin("01", "probing"), "resume the run", FileExistsError))
         file, order = one.resume("01", "probing")
         with file:
-            assert path.read_bytes() == head
-            assert read_answers(path).side_car == file.side_car
+            assert (path.read_bytes(), read_answers(path).side_car) == (head, file.side_car)
             assert order.next() == due
 
 
@@ -127,9 +125,7 @@ def test_one_at_a_time_until_it_closes(tmp_path):
 
 
 def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
-    def full(target):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
+    full = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
     file, order = protocol(tmp_path).begin("01", "probing")
     write = os.write
     with file:
@@ -156,21 +152,18 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path):
     file, order = protocol(tmp_path).begin("01", "probing")
     trial = order.next()
     with file:
-        for wrong, sentence in [
-            (answer(trial, "first", 0.0),
+        refused(
+            (lambda: file.append(answer(trial, "first", 0.0)),
              "answer: column response: must be one of same, different, got 'first'"),
-            (answer(trial, "same", -1.0, -1.0), "answer: column response_time: must be at least 0"),
-            (answer(trial, "same", float("nan")), "a number must be finite, got nan"),
-        ]:  # fmt: skip
-            with pytest.raises(ValueError, match=sentence):
-                file.append(wrong)
+            (lambda: file.append(answer(trial, "same", -1.0, -1.0)),
+             "answer: column response_time: must be at least 0"),
+            (lambda: file.append(answer(trial, "same", float("nan"))), "a number must be finite, got nan"),
+        )  # fmt: skip
         give(file, order, 1)
-        told = "answer: column trial: practice trial 1 is answered in line 2 already"
-        with pytest.raises(ValueError, match=told):
-            file.append(answer(trial, "same", 100.0))
+        twice = "answer: column trial: practice trial 1 is answered in line 2 already"
+        refused((lambda: file.append(answer(trial, "same", 100.0)), twice))
     assert len(read_answers(file.path).rows) == 1
-    with pytest.raises(ValueError, match=r"events.tsv is closed"):
-        file.append(answer(order.next(), "same", 200.0))
+    refused((lambda: file.append(answer(order.next(), "same", 200.0)), r"events.tsv is closed"))
 
 
 _ABROAD = 'seed = 7\ndevice = "igtl:x:1"\npublish = 18945'
@@ -272,8 +265,9 @@ def test_onsets_go_on_across_a_resumption_and_never_back(tmp_path):
         assert file.end == 162.25
         assert 162.25 <= file.elapsed() < 172.25
     text = path.with_suffix(".json").read_text()
-    started = json.loads(text)["Started"]
-    path.with_suffix(".json").write_text(text.replace(started, "2020-01-01T00:00:00+00:00"))
+    path.with_suffix(".json").write_text(
+        text.replace(json.loads(text)["Started"], "2020-01-01T00:00:00+00:00")
+    )
     with one.resume("01", "probing")[0] as file:
         assert file.elapsed() > 1e8
 
@@ -287,8 +281,7 @@ def test_a_simulated_subject_needs_no_response_time_and_goes_on_as_itself(tmp_pa
     assert (answers.simulated, answers.side_car.simulated) == (True, {"weber": 0.1})
     assert answers.rows[0].response_time is None
     assert "a simulated subject 01" in repr(answers)
-    with pytest.raises(ValueError, match=r"simulated subject was \{'weber': 0.1\}, is now None"):
-        one.resume("01", "match")
+    refused((lambda: one.resume("01", "match"), r"simulated subject was \{'weber': 0.1\}, is now None"))
 
 
 NO_LIMITS = (

@@ -1,12 +1,12 @@
 """Answers read back, errors that name the line, and the folder of an experiment."""
 
 import json
-import signal
 
 import pytest
 from answer_scenes import SMALL, TASKS, begun, protocol, trials_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from session_scenes import file_size_limit, refused
 
 from burrlab.psychophysics.answers import ExperimentFolder, read_answers, read_folder, read_rows, replay
 from burrlab.psychophysics.rules import Counts
@@ -28,8 +28,9 @@ def copied(path, target, **said):
     """A copy of a run with a changed side-car."""
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_bytes(path.read_bytes())
-    car = json.loads(path.with_suffix(".json").read_text())
-    target.with_suffix(".json").write_text(json.dumps(car | said))
+    target.with_suffix(".json").write_text(
+        json.dumps(json.loads(path.with_suffix(".json").read_text()) | said)
+    )
     return target
 
 
@@ -50,8 +51,7 @@ def test_what_was_written_is_read(tmp_path, task):
 
 
 def test_counts_are_of_the_main_phase_and_of_each_type(tmp_path):
-    counts = read_answers(begun(tmp_path, count=10, wrong=100)[1]).counts()
-    assert counts == Counts(
+    assert read_answers(begun(tmp_path, count=10, wrong=100)[1]).counts() == Counts(
         "same-different", hits=4, signals=4, false_alarms=0, noises=4,
         by_type={"AA": (0, 2), "AB": (2, 2), "BA": (2, 2), "BB": (0, 2)},
     )  # fmt: skip
@@ -61,8 +61,7 @@ def test_practice_alone_cannot_be_counted(tmp_path):
     answers = read_answers(begun(tmp_path, count=2)[1])
     assert not answers.main
     assert "0 answers and 2 in practice" in repr(answers)
-    with pytest.raises(ValueError, match="there is no answer of the main phase to count"):
-        answers.counts()
+    refused((lambda: answers.counts(), "there is no answer of the main phase to count"))
 
 
 @pytest.mark.parametrize(
@@ -82,8 +81,9 @@ def test_practice_alone_cannot_be_counted(tmp_path):
 )  # fmt: skip
 def test_a_file_of_another_program(tmp_path, name, change, options, labels):
     """With other words for answers, a spreadsheet's marks, and the subject in a column."""
-    path = written(tmp_path, *map(change, [HEAD, *ROWS]), name=name)
-    answers = read_answers(path, task="same-different", **options)
+    answers = read_answers(
+        written(tmp_path, *map(change, [HEAD, *ROWS]), name=name), task="same-different", **options
+    )
     assert (answers.subject, answers.name, answers.side_car, answers.trials) == (*labels, None, None)
     assert [row.response for row in answers.rows] == ["same"] * 3
     pytest.importorskip("pandas", reason="extra `pandas` is not installed")
@@ -98,8 +98,9 @@ def test_a_file_of_another_program(tmp_path, name, change, options, labels):
     ]
     assert table.onset_s.tolist() == [row.onset for row in answers.rows]
     assert answers.rows[2].response_time is None
-    types = {"AA": (0, 1), "AB": (0, 1), "BB": (0, 1)}
-    assert answers.counts() == Counts("same-different", 0, 1, 0, 2, types)
+    assert answers.counts() == Counts(
+        "same-different", 0, 1, 0, 2, {"AA": (0, 1), "AB": (0, 1), "BB": (0, 1)}
+    )
 
 
 @pytest.mark.parametrize(
@@ -181,8 +182,9 @@ def test_a_correct_flag_of_two_intervals_contradicts_another_row(tmp_path):
     rows = [f"{HEAD}\tlevel", "0\t9\tRC\tsecond\t1\t1\t1\t1.5", "20\t9\tCR\tsecond\t1\t1\t2\t0.5"]
     assert len(read_answers(written(tmp_path, *rows), task="2ifc").rows) == 2
     rows[2] = rows[2].replace("second", "first")
-    told = r"line 3, column correct: the response 'first' .* contradicts line 2"
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(
+        ValueError, match=r"line 3, column correct: the response 'first' .* contradicts line 2"
+    ):
         read_answers(written(tmp_path, *rows), task="2ifc")
 
 
@@ -209,8 +211,9 @@ def test_what_the_file_says_otherwise(tmp_path):
     with pytest.raises(ValueError, match="task must be 'same-different', as the file says, got 'abx'"):
         read_answers(path, task="abx")
     other = copied(path, path.with_name("sub-02_task-probing_events.tsv"))
-    told = r"subject is '02' in the file's name and '01' in sub-02_task-probing_events.json"
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(
+        ValueError, match=r"subject is '02' in the file's name and '01' in sub-02_task-probing_events.json"
+    ):
         read_answers(other)
 
 
@@ -243,8 +246,7 @@ def test_a_side_car_that_was_changed(tmp_path, change, sentence):
     car = json.loads(file.read_text())
     text = change(car)
     file.write_text(text if isinstance(text, str) else json.dumps(car))
-    with pytest.raises(ValueError, match=f"events.json: {sentence}"):
-        read_answers(path)
+    refused((lambda: read_answers(path), f"events.json: {sentence}"))
 
 
 def _beside(name, **said):
@@ -286,12 +288,12 @@ def test_a_run_replayed(tmp_path):
     rows, order = list(enumerate(read_answers(path).rows, start=2)), one.order("01", "match")
     replay("x", rows, order)
     assert (len(order.answered), order.next()) == (4, None)
-    for given_rows, subject, sentence in (
-        (rows, "02", r"x, line 2, column (trial_type|seed_1): .* made with another seed or protocol"),
-        ([*rows, (6, rows[-1][1])], "01", "x, line 6: the run has no trial left that this could answer"),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            replay("x", given_rows, one.order(subject, "match"))
+    refused(
+        (lambda: replay("x", rows, one.order("02", "match")),
+         r"x, line 2, column (trial_type|seed_1): .* made with another seed or protocol"),
+        (lambda: replay("x", [*rows, (6, rows[-1][1])], one.order("01", "match")),
+         "x, line 6: the run has no trial left that this could answer"),
+    )  # fmt: skip
 
 
 NUMBER = st.floats(0, 1e6, allow_nan=False).map(lambda value: round(value, 6))
@@ -311,7 +313,6 @@ def test_rows_survive_the_file(data):
     for place, onset in enumerate(sorted(data.draw(st.lists(NUMBER, min_size=1, max_size=6))), start=1):
         kind, right = data.draw(st.sampled_from(list(CORRECT[task]))), data.draw(st.booleans())
         correct = CORRECT[task][kind]
-        level = st.none() | st.floats(1.0, 100.0, exclude_min=True) if task == "2ifc" else st.none()
         row = AnswerRow(
             onset=onset,
             duration=data.draw(st.none() | NUMBER),
@@ -320,7 +321,9 @@ def test_rows_survive_the_file(data):
             correct=right,
             response_time=data.draw(st.none() | NUMBER),
             trial=place,
-            level=data.draw(level),
+            level=data.draw(
+                st.none() | st.floats(1.0, 100.0, exclude_min=True) if task == "2ifc" else st.none()
+            ),
             stimuli=tuple(data.draw(st.sampled_from(["bone", "bone c_e x1.1"])) for _ in places),
             seeds=tuple(data.draw(st.none() | st.integers(0, 2**64 - 1)) for _ in places),
             endings=tuple(data.draw(st.sampled_from(["time", "wall"])) for _ in places),
@@ -340,11 +343,13 @@ def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place):
     line = next(number for number, row in enumerate(rows) if "\tAB\t" in row)
     other = rows[line].replace("\tAB\t", "\tBA\t")
     if task == "match":
-        swapped = {"first": "second", "second": "first"}
-        other = "\t".join(swapped.get(field, field) for field in other.split("\t"))
+        other = "\t".join(
+            {"first": "second", "second": "first"}.get(field, field) for field in other.split("\t")
+        )
     path.write_text("\n".join([*rows[:line], other, *rows[line + 1 :], ""]))
-    told = f"line {line + 1}, column stimulus_{place}: BA has 'pvc' there, got 'bone'"
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(
+        ValueError, match=f"line {line + 1}, column stimulus_{place}: BA has 'pvc' there, got 'bone'"
+    ):
         read_answers(path)
 
 
@@ -360,8 +365,7 @@ def test_the_folder_is_as_bids_has_it(tmp_path):
     assert (tuple(head.split("\t")), len(rows)) == (columns_of("same-different"), 3)
     car = json.loads(path.with_suffix(".json").read_text())
     assert (car["Task"], car["ProtocolDigest"]) == ("same-different", one.digest)
-    trace = one.data.trace("01", "probing", "main", 1, 2)
-    assert trace == one.data.log("01", "probing").with_name(
+    assert one.data.trace("01", "probing", "main", 1, 2) == one.data.log("01", "probing").with_name(
         "sub-01_task-probing_main-001_interval-2_trace.h5"
     )
 
@@ -392,8 +396,9 @@ def test_a_line_of_participants_broken_off_is_written_again(tmp_path):
 def test_simulated_subjects_and_people_do_not_mix(tmp_path):
     one, _ = begun(tmp_path)
     before = (one.folder / "participants.tsv").read_bytes()
-    told = "simulated subjects and people do not go into one folder: sub-01 has simulated no"
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(
+        ValueError, match="simulated subjects and people do not go into one folder: sub-01 has simulated no"
+    ):
         one.begin("02", "probing", simulated={"weber": 0.1})
     assert (one.folder / "participants.tsv").read_bytes() == before
     assert not (one.folder / "sub-02").exists()
@@ -438,28 +443,13 @@ def test_a_laboratory_s_own_columns_stay_and_rows_keep_to_them(tmp_path, text, d
     assert list(folder.participants())[-2:] == ["02", "03"]
 
 
-@pytest.fixture
-def full_disk():
-    """A function that limits files to 20 bytes (True) or lifts the limit (False)."""
-    resource = pytest.importorskip("resource")
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    yield lambda full: resource.setrlimit(resource.RLIMIT_FSIZE, (20 if full else before[0], before[1]))
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, handler)
-
-
-def test_a_full_disk_is_named_and_leaves_no_part(tmp_path, full_disk):
+def test_a_full_disk_is_named_and_leaves_no_part(tmp_path):
     folder = ExperimentFolder(tmp_path, "x")
-    full_disk(True)
-    with pytest.raises(OSError, match=r"File too large: .*dataset_description\.json"):
+    with file_size_limit(20), pytest.raises(OSError, match=r"File too large: .*dataset_description\.json"):
         folder.add("01", simulated=False)
     assert not list(tmp_path.iterdir())
-    full_disk(False)
     folder.prepare()
-    full_disk(True)
-    with pytest.raises(OSError, match=r"participants\.tsv"):
+    with file_size_limit(20), pytest.raises(OSError, match=r"participants\.tsv"):
         folder.add("01", simulated=False)
-    full_disk(False)
     folder.add("01", simulated=False)
     assert list(folder.participants()) == ["01"]

@@ -38,8 +38,7 @@ def test_changing_the_bone_does_not_change_an_array(eroded_bone: VoxelBone) -> N
     bone.write(SOLID // 2)
     bone.reset()
     assert np.all(bone.pristine[:4, :5, :6] == 127)
-    np.testing.assert_array_equal(present, before[0])
-    np.testing.assert_array_equal(pristine, before[1])
+    np.testing.assert_array_equal((present, pristine), before)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fit_scenes import BONE, BURR, DATA, curve_of, fitted, with_sigma
+from session_scenes import refused
 
 from burrlab import (
     Material,
@@ -81,11 +82,10 @@ def test_every_scatter_is_drawn(kind):
         ({"kind": "jackknife"}, "kind must be one of parametric, residual, groups: got 'jackknife'"),
     ],
 )  # fmt: skip
-def test_what_is_refused(tmp_path, monkeypatch, options, told):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_refused(here, options, told):
     with pytest.raises(ValueError, match=told):
         fitted("wide").bootstrap(**options)
-    assert not list(tmp_path.iterdir())
+    assert not list(here.iterdir())
 
 
 class TestEffects:
@@ -112,8 +112,7 @@ class TestEffects:
         """Percentiles of 100 have 20 % error; t of 7 degrees of freedom is 18 % wider than the normal's."""
         result = fit(self.curve(of_c_e=of_c_e), plausible=None)
         found = result.bootstrap(100, kind=kind, seed=1)
-        intervals = {**result.intervals, "combination": result.identified.intervals}
-        for name, levels in intervals.items():
+        for name, levels in {**result.intervals, "combination": result.identified.intervals}.items():
             ours, theirs = found.intervals[name]["95"], levels["95"]
             assert np.log(ours.ratio()) == pytest.approx(np.log(theirs.ratio()), rel=0.5)
             assert np.log(ours.lower) == pytest.approx(
@@ -140,14 +139,12 @@ class TestEffects:
 
     def test_what_is_refused(self):
         few = fit(replace(self.curve(), groups={"day": self.LEVEL // 2}))
-        for options, match in (({"kind": "groups"}, "kind 'groups' needs a fit with 6 days or specimens or more: got 4"),
-                               ({"kind": "residual"}, "a bootstrap is 'parametric' or of 'groups'")):  # fmt: skip
-            with pytest.raises(ValueError, match=match):
-                few.bootstrap(3, **options)
-        with pytest.raises(
-            ValueError, match="kind 'groups' needs a fit with 6 days or specimens or more: got 0"
-        ):
-            fitted("wide").bootstrap(3, kind="groups")
+        needed = "kind 'groups' needs a fit with 6 days or specimens or more: got "
+        refused(
+            (lambda: few.bootstrap(3, kind="groups"), needed + "4"),
+            (lambda: few.bootstrap(3, kind="residual"), "a bootstrap is 'parametric' or of 'groups'"),
+            (lambda: fitted("wide").bootstrap(3, kind="groups"), needed + "0"),
+        )
 
 
 def test_c_e_beyond_the_ridges_beginning_is_no_ridge():

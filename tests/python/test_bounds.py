@@ -94,8 +94,10 @@ def nifti(*sizes, slope=0.0):
 
 
 def laughs(first, each):
-    pairs = zip("abcdefgh", "bcdefghi", strict=True)
-    lines = [f"{b}: &{b} {each.format(','.join([f'*{a}'] * 9))}" for a, b in pairs]
+    lines = [
+        f"{b}: &{b} {each.format(','.join([f'*{a}'] * 9))}"
+        for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+    ]
     return "\n".join([f"a: &a {first}", *lines, "VOLUME v: *i"]).encode()
 
 
@@ -250,8 +252,7 @@ def files(tmp_path_factory):
 
 def test_files_of_earlier_versions(files):
     bones = [load_bone(files / f"{old}bone.h5") for old in ("", "old_")]
-    assert bones[0][0].digest() == bones[1][0].digest()
-    assert bones[1][1] == 5
+    assert (bones[0][0].digest(), bones[1][1]) == (bones[1][0].digest(), 5)
     trace, old = (load_trace(files / f"{old}trace.h5") for old in ("", "old_"))
     assert old.ticks.tobytes() == trace.ticks.tobytes()
     assert (old.note, old.provenance, old.tools) == (trace.note, trace.provenance, trace.tools)

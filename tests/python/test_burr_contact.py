@@ -137,8 +137,7 @@ def test_a_replay_from_a_copy_removes_the_same_bone() -> None:
     first = contact.run(path[80:], 1.0)
     replay = contact_on(snapshot)
     replay.tick = tick
-    again = replay.run(path[80:], 1.0)
-    np.testing.assert_array_equal(again.force, first.force)
+    np.testing.assert_array_equal(replay.run(path[80:], 1.0).force, first.force)
     assert snapshot.digest() == bone.digest()
 
 
@@ -201,11 +200,11 @@ def test_flags(made_of: dict[str, Any], options: dict[str, Any], height: float, 
 
 def test_ambiguous_in_a_plate() -> None:
     """A burr breaks through a plate: the force fades to nothing midway and never flips at full strength."""
-    bone = VoxelBone.block((6, 6, 0.6), 0.1, origin=(-2.95, -2.95, -0.25))
-    contact = contact_on(bone)
+    contact = contact_on(VoxelBone.block((6, 6, 0.6), 0.1, origin=(-2.95, -2.95, -0.25)))
     heights = np.linspace(1.7, -1.7, 341)
-    path = np.column_stack([np.zeros_like(heights), np.zeros_like(heights), heights])
-    series = contact.run(path, 1.0, burr_on=False)
+    series = contact.run(
+        np.column_stack([np.zeros_like(heights), np.zeros_like(heights), heights]), 1.0, burr_on=False
+    )
     assert "ambiguous" in repr(series[170])
     assert np.linalg.norm(series[170].force) < 1e-6
     force = series.force[:, 2]
@@ -226,8 +225,7 @@ def test_ambiguous_in_a_plate() -> None:
 def test_outside_the_volume_is_empty(corner: tuple[int, int, int], scheme: str) -> None:
     """A burr over an edge feels the same as where the bone lies within a larger, empty volume."""
     bone = block(size=(4, 4, 4))
-    padded = np.pad(bone.density, 25)
-    within = VoxelBone(padded, 0.1, origin=tuple(x - 2.5 for x in bone.origin))
+    within = VoxelBone(np.pad(bone.density, 25), 0.1, origin=tuple(x - 2.5 for x in bone.origin))
     center = np.array([0.0, 0.0, -2.0]) + np.array(corner) + 0.037
     at_edge = contact_on(bone, scheme=scheme).step(center, 1.0, burr_on=False)
     inside = contact_on(within, scheme=scheme).step(center, 1.0, burr_on=False)

@@ -27,8 +27,9 @@ def block():
 @pytest.mark.parametrize("axis", [None, (0, 0, -1), (1, 0, 0), (0, -1, 0), (0.3, -0.5, 0.7)])
 def test_the_whole_volume_is_seen(block, axis):
     view = surgeon_view(block, axis=axis)
-    low = np.array(block.origin) - 0.25
-    corners = low + np.array(np.meshgrid([0, 20], [0, 30], [0, 10])).reshape(3, -1).T
+    corners = (
+        np.array(block.origin) - 0.25 + np.array(np.meshgrid([0, 20], [0, 30], [0, 10])).reshape(3, -1).T
+    )
     drawn = np.array([on_screen(view, corner, aspect=1.0) for corner in corners])
     assert np.abs(drawn).max() < 1.25
     assert np.abs(drawn).max() > 0.4  # the volume fills the picture
@@ -47,8 +48,7 @@ def test_the_entry_is_in_the_middle_and_its_width_fills_the_view(block):
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, -1, 0), (0.6, 0.3, 0.4)])
 def test_head_is_up_unless_one_looks_along_it(block, axis):
     view = surgeon_view(block, axis=axis)
-    focus = np.array(view.focus)
-    x, y = on_screen(view, focus + (0, 0, 1))
+    x, y = on_screen(view, np.array(view.focus) + (0, 0, 1))
     assert x == pytest.approx(0, abs=1e-12)
     assert y > 0
 
@@ -79,12 +79,15 @@ def test_scale_and_marks_of_curves_are_round(most, rounded):
     assert round_value(most) == pytest.approx(rounded)
 
 
-def test_refused(block):
-    entry = r"entry must be three finite numbers \(x, y, z\)"
-    for view, sentence in (
+@pytest.mark.parametrize(
+    ("view", "sentence"),
+    [
         ({"axis": (0, 0, 0)}, "axis must be three finite numbers, not all zero"),
-        ({"entry": (1, 2)}, entry), ({"entry": (0, 0, np.nan)}, entry),
+        ({"entry": (1, 2)}, r"entry must be three finite numbers \(x, y, z\)"),
+        ({"entry": (0, 0, np.nan)}, r"entry must be three finite numbers \(x, y, z\)"),
         ({"width": 0}, "width must be positive and tilt finite, got 0 and 28"),
-    ):  # fmt: skip
-        with pytest.raises(ValueError, match=sentence):
-            surgeon_view(block, **view)
+    ],
+)
+def test_refused(block, view, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        surgeon_view(block, **view)

@@ -103,10 +103,9 @@ CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
         (["descend", "--force", "1", "--plot", "x.xyz"], "must end in one of"),
     ],
 )
-def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, arguments, message):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "a.csv").write_text(CSV.format(cell="0.7"))
-    (tmp_path / "wrong.csv").write_text(CSV.format(cell="fast"))
+def test_wrong_options_exit_2_with_one_line(capsys, here, arguments, message):
+    (here / "a.csv").write_text(CSV.format(cell="0.7"))
+    (here / "wrong.csv").write_text(CSV.format(cell="fast"))
     assert message in refusal(capsys, *arguments)
 
 
@@ -169,12 +168,11 @@ def test_ctrl_c_while_modules_load_is_no_traceback(modules):
 
 
 @pytest.mark.parametrize("told", [["--shape", "f.csv"], ["--shape=f.csv"], ["--store", "f.csv", "--seed", 1]])
-def test_what_a_sweep_reads_is_not_lost(told, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_what_a_sweep_reads_is_not_lost(told, capsys, here):
     profile = "x,f\n0,1\n0.5,0.8\n1,0\n"
     Path("f.csv").write_text(profile)
-    code, _, said = call(capsys, "sweep", *told, "--forces", "1", "--voxel", 0.4, "--out", "./f.csv")
-    assert (code, said) == (2, "burrlab sweep: --out: ./f.csv is read, and would be lost\n")
+    said = refusal(capsys, "sweep", *told, "--forces", "1", "--voxel", 0.4, "--out", "./f.csv")
+    assert said == "burrlab sweep: --out: ./f.csv is read, and would be lost\n"
     assert Path("f.csv").read_text() == profile
 
 
@@ -230,8 +228,9 @@ def test_several_sets(capsys, files):
 
 
 def test_open_ends_are_null(capsys, files):
-    bone = burrlab.materials["bone"]
-    burrlab.synthetic_curve(burrlab.Burr(3.0), bone, [0.3, 0.4, 0.5], seed=1).to_csv(files / "ridge.csv")
+    burrlab.synthetic_curve(burrlab.Burr(3.0), burrlab.materials["bone"], [0.3, 0.4, 0.5], seed=1).to_csv(
+        files / "ridge.csv"
+    )
     fitted = result(capsys, "fit", files / "ridge.csv", "--radius", 3)
     assert fitted["intervals"]["c_e"]["95"][1] is None
     assert fitted["separately_identified"] is False
@@ -239,10 +238,9 @@ def test_open_ends_are_null(capsys, files):
 
 
 def test_voxel_engine_and_store(capsys, files):
-    pvc = burrlab.materials["pvc"]
-    burrlab.synthetic_curve(burrlab.Burr(3.0), pvc, [0.2, 0.35, 0.6], repeats=1, seed=1).to_csv(
-        files / "v.csv"
-    )
+    burrlab.synthetic_curve(
+        burrlab.Burr(3.0), burrlab.materials["pvc"], [0.2, 0.35, 0.6], repeats=1, seed=1
+    ).to_csv(files / "v.csv")
     command = (
         "fit", files / "v.csv", "--radius", 3, "--engine", "voxel", "--voxel", 0.4, "--store", files / "s",
         "--seed", 0,

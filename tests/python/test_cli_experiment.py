@@ -8,14 +8,14 @@ from unittest.mock import Mock
 
 import matplotlib.pyplot
 import pytest
+from command_line import refusal
+from session_scenes import refused
 
 import burrlab.cli.experiment as cli_experiment
 import burrlab.cli.options as cli_options
 from burrlab.cli import main
-from burrlab.psychophysics.answers import read_folder
-from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics import DeviceLost, Protocol, read_folder
 from burrlab.psychophysics.rehearsal import SimulatedSeat
-from burrlab.psychophysics.run import DeviceLost
 from burrlab.psychophysics.seat import Experimenter
 
 CONFIG = """
@@ -68,9 +68,8 @@ interval_s = 0.5
 
 
 @pytest.fixture
-def config(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "test.toml"
+def config(here):
+    path = here / "test.toml"
     path.write_text(CONFIG)
     return path
 
@@ -81,9 +80,7 @@ def said(capsys):
 
 
 def wrong(arguments, capsys):
-    assert main(["experiment", *arguments]) == 2
-    _, err = said(capsys)
-    assert err.count("\n") == 1
+    err = refusal(capsys, "experiment", *arguments)
     assert err.startswith("burrlab experiment: ")
     return err
 
@@ -153,8 +150,9 @@ def test_simulated_run_is_a_function_of_its_seed(config, capsys):
     assert said(capsys)[0] == (
         "simulated subject 02: 18 trials answered\nsimulated subject 02: 12 trials answered\n"
     )
-    names = [path.name for path in protocol.data.log("02", "match").parent.glob("*_task-match_*.h5")]
-    assert sorted(names) == sorted(
+    assert sorted(
+        path.name for path in protocol.data.log("02", "match").parent.glob("*_task-match_*.h5")
+    ) == sorted(
         f"sub-02_task-match_main-00{trial}_interval-{number}{again}_trace.h5"
         for trial in (1, 2)
         for number in (1, 2, 3)
@@ -242,8 +240,9 @@ def test_experimenter_sees_it_in_a_fifo(tmp_path, fifo):
 def test_full_fifo_does_not_block(tmp_path, fifo):
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
     with Experimenter(tmp_path / "log.txt", fifo) as experimenter:
-        texts = ["x" * 50] * 3000
-        talker = threading.Thread(target=lambda: [experimenter.say(text) for text in texts], daemon=True)
+        talker = threading.Thread(
+            target=lambda: [experimenter.say(text) for text in ["x" * 50] * 3000], daemon=True
+        )
         talker.start()
         talker.join(20.0)
         assert not talker.is_alive()
@@ -252,17 +251,15 @@ def test_full_fifo_does_not_block(tmp_path, fifo):
 
 def test_views_that_are_refused(tmp_path, monkeypatch, fifo):
     controller, terminal = pty.openpty()
-    own = "the experimenter's view must not be the subject's terminal"
+    own, log = "the experimenter's view must not be the subject's terminal", tmp_path / "log.txt"
     with os.fdopen(terminal, "r") as stream:
         monkeypatch.setattr("sys.__stdin__", stream)
-        for view, kind, sentence in (
-            (fifo, ValueError, "the experimenter's view is a fifo that nobody reads"),
-            (os.ttyname(terminal), ValueError, own),
-            ("/dev/tty", ValueError, own),
-            (tmp_path / "nowhere" / "view.txt", OSError, "nowhere"),
-        ):
-            with pytest.raises(kind, match=sentence):
-                Experimenter(tmp_path / "log.txt", view)
+        refused(
+            (lambda: Experimenter(log, fifo), "the experimenter's view is a fifo that nobody reads"),
+            (lambda: Experimenter(log, os.ttyname(terminal)), own),
+            (lambda: Experimenter(log, "/dev/tty"), own),
+            (lambda: Experimenter(log, tmp_path / "nowhere" / "view.txt"), "nowhere", OSError),
+        )
     os.close(controller)
 
 
@@ -280,7 +277,8 @@ def test_outputs_do_not_go_into_the_files_of_the_experiment(config, capsys):
         ["analyse", "test.toml", "--json", "data/sourcedata/sub-01/beh/sub-01_task-match_log.txt"],
         ["resume", "test.toml", "--simulated", "--subject", "01", "--fast", "--experimenter", answers],
     ):
-        told = f"{arguments[-2]}: {arguments[-1]} is of the experiment and is not written to"
-        assert told in wrong(arguments, capsys)
+        assert f"{arguments[-2]}: {arguments[-1]} is of the experiment and is not written to" in wrong(
+            arguments, capsys
+        )
     assert all(path.read_bytes() == content for path, content in before.items())
     assert main(["experiment", "analyse", "data", "--json", "-", "--tsv", "data/mine.tsv"]) == 0

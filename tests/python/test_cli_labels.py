@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import call, said
+from command_line import call, refusal, result, said
 from drilled_scenes import stack
 from label_scenes import MAP, SPACING, greys, volume, write_files
 
 from burrlab import HandDevice, Session, StartingBone, load_bone, load_trace, materials, replay, save_bone
 from burrlab._core import Burr, Replica, VoxelBone
 from burrlab.bone import slices
-from burrlab.bone.kept import load_drilled
-from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.slices import pixels
 from burrlab.session.network import follow
+from burrlab.volume import DrilledRecipe, load_drilled
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -38,10 +37,9 @@ BOTH = [*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv"]
 
 
 @pytest.fixture
-def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    write_files(tmp_path)
-    return tmp_path
+def files(here: Path) -> Path:
+    write_files(here)
+    return here
 
 
 @pytest.fixture
@@ -91,8 +89,8 @@ def test_a_block_and_slices_are_kept(run: Callable[..., str]) -> None:
     run(*HAND, "--labels", "v.yaml", *down, "4,4,8", "--save", "kept")
     run(*HAND, "--bone", "kept", *down, "4,4,8", "--save", "later")
     assert (load_drilled("later").tick, len(list(Path("later").glob("*.png")))) == (400, 28)
-    finer = ["--labels", "a.seg.nrrd", "--radius", "2", "--voxel", "0.2", "--save", "finer.seg.nrrd"]
-    run(*HAND, *finer, *down, "8,10,18")
+    finer = "--labels a.seg.nrrd --radius 2 --voxel 0.2 --save finer.seg.nrrd"
+    run(*HAND, *finer.split(), *down, "8,10,18")
     assert load_drilled("finer.seg.nrrd").bone.spacing == (0.2, 0.2, 0.2)
 
 
@@ -168,32 +166,19 @@ def test_wrong_input(files: Path, words: list[str], message: str, capsys: pytest
     Path("small.csv").write_text("label,name\n1,bone\n")
     Path("ct.h5").write_text("a text")
     before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
-    code, _, told = call(capsys, *HAND, *words)
-    assert (code, told.count("\n")) == (2, 1)
-    assert message in told
+    assert message in refusal(capsys, *HAND, *words)
     assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
 
 
 def test_a_descent_into_labels(run: Callable[..., str], capsys: pytest.CaptureFixture[str]) -> None:
-    descend = [
-        "descend",
-        "--force",
-        "0.3",
-        "--ideal",
-        "--radius",
-        "1",
-        "--max-duration",
-        "0.3",
-        "--seed",
-        "1",
-    ]
+    descend = ["descend", "--force", "0.3", "--ideal", "--radius", "1", "--max-duration", "0.3", "--seed", 1]
     words = [*descend, *THERE]
-    status, out, _ = call(capsys, *words, *BOTH, "--json", "-")
-    assert status == 0
-    assert json.loads(out)["provenance"]["volume"]["recipe"]["kind"] == "labelled volume"
+    recipe = result(capsys, *words, *BOTH)["provenance"]["volume"]["recipe"]
+    assert recipe["kind"] == "labelled volume"
     assert "labels are the nearest of" in run(*words, *BOTH, "--onto")
-    overlap = run(*words, *GREY, "--labels", "a.seg.nrrd", "--onto", status=2)
-    assert "labels must overlap the volume: those of" in overlap
+    assert "labels must overlap the volume: those of" in run(
+        *words, *GREY, "--labels", "a.seg.nrrd", "--onto", status=2
+    )
     alone = [*descend, "--radius", "2", "--labels", "a.seg.nrrd", "--entry", "8,10,18", "--axis", "0,0,-1"]
     for options, told in (
         ([], "11 to 17 %"),
@@ -239,13 +224,12 @@ def test_a_kept_bone_of_another_material(run: Callable[..., str]) -> None:
 def test_a_published_session_on_a_kept_bone_is_followed(tmp_path: Path) -> None:
     save_bone(tmp_path / "b.h5", VoxelBone.block((8, 8, 4), 0.25), 50)
     kept = DrilledRecipe(str(tmp_path / "b.h5"))
-    device = HandDevice((4, 4, 6))
     session = Session(
         StartingBone(
             kept.bone(), tick=kept.tick, source=kept.plain() | {"notes": [f"read from {tmp_path / 'b.h5'}"]}
         ),
         (Burr(1.0), materials["bone"]),
-        device,
+        HandDevice((4, 4, 6)),
         seed=1,
         duration=1.5,
         publish=0,

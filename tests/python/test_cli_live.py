@@ -34,12 +34,10 @@ def shown(monkeypatch):
 
 def leader(seconds):
     """A published block that a hand cuts."""
-    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
-    hand = burrlab.HandDevice((0.0, 0.0, 2.2), strokes_after=0.0)
     return burrlab.Session(
         burrlab.StartingBone(make_bone(BLOCK), source=BLOCK),
-        tool,
-        hand,
+        (burrlab.Burr(2.0), burrlab.materials["bone"]),
+        burrlab.HandDevice((0.0, 0.0, 2.2), strokes_after=0.0),
         seed=11,
         duration=seconds,
         publish=0,
@@ -49,8 +47,10 @@ def leader(seconds):
 
 @pytest.mark.parametrize("option", ["effects", "stereo"])
 def test_what_needs_a_place_to_be_seen(option, capsys):
-    said = refusal(capsys, "replica", "127.0.0.1:1", f"--{option}")
-    assert said == f"burrlab replica: --{option} goes with --view or --web\n"
+    assert (
+        refusal(capsys, "replica", "127.0.0.1:1", f"--{option}")
+        == f"burrlab replica: --{option} goes with --view or --web\n"
+    )
 
 
 def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
@@ -95,8 +95,7 @@ def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
         shown["meanwhile"] = meanwhile
         assert main([*where, "--json", str(file)]) == 0
     plain = json.loads(file.read_text())
-    assert plain["digest"] == session.snapshot()[0].digest()
-    assert plain["effects"]["seed"] == 11
+    assert (plain["digest"], plain["effects"]["seed"]) == (session.snapshot()[0].digest(), 11)
     assert plain["effects"]["balance_mm3"]["dust"]["exact"]
     assert 0 < plain["effects"]["balance_mm3"]["dust"]["made"] <= session.snapshot()[0].removed * (1 + 1e-12)
     assert "effects at assumed rates, seed 11: " in capsys.readouterr().out

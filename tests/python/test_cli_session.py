@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -91,11 +92,10 @@ def test_script_and_two_burrs(tmp_path, capsys):
         ),
     ],
 )
-def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "x.nrrd").write_text("")
+def test_wrong_input(arguments, message, capsys, here):
+    (here / "x.nrrd").write_text("")
     assert message in refusal(capsys, "session", "--duration", "0.1", *arguments)
-    assert (tmp_path / "x.nrrd").read_text() == ""
+    assert (here / "x.nrrd").read_text() == ""
 
 
 @pytest.fixture
@@ -183,9 +183,7 @@ def test_waiting_device_is_said(tmp_path):
 
 
 def test_volume_that_is_elsewhere(monkeypatch, capsys):
-    def missing(*_, **__):
-        raise FileNotFoundError("ct.nrrd: no such file")
-
+    missing = Mock(side_effect=FileNotFoundError("ct.nrrd: no such file"))
     monkeypatch.setattr("burrlab.cli.session.follow", missing)
     for address, said in (
         ("localhost:1", "ct.nrrd: no such file; --volume says where the leader's volume lies here\n"),

@@ -23,11 +23,8 @@ pytest.importorskip("yaml", reason="extra `medical` is not installed")
 
 
 @pytest.fixture
-def run(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[..., str]:
-    monkeypatch.chdir(tmp_path)
-    write_files(tmp_path)
+def run(here: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    write_files(here)
     return partial(said, capsys, "tissues")
 
 
@@ -40,14 +37,16 @@ def test_what_the_labels_of_a_file_are(run: Callable[..., str]) -> None:
     ]  # fmt: skip
     rows = json.loads(run("a.seg.nrrd", "--json", "-"))["labels"]
     assert rows[2] == {"label": 4, "voxels": 6336, "volume_mm3": pytest.approx(152.064), "name": "Facial_Nerve", "tissue": "facial nerve"}  # fmt: skip
-    told = "2 of 3 labels are no known tissue: they need a table (--template, --tissues)"
-    assert told in run("labels.nii.gz")
+    assert "2 of 3 labels are no known tissue: they need a table (--template, --tissues)" in run(
+        "labels.nii.gz"
+    )
     assert "facial nerve" in run("labels.nii.gz", "--tissues", "t.csv")
 
 
 def test_a_template_is_completed_by_hand(run: Callable[..., str]) -> None:
-    told = "written new.csv: name what its labels are, then --tissues new.csv"
-    assert told in run("labels.nii.gz", "--template", "new.csv")
+    assert "written new.csv: name what its labels are, then --tissues new.csv" in run(
+        "labels.nii.gz", "--template", "new.csv"
+    )
     refused = "new.csv, line 4 ('structure 1'), line 5 ('structure 4'), column name: every row needs a name"
     assert refused in run("labels.nii.gz", "--tissues", "new.csv", status=2)
     named = Path("new.csv").read_text().replace("structure 4", "facial nerve").replace("structure 1", "bone")
@@ -73,15 +72,15 @@ def test_templates_of_files_with_names(run: Callable[..., str]) -> None:
 
 
 def test_refusals(run: Callable[..., str]) -> None:
-    grey = "ct.nrrd: labels must be zero or positive, got -1000: is this a grey volume?"
-    assert grey in run("ct.nrrd", status=2)
+    assert "ct.nrrd: labels must be zero or positive, got -1000: is this a grey volume?" in run(
+        "ct.nrrd", status=2
+    )
     for option, table in itertools.product(
         ("unknown", "unit", "spacing", "tissues", "template"), ([], ["t.csv"])
     ):
         word = "nearest" if option == "unknown" else "1"
         assert f"--{option} goes with a file of labels" in run(*table, f"--{option}", word, status=2)
-    many = LabelVolume(np.arange(125).reshape(5, 5, 5), 0.2, (0, 0, 0), np.eye(3), "m")
-    write_volume("many.nrrd", many)
+    write_volume("many.nrrd", LabelVolume(np.arange(125).reshape(5, 5, 5), 0.2, (0, 0, 0), np.eye(3), "m"))
     told = "many.nrrd: a bone has at most 64 tissues, and there are 125 labels"
     assert told in run("many.nrrd", "--template", "m.csv", status=2)
     assert not Path("m.csv").exists()

@@ -77,9 +77,10 @@ def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys, monke
     )
     for look in ((), ("--entry", "1,1,-1")):
         assert call(capsys, "view", trace, "--pictures", tmp_path / "a.png", *look)[0] == 0
-    last = load_trace(trace).ticks["burr"]["center_mm"][-1, 0]
-    assert tuple(through[0]) == tuple(last)
-    assert through[1] == (1, 1, -1)
+    assert (tuple(through[0]), through[1]) == (
+        tuple(load_trace(trace).ticks["burr"]["center_mm"][-1, 0]),
+        (1, 1, -1),
+    )
 
 
 def test_effects_have_dust_and_water(trace, capsys, monkeypatch):
@@ -134,10 +135,9 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
     assert not png.exists()
 
 
-def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "ct.nrrd").write_text("NRRD0004\n")
-    (tmp_path / "broken.h5").write_bytes(trace.read_bytes()[:1000])
+def test_bad_values_and_files(trace, here, capsys):
+    (here / "ct.nrrd").write_text("NRRD0004\n")
+    (here / "broken.h5").write_bytes(trace.read_bytes()[:1000])
     no_trace = "; --volume shows a volume, --bone a bone that was kept"
     for said, *arguments in (
         ("burrlab view: --pictures: - must end in one of ", trace, "--pictures", "-"),  # not a file
@@ -145,12 +145,12 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
         ("burrlab view: --pictures: a.xyz must end in one of ", trace, "--pictures", "a.xyz"),
         ("unknown option --pict; did you mean '--pictures'?", trace, "--pict", "a.png"),
         ("--at must be from 0 to 0.", trace, "--pictures", "a.png", "--at", 99),
-        (no_trace, tmp_path, "--pictures", "a.png"), (no_trace, "ct.nrrd", "--pictures", "a.png"),
+        (no_trace, here, "--pictures", "a.png"), (no_trace, "ct.nrrd", "--pictures", "a.png"),
         ("", "broken.h5", "--pictures", "b.png"), ("", "--bone", "broken.h5", "--pictures", "b.png"),
         ("", "none.h5", "--pictures", "b.png"),
     ):  # fmt: skip
         assert said in refusal(capsys, "view", *arguments)
-    assert {file.name for file in tmp_path.iterdir()} == {"ct.nrrd", "broken.h5"}
+    assert {file.name for file in here.iterdir()} == {"ct.nrrd", "broken.h5"}
 
 
 @pytest.fixture(scope="module")
@@ -219,8 +219,7 @@ def test_picture_film_and_stereo_of_a_trace(trace, recording, tmp_path, capsys):
     )
     assert call(capsys, "view", trace, "--pictures", alone, "--at", 0)[0] == 0
     np.testing.assert_array_equal(read(both), read(alone))
-    duration = load_trace(trace).duration
-    frames = int(duration * 10 / 0.5 + 1e-9) + 1
+    frames = int(load_trace(trace).duration * 10 / 0.5 + 1e-9) + 1
     assert told["frames"] == frames
     assert frames_in(film) == frames
     assert result(capsys, "view", *recording, "--video", film, "--fps", 10, *SMALL)["frames"] == 5
@@ -264,9 +263,8 @@ def test_picture_of_bone_and_volume(volume, tmp_path, capsys):
     need_drawing()
     file = tmp_path / "bone.h5"
     save_bone(file, small_bone(), 0)
-    looks = ((), ("--entry", "0,0,0", "--axis", "0,0,-1", "--width", 8, "--slices"))
     pictures = []
-    for i, look in enumerate(looks):
+    for i, look in enumerate(((), ("--entry", "0,0,0", "--axis", "0,0,-1", "--width", 8, "--slices"))):
         png = tmp_path / f"{i}.png"
         assert call(capsys, "view", "--bone", file, "--png", png, *look, *SMALL)[0] == 0
         pictures.append(read(png))
@@ -274,10 +272,11 @@ def test_picture_of_bone_and_volume(volume, tmp_path, capsys):
     assert (pictures[0] != pictures[1]).any()
     png = tmp_path / "v.png"
     look = ("--entry", "8,22,32.5", "--axis", "0,0,-1", "--width", 8)
-    code = call(capsys, "view", "--volume", volume, "--map", "-1000:1000", "--png", png, *look, *SMALL)[0]
-    assert code == 0
-    middle = read(png)[120, 160].astype(int)
-    assert middle.min() > 90  # bone at the entry, which is in the volume's own coordinates
+    assert (
+        call(capsys, "view", "--volume", volume, "--map", "-1000:1000", "--png", png, *look, *SMALL)[0] == 0
+    )
+    # bone at the entry, which is in the volume's own coordinates
+    assert read(png)[120, 160].astype(int).min() > 90
 
 
 @pytest.mark.slow
@@ -312,5 +311,4 @@ def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
     carve(bone, *((10, y, 8.5) for y in np.linspace(3, 17, 400)), radius=2.5, ticks=1)
     cli_view._write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), "")
     picture = read(tmp_path / "a-depth.png")
-    inked = np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))
-    assert inked[0] < 0.1 * picture.shape[1]
+    assert np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))[0] < 0.1 * picture.shape[1]

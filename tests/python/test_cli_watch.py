@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, table, tool
 from command_line import said
-from session_scenes import session_of
+from session_scenes import refused, session_of
 
 from burrlab import Tissue, Tissues, VoxelBone, load_trace
-from burrlab.anatomy.report import AnatomyReport
-from burrlab.anatomy.watch import Watch
-from burrlab.bone.tissues import write_tissues
+from burrlab.anatomy import AnatomyReport, Watch, write_tissues
 from burrlab.cli.commands import WATCH
 from burrlab.cli.options import add_options
 from burrlab.cli.session import chosen_watch
@@ -57,8 +55,10 @@ def test_a_session_watches_and_metrics_tell(folder, session, capsys) -> None:
     assert "burrlab: burr 0: touches nerve at tick" in told
     anatomy = json.loads(kept.read_text())["anatomy"]
     assert anatomy["removed_mm3"]["nerve"] > 0.1
-    watched = [(row["name"], row["approach_mm"]) for row in anatomy["watch"]["structures"]]
-    assert watched == [("nerve", 1.0), ("sinus", 1.0)]
+    assert [(row["name"], row["approach_mm"]) for row in anatomy["watch"]["structures"]] == [
+        ("nerve", 1.0),
+        ("sinus", 1.0),
+    ]
     assert {event["kind"] for event in anatomy["events"]} >= {"approach", "touch", "injury"}
 
     metrics = partial(said, capsys, "metrics", path)
@@ -68,8 +68,9 @@ def test_a_session_watches_and_metrics_tell(folder, session, capsys) -> None:
     other = json.loads(kept.read_text())["anatomy"]
     assert [row["approach_mm"] for row in other["watch"]["structures"]] == [1.4]
     assert other["events"][0]["tick"] < anatomy["events"][0]["tick"]
-    refused = metrics("--watch", "none", status=2)
-    assert "--watch must name structures of the trace's bone, got none" in refused
+    assert "--watch must name structures of the trace's bone, got none" in metrics(
+        "--watch", "none", status=2
+    )
 
 
 def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, session) -> None:
@@ -83,17 +84,13 @@ def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, se
 def test_options_are_checked(capsys) -> None:
     plain = VoxelBone.block((2, 2, 2), 0.2)
     assert chosen_watch(options([]), plain) is None
-    for given, bone, sentence in (
-        (
-            ["--watch", "none", "--touch", "1"],
-            nerve_bone(),
-            "--touch goes with a watch, not with --watch none",
-        ),
-        (["--watch", "vein"], nerve_bone(), "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
-        (["--approach", "3"], plain, "--approach needs a bone with tissues"),
-    ):
-        with pytest.raises(ValueError, match=sentence):
-            chosen_watch(options(given), bone)
+    refused(
+        (lambda: chosen_watch(options(["--watch", "none", "--touch", "1"]), nerve_bone()),
+         "--touch goes with a watch, not with --watch none"),
+        (lambda: chosen_watch(options(["--watch", "vein"]), nerve_bone()),
+         "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
+        (lambda: chosen_watch(options(["--approach", "3"]), plain), "--approach needs a bone with tissues"),
+    )  # fmt: skip
     with pytest.raises(SystemExit):
         options(["--injury", "-1"])
     assert "argument --injury: must be zero or positive, got '-1'" in capsys.readouterr().err
@@ -122,19 +119,18 @@ def test_a_replica_reports_as_its_leader(tmp_path) -> None:
     session, replica = followed(bone, -0.6, record=path, watch=Watch(bone))
     mine, theirs = replica_report(replica), session.anatomy()
     assert (mine.removed, mine.settings) == (theirs.removed, theirs.settings)
-    levels = theirs.watched.doses["removed_levels"].sum(axis=0)
-    np.testing.assert_array_equal(replica.watched()["removed"], levels)
+    np.testing.assert_array_equal(
+        replica.watched()["removed"], theirs.watched.doses["removed_levels"].sum(axis=0)
+    )
     if replica.status["by_bricks"] == 0:
         assert mine.equals(theirs)
         assert [str(event) for event in replica_events(replica)] == [str(event) for event in theirs.events]
         assert replica_events(replica, len(theirs.events)) == []
     assert AnatomyReport.recorded(load_trace(path)).equals(theirs)
-    with pytest.raises(TypeError, match="replica must be a Replica, got VoxelBone"):
-        replica_report(bone)
+    refused((lambda: replica_report(bone), "replica must be a Replica, got VoxelBone", TypeError))
 
 
 def test_a_replica_of_a_session_without_a_watch() -> None:
-    bone = VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
-    _, replica = followed(bone, 0.8)
+    _, replica = followed(VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4)), 0.8)
     assert replica_report(replica) is None
     assert replica_events(replica) == []

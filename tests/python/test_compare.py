@@ -32,8 +32,9 @@ class Set:
     alpha: float = 1.0
 
     def velocity(self, force: Any) -> Any:
-        truth = Material("m", c_e=self.c_e * BONE.c_e, alpha=self.alpha * BONE.alpha)
-        return penetration_velocity(BURR, truth, force)
+        return penetration_velocity(
+            BURR, Material("m", c_e=self.c_e * BONE.c_e, alpha=self.alpha * BONE.alpha), force
+        )
 
     def fit(self, seed: int, k: int) -> Fit:
         """Of data set k."""
@@ -106,8 +107,10 @@ A, B, C = WIDE.fit(1, 0), WIDE.fit(2, 0), replace(WIDE, alpha=1.3).fit(3, 0)
 class TestRatios:
     def test_velocity_on_the_ridge_is_welchs(self):
         """There log v is a constant and a function of F that hardly depends on c_e: a linear model."""
-        sets = Set(0.05, 0.1, scatter=0.02), Set(0.05, 0.1, forces=5, scatter=0.06)
-        fits = [one.fit(7, k) for k, one in enumerate(sets)]
+        fits = [
+            one.fit(7, k)
+            for k, one in enumerate((Set(0.05, 0.1, scatter=0.02), Set(0.05, 0.1, forces=5, scatter=0.06)))
+        ]
         pair = compare(*fits).pairs[0]
         logs = [np.log(f.curve.velocity / penetration_velocity(BURR, BONE, f.curve.force)) for f in fits]
         nu = np.array([len(r) - 2 for r in logs])
@@ -134,8 +137,7 @@ class TestRatios:
                             options={"xatol": 1e-7, "fatol": 1e-9, "maxiter": 4000}).fun  # fmt: skip
 
         joint = lowest(lambda c, al: rise(a, c, al) + rise(b, c, al), a.c_e, a.alpha)
-        assert pair.joint.freedom == (2.0,)
-        assert pair.joint.statistic == pytest.approx(joint, rel=1e-4)
+        assert (pair.joint.freedom, pair.joint.statistic) == ((2.0,), pytest.approx(joint, rel=1e-4))
         for end in (pair.ratios["c_e"].interval.lower, pair.ratios["c_e"].interval.upper):
             there = lowest(
                 lambda c, one, two, end=end: rise(a, c, one) + rise(b, end * c, two), a.c_e, a.alpha, b.alpha
@@ -205,8 +207,7 @@ def test_what_is_refused(call, error, match):
         call()
 
 
-def test_command(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_command(here, capsys):
     replace(WIDE, sigma=True).fit(1, 1).curve.to_csv("a.csv")
     B.curve.to_csv("b.csv")
     words = ("compare", "a.csv", "b.csv", "--residuals", "sigma")
@@ -214,7 +215,7 @@ def test_command(tmp_path, capsys, monkeypatch):
     assert [one["residual_kind"] for one in found["sets"]] == ["sigma", "relative"]
     assert found["pairs"][0]["ratios"]["alpha"]["verdict"] == "not told apart"
     assert found["pairs"][0]["equivalent"] is True
-    assert (tmp_path / "f.png").stat().st_size > 1000
+    assert (here / "f.png").stat().st_size > 1000
     assert "b.csv over a.csv" in said(capsys, *words)
     assert "needs two FILE.csv or more, or one and --by: got 1" in refusal(capsys, "compare", "a.csv")
     assert "The 2 files are pooled" in said(capsys, "fit", "a.csv", "b.csv")

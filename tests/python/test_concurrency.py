@@ -18,14 +18,18 @@ WORKERS = 6
 
 @pytest.fixture(scope="module")
 def fresh() -> VoxelBone:
-    levels = np.random.default_rng(4).integers(0, 256, (50, 60, 70)).astype(np.uint8)
-    return VoxelBone(levels, spacing=0.1)
+    return VoxelBone(np.random.default_rng(4).integers(0, 256, (50, 60, 70)).astype(np.uint8), spacing=0.1)
 
 
 def contact_on(bone: VoxelBone, worker: int) -> BurrContact:
     material = Material("any", c_e=2.0, alpha=0.3, shape="power(1.5)")
-    scheme = ("layer", "cell")[worker % 2]
-    return BurrContact(bone, Burr(1.5), material, seed=worker, scheme=scheme)
+    return BurrContact(bone, Burr(1.5), material, seed=worker, scheme=("layer", "cell")[worker % 2])
+
+
+@pytest.fixture
+def contact(fresh: VoxelBone) -> BurrContact:
+    """On a copy of its own."""
+    return contact_on(fresh.copy(), 0)
 
 
 def path(ticks: int) -> NDArray[np.float64]:
@@ -54,15 +58,13 @@ def test_threads_on_copies_give_what_serial_runs_give(cpu_path: str, fresh: Voxe
     ready = threading.Barrier(WORKERS)
     with ThreadPoolExecutor(WORKERS) as pool:
         for _ in range(2):
-            together = pool.map(lambda worker: erode_a_copy(fresh, worker, ready), range(WORKERS))
-            assert list(together) == alone
+            assert list(pool.map(lambda worker: erode_a_copy(fresh, worker, ready), range(WORKERS))) == alone
     assert fresh.digest() == digest
 
 
-def test_threads_may_feel_one_bone(cpu_path: str, fresh: VoxelBone) -> None:
+def test_threads_may_feel_one_bone(cpu_path: str, contact: BurrContact) -> None:
     """Threads use one contact or several, and copy the bone, read levels and make digests meanwhile."""
-    bone = fresh.copy()
-    contact = contact_on(bone, 0)
+    bone = contact.bone
     contact.run(path(40), 1.0)  # some bricks hold saved levels
     digest, density, pristine = bone.digest(), bone.density, bone.pristine
     ready = threading.Barrier(WORKERS)
@@ -86,10 +88,8 @@ def test_threads_may_feel_one_bone(cpu_path: str, fresh: VoxelBone) -> None:
     assert contact.tick == 40
 
 
-def test_other_threads_run_while_the_core_works(fresh: VoxelBone) -> None:
+def test_other_threads_run_while_the_core_works(contact: BurrContact) -> None:
     """The core releases the interpreter: a thread counts during one long call."""
-    bone = fresh.copy()
-    contact = contact_on(bone, 0)
     counted, done = 0, threading.Event()
 
     def work() -> None:
@@ -125,14 +125,14 @@ USES: dict[str, Callable[[VoxelBone, BurrContact], object]] = {
 
 
 def waiting_loop(bone: VoxelBone, contact: BurrContact) -> _core.HapticLoop:
-    executor = _core.TickExecutor(bone, [(contact.burr, contact.material)], 1)
-    return _core.HapticLoop(executor, [MailboxDevice()], realtime=False)
+    return _core.HapticLoop(
+        _core.TickExecutor(bone, [(contact.burr, contact.material)], 1), [MailboxDevice()], realtime=False
+    )
 
 
 @pytest.mark.parametrize("use", USES)
-def test_other_uses_of_a_bone_are_refused_until_its_loop_ends(use: str, fresh: VoxelBone) -> None:
-    bone = fresh.copy()
-    contact = contact_on(bone, 0)
+def test_other_uses_of_a_bone_are_refused_until_its_loop_ends(use: str, contact: BurrContact) -> None:
+    bone = contact.bone
     loop = waiting_loop(bone, contact)
     loop.start()
     with pytest.raises(ValueError, match=ALONE + "changes it"):

@@ -50,14 +50,18 @@ class TestStudy:
             z = np.random.default_rng([5, k]).standard_normal(35)
             R, forces, repeats = experiment.velocities[0]
             force = np.repeat(forces, repeats)
-            v = penetration_velocity(Burr(R), BONE, force) * np.exp(0.08 * z[:30])
-            data = [VelocityCurve(force, v, radius=R)]
+            data = [
+                VelocityCurve(
+                    force, penetration_velocity(Burr(R), BONE, force) * np.exp(0.08 * z[:30]), radius=R
+                )
+            ]
             for R, depths, _ in experiment.static:
                 h = np.array(depths)
                 data.append(Indentation(BONE.c_e * R**2 * (h / R) ** 1.5 * np.exp(0.1 * z[30:]), h, R))
             result = fit(data)
-            tables = [result.intervals["c_e"], result.intervals["alpha"], result.identified.intervals]
-            for i, table in enumerate(tables):
+            for i, table in enumerate(
+                [result.intervals["c_e"], result.intervals["alpha"], result.identified.intervals]
+            ):
                 for j, level in enumerate(("68", "95", "99.7")):
                     ends = (study.lower[k, i, j], study.upper[k, i, j])
                     # ends lie on the walk's points, 1e-5 apart in c_e; the exponents differ a little more
@@ -74,8 +78,9 @@ class TestStudy:
             assert same(alone, coverage_study(STATIC, BONE, n=30, seed=3, executor=executor))
         store = Store(tmp_path / "study.jsonl")
         for n in (2, 3):  # the longer study resumes the shorter one
-            part = coverage_study(STATIC, BONE, n=n, seed=3, store=store)
-            np.testing.assert_array_equal(part.lower, alone.lower[:n])
+            np.testing.assert_array_equal(
+                coverage_study(STATIC, BONE, n=n, seed=3, store=store).lower, alone.lower[:n]
+            )
             assert len(store) == n
         assert not np.array_equal(alone.lower[0], alone.lower[1])
         drawn = coverage_study(STATIC, BONE, n=2)
@@ -170,8 +175,7 @@ class TestTable:
             k = [study.coverage(name, level).k for level in ("68", "95", "99.7")]
             assert k == sorted(k)
         closed = study.closed("alpha")
-        ends = study.upper[closed, 1, 1] / study.lower[closed, 1, 1]
-        assert study.ratio("alpha") == np.median(ends) > 2
+        assert study.ratio("alpha") == np.median(study.upper[closed, 1, 1] / study.lower[closed, 1, 1]) > 2
 
     def test_shows_itself(self, study):
         text, html = repr(study), study._repr_html_()

@@ -25,9 +25,8 @@ print(json.dumps([_core.cpu_path(), provenance()["cpu_path"], run.provenance["cp
 
 
 def import_with(name: str | None, script: str = SCRIPT) -> subprocess.CompletedProcess[str]:
-    environment = {key: value for key, value in os.environ.items() if key != "BURRLAB_CPU_PATH"}
-    if name is not None:
-        environment["BURRLAB_CPU_PATH"] = name
+    chosen = {} if name is None else {"BURRLAB_CPU_PATH": name}
+    environment = {key: value for key, value in os.environ.items() if key != "BURRLAB_CPU_PATH"} | chosen
     return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
 
 
@@ -62,8 +61,7 @@ def test_use_of_an_unknown_path(name: str) -> None:
 
 
 def test_paths_are_named_plainest_first() -> None:
-    known = ("scalar", "portable", "avx2", "avx512")
-    assert [name for name in known if name in PATHS] == list(PATHS)
+    assert [name for name in ("scalar", "portable", "avx2", "avx512") if name in PATHS] == list(PATHS)
     assert "portable" in PATHS
     for name in PATHS:
         _core.use_cpu_path(name)

@@ -49,8 +49,7 @@ def test_clipped_volumes(scheme: str, size: tuple[int, int, int]) -> None:
         steps = tuple((share[k:] + share[:k], True) for share in places for k in range(3))
         scene = scene_of(scheme, "quartic", size=size, steps=steps, snap=snap, ratio=5.0, alpha=0.5)
         assert check_scene(scene) > 0.0
-        tissues = tissues_of("random" if snap else "bricks", size, 16, (0.5, 0.2))
-        assert check_scene(scene, tissues) > 0.0
+        assert check_scene(scene, tissues_of("random" if snap else "bricks", size, 16, (0.5, 0.2))) > 0.0
 
 
 @pytest.mark.parametrize("shape", KINDS)

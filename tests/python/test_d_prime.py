@@ -119,8 +119,7 @@ class TestExact:
         of_alarms = binom.pmf(np.arange(n + 1), n, false_alarm[:, None])
         found = exact_p_values(law, m, n, d).reshape(m + 1, n + 1)
         for h, f in np.ndindex(m + 1, n + 1):
-            beyond = deviance >= deviance[h, f] - 1e-7
-            expected = np.einsum("ci,cj,ij->c", of_hits, of_alarms, beyond).max()
+            expected = np.einsum("ci,cj,ij->c", of_hits, of_alarms, deviance >= deviance[h, f] - 1e-7).max()
             assert found[h, f] == pytest.approx(expected, abs=5e-4)
             assert exact_p_value(Counts(law.task, h, m, f, n), law, d) == pytest.approx(
                 found[h, f], abs=1e-12

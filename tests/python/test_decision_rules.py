@@ -24,8 +24,9 @@ def test_is_psyphy(task, rule):
     """psyphy's root finder has a tolerance of 1.2e-4; same-different by independent observations has none."""
     with GOLDEN.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if (row["task"], row["rule"]) == (task, rule)]
-    columns = (np.array([float(row[x]) for row in rows]) for x in ("hit", "false_alarm", "d_prime"))
-    hit, false_alarm, expected = columns
+    hit, false_alarm, expected = (
+        np.array([float(row[x]) for row in rows]) for x in ("hit", "false_alarm", "d_prime")
+    )
     assert len(hit) == 78
     closed = (task, rule) == ("same-different", "independent-observations")
     assert rule_of(task, rule).invert(hit, false_alarm)[0] == pytest.approx(
@@ -72,8 +73,9 @@ def test_slopes_are_derivatives(law):
 def test_logarithms_are_of_the_rates_and_concave_in_the_criterion(law):
     d, c = np.meshgrid([0.0, 0.7, 3.0], [0.1, 1.0, 2.5])
     hit, false_alarm = law.rates(d, c)
-    rates = (hit, 1.0 - hit, false_alarm, 1.0 - false_alarm)
-    np.testing.assert_allclose(np.exp(law.log_rates(d, c)), rates, atol=1e-14)
+    np.testing.assert_allclose(
+        np.exp(law.log_rates(d, c)), (hit, 1.0 - hit, false_alarm, 1.0 - false_alarm), atol=1e-14
+    )
     values = law.log_rates(np.linspace(0.0, 8.0, 17)[:, None], np.linspace(0.05, 12.0, 500))
     assert np.diff(values, n=2, axis=2).max() < 1e-9
 

@@ -8,6 +8,7 @@ import pkgutil
 import re
 import sys
 import threading
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -29,8 +30,9 @@ ARRAYS = re.compile(r"ndarray|NDArray|Array\b|Floats|^Any$")
 def virtual(material=BONE, voxel=0.4, *, seed=5, **options):
     """A virtual rig over a half-space."""
     specimen = burrlab.half_space(BURR, voxel, depth=2.0)
-    contact = burrlab.BurrContact(specimen.bone, BURR, material, seed=seed)
-    return burrlab.VirtualRig(contact, specimen, **options)
+    return burrlab.VirtualRig(
+        burrlab.BurrContact(specimen.bone, BURR, material, seed=seed), specimen, **options
+    )
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +56,7 @@ def test_exact_mode_holds_the_force_and_begins_at_static_contact():
 
 
 def test_rig_mode_runs_through_its_phases(known):
-    assert known.status == "ok"
-    assert list(known.phases) == ["approach", "impact", "settling", "steady"]
+    assert (known.status, list(known.phases)) == ("ok", ["approach", "impact", "settling", "steady"])
     edges = [edge for span in known.phases.values() for edge in span]
     assert edges == sorted(edges)
     assert known.immersion[0] < 0 < known.immersion[-1]
@@ -83,10 +84,6 @@ EMPTY = burrlab.Specimen(
 )
 CANCEL = threading.Event()
 CANCEL.set()
-
-
-def press(_):
-    raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(
@@ -124,7 +121,13 @@ def press(_):
         # An interrupted run keeps its record.
         (BONE, 0.3, {"ideal": True, "cancel": CANCEL}, "interrupted", "at an immersion of 0."),
         (BONE, 0.3, {"cancel": CANCEL}, "interrupted", "at an immersion of"),
-        (BONE, 0.3, {"ideal": True, "progress": press}, "interrupted", "at an immersion of 0."),
+        (
+            BONE,
+            0.3,
+            {"ideal": True, "progress": Mock(side_effect=KeyboardInterrupt)},
+            "interrupted",
+            "at an immersion of 0.",
+        ),
     ],
 )
 def test_a_run_without_a_velocity_says_why(material, force, options, status, reason):
@@ -147,8 +150,7 @@ def test_every_imperfection_can_be_switched_off():
     rig = virtual(lag=0, encoder_step=0, noise=0, force_filter=0)
     rig.command(2.0)
     reading = rig.read()
-    assert reading.position == pytest.approx(-0.2 + 0.002, abs=1e-12)
-    assert reading.force == 0.0
+    assert (reading.position, reading.force) == (pytest.approx(-0.2 + 0.002, abs=1e-12), 0.0)
     rig.command(99.0)
     assert rig.read().position == pytest.approx(-0.198 + 0.01, abs=1e-12), "the velocity limit holds"
 
@@ -227,8 +229,10 @@ def test_results_with_arrays_are_compared():
 
 
 def test_coarse_and_faint_are_said():
-    run = burrlab.descend(burrlab.Burr(2.0), BONE, 0.5, voxel=0.4, seed=1, ideal=True)
-    assert any("coarse" in text for text in run.warnings)
+    assert any(
+        "coarse" in text
+        for text in burrlab.descend(burrlab.Burr(2.0), BONE, 0.5, voxel=0.4, seed=1, ideal=True).warnings
+    )
     thin = burrlab.VoxelBone.block((6, 6, 2), 0.2, origin=(-3, -3, -1.9), level=20)
     specimen = burrlab.Specimen(thin, np.zeros(3), np.array([0.0, 0.0, -1.0]))
     faint = burrlab.descend(burrlab.Burr(2.0), BONE, 0.02, specimen=specimen, seed=1, ideal=True)
@@ -280,8 +284,7 @@ def test_stiffness_is_the_slope_of_the_force():
     """k = dF/dH in a carved hole, compared with a difference of the voxel force."""
     cut = burrlab.half_space(BURR, 0.1)
     contact = burrlab.BurrContact(cut.bone, BURR, BONE, seed=1)
-    start = cut.center(0.0, BURR)
-    held = contact.hold(1.0, start, cut.axis, from_=-0.2, travel=0.9, dt=1.0, ticks=10**6)
+    held = contact.hold(1.0, cut.center(0.0, BURR), cut.axis, from_=-0.2, travel=0.9, dt=1.0, ticks=10**6)
     depth, step = float(held.position[-1]), 1e-3
     above, below = (
         -float(contact.probe(cut.center(depth + d, BURR)).force @ cut.axis) for d in (-step, step)
@@ -297,8 +300,7 @@ def test_window_functions():
     assert penetration_velocity_between(time, h, 0.6, 0.9) is None
     assert samples_between(h, 0.1, 0.2) == slice(20, 41)
     force = np.where(np.arange(100) < 30, 2.0, 1.0)
-    settled = settled_immersion(h, force, 1.0, span=11)
-    assert settled == pytest.approx(h[35])
+    assert settled_immersion(h, force, 1.0, span=11) == pytest.approx(h[35])
     assert settled_immersion(h, 2 * force, 1.0, span=11) is None
     assert settled_immersion(h[:5], force[:5], 1.0, span=11) is None
 
@@ -327,8 +329,7 @@ def test_a_faulty_rig_is_stopped(fault, outcome):
 
 def test_the_seed_of_a_rig_is_the_one_that_acted():
     assert burrlab.descend(BURR, BONE, 1.5, rig=virtual(seed=77)).provenance["seed"] == 77
-    run = burrlab.descend(BURR, None, 1.5, rig=Laboratory(virtual(seed=77)))
-    assert run.provenance["seed"] is None
+    assert burrlab.descend(BURR, None, 1.5, rig=Laboratory(virtual(seed=77))).provenance["seed"] is None
 
 
 def test_a_plot_ends_above_the_velocity_in_the_window():

@@ -10,6 +10,7 @@ import scipy
 from command_line import refusal, said
 from command_line import result as result_of
 from fit_scenes import BONE, BURR, curve_of, with_sigma
+from session_scenes import refused
 
 import burrlab.planning.region as region_grid
 from burrlab import (
@@ -60,8 +61,7 @@ class TestRanking:
     def test_off_the_ridge_first(self, result):
         found = ratios(result)
         assert [row.area_ratio for row in result.rows] == sorted(found.values())
-        assert result.best.kind == "static"
-        assert result.best.probability == 1
+        assert (result.best.kind, result.best.probability) == ("static", 1)
         assert found[None, 0.2, 3.0] < 0.2
         assert max(found[F, None, R] for F in (2.0, 4.0) for R in (1.5, 3.0)) < 0.6
         assert found[0.5, None, 1.5] < 0.5 * found[0.5, None, 3.0]  # a smaller burr leaves the ridge too
@@ -83,8 +83,9 @@ class TestOracle:
         J, options = np.array([1.0, 0.0]), {"static": 0.3, "static_scatter": 0.01}
         if force is not None:
             J, options = np.array([-MasterCurve("parabolic").local_slope(force / (9 * narrow.c_e)), 1.0]), {}
-        forces = [] if force is None else force
-        found = design(narrow, forces, 3.0, 32, scatter=0.01, **options).best.area_ratio
+        found = design(
+            narrow, [] if force is None else force, 3.0, 32, scatter=0.01, **options
+        ).best.area_ratio
         old = narrow.evidence.information
         expected = np.sqrt(np.linalg.det(old) / np.linalg.det(old + 32 / 0.01**2 * np.outer(J, J)))
         assert expected < 0.95
@@ -116,15 +117,20 @@ def simulated(before, result, candidate):
     """log(area ratio), and whether c_e is identified, for new data made at each truth and fitted."""
     grid = RegionGrid.of(before)
     old, made = area(before), []
-    truths = zip(*grid.truths(result.truths, np.random.default_rng(result.seed)), strict=True)
-    for k, (i, j) in enumerate(truths):
+    for k, (i, j) in enumerate(
+        zip(*grid.truths(result.truths, np.random.default_rng(result.seed)), strict=True)
+    ):
         c_e, alpha = np.exp([grid.log_c_e[i], grid.log_alpha[i, j]]).tolist()
         make, at, scatter = synthetic_indentation, candidate.depth, result.static_scatter
         if candidate.kind == "velocity":
             make, at, scatter = synthetic_curve, candidate.force, result.scatter
         material = Material("truth", c_e=c_e, alpha=alpha)
-        new = make(Burr(candidate.radius), material, [at], scatter=scatter, repeats=candidate.n, seed=k)
-        again = fit([*before.data, new])
+        again = fit(
+            [
+                *before.data,
+                make(Burr(candidate.radius), material, [at], scatter=scatter, repeats=candidate.n, seed=k),
+            ]
+        )
         made.append((np.log(area(again, result.c_e_end) / old), again.separately_identified))
     return np.array(made).T
 
@@ -144,15 +150,13 @@ class TestSimulation:
         for one in result.rows:
             log_ratio, identified = simulated(before, result, one)
             found.append(np.exp(log_ratio.mean()))
-            tolerance = bias + 4.9 * 0.5 / np.sqrt(result.truths)
-            assert abs(log_ratio.mean() - np.log(one.area_ratio)) < tolerance
+            assert abs(log_ratio.mean() - np.log(one.area_ratio)) < bias + 4.9 * 0.5 / np.sqrt(result.truths)
             if one.kind == "velocity":
                 assert abs(identified.mean() - one.probability) < bias + 4.9 * 0.4 / np.sqrt(result.truths)
         # candidates whose difference the simulation can tell are in the right order
         foretold = np.array([one.area_ratio for one in result.rows])
         for i in range(len(found) - 1):
-            clear = foretold > 1.15 * foretold[i]
-            assert (np.array(found)[clear] > found[i]).all()
+            assert (np.array(found)[foretold > 1.15 * foretold[i]] > found[i]).all()
 
 
 class TestOverloaded:
@@ -165,10 +169,12 @@ class TestOverloaded:
         ceiling = 4.0 * 27**0.5 / 9
         below = fit(ACROSS, bounds={"c_e": (0.1, ceiling)})  # the same bound as an argument
         assert area(bounded) == pytest.approx(area(below), rel=0.03)
-        found = RegionGrid.of(across).below(ceiling).log_area[0]
-        assert found == pytest.approx(np.log(area(bounded)), abs=0.03)
-        truths = design(across, 4.0, 3.0, 1, truths=2000).best
-        assert truths.overloaded == pytest.approx(one.overloaded, abs=0.02)
+        assert RegionGrid.of(across).below(ceiling).log_area[0] == pytest.approx(
+            np.log(area(bounded)), abs=0.03
+        )
+        assert design(across, 4.0, 3.0, 1, truths=2000).best.overloaded == pytest.approx(
+            one.overloaded, abs=0.02
+        )
 
     def test_without_a_window_for_any_truth_it_tells_nothing(self, ridge):
         (one,) = design(ridge, 100.0, 3.0, 3).rows
@@ -188,8 +194,9 @@ class TestScatter:
         assert result.scatter == pytest.approx(ridge.evidence.scatters[0].value, rel=0.01)
         assert result.static_scatter == 0.1
         both = fit([ACROSS, synthetic_indentation(BURR, BONE, [0.2], repeats=5, scatter=0.2, seed=1)])
-        found = design(both, 1.0, 3.0, 1, static=[0.2]).static_scatter
-        assert found == pytest.approx(both.evidence.scatters[1].value, rel=0.01)
+        assert design(both, 1.0, 3.0, 1, static=[0.2]).static_scatter == pytest.approx(
+            both.evidence.scatters[1].value, rel=0.01
+        )
 
     def test_given(self, across):
         precise, rough = (
@@ -201,8 +208,7 @@ class TestScatter:
     @pytest.mark.parametrize("residuals", ["absolute", "sigma"])
     def test_other_residuals_need_it(self, residuals):
         one = fit(with_sigma(ON_RIDGE), residuals=residuals)
-        with pytest.raises(ValueError, match=f"scatter must be given, .* has '{residuals}' residuals"):
-            design(one, 2.0, 3.0, 3)
+        refused((lambda: design(one, 2.0, 3.0, 3), f"scatter must be given, .* has '{residuals}' residuals"))
         found = ratios(design(one, [0.4, 2.0], 3.0, 3, static=0.2, scatter=0.08))
         assert found[None, 0.2, 3.0] < found[2.0, None, 3.0] < 0.6 < found[0.4, None, 3.0]
 
@@ -211,8 +217,9 @@ def test_seeds(ridge):
     one = design(ridge, 2.0, 3.0, 3, seed=None)
     assert design(ridge, 2.0, 3.0, 3, seed=one.seed) == one
     # truths are drawn systematically, so a hundred are enough
-    many = design(ridge, 2.0, 3.0, 3, truths=2000)
-    assert one.best.area_ratio == pytest.approx(many.best.area_ratio, rel=0.05)
+    assert one.best.area_ratio == pytest.approx(
+        design(ridge, 2.0, 3.0, 3, truths=2000).best.area_ratio, rel=0.05
+    )
 
 
 def test_progress_rises_to_the_end(ridge):
@@ -226,22 +233,19 @@ def test_progress_rises_to_the_end(ridge):
         assert (len(told) > 2, told[-1]) == (True, 1)
 
 
-def test_command(capsys, tmp_path, monkeypatch, ridge):
-    monkeypatch.chdir(tmp_path)
+def test_command(capsys, here, ridge):
     ON_RIDGE.to_csv("ridge.csv")
     replace(ON_RIDGE, radius=1.5).to_csv("small.csv")
     said(capsys, "fit", "ridge.csv", "--test", "2,0.1", "--json", "fit.json")
     said(capsys, "fit", "ridge.csv", "small.csv", "--json", "two.json")
     words = ("design", "fit.json", "--static", 0.2, "--static-radius", 2, "--seed", 1)
     of = ("--forces", "0.4,2", "--radii", "1.5,3", "--repeats", 2, "--plot", "d.png")
-    options = {"static": 0.2, "static_radius": 2.0, "seed": 1}
-    expected = design(ridge, [0.4, 2.0], [1.5, 3.0], 2, **options)
+    expected = design(ridge, [0.4, 2.0], [1.5, 3.0], 2, static=0.2, static_radius=2.0, seed=1)
     found = result_of(capsys, *words, *of)
     assert found["rows"] == expected.to_dict()["rows"]
     assert (found["rows"][0]["kind"], found["rows"][-1]["c_e_ratio"]) == ("static", None)
-    assert found["c_e_end"] == pytest.approx(34.64, abs=0.01)
-    assert found["provenance"]["forces_N"] == [0.4, 2.0]
-    assert (tmp_path / "d.png").stat().st_size > 10_000
+    assert (found["c_e_end"], found["provenance"]["forces_N"]) == (pytest.approx(34.64, abs=0.01), [0.4, 2.0])
+    assert (here / "d.png").stat().st_size > 10_000
     assert said(capsys, *words).splitlines()[0].startswith("Design: 1 candidate of 3 repeats")
     assert "must hold a candidate: got none" in refusal(capsys, "design", "fit.json")
     assert "--radii must be given: the data are of" in refusal(capsys, "design", "two.json", "--forces", 1)
@@ -262,8 +266,7 @@ class TestResult:
 
     def test_plot(self, result, across):
         ax = result.plot()
-        assert ax.get_xlabel() == "force [N]"
-        assert ax.get_ylabel() == "area of the 95 % region, new / old [1]"
+        assert (ax.get_xlabel(), ax.get_ylabel()) == ("force [N]", "area of the 95 % region, new / old [1]")
         labels = sorted(text.get_text() for text in ax.get_legend().get_texts())
         assert labels[:2] == ["more likely overloaded", "static pairs"]
         assert labels[2:] == [f"velocity, $R$ = {R} mm" for R in ("1.5", "3", "5")]
@@ -295,10 +298,10 @@ def test_what_is_refused(ridge, arguments, match):
 
 
 def test_fits_that_do_not_serve(ridge):
-    with pytest.raises(TypeError, match="fit must be a Fit, such as"):
-        design(ON_RIDGE, 0.5, 3.0, 3)
-    with pytest.raises(ValueError, match="this fit gave nothing to judge by"):
-        design(replace(ridge, evidence=None), 0.5, 3.0, 3)
+    refused(
+        (lambda: design(ON_RIDGE, 0.5, 3.0, 3), "fit must be a Fit, such as", TypeError),
+        (lambda: design(replace(ridge, evidence=None), 0.5, 3.0, 3), "this fit gave nothing to judge by"),
+    )
     both = fit([ON_RIDGE, synthetic_curve(Burr(1.5), BONE, [0.2, 0.4], seed=1)])
     with pytest.raises(ValueError, match="static_radius must be given: the data of the fit are of several"):
         design(both, [], [], 3, static=0.2)

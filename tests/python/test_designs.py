@@ -62,8 +62,9 @@ def seeds(trials):
 )
 def test_the_four_pairs_are_equal_to_the_trial(seed, subject, quarter, practice, blocks):
     trials = 4 * quarter * blocks
-    design = SameDifferent(BONE, PVC, trials=trials, practice=practice, blocks=blocks)
-    order = design.order(seed=seed, subject=subject)
+    order = SameDifferent(BONE, PVC, trials=trials, practice=practice, blocks=blocks).order(
+        seed=seed, subject=subject
+    )
     assert order.total == trials + practice == len(order.trials)
     first, main = order.trials[:practice], order.trials[practice:]
     for block in range(1, blocks + 1):
@@ -130,8 +131,10 @@ def test_the_order_of_a_design_s_keys_does_not_matter():
 def test_all_shuffles_are_equally_likely():
     """chi^2 of 24 orders over 24 000 subjects."""
     found = Counter("".join(Draws(3, str(i), {}).shuffled("abcd")) for i in range(24_000))
-    statistic = sum((found["".join(order)] - 1000) ** 2 / 1000 for order in permutations("abcd"))
-    assert chi2.sf(statistic, 23) > FALSE_ALARMS
+    assert (
+        chi2.sf(sum((found["".join(order)] - 1000) ** 2 / 1000 for order in permutations("abcd")), 23)
+        > FALSE_ALARMS
+    )
 
 
 @settings(max_examples=60, deadline=None)
@@ -358,8 +361,7 @@ def test_two_down_one_up_by_hand():
     answers = [True, True, True, True, False, True, True, False, False]
     trials = run(design, answers)
     up = d / 4 * math.sqrt(2)
-    expected = [d, d, d / 2, d / 2, d / 4, up, up, d / 4]
-    assert [math.log(t.level) for t in trials] == pytest.approx(expected)
+    assert [math.log(t.level) for t in trials] == pytest.approx([d, d, d / 2, d / 2, d / 4, up, up, d / 4])
     found = design.threshold([t.level for t in trials], answers[: len(trials)])
     # the reversals that count: down at up, up at d/4
     assert found.complete
@@ -369,8 +371,7 @@ def test_two_down_one_up_by_hand():
 
 
 def test_weighted_steps_by_hand():
-    design = staircase(down=1, up_weight=3.0, discard=0, step=1.1, start=1.5)
-    trials = run(design, [True, False, True])
+    trials = run(staircase(down=1, up_weight=3.0, discard=0, step=1.1, start=1.5), [True, False, True])
     d = math.log(1.5)
     assert [math.log(t.level) for t in trials] == pytest.approx([d, d / 1.1, d * 1.1**2])
 
@@ -404,8 +405,7 @@ def test_one_reversal_is_no_threshold():
 def test_the_limit_holds_and_is_said():
     design = staircase(start=2.0, limit=3.0, trials=20)
     trials = levels(run(design, [False] * 30))
-    assert len(trials) == 20
-    assert max(trials) == pytest.approx(3.0)
+    assert (len(trials), max(trials)) == (20, pytest.approx(3.0))
     assert design.threshold(trials, [False] * 20).at_limit == 19
     assert staircase(limit=2.0).limit == 2.0  # as far from 1 as the start
     mixed = [False, False, True, True, False, True, True, False, True, True]
@@ -419,8 +419,7 @@ def test_the_limit_holds_and_is_said():
 
 def test_a_perfect_subject_never_reaches_one():
     trials = levels(run(staircase(down=1, up_weight=3.0, trials=60), [True] * 60))
-    assert len(trials) == 60
-    assert min(trials) == pytest.approx(math.exp(1e-4))
+    assert (len(trials), min(trials)) == (60, pytest.approx(math.exp(1e-4)))
 
 
 @pytest.mark.parametrize(
@@ -518,8 +517,9 @@ def test_the_level_leaves_the_least_expected_entropy():
                 after._log = posterior._log.copy()
                 after.update(difference, correct)
                 new = after.weights()
-                likelihood = np.exp(after._log - posterior._log)
-                total -= (weights @ likelihood) * (new @ np.log(np.where(new > 0, new, 1.0)))
+                total -= (weights @ np.exp(after._log - posterior._log)) * (
+                    new @ np.log(np.where(new > 0, new, 1.0))
+                )
             expected.append(total)
         chosen = posterior.most_informative()
         assert min(expected) == pytest.approx(expected[list(posterior.differences).index(chosen)], abs=1e-9)
@@ -551,8 +551,7 @@ def covered(runs, trials, seed):
 
 def test_intervals_hold_the_threshold_quickly():
     """Coverage of 95 % on average over observers from the prior, with any levels; false-alarm rate 1e-6."""
-    count = covered(100, 20, seed=1)
-    assert binom.cdf(count, 100, 0.95) > FALSE_ALARMS
+    assert binom.cdf(covered(100, 20, seed=1), 100, 0.95) > FALSE_ALARMS
 
 
 @pytest.mark.slow
@@ -571,8 +570,7 @@ def test_intervals_hold_the_threshold_of_a_gaussian_observer(threshold):
     found = [measure(draws, lambda x: gaussian_correct(x, truth), 60) for _ in range(1000)]
     count = sum(low <= truth <= high for low, high in (one["interval"] for one in found))
     assert binom.cdf(count, 1000, 0.93) > FALSE_ALARMS
-    bias = np.mean([math.log(one["threshold"] / truth) for one in found])
-    assert abs(bias) < 0.1
+    assert abs(np.mean([math.log(one["threshold"] / truth) for one in found])) < 0.1
 
 
 REFERENCE = {"reference": BONE, "parameter": "c_e"}

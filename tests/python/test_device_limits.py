@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import json
 import math
 import os
@@ -17,7 +18,7 @@ from anatomy_scenes import nerve_bone, straight, tool
 from command_line import refusal, result
 from conftest import ROOT
 from pseudo_terminal import PseudoTerminal
-from session_scenes import session_of
+from session_scenes import ended, session_of
 
 from burrlab import (
     Burr,
@@ -42,17 +43,25 @@ from burrlab.anatomy.watch import Watch
 TOOL = Burr(3.0), materials["bone"]
 
 
+def block():
+    return VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+
+
 def session(device=None, **options):
-    bone = VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
     options = {"seed": 1, "wall_clock": False, **options}
-    return session_of(bone, TOOL, device or HandDevice((0, 0, 3.1), push=4.0), **options)
+    return session_of(block(), TOOL, device or HandDevice((0, 0, 3.1), push=4.0), **options)
 
 
 def recorded(path, **options):
     """The session at its end, and its trace."""
-    with session(record=path, **options) as run:
-        assert run.wait(30)
-    return run, load_trace(path)
+    return ended(session(record=path, **options)), load_trace(path)
+
+
+def mean_squares(force, decay):
+    """The running mean of the squared force, from 0 on."""
+    return [
+        *itertools.accumulate(force**2, lambda mean, square: square + (mean - square) * decay, initial=0.0)
+    ]
 
 
 def test_every_number_has_a_source_and_the_page_has_the_table():
@@ -78,9 +87,8 @@ def test_limits_that_bind_nothing_change_no_bit(tmp_path):
 
 
 def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "burrlab.session.session.HapticLoop", _core.HapticLoop
-    )  # with its own limit of a stall
+    # with its own limit of a stall
+    monkeypatch.setattr("burrlab.session.session.HapticLoop", _core.HapticLoop)
     still = ScriptedDevice([0.0, 8.0], [[0, 0, 2.0]] * 2, on=[False, False])
     run, trace = recorded(tmp_path / "touch.h5", device=still, limits="touch", ramp=0.05)
     sent, wanted = (np.linalg.norm(trace.array(f"{name}force_N"), axis=1) for name in ("sent_", ""))
@@ -89,11 +97,7 @@ def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
     assert 3.0 < sent.max() <= 3.3 + 1e-12
     assert steps.max() <= 1 + 1e-12
     assert (sent <= 3.3 / 50 * np.arange(len(sent)) + 1e-12).all()  # 50 ms from the first tick on
-    mean, most = 0.0, 0.0
-    for force in sent:
-        mean = force**2 + (mean - force**2) * math.exp(-1e-4)
-        most = max(most, mean)
-    assert 0.99 * 0.88**2 < most <= 0.88**2 + 1e-12
+    assert 0.99 * 0.88**2 < max(mean_squares(sent, math.exp(-1e-4))) <= 0.88**2 + 1e-12
     assert 0.88 < sent[1000:].min() < 0.8801  # it falls towards the continuous force, not to zero
     assert run.messages[0] == (
         "burr 0: touch: force at most 3.3 N, its change 1 N/ms, RMS over 10 s 0.88 N, ramp 0.05 s"
@@ -112,8 +116,9 @@ def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
 def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
     """Random sessions: models, ramps, rates, slews, frames with a clutch, jumps in and out of bone."""
     # The guard reckons with a stall: the shorter it is, the nearer it lets the force come to its limit.
-    loop = functools.partial(_core.HapticLoop, stall_limit=1000.0)
-    monkeypatch.setattr("burrlab.session.session.HapticLoop", loop)
+    monkeypatch.setattr(
+        "burrlab.session.session.HapticLoop", functools.partial(_core.HapticLoop, stall_limit=1000.0)
+    )
     bone = VoxelBone.block((12, 12, 5), 0.5, origin=(-5.75, -5.75, -4.75))
     reached = np.zeros(3)  # peak, continuous, ramp
     for number in numbers:
@@ -133,18 +138,16 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
             way % 6 - (3, 3, 1), on=random.random(n) < 0.5, buttons=random.integers(0, 2, n)
         )
         frame = DeviceFrame(random.uniform(0.5, 2), clutch=0 if number % 3 else None)
-        tool = Burr(2.0), Material("random", c_e=random.uniform(0.2, 30), alpha=0.05)
         run = Session(
             bone,
-            tool,
+            (Burr(2.0), Material("random", c_e=random.uniform(0.2, 30), alpha=0.05)),
             (device, frame) if number % 2 else device,
             seed=number,
             clock=Clock(rate=rate, wall_clock=False),
             safety=Safety(limits=model, ramp=ramp, slew_limit=slew, force_limit=99),
         )
         reader = _core.RecordReader(run.loop)
-        with run:
-            assert run.wait(30)
+        ended(run)
         ticks = reader.take(n)[0]["burr"]
         sent, force = ticks["sent"][:, 0], np.linalg.norm(ticks["sent"][:, 0], axis=1)
         wanted, time = np.linalg.norm(ticks["force"][:, 0], axis=1), np.arange(1, n + 1) / rate
@@ -154,9 +157,7 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
         if ramp:
             since = time - time[np.argmax(wanted > 0)] + 1 / rate
             assert (force <= model.peak_force * np.maximum(since, 0) / ramp + 1e-9).all(), number
-        decay, mean = np.exp(-1 / (rate * model.window)), [0.0]
-        for square in force**2:
-            mean.append(square + (mean[-1] - square) * decay)
+        mean = mean_squares(force, np.exp(-1 / (rate * model.window)))
         assert max(mean) <= ((model.continuous_force or np.inf) * (1 + 1e-9)) ** 2, number
         part = np.array(
             [force.max() / model.peak_force, math.sqrt(max(mean)) / (model.continuous_force or np.inf)]
@@ -170,27 +171,17 @@ def test_no_force_sent_exceeds_the_limits(numbers, monkeypatch):
 def test_the_stability_report_knows_the_model():
     own = dataclasses.replace(device_limits["touch"], damping=5.0, friction=0.055, rate=500.0)
     path = np.array([[0, 0, 3.1], [0, 0, 2.9]], float)
-    with session(ScriptedDevice([0.0, 0.2], path, on=[False, False]), limits=own) as run:
-        run.wait()
-    at = run.report().stability[0]
-    assert at["limit_N_per_mm"] == pytest.approx(2.0)  # 2 x 0.055 N/0.055 mm, below 10 of the damping
+    run = ended(session(ScriptedDevice([0.0, 0.2], path, on=[False, False]), limits=own))
+    # 2 x 0.055 N/0.055 mm, below 10 of the damping
+    assert run.report().stability[0]["limit_N_per_mm"] == pytest.approx(2.0)
     assert run.messages[0].endswith("; the loop's 1000 Hz are more than its 500")
-    with session(limits=own, duration=0.1) as run:  # the hand states its own, and has no encoder's step
-        run.wait()
+    run = ended(session(limits=own, duration=0.1))  # the hand states its own, and has no encoder's step
     assert run.report().stability[0]["limit_N_per_mm"] == pytest.approx(10.0)
 
 
 def test_two_burrs_have_their_own_limits():
-    bone = VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
     still = [ScriptedDevice([0, 1.5], [[x, 0, 2.2]] * 2, on=[False] * 2) for x in (-5, 5)]
-    with Session(
-        bone,
-        [TOOL] * 2,
-        still,
-        clock=Clock(wall_clock=False),
-        safety=Safety(limits=["touch", None], ramp=0.2),
-    ) as run:
-        run.wait()
+    run = ended(session_of(block(), [TOOL] * 2, still, wall_clock=False, limits=["touch", None], ramp=0.2))
     sent = np.linalg.norm(run.follower.take(run.follower.view())["newest"]["burr"]["sent"], axis=1)
     assert sent[0] < 1.2 < 1.5 < sent[1]
     assert run.messages[1].startswith("burr 1: no model: force at most 8 N, its change 1 N/ms, no continuous")
@@ -211,17 +202,8 @@ def test_nearness_stops_the_session(tmp_path):
     bone = nerve_bone()
     watch = Watch(bone, structures=["nerve"])
     device = straight([(0, 0, 1.2), (0, 0, -0.8)], [0.0, 0.4], on=[True, True])
-    path = tmp_path / "near.h5"
-    with Session(
-        bone,
-        tool(),
-        device,
-        watch=watch,
-        safety=Safety(stop_within={"nerve": 0.5}),
-        record=path,
-        clock=Clock(realtime=False),
-    ) as run:
-        assert run.wait(20)
+    stop, path = {"nerve": 0.5}, tmp_path / "near.h5"
+    run = ended(session_of(bone, tool(), device, watch=watch, stop_within=stop, record=path, realtime=False))
     assert re.fullmatch(r"burr 0 came within 0\.5 mm of nerve: 0\.\d\d mm", run.reason)
     assert not run.failed
     assert "the session stops within 0.5 mm of nerve" in run.messages
@@ -287,8 +269,7 @@ def test_options_of_the_command(capsys):
 
 def near(**distances):
     bone = nerve_bone()
-    watch = Watch(bone, structures=["nerve"])
-    Session(bone, tool(), HandDevice(), watch=watch, safety=Safety(stop_within=distances))
+    session_of(bone, tool(), HandDevice(), watch=Watch(bone, structures=["nerve"]), stop_within=distances)
 
 
 @pytest.mark.parametrize(
@@ -338,8 +319,7 @@ def test_a_frame_moves_the_burr_and_is_recorded(tmp_path):
     assert trace.array("sent_force_N")[:, 2].max() > 0.1
     assert trace.note["frames"] == json.loads(json.dumps(run.provenance["frames"]))
     assert trace.note["frames"][0]["scale"] == 2.0
-    length = np.linalg.norm(trace.array("orientation"), axis=1)
-    np.testing.assert_allclose(length, nearly)
+    np.testing.assert_allclose(np.linalg.norm(trace.array("orientation"), axis=1), nearly)
     device = ReplayDevice(path)
     run, _ = recorded(tmp_path / "b.h5", device=device, frames=DeviceFrame(1e308, offset=(0, 0, 1e308)))
     assert run.reason == "device 0 gave a position or velocity that is not finite"
@@ -364,11 +344,10 @@ def test_a_frame_from_the_command_line(tmp_path, capsys):
     script = tmp_path / "down.csv"
     script.write_text("time_s,x_mm,y_mm,z_mm\n0,0,0,3.5\n0.2,0,0,3\n")
     asked = ["session", "--device", f"scripted:{script}", "--virtual-clock", "--seed", "1"]
-    plain = result(capsys, *asked)
     moved = result(
         capsys, *asked, "--scale", "1", "--rotation", "1,0,0,0", "--offset", "-1,0,0.5", "--clutch", "0"
     )
-    assert "frames" not in plain["provenance"]
+    assert "frames" not in result(capsys, *asked)["provenance"]
     assert moved["provenance"]["frames"][0]["offset"] == [-1.0, 0.0, 0.5]
     for wrong in ("1,0,0", "1,0,0,a"):
         assert f"must be W,X,Y,Z, got '{wrong}'" in refusal(capsys, *asked, "--rotation", wrong)

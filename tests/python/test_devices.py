@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import functools
 import threading
-import time
 
 import numpy as np
 import pytest
 from label_scenes import volume
+from replica_scenes import soon
 
 from burrlab import Burr, VoxelBone, _core, materials, read_script
 
 
-def play(device, ticks=0, *, period=1.0, material="bone"):
-    """(records of a loop on its virtual clock, reason of its end, bone)"""
+def begun(device, *, period=1.0, **options):
+    """(a running loop, a reader of its records, bone)"""
     bone = VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
-    tools = [(Burr(2.0), materials[material])]
-    executor = _core.TickExecutor(bone, tools, 1, period=period)
-    loop = _core.HapticLoop(executor, [device], wall_clock=False, realtime=False, ticks=ticks)
+    executor = _core.TickExecutor(bone, [(Burr(2.0), materials["bone"])], 1, period=period)
+    loop = _core.HapticLoop(executor, [device], realtime=False, **options)
     reader = _core.RecordReader(loop)
     loop.start()
+    return loop, reader, bone
+
+
+def play(device, ticks=0, **options):
+    """(records of a loop on its virtual clock, reason of its end, bone)"""
+    loop, reader, bone = begun(device, wall_clock=False, ticks=ticks, **options)
     assert loop.wait(60.0)
     return reader.take(10**6)[0], loop.reason, bone
 
@@ -111,19 +116,13 @@ def test_refusals(device, arguments, sentence):
 
 def test_mailbox_from_another_thread():
     device = _core.MailboxDevice(lost_after=5000.0, name="rig")
-    bone = VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
-    executor = _core.TickExecutor(bone, [(Burr(2.0), materials["bone"])], 1)
-    loop = _core.HapticLoop(executor, [device], realtime=False)
-    reader = _core.RecordReader(loop)
-    loop.start()
+    loop, reader, _ = begun(device)
     writer = threading.Thread(target=device.put, args=((0.0, 0.0, 1.8),), kwargs={"on": False})
     writer.start()
     writer.join()
-    end = time.monotonic() + 10.0
-    while not (force := device.force)[2] > 0 and time.monotonic() < end:
-        loop.wait(0.01)
+    assert soon(lambda: device.force[2] > 0)
+    force = device.force
     loop.stop()
-    assert force[2] > 0
     assert reader.take()[0]["burr"]["sent"][-1, 0] == pytest.approx(force)
     assert device.name == "rig"
 

@@ -82,8 +82,9 @@ def test_parameters_that_a_window_bounds_are_not_identified(power):
     assert "are separately identified" not in found.verdict
     assert "velocities were" not in found.verdict
     assert "c_e ended at its lower bound of 1.386 N/mm^2" in found.verdict
-    counts = [found.report().count(said) for said in ("over the force: F", "c_e ended at", "off the ridge")]
-    assert counts == [1, 1, 0]
+    assert [
+        found.report().count(said) for said in ("over the force: F", "c_e ended at", "off the ridge")
+    ] == [1, 1, 0]
     near = fit(curve(0.1, np.geomspace(1.0, 3.6, 8), repeats=3))
     assert (near.status, near.separately_identified) == ("ok", False)
     assert "; on the ridge the RMS residual would be" in near.report()
@@ -151,16 +152,19 @@ class TestOrder:
         fit = burrlab.fit(burrlab.VelocityCurve(F, v, radius=3.0), plausible=None)
         return fit, {test.name: test for test in order_tests(fit.likelihood, (fit.c_e, fit.alpha))}
 
-    def test_what_is_noticed_and_said(self):
-        fit, found = self.rows(1, drift=0.4)
-        assert found["drift"].p_value < 1e-3
-        assert "From the first row to the last the residuals drift by 0.44" in fit.verdict
-        fit, found = self.rows(3, days=0.3)
-        assert found["neighbours"].p_value < 1e-3
-        assert "label these (groups)" in fit.verdict
-        fit, found = self.rows(5, spread=0.3)
-        assert found["scatter"].p_value < 1e-3
-        assert "The scatter falls with the force" in fit.verdict
+    @pytest.mark.parametrize(
+        ("seed", "change", "name", "sentence"),
+        [
+            (1, {"drift": 0.4}, "drift", "From the first row to the last the residuals drift by 0.44"),
+            (3, {"days": 0.3}, "neighbours", "label these (groups)"),
+            (5, {"spread": 0.3}, "scatter", "The scatter falls with the force"),
+        ],
+        ids=["drift", "days", "spread"],
+    )
+    def test_what_is_noticed_and_said(self, seed, change, name, sentence):
+        fit, found = self.rows(seed, **change)
+        assert found[name].p_value < 1e-3
+        assert sentence in fit.verdict
 
     def test_rows_in_the_order_of_their_forces_are_no_days(self):
         """A bend over the force is none either: the law is wrong."""
@@ -172,12 +176,11 @@ class TestOrder:
 
     def test_rows_of_one_force_have_no_scatter_over_it(self):
         v = 0.5 * np.exp(0.05 * np.random.default_rng(1).normal(size=14))
-        curve = burrlab.VelocityCurve(np.ones(14), v, radius=3.0)
         traces = [
             burrlab.synthetic_trace(burrlab.Burr(3.0), burrlab.materials["bone"], F, seed=1)
             for F in (0.5, 1.5)
         ]
-        fit = burrlab.fit([curve, *traces])
+        fit = burrlab.fit([burrlab.VelocityCurve(np.ones(14), v, radius=3.0), *traces])
         assert [test.name for test in order_tests(fit.likelihood, (fit.c_e, fit.alpha))] == [
             "drift",
             "neighbours",
@@ -197,8 +200,7 @@ def test_copies():
     assert "33 of 66 rows are exact copies" in fit([one, one]).verdict
     rounded = np.array([float(f"{v:.1e}") for v in one.velocity])
     for order in (slice(None), np.arange(33).reshape(11, 3).T.ravel()):
-        honest = VelocityCurve(one.force[order], rounded[order], radius=3.0)
-        assert "copies" not in fit(honest).verdict
+        assert "copies" not in fit(VelocityCurve(one.force[order], rounded[order], radius=3.0)).verdict
 
 
 @pytest.mark.parametrize(
@@ -240,8 +242,7 @@ def test_student_bears_outliers():
     from scipy.optimize import minimize
     from scipy.stats import t
 
-    forces = np.linspace(0.3, 2.6, 30)
-    bad = with_outlier(with_outlier(curve(forces=forces)), 21, 1 / 2.5)
+    bad = with_outlier(with_outlier(curve(forces=np.linspace(0.3, 2.6, 30))), 21, 1 / 2.5)
     robust, normal = fit(bad, residuals="student"), fit(bad)
     ends, wide = robust.intervals["c_e"]["95"], normal.intervals["c_e"]["95"]
     assert BONE.c_e in ends
@@ -261,8 +262,7 @@ def test_student_bears_outliers():
         assert slices.minus2(np.where(inside, alpha, 1))[inside] == pytest.approx(slices.profile.min() + 5)
     lowest = [slices.minus2(alpha).min() for alpha in slices.best_alpha]
     assert slices.minus2_table(slices.best_alpha).min(axis=1) == pytest.approx(lowest, abs=1e-9)
-    drawn = robust.bootstrap(20, seed=1)
-    assert np.median(drawn.c_e) == pytest.approx(robust.c_e, rel=0.1)
+    assert np.median(robust.bootstrap(20, seed=1).c_e) == pytest.approx(robust.c_e, rel=0.1)
 
 
 def test_student_of_four_rows_ends_where_its_slopes_are_zero():
@@ -288,9 +288,9 @@ def material(random):
 def made(random, rows, scatter):
     burr, drawn, top = material(random)
     forces = np.geomspace(random.uniform(0.05, 0.15), random.choice([0.3, 0.6, 0.9]), rows) * top
-    seed = int(random.integers(2**31))
-    one = synthetic_curve(burr, drawn, forces, repeats=1, scatter=scatter, seed=seed)
-    return drawn, one
+    return drawn, synthetic_curve(
+        burr, drawn, forces, repeats=1, scatter=scatter, seed=int(random.integers(2**31))
+    )
 
 
 def rate(hits):
@@ -361,8 +361,7 @@ def test_student_covers(outliers, scatter):
     random, hits = np.random.default_rng(11), []
     for _ in range(1000):
         drawn, one = made(random, 30, scatter)
-        bad = random.random(30) < outliers
-        velocity = one.velocity * np.where(bad, 2.5 ** random.choice([-1, 1], 30), 1)
+        velocity = one.velocity * np.where(random.random(30) < outliers, 2.5 ** random.choice([-1, 1], 30), 1)
         o = Observations.of((replace(one, velocity=velocity),), None)
         likelihood = Likelihood(o, "student", MeanFieldModel(o, Shape("parabolic")))
         best = lowest(likelihood, Domain.of(likelihood, bounds_of(o, None), {}))

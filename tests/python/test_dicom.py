@@ -69,8 +69,9 @@ def test_files_in_subfolders(tmp_path):
     (tmp_path / "study" / "patient").mkdir()
     ct = [tmp_path / "study" / "patient" / name for name in ("a", "b")]
     for half, place in enumerate(ct):
-        rows = slice(3 * half, 3 * half + 3)
-        write_series(place, VALUES[rows], first=(1, 2, 3 + 2.25 * half), names=["1", "2", "3"])
+        write_series(
+            place, VALUES[3 * half : 3 * half + 3], first=(1, 2, 3 + 2.25 * half), names=["1", "2", "3"]
+        )
     (ct[1] / "notes.txt").write_text("no slice")
     volume = burrlab.read_volume(tmp_path / "study")
     np.testing.assert_array_equal(volume.values, VALUES)
@@ -79,8 +80,9 @@ def test_files_in_subfolders(tmp_path):
     refused(tmp_path / "study", "series must say which of 2 DICOM series")
     assert burrlab.read_volume(tmp_path / "study", series="9.8.7").shape == (4, 4, 5)
     assert burrlab.read_volume(ct[0]).shape == (3, 4, 5)  # it holds slices itself
-    files = _volume_files(str(tmp_path / "study"))
-    assert {str(ct[1] / "3"), str(ct[0] / "other" / "slice000.dcm")} <= set(files)
+    assert {str(ct[1] / "3"), str(ct[0] / "other" / "slice000.dcm")} <= set(
+        _volume_files(str(tmp_path / "study"))
+    )
 
 
 def test_slope_and_intercept_of_each_slice(tmp_path):
@@ -213,8 +215,9 @@ def test_what_a_codec_prints_is_said_and_nothing_else(tmp_path, capfd):
     apart = {"spacing": (0.25, 0.5, 1.0)}
     near = burrlab.read_volume(tmp_path / "whole.dcm", **apart).values[0].astype(int)
     assert np.abs(near - pixels).max() < 40
-    damaged = r"torn.dcm: the pixel data of the slice is damaged \(Corrupt JPEG"
-    refused(tmp_path / "torn.dcm", damaged, **apart)
+    refused(
+        tmp_path / "torn.dcm", r"torn.dcm: the pixel data of the slice is damaged \(Corrupt JPEG", **apart
+    )
     os.write(2, b"kept")  # the descriptor is in place
     assert capfd.readouterr() == ("", "kept")
 

@@ -26,22 +26,22 @@ def run(name: str, *scripts: str) -> None:
     exec(compile("\n".join(scripts), name, "exec"), {"__name__": "__main__"})
 
 
-def test_script_of_the_readme(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_script_of_the_readme(here, capsys):
     rows = "0,5;78,5;Bär\n1,0;498;Bär\n1,2;798;Bär\n1,6;1.660,5;Ito\n2,0;2.750,0;Ito\n"
     Path("lab.csv").write_text(f"Kraft [N];v (µm/s);Bediener\n{rows}", encoding="cp1252")
     (own,) = blocks("README.md")
     run("README.md", own)
-    assert {p.name for p in tmp_path.iterdir()} == {"lab.csv", "fit.png", "region.png"}
+    assert {p.name for p in here.iterdir()} == {"lab.csv", "fit.png", "region.png"}
     said = capsys.readouterr().out
-    read = "VelocityCurve(5 rows, 5 with a velocity, 0.5..2 N, 'lab.csv'; force from Kraft [N] in N, velocity from v"
-    assert read in said
+    assert (
+        "VelocityCurve(5 rows, 5 with a velocity, 0.5..2 N, 'lab.csv'; force from Kraft [N] in N, velocity from v"
+        in said
+    )
     assert "[[Variables]]" in said
 
 
-def test_commands_of_the_readme(tmp_path, monkeypatch):
+def test_commands_of_the_readme(here):
     """They run, and the fit recovers the material of the sweep."""
-    monkeypatch.chdir(tmp_path)
     told = [shlex.split(line) for line in commands("README.md") if "ct.nrrd" not in line]
     assert len(told) >= 10
     for name, *arguments in told:
@@ -51,11 +51,10 @@ def test_commands_of_the_readme(tmp_path, monkeypatch):
     assert bone.alpha in fit.intervals["alpha"][95]
 
 
-def test_claims_of_the_paper(tmp_path, monkeypatch):
+def test_claims_of_the_paper(here):
     """The page's table is the last output of its notebook, and its commands run."""
     notebook = json.loads((ROOT / "notebooks/00_paper.ipynb").read_text(encoding="utf-8"))
     assert "".join(notebook["cells"][-1]["outputs"][0]["data"]["text/markdown"]) in TEXTS["paper.md"]
-    monkeypatch.chdir(tmp_path)
     told = commands("paper.md")
     assert len(told) >= 8
     for line in told:
@@ -78,9 +77,8 @@ def test_claims_of_the_paper(tmp_path, monkeypatch):
         "session",
     ],
 )
-def test_blocks_run(name, tmp_path, monkeypatch):
+def test_blocks_run(name, here):
     """The blocks of a page run one after the other."""
-    monkeypatch.chdir(tmp_path)
     found = blocks(f"{name}.md")
     assert len(found) > 0
     if name == "experiment":  # its blocks need answers; TerminalSeat needs a terminal
@@ -94,8 +92,11 @@ def test_blocks_run(name, tmp_path, monkeypatch):
 def commands(page: str) -> list[str]:
     """Commands on separate lines or between semicolons; HOST:PORT becomes an address."""
     pattern = r"`(burrlab [^`]*)`" if page in ("README.md", "paper.md") else r"^(?: {4,8})?(burrlab .*)$"
-    lines = re.findall(pattern, TEXTS[page], re.MULTILINE)
-    parts = [part.strip() for line in lines for part in line.split(" #")[0].split(";")]
+    parts = [
+        part.strip()
+        for line in re.findall(pattern, TEXTS[page], re.MULTILINE)
+        for part in line.split(" #")[0].split(";")
+    ]
     return [part.replace("HOST:PORT", "localhost:18944") for part in parts if part.startswith("burrlab ")]
 
 
@@ -115,10 +116,9 @@ def test_pages_have_commands():
 
 
 def test_make_targets_exist():
-    makefile = (ROOT / "Makefile").read_text()
     targets = set(re.findall(r"(?:^ {4}|[`(;] ?)make ([a-z-]+)", README, re.MULTILINE))
     assert {"demo", "test", "test-slow", "figures"} <= targets
-    assert targets <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    assert targets <= set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 
 
 def test_the_version_is_that_of_pyproject():

@@ -4,10 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from drilled_scenes import MAP, SHAPE, greys, kept
+from drilled_scenes import MAP, SHAPE, cut, greys, kept
+from session_scenes import refused
 
 import burrlab.common.files as files
 from burrlab import OccupancyMap, Volume, VoxelBone, read_labels, read_volume
@@ -147,32 +149,28 @@ def test_saved_again_and_gone_on_with(tmp_path: Path, like: Volume) -> None:
     for name in ("a", "b"):
         bone, *_ = kept(tmp_path / name, like)
     assert same_slices(tmp_path / "a", tmp_path / "b")  # the same bone makes the same series
-    with pytest.raises(FileExistsError, match="path must be a new folder"):
-        save_drilled(tmp_path / "a", bone, like, mapping=MAP)
-    with pytest.raises(ValueError, match="path must be another file than the original"):
-        save_drilled(tmp_path / "ct", bone, like, mapping=MAP)
+    refused(
+        (lambda: save_drilled(tmp_path / "a", bone, like, mapping=MAP), "path must be a new folder", FileExistsError),
+        (lambda: save_drilled(tmp_path / "ct", bone, like, mapping=MAP), "path must be another file than the original"),
+        (lambda: save_drilled(tmp_path / "d", like.to_bone(MAP), read_volume(tmp_path / "a"), mapping=MAP),
+         r"like must be the original: .*a is half-drilled"),
+    )  # fmt: skip
     recipe = DrilledRecipe(str(tmp_path / "a"))
-    later, density = recipe.bone(), bone.density.copy()
-    density[:5] //= 2
-    later.restore(density)
+    later = recipe.bone()
+    cut(later, np.s_[:5], 2)
     save_drilled(tmp_path / "c", later, recipe.like(), mapping=recipe.mapping, tick=50)
     assert load_drilled(tmp_path / "c").bone.digest() == later.digest()
     names = [tmp_path / name / "slice0001.dcm" for name in ("a", "b", "c")]
     assert len({pydicom.dcmread(name).SeriesInstanceUID for name in names}) == 2
-    with pytest.raises(ValueError, match=r"like must be the original: .*a is half-drilled"):
-        save_drilled(tmp_path / "d", like.to_bone(MAP), read_volume(tmp_path / "a"), mapping=MAP)
     one = tmp_path / "a" / "slice0003.dcm"
     one.write_bytes(one.read_bytes()[:-2] + b"\1\1")
-    with pytest.raises(ValueError, match=r"bone\.h5 belongs to another content of it"):
-        load_drilled(tmp_path / "a")
+    refused((lambda: load_drilled(tmp_path / "a"), r"bone\.h5 belongs to another content of it"))
 
 
 def test_a_save_that_fails_leaves_nothing(
     tmp_path: Path, like: Volume, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(*_: Any, **__: Any) -> None:
-        raise OSError(28, "No space left on device")
-
+    full = Mock(side_effect=OSError(28, "No space left on device"))
     for place in ("burrlab.bone.kept.write_synced", "burrlab.bone.kept.save_bone", "os.rename"):
         with monkeypatch.context() as patch:
             patch.setattr(place, full)
@@ -185,8 +183,7 @@ def test_two_that_save_to_one_folder_do_not_mix(tmp_path: Path, like: Volume) ->
     late = files.new_folder(tmp_path / "kept")
     (late.__enter__() / "its.dcm").write_bytes(b"another's")
     kept(tmp_path / "kept", like)
-    with pytest.raises(FileExistsError, match="folder must be new"):
-        late.__exit__(None, None, None)
+    refused((lambda: late.__exit__(None, None, None), "folder must be new", FileExistsError))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ct", "kept"]
     assert not (tmp_path / "kept" / "its.dcm").exists()
 
@@ -205,9 +202,8 @@ def test_one_series_of_a_folder_and_files_in_any_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("sign", "low", "held"), [(0, -1000, "0 to 4095"), (1, -2100, "-2048 to 2047")])
 def test_fewer_bits_than_there_are(tmp_path: Path, sign: int, low: float, held: str) -> None:
     """12 bits of 16, signed or unsigned, with another scale in each slice."""
-    values = (greys("i4").clip(0, 2000) - 700 * sign).astype("i2")
     bits = {"BitsStored": 12, "HighBit": 11, "PixelRepresentation": sign, "RescaleIntercept": "0"}
-    folder = series(tmp_path / "ct", values, **bits)
+    folder = series(tmp_path / "ct", (greys("i4").clip(0, 2000) - 700 * sign).astype("i2"), **bits)
     for k, path in enumerate(sorted(folder.iterdir())):
         found = pydicom.dcmread(path)
         found.RescaleSlope = str(1 + k / 4)
@@ -240,9 +236,7 @@ def test_labels_stay_labels(tmp_path: Path) -> None:
         spacing=labels.spacing,
         origin=labels.bone_point(labels.origin),
     )
-    density = solid.density.copy()
-    density[4:8] //= 3
-    solid.restore(density)
+    cut(solid, np.s_[4:8], 3)
     save_drilled(tmp_path / "cut", solid, labels)
     expected = labels.labels.copy()
     expected[4:8] = 0
@@ -263,22 +257,26 @@ def test_what_cannot_be_taken_apart(tmp_path: Path, like: Volume) -> None:
     one = tmp_path / "ct" / "slice004.dcm"
     content = one.read_bytes()
 
-    def refused(like: Volume, match: str, kind: type[Exception] = ValueError, path: str = "kept") -> None:
-        with pytest.raises(kind, match=match):
-            check_drilled(tmp_path / path, like, MAP)
-        with pytest.raises(kind, match=match):
-            save_drilled(tmp_path / path, like.to_bone(MAP), like, mapping=MAP)
+    def neither(like: Volume, match: str, kind: type[Exception] = ValueError, path: str = "kept") -> None:
+        refused(
+            (lambda: check_drilled(tmp_path / path, like, MAP), match),
+            (lambda: save_drilled(tmp_path / path, like.to_bone(MAP), like, mapping=MAP), match),
+            error=kind,
+        )
         assert sorted(path.name for path in tmp_path.iterdir()) == ["ct"]
 
     found = pydicom.dcmread(one)
     found.HighBit, found.BitsStored = 13, 12
     found.save_as(one)
-    refused(read_volume(tmp_path / "ct"), "16 bits allocated, 12 stored, the highest at 13")
+    neither(read_volume(tmp_path / "ct"), "16 bits allocated, 12 stored, the highest at 13")
     one.unlink()
-    refused(like, r"slice004\.dcm: no such file", FileNotFoundError)
+    neither(like, r"slice004\.dcm: no such file", FileNotFoundError)
     one.write_bytes(content)
-    new = r"path must be a new folder for a DICOM series, and not one file, got .*kept\.dcm"
-    refused(like, new, path="kept.dcm")
+    neither(
+        like,
+        r"path must be a new folder for a DICOM series, and not one file, got .*kept\.dcm",
+        path="kept.dcm",
+    )
 
 
 def test_a_slice_without_file_meta_information_gets_it(tmp_path: Path, like: Volume) -> None:

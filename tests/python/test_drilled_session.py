@@ -8,16 +8,14 @@ import pytest
 from dicom_series import write_series
 from label_scenes import MAP, TABLE, coloured, greys, label_file, labels, volume
 from PIL import Image
+from session_scenes import ended, refused, session_of
 from test_segments import FIELDS, seg_nrrd
 from test_volume_formats import independently
 
 from burrlab import (
     Burr,
-    Clock,
     LabelVolume,
     ScriptedDevice,
-    Session,
-    StartingBone,
     VoxelBone,
     materials,
     save_bone,
@@ -50,8 +48,9 @@ def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]
     else:
         source, name, grey = folder / f"ct{kind}", f"kept{kind}", volume()
         write_volume(source, grey)
-    file = label_file(folder / "labels.nrrd", grey)
-    return LabelledRecipe(str(file), TABLE, VolumeRecipe(str(source), MAP)), name
+    return LabelledRecipe(
+        str(label_file(folder / "labels.nrrd", grey)), TABLE, VolumeRecipe(str(source), MAP)
+    ), name
 
 
 def device(bone: VoxelBone, since: int, ticks: int) -> ScriptedDevice:
@@ -62,18 +61,10 @@ def device(bone: VoxelBone, since: int, ticks: int) -> ScriptedDevice:
 
 
 def drill(bone: VoxelBone, tick: int, ticks: int) -> tuple[VoxelBone, int]:
-    tool = Burr(1.7), materials["bone"]
-    session = Session(
-        StartingBone(bone, tick=tick),
-        tool,
-        device(bone, tick, ticks),
-        seed=7,
-        duration=ticks / 1e3,
-        clock=Clock(wall_clock=False),
-    )
-    with session:
-        assert session.wait(60)
-    return session.snapshot()
+    tool, way = (Burr(1.7), materials["bone"]), device(bone, tick, ticks)
+    return ended(
+        session_of(bone, tool, way, tick=tick, seed=7, duration=ticks / 1e3, wall_clock=False)
+    ).snapshot()
 
 
 KINDS = (
@@ -122,9 +113,8 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     if path.is_dir():
         with pytest.raises(FileExistsError, match="path must be a new folder"):
             save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
-    volume = kept.volume()
     path = tmp_path / "second" if path.is_dir() else path
-    save_drilled(path, later, volume, mapping=kept.mapping, tick=tick)
+    save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
     seen(later, 900)
     if kind == "segmentation":
         assert format_of(name).read(str(path))[0].fields == FIELDS
@@ -154,13 +144,14 @@ def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray |
 
 def test_layers_of_a_segmentation_become_labels(tmp_path: Path) -> None:
     two = np.stack([labels() == 1, labels() == 4], axis=-1)
-    fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
-    layered = read_labels(seg_nrrd(tmp_path / "b.seg.nrrd", two, fields))
-    table = default_tissues({1: "bone", 2: "facial nerve"})
-    bone, _ = drill(LabelledRecipe(layered.path, table).bone(), 0, 300)
+    layered = read_labels(
+        seg_nrrd(tmp_path / "b.seg.nrrd", two, {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"})
+    )
+    bone, _ = drill(
+        LabelledRecipe(layered.path, default_tissues({1: "bone", 2: "facial nerve"})).bone(), 0, 300
+    )
     save_drilled(tmp_path / "c.seg.nrrd", bone, layered)
-    gone = 2 * bone.density.astype(int) < bone.pristine
-    expected = np.where(gone, 0, layered.labels)
+    expected = np.where(2 * bone.density.astype(int) < bone.pristine, 0, layered.labels)
     np.testing.assert_array_equal(read_labels(tmp_path / "c.seg.nrrd").labels, expected)
     assert load_drilled(tmp_path / "c.seg.nrrd").bone.digest() == bone.digest()
 
@@ -177,20 +168,20 @@ def test_a_recipe_of_a_kept_bone(tmp_path: Path) -> None:
     where = volume().patient_point(np.array(bone.origin) + np.array(bone.spacing) * (5, 4, 27))
     way = {"entry": where, "axis": volume().patient_point((0, 0, -1.0))}
     np.testing.assert_allclose(kept.specimen(**way).surface, made.specimen(**way).surface)
-    with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0.25 mm, got 0.5"):
-        kept.check_burr(Burr(0.5))
-
     save_bone(tmp_path / "alone.h5", bone, tick)
     alone = DrilledRecipe(str(tmp_path / "alone.h5"))
     assert (alone.tick, alone.mapping, alone.bone().digest()) == (300, None, bone.digest())
-    there = alone.specimen(entry=np.array(bone.origin) + (1, 1, 6.8), axis=(0, 0, -1))
-    np.testing.assert_allclose(there.axis, (0, 0, -1))
+    np.testing.assert_allclose(
+        alone.specimen(entry=np.array(bone.origin) + (1, 1, 6.8), axis=(0, 0, -1)).axis, (0, 0, -1)
+    )
     later, tick = drill(bone, tick, 100)
     save_drilled(tmp_path / name, later, made.like(), mapping=MAP, tick=tick)
-    for ask, match in (
+    refused(
+        (
+            lambda: kept.check_burr(Burr(0.5)),
+            r"radius of the burr must be at least 4 voxels of 0.25 mm, got 0.5",
+        ),
         (alone.like, r"alone\.h5 is a bone alone, without a volume: save it as .h5 again"),
         (lambda: make_bone(plain), r"kept.nrrd: the bone has digest \w+ by now, and \w+ is asked for"),
         (lambda: make_bone({"kind": "drilled volume", "path": "x"}), "recipe must be that of"),
-    ):
-        with pytest.raises(ValueError, match=match):
-            ask()
+    )

@@ -5,9 +5,7 @@ import pytest
 from effects_scenes import TOOL, bone_with_tissues, buried_parcels, levels_removed
 
 from burrlab import BurrContact, Clock, ScriptedDevice, Session, VoxelBone, _core
-from burrlab._core import EffectParameters, Nozzle, Sucker
-from burrlab.effects.companion import Companion
-from burrlab.effects.effects import Effects
+from burrlab.effects import Companion, EffectParameters, Effects, Nozzle, Sucker
 
 
 def cut():
@@ -72,15 +70,13 @@ def test_thousands_of_parcels_at_one_point_in_the_bone() -> None:
     nozzle = Nozzle((0, 0, -1), (0, 0, -1), rate=50_000, speed=0, burr=None)
     effects = frames(nozzle=nozzle, parameters=EffectParameters(water_spread=0.0, water_parcel=0.01))
     assert len(effects.parcels) > 5000
-    crowded = frames(nozzle=nozzle, parameters=EffectParameters(most_parcels=16))
-    assert len(crowded.parcels) <= 16
+    assert len(frames(nozzle=nozzle, parameters=EffectParameters(most_parcels=16)).parcels) <= 16
 
 
 @pytest.mark.parametrize(("rate", "speed"), [(1e6, 0.0), (1e6, 1e6), (0.0, 1e6)])
 def test_the_largest_nozzles(rate, speed) -> None:
     effects = frames(nozzle=Nozzle((0, 0, 5), (0, 0.1, -1), rate=rate, speed=speed, burr=None))
-    expected = rate * 1.0 / effects.quantum
-    assert effects.balance()["water"].made == pytest.approx(expected, abs=2.0)
+    assert effects.balance()["water"].made == pytest.approx(rate * 1.0 / effects.quantum, abs=2.0)
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 1), (1, 9, 1), (2, 1, 17)])

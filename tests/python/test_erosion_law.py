@@ -61,8 +61,10 @@ def test_expected_loss_is_unbiased(scheme: str) -> None:
             part = expected - np.floor(expected)
             variance = count * part * (1.0 - part)
             rounding = count * expected * 2.0**-22  # lambda is computed in single precision
-            error = np.abs(lost - count * expected)
-            assert np.all(error <= deviation_bound(variance, tests) + rounding), (alpha, dt)
+            assert np.all(np.abs(lost - count * expected) <= deviation_bound(variance, tests) + rounding), (
+                alpha,
+                dt,
+            )
             total = abs(float((lost - count * expected).sum()))
             assert total <= deviation_bound(variance.sum(), tests) + rounding.sum(), (alpha, dt)
             assert np.all(np.abs(drop - expected[p]) < 1.0 + 1e-4)  # lambda rounded up or down

@@ -16,9 +16,8 @@ from pseudo_terminal import _ADOPT, PseudoTerminal
 from test_experiment_terminal import SUBJECT, TASK, Subject
 
 import burrlab
+from burrlab.psychophysics import Interval, Sitting, Stimulus
 from burrlab.psychophysics.interval import Block, render, wait_until_lifted
-from burrlab.psychophysics.run import Sitting
-from burrlab.psychophysics.trial import Interval, Stimulus
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "experiment_driver.py"
 BURR, BLOCK = burrlab.Burr(3.0), Block((16, 16, 4), 0.5)
@@ -200,8 +199,9 @@ def test_force_is_published_to_whoever_moves_the_burr(tmp_path):
 def test_lost_after_is_the_device_s(tmp_path, limit, ending):
     """The peer sends only changes."""
     with Poses() as poses:
-        more = f'device = "igtl:127.0.0.1:{poses.port}"\nlost_after_ms = {limit}'
-        protocol = Subject(tmp_path, more=more).protocol
+        protocol = Subject(
+            tmp_path, more=f'device = "igtl:127.0.0.1:{poses.port}"\nlost_after_ms = {limit}'
+        ).protocol
         assert protocol.to_dict()["experiment"]["lost_after_ms"] == limit
         poses.most = 60
         device, one = Sitting(protocol, SUBJECT)._device("probing"), replace(FELT, duration=1.0)
@@ -212,8 +212,7 @@ def test_the_example_runs_an_experiment_on_its_driver(tmp_path):
     subject = Subject(tmp_path, trials=4, interval=0.3, more="lost_after_ms = 5000")
     program = _ADOPT + f"import sys, runpy; runpy.run_path({str(EXAMPLE)!r}, run_name='__main__')"
     for stop, status in ((("interval", 4), 130), (None, 0)):
-        arguments = (subject.config.name, SUBJECT)
-        with PseudoTerminal(*arguments, program=program, cwd=tmp_path) as terminal:
+        with PseudoTerminal(subject.config.name, SUBJECT, program=program, cwd=tmp_path) as terminal:
             subject.take_part(terminal, stop=lambda *now, due=stop: now == due)
             if stop is not None:
                 terminal.press("\x03")

@@ -17,14 +17,12 @@ import types
 
 import pytest
 from pseudo_terminal import BURRLAB, PseudoTerminal
+from session_scenes import refused
 
 import burrlab
 from burrlab.cli import main
-from burrlab.psychophysics.answers import read_answers
-from burrlab.psychophysics.designs import SameDifferent
-from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics import Protocol, SameDifferent, Stimulus, read_answers
 from burrlab.psychophysics.seat import Keyboard, TerminalSeat
-from burrlab.psychophysics.trial import Stimulus
 
 SUBJECT, TASK = "01", "one"
 CONFIG = """
@@ -102,8 +100,7 @@ class Subject:
                 self.asked.append(trial)
             if kind != "over" and stop(kind, trial):
                 return
-            keys = {"space": " ", "question": KEYS[self.decided[trial - 1]]}
-            terminal.press(keys.get(kind, ""))
+            terminal.press({"space": " ", "question": KEYS[self.decided[trial - 1]]}.get(kind, ""))
 
     def check(self):
         """Checks that all pressed answers are on disk, in the order of an undisturbed run."""
@@ -119,8 +116,7 @@ class Subject:
         ]  # fmt: skip
         assert [row.onset for row in rows] == sorted(row.onset for row in rows)
         for screen in self.screens:
-            found = HIDDEN.search(screen.replace(self.config.name, ""))
-            assert not found
+            assert not HIDDEN.search(screen.replace(self.config.name, ""))
         told = self.protocol.data.log(SUBJECT, TASK).read_text()
         assert all(
             word in told for word in ("bone (c_e 2.145", "pvc (c_e 0.462", "AB", "BA", "AA", "BB", " right")
@@ -142,8 +138,7 @@ def test_undisturbed_alone_and_seen_by_the_experimenter(tmp_path):
     subject.check()
     assert "trial 1 (practice), " in view.read_text()
     with subject.sit_down("resume") as terminal:
-        assert terminal.end() == 0
-        assert terminal.text == "subject 01 has answered everything"
+        assert (terminal.end(), terminal.text) == (0, "subject 01 has answered everything")
 
 
 def test_the_screen_is_not_empty_while_modules_load(tmp_path):
@@ -229,8 +224,10 @@ def test_interrupted_then_terminal_closed(tmp_path):
     assert [row.response for row in subject.rows()] == subject.decided[:2]
     told = subject.protocol.data.log(SUBJECT, TASK).read_text()
     for answered in (1, 2):
-        end = f"ended early, KeyboardInterrupt: {answered} trials are answered; burrlab experiment resume "
-        assert end in told
+        assert (
+            f"ended early, KeyboardInterrupt: {answered} trials are answered; burrlab experiment resume "
+            in told
+        )
 
 
 def test_without_a_terminal(tmp_path, capsys):
@@ -292,8 +289,9 @@ def test_answer_and_its_time(desk, answers):
     desk.seat.keys = answers
     desk.press(answers[0])  # before the question
     # F5, Home, End, other letters and Enter are no answers
-    keys = ("\x1b[15~", "\x1b[1~", "\x1b[F", "x", "\r", "3", answers[1])
-    desk.pressed_once_shown(f"{answers[1]}   different", *keys, after=0.3)
+    desk.pressed_once_shown(
+        f"{answers[1]}   different", "\x1b[15~", "\x1b[1~", "\x1b[F", "x", "\r", "3", answers[1], after=0.3
+    )
     begun = time.monotonic()
     answer, taken = desk.seat.ask(design, design.order(seed=1, subject="01").next(), [])
     assert answer == "different"
@@ -324,23 +322,21 @@ def test_done_counts_since_the_interval_began_and_nothing_is_echoed(desk):
 
 def test_needs_a_terminal_and_a_screen(tmp_path, monkeypatch, left):
     with (tmp_path / "keys").open("w+") as file:
-        for stream in (file, io.StringIO()):
-            with pytest.raises(ValueError, match="answers are read from a terminal: standard input is a p"):
-                Keyboard(stream)
+        rule = "answers are read from a terminal: standard input is a p"
+        refused((lambda: Keyboard(file), rule), (lambda: Keyboard(io.StringIO()), rule))
     monkeypatch.setattr(sys, "stdout", io.StringIO())
-    with pytest.raises(ValueError, match="the subject needs a screen: standard output is a pipe"):
-        TerminalSeat(left.keyboard)
+    refused((lambda: TerminalSeat(left.keyboard), "the subject needs a screen: standard output is a pipe"))
     monkeypatch.setitem(sys.modules, "termios", None)
-    with pytest.raises(ValueError, match="a terminal, which this system does not have"):
-        Keyboard()
+    refused((Keyboard, "a terminal, which this system does not have"))
 
 
 def test_terminal_closed():
     found = Desk()
     os.close(found.controller)
-    for ask in (lambda: found.keyboard.pressed(" "), found.keyboard.flush):
-        with pytest.raises(KeyboardInterrupt, match="the subject's terminal was closed"):
-            ask()
+    rule = "the subject's terminal was closed"
+    refused(
+        (lambda: found.keyboard.pressed(" "), rule), (found.keyboard.flush, rule), error=KeyboardInterrupt
+    )
     os.close(found.terminal)
 
 

@@ -9,6 +9,7 @@ import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+from session_scenes import refused
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 import burrlab
@@ -165,8 +166,7 @@ def test_of_many_structures_the_nearest_are_shown():
 
 
 def test_too_few_axes_are_refused():
-    with pytest.raises(ValueError, match="ax must hold 3 Axes, got 1"):
-        objects()["descent"].plot([Figure().subplots()])
+    refused((lambda: objects()["descent"].plot([Figure().subplots()]), "ax must hold 3 Axes, got 1"))
 
 
 def test_several_curves_differ_in_grey_and_show_their_kinks(tmp_path):
@@ -190,10 +190,10 @@ def test_several_curves_differ_in_grey_and_show_their_kinks(tmp_path):
     assert (b"/FontFile2" in written, b"/Type3" in written) == (True, False)
     assert axes.figure.get_size_inches().tolist() == pytest.approx([3.5, 2.625])
     assert len(words([burrlab.plot_curves([objects()["curve"], four()["bone"]])])) == 4
-    with pytest.raises(ValueError, match="items must hold a curve or a fit, got none"):
-        burrlab.plot_curves([])
-    with pytest.raises(TypeError, match="items must be VelocityCurve or Fit, got int for '1'"):
-        burrlab.plot_curves([7])
+    refused(
+        (lambda: burrlab.plot_curves([]), "items must hold a curve or a fit, got none"),
+        (lambda: burrlab.plot_curves([7]), "items must be VelocityCurve or Fit, got int for '1'", TypeError),
+    )
 
 
 @pytest.mark.parametrize("way", ["plot", "plot_region"])
@@ -211,8 +211,10 @@ def test_a_second_fit_is_within_the_limits_and_has_its_own_colour(way):
 
 def test_residuals_name_the_row_that_stands_out():
     curve = objects()["curve"]
-    velocity = curve.velocity * np.where(np.arange(len(curve)) == 4, 2.5, 1.0)
-    fit = burrlab.fit(burrlab.VelocityCurve(curve.force, velocity), BURR)
+    fit = burrlab.fit(
+        burrlab.VelocityCurve(curve.force, curve.velocity * np.where(np.arange(len(curve)) == 4, 2.5, 1.0)),
+        BURR,
+    )
     axes, rows = fit.plot_residuals(), fit.influence()
     assert (
         [text.get_text() for text in axes.texts]

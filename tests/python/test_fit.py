@@ -261,14 +261,16 @@ class TestProperties:
     @few
     @given(k=st.floats(0.1, 10))
     def test_stiffer_by_a_factor(self, k):
-        stiffer = [replace(one, force=k * one.force) for one in (WIDE, PRESSED)]
-        assert_alike(fit(stiffer), fitted("wide", "pressed"), c_e=k)
+        assert_alike(
+            fit([replace(one, force=k * one.force) for one in (WIDE, PRESSED)]),
+            fitted("wide", "pressed"),
+            c_e=k,
+        )
 
     @few
     @given(order=st.permutations(range(12)), swap=st.booleans())
     def test_order_does_not_matter(self, order, swap):
-        shuffled = replace(WIDE, force=WIDE.force[order], velocity=WIDE.velocity[order])
-        data = [shuffled, PRESSED, TRACE]
+        data = [replace(WIDE, force=WIDE.force[order], velocity=WIDE.velocity[order]), PRESSED, TRACE]
         assert_alike(fit(data[::-1] if swap else data), fitted("wide", "pressed", "trace"))
 
     @pytest.mark.parametrize("names", [("wide",), ("ridge",), ("wide", "pressed"), ("wide", "trace")])
@@ -288,8 +290,9 @@ class TestBounds:
     def test_of_alpha(self):
         interval = fit(WIDE, bounds={"alpha": (0.08, 0.085)}).intervals["alpha"]["95"]
         assert (interval.lower, interval.upper) == (None, None), "open at bounds that were given"
-        wide = fit(WIDE, bounds={"alpha": (1e-4, 5.0)})
-        assert ends(wide, "alpha") == pytest.approx(ends(fitted("wide"), "alpha"), rel=1e-3)
+        assert ends(fit(WIDE, bounds={"alpha": (1e-4, 5.0)}), "alpha") == pytest.approx(
+            ends(fitted("wide"), "alpha"), rel=1e-3
+        )
 
     def test_the_force_that_bounds_c_e_is_named(self):
         window = {"window_start": [0.5, 0.5, 0.5, 0.2], "window_end": [1, 1, 1, 0.3]}
@@ -324,8 +327,9 @@ class TestWhatItSays:
         assert "nan" not in result.report()
 
     def test_verdicts(self):
-        told = "c_e and alpha are separately identified: these 12 points (0.3 to 2.6 N)"
-        assert fitted("wide").verdict.startswith(told)
+        assert fitted("wide").verdict.startswith(
+            "c_e and alpha are separately identified: these 12 points (0.3 to 2.6 N)"
+        )
         assert "no upper end" in fitted("ridge").verdict
         assert not fitted("ridge").separately_identified
         assert repr(fitted("ridge")).startswith("Fit(ridge: alpha/c_e^2.667 = 0.0107 to 0.0141 ")
@@ -363,8 +367,9 @@ def test_plot_of_a_profile(name, direction, names):
     assert ("open above" in texts) == (names == ("ridge",))
     # an indentation has its own scatter, so the limits of alpha differ from those of c_e
     limits = [result.evidence.calibration.limit(level, direction) for level in (0.68, 0.95, 0.997)]
-    drawn = sorted(line.get_ydata()[0] for line in ax.lines if line.get_linestyle() == "--")
-    np.testing.assert_allclose(drawn, limits)
+    np.testing.assert_allclose(
+        sorted(line.get_ydata()[0] for line in ax.lines if line.get_linestyle() == "--"), limits
+    )
     # the curve passes through the fit, reaches the lower end's limit, and is drawn without gaps
     x, rise = (np.asarray(values) for values in ax.lines[0].get_data())
     value, end = getattr(result, name), result.intervals[name]["95"].lower

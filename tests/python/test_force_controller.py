@@ -19,9 +19,9 @@ def test_terms_add_up() -> None:
             slope += ((force - last) / (1e-3 * dt) - slope) * dt / (dt + 3.0)
         last = force
         integral += 10.0 * (setpoint - force) * 1e-3 * dt
-        output = pid.update(setpoint, force, dt)
-        wanted = 2.0 * (setpoint - force) + integral - 0.1 * slope
-        assert output == pytest.approx(np.clip(wanted, -50, 50), rel=1e-9, abs=1e-12)
+        assert pid.update(setpoint, force, dt) == pytest.approx(
+            np.clip(2.0 * (setpoint - force) + integral - 0.1 * slope, -50, 50), rel=1e-9, abs=1e-12
+        )
 
 
 def test_a_change_of_gains_keeps_the_integral() -> None:

@@ -17,8 +17,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from command_line import call, refusal, result
-from test_servo_devices import session, wait_for
+from command_line import refusal, result, said
+from replica_scenes import soon
+from session_scenes import refused
+from test_servo_devices import session
 
 from burrlab import HaplyDevice, _core, load_trace, replay
 from haply_service import HaplyService
@@ -58,16 +60,16 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
     assert device.library == f"ws://127.0.0.1:{service.port}"
     half = math.sqrt(0.5)
     with session(device, record=file) as run:
-        wait_for(lambda: run.ticks > 50)
+        assert soon(lambda: run.ticks > 50)
         assert not np.any(service.forces)  # no contact yet
         ticks, service.change = run.ticks, swaying()
-        wait_for(lambda: run.ticks > ticks + 100)
+        assert soon(lambda: run.ticks > ticks + 100)
         service.change = lambda message: message
         service.position, service.orientation, service.buttons = (0, 0, DEEP), (half, 0, half, 0), {"b": True}
-        wait_for(lambda: service.forces[-1][2] > 0)
+        assert soon(lambda: service.forces[-1][2] > 0)
         service.buttons = {"a": True, "b": True, "c": True}
         ticks = run.ticks
-        wait_for(lambda: run.ticks > ticks + 50)
+        assert soon(lambda: run.ticks > ticks + 50)
         service.drop()
         assert run.wait(10)
     assert (run.failed, run.reason) == (True, f"device 0 was lost: {device.fault}")
@@ -88,9 +90,9 @@ def test_a_hand_meets_bone_and_the_connection_drops(service, tmp_path):
         session(device, duration=0.1).start()
     device, seen = opened(service), len(service.forces)
     with session(device) as again:
-        wait_for(lambda: np.any(service.forces[seen:]))
+        assert soon(lambda: np.any(service.forces[seen:]))
     assert not again.failed
-    wait_for(lambda: not any(service.forces[-1]))
+    assert soon(lambda: not any(service.forces[-1]))
 
 
 _SCRIPT = """
@@ -115,18 +117,18 @@ def test_a_force_ends_with_its_program(service, case):
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
-        wait_for(lambda: service.forces and service.forces[-1][2] > 0.05)
+        assert soon(lambda: service.forces and service.forces[-1][2] > 0.05)
         child.stdin.write("\n")
         child.stdin.flush()
         if case == "hold":
-            wait_for(lambda: not any(service.forces[-1]))
+            assert soon(lambda: not any(service.forces[-1]))
             assert not select.select([child.stdout], [], [], 0)[0]  # it is still held
         else:
             child.stdout.readline()
-            wait_for(lambda: any(service.forces[-1]))
+            assert soon(lambda: any(service.forces[-1]))
             child.send_signal(signal.SIGTERM)
             assert child.wait(10) == -signal.SIGTERM
-            wait_for(lambda: not any(service.forces[-1]))
+            assert soon(lambda: not any(service.forces[-1]))
     finally:
         child.kill()
         child.communicate()
@@ -137,7 +139,7 @@ def test_only_a_force_that_stood_is_called_zero(service):
     def hold_up():
         seen = len(service.forces)
         ctypes.PyDLL(None).usleep(800_000)
-        wait_for(lambda: len(service.forces) > seen + 20)
+        assert soon(lambda: len(service.forces) > seen + 20)
 
     device = opened(service, lost_after=2000.0)
     hold_up()
@@ -145,9 +147,9 @@ def test_only_a_force_that_stood_is_called_zero(service):
         hold_up()
         assert device.note == ""
         service.position = (0, 0, DEEP)
-        wait_for(lambda: service.forces[-1][2] > 0.05)
+        assert soon(lambda: service.forces[-1][2] > 0.05)
         hold_up()
-        wait_for(lambda: device.note in run.messages)
+        assert soon(lambda: device.note in run.messages)
     assert (note := device.note).endswith(
         "its force was zero for a time, as this program's Python was held up"
     )
@@ -181,7 +183,7 @@ def test_wrong_answers_end_the_session_with_force_zero(service, change, sentence
     service.position = (0, 0, DEEP)
     device = opened(service)
     with session(device) as run:
-        wait_for(lambda: service.forces and service.forces[-1][2] > 0)
+        assert soon(lambda: service.forces and service.forces[-1][2] > 0)
         service.change = change
         assert run.wait(10)
     assert run.failed
@@ -189,38 +191,38 @@ def test_wrong_answers_end_the_session_with_force_zero(service, change, sentence
         raise AssertionError(run.reason)
     assert not device.force.any()
     if "too big" not in sentence:  # there the connection has ended
-        wait_for(lambda: not any(service.forces[-1]))
+        assert soon(lambda: not any(service.forces[-1]))
 
 
 def test_late_answers(service):
     device = opened(service, lost_after=1000.0)
     service.position = (0, 0, DEEP)
     with session(device) as run:
-        wait_for(lambda: service.forces and service.forces[-1][2] > 0)
+        assert soon(lambda: service.forces and service.forces[-1][2] > 0)
         service.delay, ticks = 0.05, run.ticks
-        wait_for(lambda: run.ticks > ticks + 200)
+        assert soon(lambda: run.ticks > ticks + 200)
         assert run.loop.running
         service.delay = 1.5
         assert run.wait(10)
     assert re.fullmatch(r"device 0 was lost: its last position is [1-9]\d\d\d ms old", run.reason)
     assert not device.force.any()
-    wait_for(lambda: not any(service.forces[-1]))
+    assert soon(lambda: not any(service.forces[-1]))
     service.delay, seen = 0.0, len(service.forces)
-    wait_for(lambda: len(service.forces) > seen + 3)
+    assert soon(lambda: len(service.forces) > seen + 3)
     with session(device, duration=0.1) as run:
         assert run.wait(10)
     assert not run.failed
     service.delay = 60.0
-    wait_for(lambda: device.fault)
+    assert soon(lambda: device.fault)
     assert device.fault == f"{device.name} failed: the service did not answer in time"
 
 
 def test_messages_that_were_not_asked_for_make_no_position_old(service):
     device, service.answers = opened(service), 2
     with session(device):
-        wait_for(lambda: len(service.forces) > 500)
+        assert soon(lambda: len(service.forces) > 500)
         service.position, seen = (0, 0, DEEP), len(service.forces)
-        wait_for(lambda: service.forces[-1][2] > 0)
+        assert soon(lambda: service.forces[-1][2] > 0)
         assert len(service.forces) < seen + 250
 
 
@@ -247,25 +249,27 @@ def test_messages_that_were_not_asked_for_make_no_position_old(service):
 )
 def test_services_that_cannot_be_used(service, change, sentence):
     service.change = change
-    with pytest.raises(ValueError, match=f"haply:.* cannot be used: .*{sentence}"):
-        opened(service)
+    refused((lambda: opened(service), f"haply:.* cannot be used: .*{sentence}"))
 
 
 def test_a_device_of_its_own_and_no_grip(service):
     service.change = lambda message: {"inverse3": message["inverse3"]}
     device = opened(service)
     assert device.hardware == "inverse3 049D"
-    with pytest.raises(ValueError, match="the Inverse3 049D is open already"):
-        opened(service)
-    with pytest.raises(ValueError, match="wall_clock must be True for a device that a hand holds, got False"):
-        session(device, wall_clock=False)
+    refused(
+        (lambda: opened(service), "the Inverse3 049D is open already"),
+        (
+            lambda: session(device, wall_clock=False),
+            "wall_clock must be True for a device that a hand holds, got False",
+        ),
+    )
     service.delay, seen = 0.3, len(service.forces)
-    wait_for(lambda: len(service.forces) > seen)
+    assert soon(lambda: len(service.forces) > seen)
     time.sleep(0.05)
     service.delay = 0.0
     del device  # while its thread waits for an answer
     device, seen = opened(service), len(service.forces)
-    wait_for(lambda: len(service.forces) > seen)
+    assert soon(lambda: len(service.forces) > seen)
     assert not device.fault
 
 
@@ -285,35 +289,23 @@ def test_two_writers_do_not_mix():
 
 
 def test_commands(service, capsys, monkeypatch):
-    words = [
-        "session",
-        "--voxel",
-        "0.4",
-        "--duration",
-        "0.1",
-        "--lost-after",
-        "5000",
-        "--no-realtime",
-        "--device",
-    ]
-    code, _, err = call(capsys, *words, f"haply:127.0.0.1:{service.port}")
-    assert code == 0, err
+    words = ["session", "--voxel", 0.4, "--duration", 0.1, "--lost-after", 5000, "--no-realtime", "--device"]
+    said(capsys, *words, f"haply:127.0.0.1:{service.port}")
     monkeypatch.setattr("burrlab.session.exchange.PORT", service.port)
     row = result(capsys, "devices")["devices"][-1]
     assert (row["device"], row["hardware"]) == ("haply", "inverse3 049D, wireless_verse_grip 61548")
     with socket.create_server(("127.0.0.1", 0)) as silent:  # it listens, and says nothing
         monkeypatch.setattr("burrlab.session.exchange.PORT", port := silent.getsockname()[1])
-        said = result(capsys, "devices")["devices"][-1]["why_not"]
+        why = result(capsys, "devices")["devices"][-1]["why_not"]
     assert (
-        said
-        == f"haply:localhost:{port} must be a running Inverse Service: the service did not answer in time"
+        why == f"haply:localhost:{port} must be a running Inverse Service: the service did not answer in time"
     )
     assert "must be a running Inverse Service: " in refusal(capsys, *words, f"haply:127.0.0.1:{port}")
     monkeypatch.setitem(sys.modules, "websockets.sync.client", None)
     assert "a Haply device needs websockets: pip install 'burrlab[haply]'" in refusal(capsys, *words, "haply")
 
 
-def test_hosts_that_are_refused():
-    for host in ("", "a/b", "a b"):
-        with pytest.raises(ValueError, match="host must be a name or an address, got"):
-            HaplyDevice(host)
+@pytest.mark.parametrize("host", ["", "a/b", "a b"])
+def test_hosts_that_are_refused(host):
+    with pytest.raises(ValueError, match="host must be a name or an address, got"):
+        HaplyDevice(host)

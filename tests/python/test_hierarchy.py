@@ -111,8 +111,7 @@ class Bones(RuleBasedStateMachine):
     @rule(seed=st.integers(0, 999))
     def restore(self, seed: int) -> None:
         """Takes any levels up to the pristine ones, as of a snapshot."""
-        share = np.random.default_rng(seed).choice([0.0, 0.5, 1.0], self.q.shape)
-        self.q = (self.p * share).astype(np.uint8)
+        self.q = (self.p * np.random.default_rng(seed).choice([0.0, 0.5, 1.0], self.q.shape)).astype(np.uint8)
         self.bone = rebuilt(self.p, self.q)
 
     @rule()
@@ -133,8 +132,7 @@ class Bones(RuleBasedStateMachine):
         digest = self.bone.digest()
         assert rebuilt(self.p, self.q).digest() == digest
         assert pickle.loads(pickle.dumps(self.bone)).digest() == digest
-        written = VoxelBone(self.p, SPACING, ORIGIN)
-        assert (written.digest() == digest) == np.array_equal(self.p, self.q)
+        assert (VoxelBone(self.p, SPACING, ORIGIN).digest() == digest) == np.array_equal(self.p, self.q)
 
     def teardown(self) -> None:
         for bone, q, p in getattr(self, "kept", []):

@@ -67,8 +67,9 @@ class TestIndentation:
             curve_of(np.geomspace(0.4, 2.4, 8), repeats=velocities, scatter=0),
             np.sqrt(3) * depths**1.5,
         )
-        pressed = Indentation(BONE.c_e * unit, depths, 3.0)
-        o = Observations.of([with_sigma(curve), with_sigma(pressed, 0.05)], None)
+        o = Observations.of(
+            [with_sigma(curve), with_sigma(Indentation(BONE.c_e * unit, depths, 3.0), 0.05)], None
+        )
         return Likelihood(o, residuals, MeanFieldModel(o, BONE.shape)), o.velocity, o.pressed
 
     @pytest.mark.parametrize(
@@ -82,8 +83,9 @@ class TestIndentation:
         for _ in range(n):
             errors = 0.08 * random.standard_normal(len(v)), 0.05 * random.standard_normal(len(F))
             noise = [1 + e if residuals == "sigma" else np.exp(e) for e in errors]
-            o = likelihood.observations.with_outcomes(v * noise[0], F * noise[1])
-            drawn = Likelihood(o, residuals, likelihood.model)
+            drawn = Likelihood(
+                likelihood.observations.with_outcomes(v * noise[0], F * noise[1]), residuals, likelihood.model
+            )
             poor += goodness(drawn, point, lack_of_fit(drawn, point)).poor
             found.append([test.p_value for test in indentation_tests(drawn)])
         print(f"{residuals}, {len(set(depths))} depths: {poor} of {n} clean sets contradict")
@@ -103,8 +105,7 @@ class TestIndentation:
 
     def test_means_beside_their_repeats(self):
         wave = np.where(np.arange(24) // 3 % 2, 1.15, 1 / 1.15)  # no slope
-        depths = np.repeat(self.DEPTHS[::3], 3)
-        pressed = synthetic_indentation(BURR, BONE, depths, scatter=0.03, seed=1)
+        pressed = synthetic_indentation(BURR, BONE, np.repeat(self.DEPTHS[::3], 3), scatter=0.03, seed=1)
         found = fit([curve_of(repeats=1), replace(pressed, force=pressed.force * wave)])
         assert "Eq. 3 misses its means" in found.verdict
         assert found.status == "poor-fit"
@@ -121,8 +122,7 @@ class TestFall:
     @staticmethod
     def constant(noise: float, seed: int) -> DepthTrace:
         time = np.arange(0, 2, 0.002)
-        random = np.random.default_rng(seed)
-        immersion = 0.45 + 0.6 * time / 2 + noise * random.standard_normal(len(time))
+        immersion = 0.45 + 0.6 * time / 2 + noise * np.random.default_rng(seed).standard_normal(len(time))
         return DepthTrace(time, immersion, 1.0, 3.0, start_mm=0.5, end_mm=1.0)
 
     @pytest.mark.parametrize(("runs", "noise"), [(1, 0.0), (1, 0.002), (3, 0.0), (3, 0.002)])
@@ -156,8 +156,7 @@ class TestFall:
 
 class TestGivenValues:
     def test_sentences(self):
-        result = fitted("wide")
-        inside, outside, excluded = (result.test(c_e, 0.087) for c_e in (2.145, 4.0, 1.0))
+        inside, outside, excluded = (fitted("wide").test(c_e, 0.087) for c_e in (2.145, 4.0, 1.0))
         assert "lies inside the joint 95 % region" in str(inside)
         assert "lies outside the joint 95 % region" in str(outside)
         assert inside.freedom == (2.0, 10.0)

@@ -18,8 +18,7 @@ def sphere(spacing, radius=4.0, soft=0.0, side=12.0):
     count = np.round(side / spacing).astype(int)
     axes = [(np.arange(n) + 0.5) * s - side / 2 for n, s in zip(count, spacing, strict=True)]
     x, y, z = np.meshgrid(*axes, indexing="ij")
-    apart = radius - np.sqrt(x**2 + y**2 + z**2)
-    part = np.clip(apart / max(soft, 1e-9) + 0.5, 0, 1)
+    part = np.clip((radius - np.sqrt(x**2 + y**2 + z**2)) / max(soft, 1e-9) + 0.5, 0, 1)
     return Volume(np.rint(1000 * part).T.astype(np.int16), spacing, [a[0] for a in axes], np.eye(3), "sphere")
 
 
@@ -50,18 +49,19 @@ def test_linear_values_are_kept_when_finer():
     np.testing.assert_allclose(fine.origin, (-0.1, -0.2, -0.3))
     centers = [np.arange(n) * 0.2 + o for n, o in zip(fine.shape[::-1], fine.origin, strict=True)]
     inside = [np.clip(c / s, 0, n - 1) for c, s, n in zip(centers, volume.spacing, (7, 6, 5), strict=True)]
-    wanted = inside[0] + 10 * inside[1][:, None] + 100 * inside[2][:, None, None]
-    np.testing.assert_allclose(fine.values, wanted, atol=1e-4)
+    np.testing.assert_allclose(
+        fine.values, inside[0] + 10 * inside[1][:, None] + 100 * inside[2][:, None, None], atol=1e-4
+    )
 
 
 def test_coarser_is_the_mean():
     values = np.random.default_rng(4).random((4, 6, 5))
-    volume = Volume(values, (0.1, 0.1, 0.1), (0, 0, 0), np.eye(3), "noise")
-    coarse = volume.resample((0.25, 0.3, 0.2))
+    coarse = Volume(values, (0.1, 0.1, 0.1), (0, 0, 0), np.eye(3), "noise").resample((0.25, 0.3, 0.2))
     assert coarse.shape == (2, 2, 2)
     weights = np.array([[1, 1, 0.5, 0, 0], [0, 0, 0.5, 1, 1]]) / 2.5
-    wanted = np.einsum("zaybx,kx->zyk", values.reshape(2, 2, 2, 3, 5), weights) / 6
-    np.testing.assert_allclose(coarse.values, wanted, rtol=1e-6)
+    np.testing.assert_allclose(
+        coarse.values, np.einsum("zaybx,kx->zyk", values.reshape(2, 2, 2, 3, 5), weights) / 6, rtol=1e-6
+    )
 
 
 def test_no_aliasing():
@@ -90,8 +90,9 @@ def test_field_of_view(new):
 @pytest.mark.parametrize("new", [0.7, (0.25, 0.7, 1.1), 0.33])
 def test_bone_ends_with_the_volume(new):
     """Bone is solid up to the faces; a voxel that reaches beyond them holds its part within."""
-    volume = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones")
-    bone = volume.to_bone(UNIT, spacing=new)
+    bone = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones").to_bone(
+        UNIT, spacing=new
+    )
     assert bone.mass == pytest.approx(7 * 8 * 9 * 0.045, rel=5e-3)
 
 

@@ -4,12 +4,11 @@ import threading
 
 import numpy as np
 import pytest
-from session_scenes import FakeReader
+from session_scenes import FakeReader, refused
 
 from burrlab import Burr, MailboxDevice, ScriptedDevice, _core, load_trace, materials, replay
+from burrlab.psychophysics import Interval, Stimulus, drilling_hand, probing_hand
 from burrlab.psychophysics.interval import TICK, Block, _Watch, render
-from burrlab.psychophysics.observer import drilling_hand, probing_hand
-from burrlab.psychophysics.trial import Interval, Stimulus
 
 BURR = Burr(2.0)
 BONE = Block((14, 14, 4), 0.2)
@@ -83,8 +82,7 @@ def test_break_through_ends_it_at_that_very_tick():
 def test_a_wall_ends_it_where_the_sphere_below_the_surface_reaches_it(axis, side):
     end = np.zeros(3)
     end[axis] = side * 10.0
-    device = script((0, 0, 0, 1.5), (1, *end[:2], 1.5))
-    found = play(device, interval(duration=2.0), mode="probing")
+    found = play(script((0, 0, 0, 1.5), (1, *end[:2], 1.5)), interval(duration=2.0), mode="probing")
     reach, way = 7.0 - np.sqrt(2.0**2 - 1.5**2), side * found.ticks["center"][:, axis]
     assert found.ended == "wall"
     assert way[-2] < reach <= way[-1] == pytest.approx(reach, abs=0.011)
@@ -131,8 +129,7 @@ def test_the_trace_holds_the_interval(tmp_path):
     assert np.array_equal(trace.array("center_mm")[: len(found.ticks)], found.ticks["center"])
     assert trace.bone().digest() == THIN.fresh().digest()
     assert replay(trace).equal
-    with pytest.raises(FileExistsError, match="path must be a new file"):
-        play(drilling_hand(BURR), record=file)
+    refused((lambda: play(drilling_hand(BURR), record=file), "path must be a new file", FileExistsError))
 
 
 @pytest.mark.parametrize("size", [1, 7])
@@ -158,8 +155,7 @@ def test_the_end_does_not_depend_on_how_the_records_come(size):
 
 def test_lost_records_are_not_passed_over():
     watch = _Watch(FakeReader(lost_at_end=True), BURR, BONE, 1.0)
-    with pytest.raises(RuntimeError, match="records of the interval were lost"):
-        watch.look()
+    refused((lambda: watch.look(), "records of the interval were lost", RuntimeError))
 
 
 @pytest.mark.parametrize(

@@ -421,10 +421,9 @@ def _drawn(slices: SliceFiles, like: Volume | LabelVolume, changed: Changes) -> 
         if new is None:
             image[changed.where[k].transpose(turn)] = 0
             image[image[..., 3] == 0] = 0  # RGB has no transparency: black says that they are empty
-        elif image.ndim == 2:
-            image[...] = new[k].transpose(turn)
         else:
-            image[..., :3] = new[k].transpose(turn)[..., None]
+            channels = image[..., None] if image.ndim == 2 else image
+            channels[..., :3] = new[k].transpose(turn)[..., None]
         shown = image[..., :3] if slices.kind == "RGB" else image
         Image.fromarray(shown).save(written, format="PNG", compress_level=3)
         yield path.name, written.getvalue()

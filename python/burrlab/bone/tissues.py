@@ -357,8 +357,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
         If the file cannot be read.
     """
     name, text = table.text_of(path)
-    if material is None:
-        material = _material(name, text)
+    material = material or _material(name, text)
     waiting: list[str] = []
     faults: list[str] = []
     rows: list[Tissue] = []
@@ -492,8 +491,8 @@ LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2
 def label_scatter(ratio: float, smooth: bool = False) -> str:
     """`LABEL_SCATTER` in words, interpolated between its rows; outside them, of the nearest row."""
     ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
-    rows = [row[smooth] for row in LABEL_SCATTER.values()]
-    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
+    columns = zip(*(row[smooth] for row in LABEL_SCATTER.values()), strict=True)
+    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in columns)
     return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
 
 
@@ -766,7 +765,7 @@ def _gaussian(deviation: float) -> NDArray[np.float64]:
 
 def _filled(tissues: Tissues, fill: Mapping[str, float]) -> tuple[NDArray[np.uint8], list[str]]:
     """Least level of each tissue, and notes."""
-    least, notes = np.zeros(len(tissues), np.uint8), []
+    least = np.zeros(len(tissues), np.uint8)
     names = [tissue.name for tissue in tissues]
     for name, occupancy in fill.items():
         refuse(name not in names, f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
@@ -775,8 +774,7 @@ def _filled(tissues: Tissues, fill: Mapping[str, float]) -> tuple[NDArray[np.uin
             f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}",
         )
         least[names.index(name)] = round(255 * occupancy)
-        notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
-    return least, notes
+    return least, [f"{name}: occupancy at least {occupancy:g}, as asked" for name, occupancy in fill.items()]
 
 
 #: Volume of a nerve 2 mm thick and 32 mm long [mm^3], how often it makes a note, and what pieces of a structure
@@ -787,11 +785,10 @@ _NERVE, _MANY, _FAR = 100.0, 3, 5.0
 def _notes_on_pieces(numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any]) -> list[str]:
     """Notes on critical structures in far pieces: with empty cells between them, of 5 mm or 8 voxels."""
     sides, steps = np.maximum(_FAR, 8 * apart), np.maximum(0.25 / apart, 1).astype(int)
-    cells = [
-        np.arange(0, count, step) * gap // side
+    z, y, x = (
+        (np.arange(0, count, step) * gap // side).astype(int)
         for count, step, gap, side in zip(numbers.shape, steps, apart, sides, strict=True)
-    ]
-    z, y, x = (cell.astype(int) for cell in cells)
+    )
     held = np.zeros((len(tissues), z[-1] + 1, y[-1] + 1, x[-1] + 1), bool)
     for k, plane in zip(z, numbers[:: steps[0], :: steps[1], :: steps[2]], strict=True):
         held[plane, k, y[:, None], x] = True

@@ -89,8 +89,7 @@ class Structures:
             ]
         )
         nerve_points[-3:] += np.array([jitter(0.3), jitter(0.6), 0.0])
-        nerve_points = nerve_points + inner
-        nerve = Tube.along(nerve_points, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
+        nerve = Tube.along(nerve_points + inner, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
         back = np.array([jitter(0.7), 1.0 + jitter(1.5), 0.0])
         sinus_points = np.array(
             [
@@ -119,7 +118,7 @@ class Structures:
             ear_canal=Tube(np.array([[-6.0, -3.3, -3.6], [14.2, -4.3, -3.6] + inner * [0.0, 1.0, 1.0]]), np.full(2, CANAL)),
             tip=Tube(np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])),
             tegmen=np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)]),
-            genu=int(np.argmin(np.linalg.norm(nerve.points - nerve_points[6], axis=1))), fossa=28.7 + jitter(0.5),
+            genu=int(np.argmin(np.linalg.norm(nerve.points - (nerve_points[6] + inner), axis=1))), fossa=28.7 + jitter(0.5),
         )  # fmt: skip
 
     @property

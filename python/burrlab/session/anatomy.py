@@ -12,6 +12,7 @@ from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch, critical_structures
+from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.session.replay import executor_of, inputs
@@ -150,8 +151,11 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     TypeError
         If `replica` is not a Replica.
     """
-    if not isinstance(replica, Replica):
-        raise TypeError(f"replica must be a Replica, got {type(replica).__name__}")
+    refuse(
+        not isinstance(replica, Replica),
+        f"replica must be a Replica, got {type(replica).__name__}",
+        TypeError,
+    )
     bone, _ = replica.snapshot()
     if bone.tissues is None:
         return None

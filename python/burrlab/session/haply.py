@@ -215,8 +215,8 @@ class _Socket(socket.socket):
     def sendall(self, data: Any, flags: int = 0) -> None:
         if self.watchdog is None:
             super().sendall(data, flags)
-        elif not self.watchdog.send(bytes(data)):
-            raise OSError("the connection takes no messages")
+        else:
+            refuse(not self.watchdog.send(bytes(data)), "the connection takes no messages", OSError)
 
 
 #: Devices that a hand holds, which need the wall clock.

@@ -109,8 +109,7 @@ def follow(
     replica = Replica(host, port)
     until = time.monotonic() + timeout
     while not replica.fetch_hello(0.5):
-        if time.monotonic() >= until:
-            raise ConnectionError(f"no leader answers at {host}:{port}")
+        refuse(time.monotonic() >= until, f"no leader answers at {host}:{port}", ConnectionError)
     try:
         hello = json.loads(replica.hello)
         tools = [_tool(tool) for tool in hello["tools"]]

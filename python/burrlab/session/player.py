@@ -433,8 +433,11 @@ class RecordingPlayer:
     prepared = 1.0  # every seek is fast
 
     def __init__(self, recording: Recording, bone: VoxelBone, source: str | Mapping[str, Any] = "") -> None:
-        if not isinstance(recording, Recording):
-            raise TypeError(f"recording must be a DrillingRecording, got {recording!r}")
+        refuse(
+            not isinstance(recording, Recording),
+            f"recording must be a DrillingRecording, got {recording!r}",
+            TypeError,
+        )
         self.recording, self.bone, self.time, self._gone = recording, bone.copy(), 0.0, 0
         motion = recording.motion(bone, source)
         time, voxels = motion.time, motion.removed
@@ -454,8 +457,8 @@ class RecordingPlayer:
         self.history = History(time, force, np.full((len(time), 1), np.nan))
         empty = int(np.count_nonzero(self._level == 0))
         hollow = [f"{empty} of {len(self._level)} removed voxels are empty in this bone"]
-        hollow *= 2 * empty > len(self._level)
-        self.note = "; ".join([motion.notes[0], *hollow, *motion.notes[1:]])
+        notes = [motion.notes[0], *(hollow if 2 * empty > len(self._level) else []), *motion.notes[1:]]
+        self.note = "; ".join(notes)
         self.seek(0.0)
 
     @property

@@ -115,8 +115,7 @@ class TraceWriter:
             refuse(not 0 < value < math.inf, f"{name} must be positive, got {value}")
         rows = max(1, math.ceil(duration * 1000.0 / header.period))
         digests = math.ceil(duration / min(digest_every, 1.0)) + 16
-        if self.path.exists():
-            raise FileExistsError(f"path must be a new file, {self.path} exists")
+        refuse(self.path.exists(), f"path must be a new file, {self.path} exists", FileExistsError)
         with new_part(self.path) as part:  # a kill meanwhile leaves no file of this name
             try:
                 self._places = create(part, bone, header, capacity=rows, digest_capacity=digests)

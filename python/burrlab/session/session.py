@@ -187,8 +187,11 @@ class Session:
 
     def _check_settings(self, clock: Clock, safety: Safety, watch: Watch | None) -> None:
         """ValueError or TypeError for settings that do not go together."""
-        if watch is not None and not hasattr(watch, "settings"):
-            raise TypeError(f"watch must be a Watch, got {type(watch).__name__}")
+        refuse(
+            watch is not None and not hasattr(watch, "settings"),
+            f"watch must be a Watch, got {type(watch).__name__}",
+            TypeError,
+        )
         safety.check_structures(watch, clock.wall_clock)
         clutches = [frame.clutch for frame in self._frames if frame.clutch is not None]
         refuse(
@@ -583,8 +586,11 @@ def _ticks_and_room(duration: float | None, rate: float) -> tuple[int, float]:
 def _listed(objects: Any, is_right: Callable[[object], bool], rule: str) -> list[Any]:
     """An object or several as a list; TypeError with the rule if one is of another kind."""
     listed = [objects] if is_right(objects) else objects
-    if not isinstance(listed, Sequence) or not all(map(is_right, listed)):
-        raise TypeError(f"{rule}, got {objects!r}")
+    refuse(
+        not isinstance(listed, Sequence) or not all(map(is_right, listed)),
+        f"{rule}, got {objects!r}",
+        TypeError,
+    )
     return list(listed)
 
 

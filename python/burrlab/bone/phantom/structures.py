@@ -4,6 +4,7 @@ The origin is the spine of Henle, on the bone's surface. x is depth (towards the
 back, z up [mm].
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -184,10 +185,10 @@ CELLS_BOX = ((-1.0, -9.0, -29.0), (19.0, 28.0, 13.0))
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """Signed distances on the lattice, negative inside [mm].
+    """Signed distances on the lattice by name, negative inside [mm].
 
-    Attributes
-    ----------
+    Names
+    -----
     outside
         From the outer surface of the bone.
     cranium
@@ -203,12 +204,7 @@ class Fields:
     """
 
     lattice: Grid
-    outside: Singles
-    cranium: Singles
-    rooms: Singles
-    sinus: Singles
-    pneumatised: Singles
-    plan: Singles
+    distances: Mapping[str, Singles]
 
     @classmethod
     def of(cls, at: Structures, lattice: Grid) -> "Fields":
@@ -223,14 +219,16 @@ class Fields:
         }
         bone = {"sigmoid sinus": PLATE, "facial nerve": AROUND_NERVE, "labyrinth": AROUND_LABYRINTH,
                 "dura": PLATE, "ear canal": AROUND_CANAL}  # fmt: skip
-        cells = np.maximum(_mastoid(lattice, outside), _within(near, bone))
-        plan = np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside - ABOVE))
-        parts = (outside, cranium, _rooms(at, lattice, canal), near["sigmoid sinus"], cells, plan)
-        return cls(lattice, *(part.astype(np.float32) for part in parts))
+        distances = {
+            "outside": outside, "cranium": cranium, "rooms": _rooms(at, lattice, canal), "sinus": near["sigmoid sinus"],
+            "pneumatised": np.maximum(_mastoid(lattice, outside), _within(near, bone)),
+            "plan": np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside - ABOVE)),
+        }  # fmt: skip
+        return cls(lattice, {name: part.astype(np.float32) for name, part in distances.items()})
 
     def on(self, name: str, grid: Grid) -> Singles:
         """The named field at the points of a grid."""
-        return interpolate(getattr(self, name), self.lattice, grid)
+        return interpolate(self.distances[name], self.lattice, grid)
 
 
 def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:

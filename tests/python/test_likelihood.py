@@ -22,7 +22,6 @@ from burrlab import (
     penetration_velocity,
     synthetic_trace,
 )
-from burrlab.fitting import likelihood
 from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
@@ -218,8 +217,8 @@ class TestManyRows:
         data = data[:1] if kind == "sigma" else data
         each, shared = (Observations.of(data, BURR) for _ in range(2))
         each = Likelihood(each, kind, MeanFieldModel(each, Shape("parabolic")))
-        monkeypatch.setattr(likelihood, "_MANY", 10)
-        monkeypatch.setattr(likelihood, "_TABLE", 100)
+        monkeypatch.setattr("burrlab.fitting.likelihood._MANY", 10)
+        monkeypatch.setattr("burrlab.fitting.likelihood._TABLE", 100)
         shared = Likelihood(shared, kind, MeanFieldModel(shared, Shape("parabolic")))
         c_e = np.geomspace(2.0, 20.0, 31)
         for name in ("A", "B", "m"):

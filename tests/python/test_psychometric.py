@@ -48,8 +48,7 @@ def test_many_trials_return_the_observer():
 
 
 def test_what_is_said(fitted):
-    assert (fitted.guess_rate, fitted.proportion, fitted.level) == (0.5, 0.75, 0.95)
-    assert fitted.ratios == LEVELS
+    assert (fitted.guess_rate, fitted.proportion, fitted.level, fitted.ratios) == (0.5, 0.75, 0.95, LEVELS)
     assert fitted.interval[0] < fitted.threshold < fitted.interval[1]
     change, low, high = fitted.just_noticeable()
     assert change == pytest.approx(2.145 * (fitted.threshold - 1))

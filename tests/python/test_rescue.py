@@ -13,8 +13,6 @@ import pytest
 from session_scenes import file_size_limit
 
 import burrlab
-import burrlab.cli.bone as cli_bone
-import burrlab.session.recorder as trace_writer
 from burrlab.anatomy import default_tissues, write_tissues
 from burrlab.cli import main
 from burrlab.cli.options import save_figure
@@ -35,7 +33,7 @@ def full(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
             raise OSError(errno.ENOSPC, "No space left on device", place)
         kept(place, bone, tick, **told)
 
-    monkeypatch.setattr(cli_bone, "save_bone", save)
+    monkeypatch.setattr("burrlab.cli.bone.save_bone", save)
 
 
 @pytest.mark.parametrize(("after", "temporary"), [(1, "."), (2, "."), (9, "."), (9, "missing")])
@@ -114,7 +112,7 @@ def test_a_trace_that_is_not_whole_is_said_and_what_can_be_is_kept(
             what(trace)
         return os.pwrite(file, data, at)
 
-    monkeypatch.setattr(trace_writer, "_write", meanwhile)
+    monkeypatch.setattr("burrlab.session.recorder._write", meanwhile)
     assert main([*SESSION, "--record", str(trace), "--json", str(result)]) == 3
     told, recording = capsys.readouterr(), json.loads(result.read_text())["recording"]
     assert (sentence in recording["ended"], recording["complete"], "complete False" in told.out) == (

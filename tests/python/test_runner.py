@@ -13,7 +13,6 @@ import pytest
 from answer_scenes import protocol
 
 import burrlab
-import burrlab.psychophysics.run as sitting
 from burrlab.psychophysics import (
     ABX,
     Protocol,
@@ -345,7 +344,7 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
         ticks["periods"] = 1 + (call == 0)
         return replace(found, ticks=ticks, failed=call == 2, reason="the loop stalled: 101 ms")
 
-    monkeypatch.setattr(sitting, "render", loaded)
+    monkeypatch.setattr("burrlab.psychophysics.run.render", loaded)
     assert Sitting(made, "01", again="COMMAND").run(lambda task: paper(["same"] * 4)) == 4
     told = made.data.log("01", "one").read_text()
     load = r"THE MACHINE HAS TOO MUCH TO DO: before the first trial (\d+) of \1 ticks were late"

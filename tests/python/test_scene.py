@@ -12,7 +12,6 @@ from session_scenes import refused, small_bone, tools
 from view_scenes import carve, parcels, write_trace
 
 import burrlab
-import burrlab.view.scene as scene_module
 from burrlab.view import LiveView, Scene, TraceView, surgeon_view, write_video
 from burrlab.view.actors import parcel_colours
 from burrlab.view.surface import BONE, surface_blocks
@@ -82,7 +81,7 @@ def test_what_is_hidden_is_not_drawn_and_not_missed(monkeypatch):
             changed = carve(bone, (4.0, 5.0, 9.0)) if turn else []
             pictures = []
             for one, least in ((scene, 0), (whole, 1e9)):
-                monkeypatch.setattr(scene_module, "_MANY", least)
+                monkeypatch.setattr("burrlab.view.scene._MANY", least)
                 one.update(bone, changed)
                 one.look(surgeon_view(bone, at, np.subtract((4.75, 4.75, 4.75), at), width=14.0))
                 pictures.append(one.picture())

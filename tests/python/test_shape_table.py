@@ -117,8 +117,7 @@ def test_fit_json_and_bootstrap():
     assert again.velocity(1.0) == found.velocity(1.0)
     assert COSINE.label in found.report()
     assert COSINE.name not in found.report() + repr(found)
-    made = [each.bootstrap(4, seed=1).c_e for each in (found, again)]
-    np.testing.assert_array_equal(*made)
+    np.testing.assert_array_equal(*(each.bootstrap(4, seed=1).c_e for each in (found, again)))
     compared = compare_shapes(curve, BURR, shapes=[COSINE, "quartic"], free=False)
     assert compared[COSINE].fit.alpha == found.alpha
     assert COSINE.name not in repr(compared) + "".join(compared.sentences)

@@ -12,7 +12,6 @@ import pytest
 from scipy.stats import binom, binomtest, norm
 
 import burrlab
-import burrlab.psychophysics.rehearsal as rehearsal
 from burrlab.psychophysics import ABX, ConstantStimuli, Interval, SameDifferent, Staircase, Stimulus, Trial
 from burrlab.psychophysics.interval import TICK, Block, Rendered, render
 from burrlab.psychophysics.observer import (
@@ -261,7 +260,7 @@ def test_every_interval_rendered_scores_as_the_table_says(mode, name, cue, noise
         assert rendered.ended == "time"
         return interval_cues(rendered)
 
-    monkeypatch.setattr(rehearsal, "_felt", felt)
+    monkeypatch.setattr("burrlab.psychophysics.rehearsal._felt", felt)
     task, bone = design(mode=mode, interval=20.0), Block(voxel=0.2)
     found = rehearse(task, SimulatedSubject(noise, (cue,)), subjects=5, seed=SEED, bone=bone)
     expected = task1_table(bone=bone).row(name, "bone-pvc", "differencing", noise).score / 12

@@ -78,8 +78,7 @@ def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
     wanted = np.zeros((3, 4, 5))
     wanted[0], wanted[1, 1, 3] = 1, 10  # (z, y, x): slice, row, column
     np.testing.assert_array_equal(labels.labels, wanted)
-    assert (labels.names[10], labels.colours[10]) == ("Facial_Nerve", NERVE)
-    assert labels.notes == (SILENT,)
+    assert (labels.names[10], labels.colours[10], labels.notes) == ("Facial_Nerve", NERVE, (SILENT,))
     np.testing.assert_array_equal(
         read_labels(folder, transpose=True).labels, labels.labels.transpose(0, 2, 1)
     )

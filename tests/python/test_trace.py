@@ -81,10 +81,12 @@ def test_the_header_comes_back(file):
     assert (burr.radius, material.name, material.c_e, material.alpha) == (2.0, "wax", 0.1, 0.2)
     assert (material.shape.name, material.source) == ("power(1.5)", "me")
     assert (trace.seed, trace.period, trace.scheme, trace.first_tick) == (11, 0.25, "cell", 99)
-    assert (trace.devices, trace.source) == (("hand",), "ct.nrrd")
-    assert trace.note == {"force_limit_N": 5.0, "coupling": None}
-    assert trace.ended == "the device is lost"
-    assert trace.complete
+    assert (trace.devices, trace.source, trace.note) == (
+        ("hand",),
+        "ct.nrrd",
+        {"force_limit_N": 5.0, "coupling": None},
+    )
+    assert (trace.ended, trace.complete) == ("the device is lost", True)
     assert trace.digests == ((99, start.digest()),)
     assert trace.initial_digest == trace.bone().digest() == start.digest()
     np.testing.assert_array_equal(trace.bone().pristine, start.pristine)

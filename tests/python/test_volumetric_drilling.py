@@ -244,8 +244,7 @@ def test_an_export_is_read_back(made, tmp_path, layout):
     _, trace, records, bone = made
     burrlab.export_volumetric_drilling(trace, tmp_path / "out.hdf5", layout=layout)
     back, burr = burrlab.read_volumetric_drilling(tmp_path / "out.hdf5"), records["burr"][:, 0]
-    assert (back.layout, back.absent) == (layout, ())
-    assert back.started == trace.provenance["started_unix_s"]
+    assert (back.layout, back.absent, back.started) == (layout, (), trace.provenance["started_unix_s"])
     np.testing.assert_allclose(back.time, trace.time(), atol=1e-6)
     np.testing.assert_allclose(back.position, burr["center"], rtol=1e-14)
     np.testing.assert_array_equal(back.orientation, burr["orientation"])

@@ -178,10 +178,8 @@ def test_copies_are_equal_and_independent(duplicate: Any, eroded_bone: VoxelBone
     other = duplicate(bone)
     assert other is not bone
     assert other.digest() == digest
-    assert (other.shape, other.spacing, other.origin) == (bone.shape, bone.spacing, bone.origin)
-    assert (other.mass, other.removed) == (bone.mass, bone.removed)
-    np.testing.assert_array_equal(other.density, bone.density)
-    np.testing.assert_array_equal(other.pristine, bone.pristine)
+    for name in ("shape", "spacing", "origin", "mass", "removed", "density", "pristine"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(bone, name), err_msg=name)
 
     other.write(np.zeros((2, 2, 2), dtype=np.uint8), start=(3, 4, 5))
     assert (bone.digest(), bone.removed) == (digest, removed)

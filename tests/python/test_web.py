@@ -20,7 +20,6 @@ from burrlab.effects import Companion, Effects, effects_of
 from burrlab.session.network import block_recipe, follow, make_bone
 from burrlab.view.page import Page
 from burrlab.view.page_source import ParcelHistory, page_source
-from burrlab.view.web import serve
 
 BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
@@ -125,10 +124,16 @@ def test_parcels_stop_when_asked(trace):
 
 def test_refused_sources(trace):
     refused(
-        (lambda: serve("a"), "source must be a Trace, TracePlayer, RecordingPlayer, Session, .*, got 'a'"),
-        (lambda: serve(trace, effects=1), "effects of a trace must be Effects, got 1"),
-        (lambda: serve(nerve_session(), effects=1), "effects of a session must be a Companion, got 1"),
-        (lambda: serve(nerve_bone(), effects=1), "effects go with a trace or a session, got 1 with a bone"),
+        (
+            lambda: web.serve("a"),
+            "source must be a Trace, TracePlayer, RecordingPlayer, Session, .*, got 'a'",
+        ),
+        (lambda: web.serve(trace, effects=1), "effects of a trace must be Effects, got 1"),
+        (lambda: web.serve(nerve_session(), effects=1), "effects of a session must be a Companion, got 1"),
+        (
+            lambda: web.serve(nerve_bone(), effects=1),
+            "effects go with a trace or a session, got 1 with a bone",
+        ),
         error=TypeError,
     )
 
@@ -140,10 +145,10 @@ def test_refused_ports(capsys, tmp_path):
         port = taken.getsockname()[1]
         listen, bone = f"cannot listen on 127.0.0.1:{port}: Address already in use", nerve_bone()
         refused(
-            (lambda: serve(bone, port=-1), "port must be from 0 to 65535, got -1"),
-            (lambda: serve(bone, port=65536), "port must be from 0 to 65535, got 65536"),
-            (lambda: serve(bone, port=port), listen, OSError),
-            (lambda: serve(bone, host="192.0.2.1"), r"cannot listen on 192\.0\.2\.1:0: ", OSError),  # of documentation
+            (lambda: web.serve(bone, port=-1), "port must be from 0 to 65535, got -1"),
+            (lambda: web.serve(bone, port=65536), "port must be from 0 to 65535, got 65536"),
+            (lambda: web.serve(bone, port=port), listen, OSError),
+            (lambda: web.serve(bone, host="192.0.2.1"), r"cannot listen on 192\.0\.2\.1:0: ", OSError),  # of documentation
         )  # fmt: skip
         words = ["--device", "hand", "--duration", 1, "--record", tmp_path / "none.h5"]
         code, _, err = call(capsys, "session", *words, "--web", port)
@@ -154,7 +159,7 @@ def test_refused_ports(capsys, tmp_path):
 
 def test_refused_in_an_event_loop():
     async def inside():
-        serve(nerve_bone())
+        web.serve(nerve_bone())
 
     with pytest.raises(RuntimeError, match="serve blocks until the page ends, and an event loop runs here"):
         asyncio.run(inside())
@@ -268,4 +273,4 @@ def test_a_missing_extra(monkeypatch, name):
     monkeypatch.setitem(sys.modules, name, None)
     what = {"pyvista": "the view needs pyvista", "trame": "the page needs trame"}[name]
     with pytest.raises(ImportError, match=rf"{what}: pip install 'burrlab\[viz3d\]'"):
-        serve(nerve_bone())
+        web.serve(nerve_bone())

@@ -1,5 +1,6 @@
 """Volumes written as DICOM series, read by burrlab and pydicom."""
 
+from dataclasses import replace
 from unittest.mock import Mock
 
 import numpy as np
@@ -58,8 +59,7 @@ def test_what_pydicom_reads(tmp_path):
 def test_the_same_volume_is_the_same_series(tmp_path):
     for name in ("a", "b"):
         write_dicom(tmp_path / name, a_volume())
-    other = a_volume()
-    write_dicom(tmp_path / "c", Volume(other.values + 1, other.spacing, other.origin, TURNED, "other"))
+    write_dicom(tmp_path / "c", replace(a_volume(), values=a_volume().values + 1))
     uids = [pydicom.dcmread(tmp_path / name / "slice0002.dcm").SOPInstanceUID for name in "abc"]
     assert uids[0] == uids[1] != uids[2]
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
+from burrlab.common.check import refuse
 from burrlab.common.files import new_part
 from burrlab.common.progress import LOG
 from burrlab.common.records import UNREADABLE
@@ -61,16 +62,14 @@ class Entry:
             if (path := self.look()._path) is None:
                 return None
             with path.open("rb") as file:
-                if not _is_own(os.fstat(file.fileno())):
-                    return None
+                refuse(not _is_own(os.fstat(file.fileno())), "the file is another user's")
                 mapped = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             whole = memoryview(mapped)
-            if int(bytes(whole[:_CHECK]), 16) != zlib.crc32(whole[_CHECK:]):
-                return None
+            refuse(int(bytes(whole[:_CHECK]), 16) != zlib.crc32(whole[_CHECK:]), "the file is damaged")
             end = mapped.find(b"\n", _CHECK)
             header, files, sizes = json.loads(bytes(whole[_CHECK:end]))
-            if list(files) != list(self._files) or not all(map(self._same, files, files.values())):
-                return None
+            same = list(files) == list(self._files) and all(map(self._same, files, files.values()))
+            refuse(not same, "the files have changed")
             ends = [sum(sizes[: k + 1]) + end + 1 for k in range(len(sizes))]
             with contextlib.suppress(OSError):
                 os.utime(path)  # it was used

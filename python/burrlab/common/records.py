@@ -139,13 +139,12 @@ class Codec:
         hooks = cattrs.Converter()
         hooks.register_unstructure_hook(float, self._written)
         hooks.register_unstructure_hook(Path, str)
-        writers: tuple[tuple[Callable[[Any], bool], Callable[[Any], Any]], ...] = (
+        for holds, write in (
             (is_of_core, self._state),
             (_is(np.ndarray, np.generic), lambda value: self.plain(value.tolist())),
             (_is(Mapping), lambda value: {str(name): self.plain(part) for name, part in value.items()}),
             (_is(tuple, list), lambda value: [self.plain(part) for part in value]),
-        )
-        for holds, write in writers:
+        ):
             hooks.register_unstructure_hook_func(holds, write)
         hooks.register_unstructure_hook_factory(dataclasses.is_dataclass, self._taken_apart)
         for kind in (int, str, bool):
@@ -154,12 +153,11 @@ class Codec:
         hooks.register_structure_hook_func(is_of_core, _of_state)
         hooks.register_structure_hook_func(_is(np.ndarray), self._array)
         hooks.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
-        readers = (
+        for holds, make in (
             (_is(Mapping), _mapping),
             (_is_list, _sequence),
             (dataclasses.is_dataclass, self._put_together),
-        )
-        for holds, make in readers:
+        ):
             hooks.register_structure_hook_factory(holds, make)
         hooks.register_structure_hook_func(_is_choice, self._chosen)
         return hooks

@@ -568,11 +568,10 @@ class TableData(Tabular):
                 raise ValueError(f"row {i}, {problem[0]}: {problem[1]}")
 
     def _table(self) -> dict[str, list[Any]]:
-        columns = {
-            self._TABLE.named[name].heading: np.asarray(x).tolist() for name, x in self._columns().items()
-        }
         groups = self.groups if self._n_labels == len(self) else {}
-        return columns | {name: list(labels) for name, labels in groups.items()}
+        return {
+            self._TABLE.named[name].heading: np.asarray(x).tolist() for name, x in self._columns().items()
+        } | {name: list(labels) for name, labels in groups.items()}
 
     def _comments(self) -> dict[str, Any]:
         """What stands above the table in a file."""

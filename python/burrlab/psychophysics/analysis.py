@@ -67,18 +67,17 @@ def heading(task: Task) -> str:
 
 def warnings(task: Task) -> list[str]:
     """Warnings that stand above the numbers."""
-    sentences = ["SIMULATED SUBJECTS: nobody felt anything"] if task.simulated else []
-    if task.selected:
-        sentences += _selection(task)
-    if task.left_out:
-        sentences.append(f"left out, as their runs are incomplete: {', '.join(task.left_out)}")
-    partly = [subject for subject in task.subjects if not subject.complete]
-    if partly:
-        counts = [f"{subject.subject} ({subject.trials} of {subject.planned} trials)" for subject in partly]
-        sentences.append(f"incomplete, and taken in on request: {', '.join(counts)}")
-    if not task.subjects:
-        sentences.append("no complete run")
-    return sentences
+    partly = ", ".join(
+        f"{x.subject} ({x.trials} of {x.planned} trials)" for x in task.subjects if not x.complete
+    )
+    sentences = (
+        "SIMULATED SUBJECTS: nobody felt anything" * task.simulated,
+        *(_selection(task) if task.selected else ()),
+        f"left out, as their runs are incomplete: {', '.join(task.left_out)}" * bool(task.left_out),
+        f"incomplete, and taken in on request: {partly}" * bool(partly),
+        "no complete run" * (not task.subjects),
+    )
+    return list(filter(None, sentences))
 
 
 def _selection(task: Task) -> list[str]:
@@ -413,7 +412,6 @@ def analyse(
     notes += _notes_on_trials(tasks)
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
-    chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
     origin = provenance(
         rules=list(settings.rules), delta=settings.delta, level=settings.level,
         subjects=None if subjects is None else list(subjects), incomplete=incomplete,
@@ -423,7 +421,7 @@ def analyse(
         ThresholdTask.of_data(task, **options)
         if any(subject.levels for subject in task.subjects)
         else ScoredTask.of_data(task, rules=settings.rules, delta=settings.delta, **options)
-        for task in chosen
+        for task in [_selected(task, subjects, selected_from, selected_by) for task in tasks]
     )
     return Analysis(name, results, tuple(notes), json_mapping(origin))
 

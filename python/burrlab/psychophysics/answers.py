@@ -216,11 +216,10 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader,
     `repeats`, the last column, has one digit.
     """
     lines, torn = table.split_torn(content)
-    reader = read_rows(file, lines, task)
     if torn:
         with contextlib.suppress(ValueError):
             return read_rows(file, content + b"\n", task), content + b"\n", b""
-    return reader, lines, torn
+    return read_rows(file, lines, task), lines, torn
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, AnswerRow]], car: SideCar) -> None:

@@ -60,8 +60,7 @@ class Block:
                 abs(length / self.voxel - round(length / self.voxel)) > 1e-6,
                 f"size must be a whole number of voxels of {self.voxel:g} mm, got {length:g}",
             )
-        object.__setattr__(self, "size", size)
-        object.__setattr__(self, "voxel", float(self.voxel))
+        vars(self).update(size=size, voxel=float(self.voxel))
 
     @property
     def origin(self) -> tuple[float, float, float]:
@@ -184,9 +183,8 @@ def wait_until_lifted(
     """
     # A session in the air reads the device as usual and gives exactly zero force.
     voxel = burr.radius / 4.0
-    nothing = VoxelBone.block((voxel, voxel, voxel), voxel, origin=(0.0, 0.0, -_AWAY))
     session = Session(
-        nothing,
+        VoxelBone.block((voxel, voxel, voxel), voxel, origin=(0.0, 0.0, -_AWAY)),
         (burr, Material("nothing", c_e=1.0, alpha=0.0)),
         device,
         seed=0,
@@ -360,11 +358,10 @@ def render(
         watch.look()
     in_time = interval.duration is not None and session.ticks >= round(interval.duration / _PERIOD)
     otherwise: Ending = "time" if in_time and not session.failed else "device"
-    ended: Ending = watch.ended or ("subject" if stopped else otherwise)
     ticks = watch.ticks()
     return Rendered(
         mode=mode,
-        ended=ended,
+        ended=watch.ended or ("subject" if stopped else otherwise),
         duration=float(ticks["time"][-1] + _PERIOD) if len(ticks) else 0.0,
         contact=float((_PERIOD * ticks["periods"])[ticks["touching"]].sum()),
         seed=interval.seed,

@@ -342,8 +342,7 @@ class SimulatedSubject:
             not 0.0 <= self.memory < math.inf,
             f"memory must be zero or positive and finite, got {self.memory!r}",
         )
-        object.__setattr__(self, "cues", cues)
-        object.__setattr__(self, "weber", {cue: float(fractions[cue]) for cue in cues})
+        vars(self).update(cues=cues, weber={cue: float(fractions[cue]) for cue in cues})
 
     @property
     def rule(self) -> RuleName:

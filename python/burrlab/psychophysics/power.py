@@ -134,11 +134,13 @@ class Equivalence:
             else f"Not shown to be equivalent: {self.delta:g} or more is possible in {where}. That does not show a "
             "difference."
         )
-        if self.informative < self.subjects:
-            text += f" {self.subjects - self.informative} of {self.subjects} subjects gave one answer only: nothing is known of theirs."
-        if self.p_below_chance < _BELOW_CHANCE:
-            text += f" Scores are below chance ({probability_text(self.p_below_chance)}), which no d' explains: were answers swapped?"
-        return text
+        silent, below = self.subjects - self.informative, probability_text(self.p_below_chance)
+        more = (
+            f" {silent} of {self.subjects} subjects gave one answer only: nothing is known of theirs." * bool(silent),
+            f" Scores are below chance ({below}), which no d' explains: were answers swapped?"
+            * (self.p_below_chance < _BELOW_CHANCE),
+        )  # fmt: skip
+        return text + "".join(more)
 
     @property
     def design_sentence(self) -> str:

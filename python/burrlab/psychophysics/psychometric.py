@@ -250,29 +250,29 @@ class PsychometricFit:
 
     def __str__(self) -> str:
         low, high = self.interval
+        least, most = min(self.ratios), max(self.ratios)
+        beyond = not least <= self.threshold <= most
         lines = [
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
-            f"{100 * self.level:g} % {low:.3g} to {high:.3g}"
+            f"{100 * self.level:g} % {low:.3g} to {high:.3g}",
+            f"extrapolated: the levels go from {least:.3g} to {most:.3g}" * beyond,
         ]
-        least, most = min(self.ratios), max(self.ratios)
-        if not least <= self.threshold <= most:
-            lines.append(f"extrapolated: the levels go from {least:.3g} to {most:.3g}")
         if (change := self.just_noticeable()) is not None and self.parameter is not None:
             what = "decrease" if self.side == "below" else "increase"
             lines.append(
                 f"just-noticeable {what} of {self.parameter} {change[0]:.3g} {UNITS[self.parameter]}, "
                 f"{change[1]:.3g} to {change[2]:.3g}"
             )
-        lines.append(
+        lines += [
             f"slope {self.slope:.2f}, {self.slope_interval[0]:.2f} to {self.slope_interval[1]:.2f}; lapse "
             f"rate {100 * self.lapse:.1f} %, {100 * self.lapse_interval[0]:.1f} to "
-            f"{100 * self.lapse_interval[1]:.1f} %; {sum(self.trials)} trials"
-        )
-        lines += [
-            f"the {end} end of the {name} is set by the prior, not by the data"
-            for name, end in self.at_bounds
+            f"{100 * self.lapse_interval[1]:.1f} %; {sum(self.trials)} trials",
+            *(
+                f"the {end} end of the {name} is set by the prior, not by the data"
+                for name, end in self.at_bounds
+            ),
         ]
-        return "\n".join(lines)
+        return "\n".join(filter(None, lines))
 
     @drawing
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:

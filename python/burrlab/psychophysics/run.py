@@ -431,9 +431,8 @@ class Sitting:
                 f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} "
                 f"trials{done}"
             )
-            if self._text.startswith(("igtl:", "vrpn:")) and self.protocol.publish is None:
-                experimenter.say(_NO_FORCE)
-            for note in file.notes:
+            forceless = self._text.startswith(("igtl:", "vrpn:")) and self.protocol.publish is None
+            for note in (_NO_FORCE,) * forceless + file.notes:
                 experimenter.say(note)
             if not (self._tried or seat.simulated):
                 self._tried = True

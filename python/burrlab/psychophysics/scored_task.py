@@ -182,13 +182,12 @@ def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
 
 
 def _subject(answers: Answers) -> SubjectData:
-    planned = None if answers.trials is None else answers.trials - int(_design(answers).get("practice", 0))
     answered = [(row.level, row.correct) for row in answers.main if row.level is not None]
     trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
     return SubjectData(
         answers.subject,
         answers.counts() if answers.main else None,
-        planned,
+        None if answers.trials is None else answers.trials - int(_design(answers).get("practice", 0)),
         answers.simulated,
         tuple((level, right[level], trials[level]) for level in sorted(trials)),
         answers,

@@ -205,9 +205,8 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     is_open = exact_p_value(counts, rule, LARGEST) > error
     # A deviance this large has a p value below the error rate: each outcome has a probability below
     # exp(-deviance/2).
-    far = 2.0 * math.log(outcomes / error)
     grid = np.linspace(0.0, LARGEST, 401)
-    near = grid[np.asarray(observed.deviance(rule, grid)) <= far]
+    near = grid[np.asarray(observed.deviance(rule, grid)) <= 2.0 * math.log(outcomes / error)]
     first, last = max(float(near[0]) - 0.1, 0.0), float(near[-1]) + 0.1
     if is_open:
         last = min(last, float(observed.profile_interval(rule, level)[0]) + 1.0)
@@ -313,14 +312,13 @@ class DPrime:
     def __str__(self) -> str:
         low, high = self.interval
         above = "open)" if self.open_above else f"{high:.2f}]"
-        nothing = (
-            "the answers say nothing of d': one answer was always given, or one kind of trial is missing"
-        )
         name, meaning = self.criterion_meaning.split(" ", 1)
         lines = [
             f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, "
             f"{self.method})",
-            nothing if self.undetermined else "",
+            "the answers say nothing of d': one answer was always given, or one kind of trial is missing"
+            if self.undetermined
+            else "",
             "" if self.standard_error is None else f"standard error {self.standard_error:.2f}",
             "" if self.correction == "none" else f"corrected d' {self.corrected:.2f} ({self.correction})",
             f"criterion {name} {self.criterion:.2f} {meaning}",

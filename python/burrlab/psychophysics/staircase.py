@@ -206,8 +206,7 @@ class Staircase(Staircased):
             not math.log(limit) / math.log(start) >= 1.0,
             f"limit must be as far from 1 as start, {start:g}, or farther, got {limit:g}",
         )
-        object.__setattr__(self, "start", start)
-        object.__setattr__(self, "limit", limit)
+        vars(self).update(start=start, limit=limit)
         for name, least, rule in (
             ("coarse_step", 1.0, "a factor above 1"), ("step", 1.0, "a factor above 1"), ("up_weight", 0.0, "above 0"),
         ):  # fmt: skip
@@ -410,11 +409,10 @@ class ConstantStimuli(FixedDesign, ComparisonDesign):
         levels = tuple(checked_level("levels", level) for level in self.levels)
         refuse(not levels, "levels must hold at least one, got none")
         refuse(len(set(levels)) < len(levels), f"levels must differ, got {levels}")
-        object.__setattr__(self, "levels", levels)
         whole("repeats", self.repeats, at_least=2, multiple=2, why=" (RC and CR equally often)")
-        object.__setattr__(self, "trials", len(levels) * self.repeats)
+        types = [[(kind, level) for level in levels] for kind in ("RC", "CR")]
+        vars(self).update(levels=levels, trials=len(levels) * self.repeats, _types=types)
         refuse(self.trials % self.blocks, f"blocks must divide the {self.trials} trials, got {self.blocks}")
-        object.__setattr__(self, "_types", [[(kind, level) for level in levels] for kind in ("RC", "CR")])
 
     def power(self, subjects: int = 1) -> str:
         """Lines on how well a given observer's threshold is found, by about a second of simulation."""
@@ -605,23 +603,20 @@ def precision(
     lines = [
         f"{_RUNS} simulated runs ({np.mean([number for _, number in runs]):.0f} trials on average) of an "
         "observer with Gaussian noise, "
-        f"{100 * LAPSE:g} % lapses and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):"
+        f"{100 * LAPSE:g} % lapses and 75 % correct at a ratio of {math.exp(threshold):.3g} ({where}):",
+        f"{_RUNS - len(logs)} of them end without a threshold" * (len(logs) < _RUNS),
     ]
-    if len(logs) < _RUNS:
-        lines.append(f"{_RUNS - len(logs)} of them end without a threshold")
     if len(logs) > 1:
         spread, bias = float(np.std(logs, ddof=1)), float(np.mean(logs))
-        lines.append(
+        together = math.exp(spread / math.sqrt(max(subjects, 1)))
+        lines += [
             f"the threshold's distance from 1 [ln] is found to a factor of {math.exp(spread):.2f} (standard "
             "deviation), "
-            f"{100 * abs(math.expm1(bias)):.0f} % too {'large' if bias > 0 else 'small'} in the mean"
-        )
-        if subjects > 1:
-            lines.append(
-                f"that of {subjects} such subjects together to {math.exp(spread / math.sqrt(subjects)):.2f}, "
-                "and worse where they differ"
-            )
-    return "\n".join(lines)
+            f"{100 * abs(math.expm1(bias)):.0f} % too {'large' if bias > 0 else 'small'} in the mean",
+            f"that of {subjects} such subjects together to {together:.2f}, and worse where they differ"
+            * (subjects > 1),
+        ]
+    return "\n".join(filter(None, lines))
 
 
 #: Designs by their names in files.

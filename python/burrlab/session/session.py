@@ -431,8 +431,7 @@ class Session:
 
     def _serve(self, reader: RecordReader, rounds: int) -> None:
         """One round of the housekeeping: writes what is due, tells what is new, warns."""
-        self._write_digests()
-        self._tell_of_anatomy()
+        self._pass_on()
         self._warn_of_border(reader)
         if self.loop.counts.ticks == 0 and rounds == round(_PATIENCE / _ROUND):
             faults = [fault for device in self.devices if (fault := getattr(device, "fault", ""))]
@@ -453,8 +452,7 @@ class Session:
             self.follower.stop()  # even if nothing was started, this tells those who wait
             if self.loop.started:
                 reason = self.loop.reason
-                self._write_digests()
-                self._tell_of_anatomy(last=True)
+                self._pass_on(last=True)
             if self.loop.failed:
                 self._say(reason)
             if self._writer is not None:
@@ -487,23 +485,19 @@ class Session:
     def _warn_of_border(self, reader: RecordReader) -> None:
         while self._borders and len(records := reader.take()[0]):
             for burr, border in list(self._borders.items()):
-                centers = records["burr"]["center"][:, burr]
-                if border.count_cut(centers, self.tools[burr][0].radius):
+                if border.count_cut(records["burr"]["center"][:, burr], self.tools[burr][0].radius):
                     self._say(f"burr {burr}: {CUT}")
                     del self._borders[burr]
 
-    def _write_digests(self) -> None:
-        if self._writer is None:
-            return
-        for tick, digest in self.follower.digests_since(self._digests_written):
-            self._writer.add_digest(tick, digest)
-            self._digests_written += 1
-
-    def _tell_of_anatomy(self, *, last: bool = False) -> None:
+    def _pass_on(self, *, last: bool = False) -> None:
+        """New digests and events go into the trace, and sentences to whoever reads them."""
+        if self._writer is not None:
+            for tick, digest in self.follower.digests_since(self._digests_written):
+                self._writer.add_digest(tick, digest)
+                self._digests_written += 1
         events, sentences = self._anatomy.news()
         if self._writer is not None and self._anatomy.watch is not None:
-            if len(events):
-                self._writer.add_events(events)
+            self._writer.add_events(events)
             if last:
                 self._writer.set_watched(self._anatomy.watched())
         for sentence in sentences:

@@ -143,8 +143,9 @@ def _sittings(options: Options) -> list[Sitting]:
     """The sittings that the options ask for, after all possible checks."""
     protocol = Protocol.read(options.config)
     _check_apart("experimenter", options.experimenter, options.config)
-    if not options.simulated:
-        refuse_options(options, ("all", "weber", "decision", "fast"), "goes with --simulated")
+    refuse_options(
+        options, ("all", "weber", "decision", "fast"), "goes with --simulated", not options.simulated
+    )
     refuse(
         (options.subject is None) != options.all,
         "--subject LABEL or --simulated --all must say who takes part",

@@ -160,9 +160,9 @@ def chosen_material(options: Options) -> Material:
         return Material(f"{named.name}, modified", **chosen, source="command line")
 
 
-def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
-    """ValueError "--NAME why" for the first of these options that was given."""
-    for name in names:
+def refuse_options(options: Options, names: Sequence[str], why: str, applies: bool = True) -> None:
+    """ValueError "--NAME why" for the first of these options that was given, where the rule applies."""
+    for name in names if applies else ():
         value = getattr(options, name)
         # --no-transpose counts as given and is False; other flags are False where they are not given
         is_set = value is not None and (value is not False or name == "transpose") and value != []
@@ -206,8 +206,9 @@ def kept(
     except errors as error:
         number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
         place = kept_elsewhere(path, name, write)
-        words = f"{why or error}{f'; {what} is kept as {place}' if place else ''}"
-        raise NotKept(number, words, path) from error
+        raise NotKept(
+            number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path
+        ) from error
 
 
 def _write(path: str, name: str, write: Callable[[str], object], what: str) -> None:
@@ -315,8 +316,8 @@ def on_terminal() -> Progress | None:
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
     """Lets SIGTERM and a closed terminal act like Ctrl-C: with force zero and a whole trace."""
-    may_set = threading.current_thread() is threading.main_thread()
-    names = ("SIGTERM", "SIGHUP") if may_set else ()
+    # only the main thread may set handlers
+    names = ("SIGTERM", "SIGHUP") if threading.current_thread() is threading.main_thread() else ()
     terminals = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and stream.isatty()]
 
     def end(*_: object) -> NoReturn:

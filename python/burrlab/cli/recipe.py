@@ -33,8 +33,8 @@ def unknown_colours(options: Options) -> str | int:
 
 def transposed(options: Options, *paths: str | None) -> bool | None:
     """The value of --transpose; ValueError where none of the files is a stack."""
-    if not any(path is not None and is_stack(path) for path in paths):
-        refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
+    no_stack = not any(path is not None and is_stack(path) for path in paths)
+    refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices", no_stack)
     return None if options.transpose is None else bool(options.transpose)
 
 
@@ -51,8 +51,7 @@ def chosen_recipe(options: Options, material: Material, burr: Burr | None = None
         (not volume and labels, ("map", "series", "onto"), "goes with --volume"),
         (not volume and not labels, ("map", "entry", "spacing", "series", "crop"), "goes with --volume"),
     ):
-        if applies:
-            refuse_options(options, names, why)
+        refuse_options(options, names, why, applies)
     refuse(volume and options.map is None, "--volume needs --map")
     grey = None if not volume else VolumeRecipe(
         options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,

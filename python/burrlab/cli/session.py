@@ -143,15 +143,14 @@ def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
         return None
     if not watch_asked_for(options) and not critical_structures(bone):
         return None
-    if bone.tissues is None:
-        refuse_options(options, ("watch", *LIMITS), "needs a bone with tissues")
+    refuse_options(options, ("watch", *LIMITS), "needs a bone with tissues", bone.tissues is None)
     return Watch(bone, structures=options.watch, progress=on_terminal(), **limits)
 
 
 def do_session(options: Options) -> int:
     check_live(options)
-    if options.publish is None and options.vrpn is None:
-        refuse_options(options, ("host",), "goes with --publish or --vrpn")
+    published = options.publish is not None or options.vrpn is not None
+    refuse_options(options, ("host",), "goes with --publish or --vrpn", not published)
     host, burr = options.host or "127.0.0.1", Burr(options.radius)
     start = chosen_start(options, burr, chosen_material(options))
     watch = chosen_watch(options, start.bone)
@@ -162,9 +161,9 @@ def do_session(options: Options) -> int:
         "--volume-frame goes with --volume, --labels or a volume's --bone",
     )
     devices = [_device(text, options, burr, start, i) for i, text in enumerate(options.device)]
-    publish = None if options.publish is None and options.vrpn is None else burrlab.Publish(
+    publish = burrlab.Publish(
         port=options.publish, vrpn=options.vrpn, host=host, header_version=options.header_version, sensor=not options.no_sensor
-    )  # fmt: skip
+    ) if published else None  # fmt: skip
     session = burrlab.Session(
         burrlab.StartingBone(start.bone, start.tick, start.source), [(burr, start.material)] * len(devices),
         _placed(devices, options, start.place), seed=options.seed, duration=options.duration, record=options.record,
@@ -376,8 +375,7 @@ def do_replay(options: Options) -> int:
 
 
 def do_metrics(options: Options) -> None:
-    if options.target is None:
-        refuse_options(options, ("onto",), "goes with --target")
+    refuse_options(options, ("onto",), "goes with --target", options.target is None)
     wanted = {"threshold": options.threshold or THRESHOLD, "hysteresis": options.hysteresis or HYSTERESIS}
     target = None
     if is_recording(options.file):

@@ -153,8 +153,7 @@ def _check(options: Options) -> None:
             "does not go with --pictures alone",
         ),
     ):  # fmt: skip
-        if applies:
-            refuse_options(options, names, why)
+        refuse_options(options, names, why, applies)
     if options.video is not None:
         check_film(Path(options.video), options.fps or FPS)
     refuse(

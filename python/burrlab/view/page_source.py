@@ -304,8 +304,7 @@ class ReplaySource(PageSource):
         super().close()
 
     def _prepare(self) -> None:
-        player = self.player
-        done = isinstance(player, RecordingPlayer) or player.prepare(cancel=self._cancel)
+        done = isinstance(self.player, RecordingPlayer) or self.player.prepare(cancel=self._cancel)
         if done and self.past is not None:
             self.past.make(self._cancel)
 

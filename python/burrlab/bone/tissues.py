@@ -455,7 +455,8 @@ def _material(name: str, text: str) -> Material:
     for line in text.splitlines():
         if line.startswith("# material:"):
             try:
-                return material_of(json.loads(line.partition(":")[2].strip()))
+                table_text = f'{{"material": {line.partition(":")[2].strip()}, "tissues": []}}'
+                return material_of(json.loads(table_text)["material"])
             except UNREADABLE as error:
                 raise ValueError(
                     f"{name}: the material in the comments is none: {in_one_line(error)}"

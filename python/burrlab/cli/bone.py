@@ -38,7 +38,7 @@ from burrlab.bone.tissues import (
 from burrlab.cli.options import (
     Options,
     deliver,
-    kept,
+    elsewhere_after,
     refuse_options,
     require_options,
 )
@@ -93,7 +93,7 @@ class BoneStart:
 
 def rescued(path: str, bone: VoxelBone, tick: int) -> AbstractContextManager[None]:
     """Keeps a bone's exact state elsewhere if saving fails, as on a full disk; the NotKept says where."""
-    return kept(
+    return elsewhere_after(
         path, "bone.h5", lambda place: save_bone(place, bone, tick), "the bone's exact state", OSError, ValueError
     )  # fmt: skip
 

@@ -197,7 +197,7 @@ class NotKept(OSError):
 
 
 @contextlib.contextmanager
-def kept(
+def elsewhere_after(
     path: str, name: str, write: Callable[[str], object], what: str, *errors: type[Exception]
 ) -> Iterator[None]:
     """Keeps a result elsewhere after one of these errors, as on a full disk; the NotKept says where."""
@@ -212,7 +212,7 @@ def kept(
 
 
 def _write(path: str, name: str, write: Callable[[str], object], what: str) -> None:
-    with kept(path, name, write, what, OSError), new_file(path, Path(path).suffix) as part:
+    with elsewhere_after(path, name, write, what, OSError), new_file(path, Path(path).suffix) as part:
         write(os.fspath(part))
 
 

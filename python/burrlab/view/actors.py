@@ -72,10 +72,10 @@ class Lines:
     """
 
     def __init__(self, cells: Iterable[Sequence[int]], *, filled: bool = False) -> None:
-        made, self._points = new("vtkCellArray"), new("vtkPoints")
+        array, self._points = new("vtkCellArray"), new("vtkPoints")
         for cell in cells:
-            made.InsertNextCell(len(cell), cell)
-        self.mesh = new("vtkPolyData", Points=self._points, **{"Polys" if filled else "Lines": made})
+            array.InsertNextCell(len(cell), cell)
+        self.mesh = new("vtkPolyData", Points=self._points, **{"Polys" if filled else "Lines": array})
 
     def place(self, points: ArrayLike) -> "Lines":
         """Places all points, (n, 2) or (n, 3)."""

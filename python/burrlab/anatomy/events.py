@@ -57,7 +57,7 @@ class Watched:
         if seen is None:
             return cls(np.zeros(0, EVENT_DTYPE), np.zeros((burrs, 0), DOSE_DTYPE), removed)
         return cls(
-            _read_only(seen["events"].view(EVENT_DTYPE)), _read_only(seen["doses"].view(DOSE_DTYPE)), removed,
+            read_only(seen["events"].view(EVENT_DTYPE)), read_only(seen["doses"].view(DOSE_DTYPE)), removed,
             seen["gaps"], seen["ticks_passed_over"], seen["events_lost"],
         )  # fmt: skip
 
@@ -96,7 +96,7 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
         recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE,
         "its events are not what their count says",
     )
-    events = _read_only(read_dataset(group, "events", recorded))
+    events = read_only(read_dataset(group, "events", recorded))
     doses = read_dataset(group, "doses")
     refuse(
         doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])),
@@ -105,11 +105,12 @@ def read_watch(file: "h5py.File", burrs: int) -> tuple[dict[str, Any], Watched |
     if not read_dataset(group, "summed"):
         return settings, None, events
     gaps, passed, lost = (int(n) for n in read_dataset(group, "counts"))
-    removed = _read_only(read_dataset(group, "removed_levels"))
-    return settings, Watched(events, _read_only(doses), removed, gaps, passed, lost), events
+    removed = read_only(read_dataset(group, "removed_levels"))
+    return settings, Watched(events, read_only(doses), removed, gaps, passed, lost), events
 
 
-def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+def read_only(values: NDArray[Any]) -> NDArray[Any]:
+    """The array itself, which now refuses writes."""
     values.flags.writeable = False
     return values
 

@@ -304,8 +304,12 @@ class AnatomyReport:
         for name, d in zip(names, doses, strict=True):
             colour = tuple(0.85 * part / 255.0 for part in self.colours.get(d.structure, (0, 0, 0)))
             look = styled(style, color=colour, marker="o", ms=3, lw=1.2, linestyle="--" if d.burr else "-")
-            times = list(d.time_within), list(d.time_within.values())
-            top.plot(*times, label=f"{label}, {name}" if label else name, **look)
+            top.plot(
+                list(d.time_within),
+                list(d.time_within.values()),
+                label=f"{label}, {name}" if label else name,
+                **look,
+            )
         top.set(
             xlabel="distance of the burr's surface [mm]",
             ylabel="time within [s]",

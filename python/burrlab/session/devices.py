@@ -59,12 +59,10 @@ class DeviceFrame:
         check_positive("scale", scalar(self.scale, "scale"))
         for name, count in (("rotation", 4), ("offset", 3)):
             numbers = getattr(self, name)
-            good = (
-                isinstance(numbers, Iterable)
-                and not isinstance(numbers, str)
-                and len(tuple(numbers)) == count
+            refuse(
+                not isinstance(numbers, Iterable) or isinstance(numbers, str) or len(tuple(numbers)) != count,
+                f"{name} must be {count} numbers, got {numbers!r}",
             )
-            refuse(not good, f"{name} must be {count} numbers, got {numbers!r}")
             object.__setattr__(self, name, tuple(scalar(number, name) for number in numbers))
         length = math.hypot(*self.rotation)
         refuse(
@@ -155,10 +153,12 @@ class DeviceLimits:
             if value is None and name != "window":
                 continue
             for number in value if isinstance(value, tuple) else (value,):
-                good = (
-                    isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < math.inf
+                refuse(
+                    not isinstance(number, int | float)
+                    or isinstance(number, bool)
+                    or not 0 < number < math.inf,
+                    f"{name} must be positive and finite, or None, got {number!r}",
                 )
-                refuse(not good, f"{name} must be positive and finite, or None, got {number!r}")
 
     def numbers(self) -> dict[str, Any]:
         """The numbers that are known, by name with unit."""

@@ -122,17 +122,19 @@ class SessionMetrics:
         return dataframe({key: [getattr(self, name)] for key, name in _KEYS.items()})
 
     def _rows(self) -> list[tuple[str, float]]:
-        rows = [(text, getattr(self, name)) for name, _, text in _TABLE]
-        return rows + [
-            (f"removed of {name} [mm^3]", volume) for name, volume in (self.structures or {}).items()
+        return [
+            *((text, getattr(self, name)) for name, _, text in _TABLE),
+            *((f"removed of {name} [mm^3]", volume) for name, volume in (self.structures or {}).items()),
         ]
 
     def __repr__(self) -> str:
-        lines = [f"{text:<42} {value:>12.5g}" for text, value in self._rows()]
-        if self.anatomy is not None:
-            lines.append(str(self.anatomy))
-        lines += self.notes
-        return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
+        lines = [
+            f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N",
+            *(f"{text:<42} {value:>12.5g}" for text, value in self._rows()),
+            *([] if self.anatomy is None else [str(self.anatomy)]),
+            *self.notes,
+        ]
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         figures, values = zip(*self._rows(), strict=True)

@@ -214,9 +214,11 @@ class ForceLimits:
                 )
             )  # fmt: skip
             if not by_driver or models[burr] is not None or growth:
-                text = _describe_guard(model, self.guards[burr], rate)
                 off = "; Safety(limits=None), or --model none, turns the model's limits off"
-                self.sentences.append(f"burr {burr}: {text}{off * (by_driver and models[burr] is not None)}")
+                self.sentences.append(
+                    f"burr {burr}: {_describe_guard(model, self.guards[burr], rate)}"
+                    f"{off * (by_driver and models[burr] is not None)}"
+                )
 
 
 def _describe_guard(model: DeviceLimits, guard: GuardLimits, rate: float) -> str:

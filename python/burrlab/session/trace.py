@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, Tissues, VoxelBone, most_watch_events
-from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, read_watch
+from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, read_only, read_watch
 from burrlab.bone.header import told_notes
 from burrlab.bone.snapshot import check_tick, open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
 from burrlab.common.check import refuse
@@ -402,8 +402,7 @@ class Trace:
         if name in BURR_COLUMNS:  # recorded before there were orientation and buttons
             missing = np.zeros(len(self), BURR_DTYPE[name])
             missing[..., :1] = name == "orientation"
-            missing.flags.writeable = False
-            return missing
+            return read_only(missing)
         raise ValueError(f"name must be one of {', '.join(TICK_COLUMNS + BURR_COLUMNS)}, got '{name}'")
 
     def handling(self, burr: int) -> Handling:
@@ -537,8 +536,7 @@ def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.
     )
     ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)
     _check_rows(ticks, first)
-    ticks.flags.writeable = False
-    return ticks
+    return read_only(ticks)
 
 
 def _check_rows(ticks: NDArray[np.void], first: int) -> None:

@@ -289,27 +289,28 @@ def template(labels: LabelVolume) -> Tissues:
     return Tissues(rows, bone)
 
 
+def _tissue_rows(file: str | None) -> list[dict[str, Any]]:
+    """The tissues of a table, or those known by name."""
+    if file is None:
+        return [
+            {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds,
+             "synonyms": list(t.synonyms)}
+            for t in KNOWN
+        ]  # fmt: skip
+    return [
+        {"label": t.label, "name": t.name, "colour": _hex(t.colour), "c_e_N_per_mm2": t.c_e,
+         "alpha_per_ms": t.alpha, "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
+        for t in read_tissues(file)
+    ]  # fmt: skip
+
+
 def do_tissues(options: Options) -> None:
-    is_table = options.file is not None and options.file.lower().endswith(".csv")
-    if options.file is None or is_table:
+    if options.file is None or options.file.lower().endswith(".csv"):
         refuse_options(
             options, ("tissues", "template", "spacing", "unit", "unknown", "transpose"), "goes with a file of labels"
         )  # fmt: skip
-        if is_table:
-            rows = [
-                {"label": t.label, "name": t.name, "colour": _hex(t.colour), "c_e_N_per_mm2": t.c_e,
-                 "alpha_per_ms": t.alpha, "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
-                for t in read_tissues(options.file)
-            ]  # fmt: skip
-        else:
-            rows = [
-                {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds,
-                 "synonyms": list(t.synonyms)}
-                for t in KNOWN
-            ]  # fmt: skip
-        deliver(
-            options, {"file": options.file, "tissues": rows} if is_table else {"tissues": rows}, _text(rows)
-        )
+        rows = _tissue_rows(options.file)
+        deliver(options, ({"file": options.file} if options.file else {}) | {"tissues": rows}, _text(rows))
         return
     table = None if options.tissues is None else read_tissues(options.tissues)
     listed = options.unknown is None and is_stack(options.file)  # listed here, refused when a bone is made

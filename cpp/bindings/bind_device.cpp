@@ -10,17 +10,15 @@ namespace {
 
 using Flags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
 
-void require_table(const char* name, const Reals& array, py::ssize_t rows, py::ssize_t columns = 3) {
-  if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != columns)
-    throw std::invalid_argument(std::string(name) + " must have shape (n, " + std::to_string(columns) +
-                                "), one row for each of the " + std::to_string(rows) + " rows");
-}
-
+/// Rows of `columns`, or, without columns, of a value each.
 template <class Array>
-void require_column(const char* name, const Array& array, py::ssize_t rows) {
-  if (array.ndim() != 1 || array.shape(0) != rows)
-    throw std::invalid_argument(std::string(name) + " must have shape (n,), one value for each of the " +
-                                std::to_string(rows) + " rows");
+void require_rows(const char* name, const Array& array, py::ssize_t rows, py::ssize_t columns) {
+  const bool fits =
+      array.ndim() == (columns ? 2 : 1) && array.shape(0) == rows && (!columns || array.shape(1) == columns);
+  if (fits) return;
+  throw std::invalid_argument(
+      name + (" must have shape (n," + (columns ? " " + std::to_string(columns) : "")) + "), one " +
+      (columns ? "row" : "value") + " for each of the " + std::to_string(rows) + " rows");
 }
 
 Vec3 row_of(const Reals& array, py::ssize_t i) { return {array.at(i, 0), array.at(i, 1), array.at(i, 2)}; }
@@ -35,9 +33,9 @@ std::shared_ptr<ScriptedDevice> scripted(const Reals& time, const Reals& positio
                                          const std::optional<Reals>& orientation) {
   if (time.ndim() != 1) throw std::invalid_argument("time must have shape (n,)");
   const py::ssize_t n = time.shape(0);
-  require_table("position", position, n);
-  if (on) require_column("on", *on, n);
-  if (orientation) require_table("orientation", *orientation, n, 4);
+  require_rows("position", position, n, 3);
+  if (on) require_rows("on", *on, n, 0);
+  if (orientation) require_rows("orientation", *orientation, n, 4);
   std::vector<ScriptedDevice::Row> rows;
   for (py::ssize_t i = 0; i < n; ++i)
     rows.push_back({time.at(i), row_of(position, i), on ? on->at(i) : true, quaternion_of(orientation, i)});
@@ -58,24 +56,27 @@ std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<
                                      const std::optional<Flags>& on, const std::optional<Reals>& orientation,
                                      const std::optional<Places>& buttons) {
   const py::ssize_t n = position.ndim() > 0 ? position.shape(0) : 0;
-  require_table("position", position, n);
-  if (velocity) require_table("velocity", *velocity, n);
-  if (on) require_column("on", *on, n);
-  if (orientation) require_table("orientation", *orientation, n, 4);
-  if (buttons) require_column("buttons", *buttons, n);
-  std::vector<ReplayDevice::Tick> ticks;
+  require_rows("position", position, n, 3);
+  if (velocity) require_rows("velocity", *velocity, n, 3);
+  if (on) require_rows("on", *on, n, 0);
+  if (orientation) require_rows("orientation", *orientation, n, 4);
+  if (buttons) require_rows("buttons", *buttons, n, 0);
+  std::vector<DeviceReading> ticks;
   for (py::ssize_t i = 0; i < n; ++i) {
     if (buttons && (buttons->at(i) < 0 || buttons->at(i) > 255))
       refuse("buttons", "0 to 255", double(buttons->at(i)));
     ticks.push_back({row_of(position, i), velocity ? row_of(*velocity, i) : Vec3(Vec3::Zero()),
-                     on ? on->at(i) : true, quaternion_of(orientation, i),
-                     buttons ? std::uint8_t(buttons->at(i)) : std::uint8_t(0)});
+                     quaternion_of(orientation, i), buttons ? std::uint8_t(buttons->at(i)) : std::uint8_t(0),
+                     on ? on->at(i) : true});
   }
   return std::make_shared<ReplayDevice>(std::move(ticks));
 }
 
 void bind_hand(py::module_& m) {
   const HandSettings defaults;
+  const auto setting = [](double HandSettings::* field) {
+    return [field](const HandDevice& hand) { return hand.settings().*field; };
+  };
   py::class_<HandDevice, Device, std::shared_ptr<HandDevice>>(
       m, "HandDevice",
       R"(A simulated hand that holds a simulated device.
@@ -159,21 +160,15 @@ array([0. , 0. , 3.2])
            "damping"_a = defaults.damping, "grip"_a = defaults.grip, "friction"_a = defaults.friction,
            "encoder_step"_a = defaults.encoder_step, "on"_a = defaults.on, "on_after"_a = defaults.on_after)
       .def_property_readonly("force", &HandDevice::force, "(3,) last sent by the loop [N]; a copy")
-      .def_property_readonly(
-          "position", [](const HandDevice& hand) -> Vec3 { return hand.position(); },
-          "(3,) true position [mm]; while no loop runs")
-      .def_property_readonly(
-          "target", [](const HandDevice& hand) -> Vec3 { return hand.target(); },
-          "(3,) place the hand draws to [mm]; while no loop runs")
-      .def_property_readonly(
-          "damping", [](const HandDevice& hand) { return hand.settings().damping; }, "[N s/m]")
-      .def_property_readonly(
-          "friction", [](const HandDevice& hand) { return hand.settings().friction; }, "[N]")
-      .def_property_readonly(
-          "encoder_step", [](const HandDevice& hand) { return hand.settings().encoder_step; }, "[mm]");
+      .def_property_readonly("position", &HandDevice::position, py::return_value_policy::copy,
+                             "(3,) true position [mm]; while no loop runs")
+      .def_property_readonly("target", &HandDevice::target, py::return_value_policy::copy,
+                             "(3,) place the hand draws to [mm]; while no loop runs")
+      .def_property_readonly("damping", setting(&HandSettings::damping), "[N s/m]")
+      .def_property_readonly("friction", setting(&HandSettings::friction), "[N]")
+      .def_property_readonly("encoder_step", setting(&HandSettings::encoder_step), "[mm]");
 }
 
-/// Settings from Python, where no button is None.
 void bind_servo(py::module_& m) {
   py::class_<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
                                                                 "A device that a vendor's library drives.")

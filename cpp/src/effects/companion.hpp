@@ -20,9 +20,9 @@ namespace burrlab {
 
 /// The bone that effects follow: that of a session, or of a replica.
 struct EffectsFeed {
-  std::function<std::shared_ptr<VoxelBone>(std::uint64_t& tick)> snapshot;  ///< a copy of the bone
-  std::function<BoneUpdate()> take;  ///< changes since the last call, or since the feed was made
-  std::function<bool()> over;        ///< true if no more comes after the next update
+  std::shared_ptr<SharedBone> bone;
+  std::shared_ptr<UnseenBricks> view;
+  std::function<bool()> over;  ///< true if no more comes after the next update
 };
 
 EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower);

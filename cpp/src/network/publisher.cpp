@@ -53,7 +53,8 @@ std::uint64_t ticks_to_send(PublishedSession& session, const TickLog& log, std::
 }
 
 Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
-    : server_(checked(settings).host, settings.port, standard_send_buffer),
+    : follower_(follower),
+      server_(checked(settings).host, settings.port, standard_send_buffer),
       session_(std::make_unique<PublishedSession>()) {
   session_->settings = settings;
   follower.visit([this](FollowedBone& bone) {
@@ -126,16 +127,14 @@ void Publisher::on_bone(FollowedBone& bone) {
   if (connected_.load(std::memory_order_relaxed) > 0 && !waking_.exchange(true)) server_.wake();
 }
 
-void Publisher::finish(Follower& follower, const std::string& reason, bool failed, double linger) {
+void Publisher::finish(const std::string& reason, bool failed, double linger) {
   require_not_negative("linger", linger);
-  follower.visit([&](FollowedBone& bone) { replicas_->end(bone, reason, failed); });
+  follower_.visit([&](FollowedBone& bone) { replicas_->end(bone, reason, failed); });
   server_.wake();
-  const std::int64_t until = steady_after(linger);
-  const auto awaits_replicas = [this] {
+  wait_until(steady_after(linger), std::chrono::milliseconds(2), [this] {
     const std::lock_guard<std::mutex> lock(session_->mutex);
-    return replicas_->awaits_replicas();
-  };
-  while (steady_now() < until && awaits_replicas()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    return !replicas_->awaits_replicas();
+  });
   stop();
 }
 

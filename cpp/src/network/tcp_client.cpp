@@ -3,9 +3,8 @@
 #include "require.hpp"
 
 #include <algorithm>
-#include <chrono>
-#include <cstring>
 
+#include "session/realtime.hpp"
 #include "socket_options.hpp"
 
 namespace burrlab {
@@ -26,14 +25,12 @@ TcpClient::TcpClient(const std::string& host, int port) {
 }
 
 TcpClient::Wait TcpClient::wait(short events, double seconds) const {
-  using Clock = std::chrono::steady_clock;
-  const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
-                                      std::chrono::duration<double>(seconds < 0 ? 0.0 : seconds));
+  const std::int64_t end = steady_after(seconds);
   pollfd waiting[3] = {polled_for(pipe_.socket(), POLLIN), polled_for(socket_, events),
                        polled_for(datagrams_, POLLIN)};
   const int count = !events ? 1 : datagrams_ < 0 ? 2 : 3;
   for (;;) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now()).count() + 1;
+    const std::int64_t left = (end - steady_now()) / 1000000 + 1;
     const int ready = poll(waiting, count, seconds < 0 ? -1 : int(left > 0 ? left : 0));
     if (stopped() || (ready > 0 && waiting[0].revents)) return Wait::stopped;
     if (ready > 0) return Wait::ready;
@@ -142,10 +139,10 @@ void TcpClient::close() {
 void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
   if (socket_ < 0 || !send(bytes, size, 0.0)) return close();
   ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
-  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(1);
+  const std::int64_t end = steady_after(1.0);
   pollfd waiting = polled_for(socket_, POLLIN);
   std::uint8_t unread[4096];
-  while (std::chrono::steady_clock::now() < end && poll(&waiting, 1, 100) >= 0)
+  while (steady_now() < end && poll(&waiting, 1, 100) >= 0)
     if (TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
   close();
 }

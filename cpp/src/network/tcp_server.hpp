@@ -52,8 +52,6 @@ class TcpServer {
   static void set_send_buffer(int socket, int bytes) noexcept;  ///< of the system
 
  private:
-  void listen(const std::string& host, int port, int send_buffer);
-
   int socket_ = -1, port_ = 0;
   WakePipe pipe_;
   std::vector<unsigned char> polled_;

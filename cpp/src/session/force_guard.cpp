@@ -60,7 +60,7 @@ double ForceGuard::allowed(bool wanted, double dt) noexcept {
 }
 
 Vec3 ForceGuard::apply(const Vec3& wanted, double dt) noexcept {
-  const bool finite = std::isfinite(wanted[0]) && std::isfinite(wanted[1]) && std::isfinite(wanted[2]);
+  const bool finite = wanted.allFinite();
   const double passed = dt > 0.0 ? dt : 0.0;
   double change = limits_.slew * passed, most = limits_.force;
   if (bounded_) {

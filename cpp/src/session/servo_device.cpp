@@ -11,14 +11,8 @@ namespace burrlab {
 namespace {
 
 constexpr std::int64_t start_limit = 1000000000, stop_limit = 500000000;  // [ns]
+constexpr std::chrono::microseconds look(200);                            // between two looks
 constexpr double mean_weight = 1e-3;                                      // of a cycle in the mean delay
-
-template <class Ended>
-bool wait_until(std::int64_t limit, const Ended& ended) {
-  const std::int64_t until = steady_now() + limit;
-  while (!ended() && steady_now() < until) std::this_thread::sleep_for(std::chrono::microseconds(200));
-  return ended();
-}
 
 }  // namespace
 
@@ -50,7 +44,8 @@ void ServoDevice::start(double) {
     keep_.reset();
     throw;
   }
-  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(last_) && last_.time != 0); });
+  wait_until(steady_now() + start_limit, look,
+             [&] { return fault_.load() != 0 || (in_.get(last_) && last_.time != 0); });
   if (fault_.load() == 0 && last_.time != 0) return;
   const std::string why = fault();
   stop();
@@ -62,7 +57,8 @@ void ServoDevice::stop() noexcept {
   if (!keep_) return;
   halt();
   closing_.store(true, std::memory_order_release);
-  const bool ended = wait_until(stop_limit, [this] { return ended_.load(std::memory_order_acquire); });
+  const bool ended =
+      wait_until(steady_now() + stop_limit, look, [this] { return ended_.load(std::memory_order_acquire); });
   end(ended);
   if (ended) keep_.reset();  // else the servo may still call, and the device stays
 }

@@ -33,7 +33,7 @@ void VirtualCoupling::reset() noexcept {
 Coupled VirtualCoupling::couple(const TickExecutor& executor, std::size_t burr, const Vec3& device) noexcept {
   Coupled result;
   result.center = device;
-  if (!(std::isfinite(device[0]) && std::isfinite(device[1]) && std::isfinite(device[2]))) return result;
+  if (!device.allFinite()) return result;
 
   Trial best, last, inside, outside;
   double best_miss = std::numeric_limits<double>::infinity();

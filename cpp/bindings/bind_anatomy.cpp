@@ -1,7 +1,5 @@
 
-#include "anatomy/anatomy_watch.hpp"
 #include "bindings.hpp"
-#include "require.hpp"
 
 namespace {
 

@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "require.hpp"
 #include "session/hand_device.hpp"
 #include "session/scripted_device.hpp"
 #include "session/servo_device.hpp"

@@ -6,7 +6,6 @@
 
 #include "bindings.hpp"
 #include "effects/companion.hpp"
-#include "require.hpp"
 #include "session/realtime.hpp"
 
 namespace {

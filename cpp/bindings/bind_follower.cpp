@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "session/follower.hpp"
 
 py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
   const auto n = static_cast<py::ssize_t>(update.bricks.size());
@@ -81,7 +80,7 @@ void bind_follower(py::module_& m) {
           "from a position to the middle of the time in which its force acts.")
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
       .def("digest", &Follower::digest, no_gil, "Of the present bone.")
-      .def("snapshot", &snapshot_of, "(copy of the bone, ticks executed on it)")
+      .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks executed on it)")
       .def("view", &Follower::view, py::keep_alive<0, 1>(), "A view for a new consumer, for `take`.")
       .def(
           "take",
@@ -99,7 +98,8 @@ void bind_follower(py::module_& m) {
           },
           "watch"_a,
           "Watches the follower's bone from now on. ValueError if the watch has another bone or other burrs.")
-      .def("watched", &watched_by, "known"_a = 0, "As `AnatomyWatch.seen`. ValueError without a watch.")
+      .def("watched", &watched_by<Follower>, "known"_a = 0,
+           "As `AnatomyWatch.seen`. ValueError without a watch.")
       .def(
           "tissue_levels",
           [](Follower& f) {

@@ -1,6 +1,5 @@
 #include "bindings.hpp"
 #include "burrlab/mean_field.hpp"
-#include "require.hpp"
 
 namespace {
 

@@ -1,4 +1,3 @@
-#include "anatomy/anatomy_watch.hpp"
 #include "bindings.hpp"
 #include "network/force_watchdog.hpp"
 #include "network/publisher.hpp"
@@ -146,14 +145,15 @@ void bind_replica(py::module_& m) {
           "what, compared_at, exact, bricks (z, y, x)}], ended, failed, reason, messages, dropped {reason: "
           "messages}")
       .def("digest", &Replica::digest, no_gil, "Of the present bone.")
-      .def("snapshot", &snapshot_of, "(copy of the bone, ticks executed on it)")
+      .def("snapshot", &snapshot_of<Replica>, "(copy of the bone, ticks executed on it)")
       .def(
           "take",
           [](Replica& replica) {
             return ::to_dict(without_gil([&] { return replica.take_changed(); }), replica.bone());
           },
           "Changes since the last call, as `Follower.take`.")
-      .def("watched", &watched_by, "known"_a = 0, "As `AnatomyWatch.seen`. ValueError without a watch.");
+      .def("watched", &watched_by<Replica>, "known"_a = 0,
+           "As `AnatomyWatch.seen`. ValueError without a watch.");
 }
 
 void bind_force_watchdog(py::module_& m) {

@@ -1,10 +1,8 @@
 #include <algorithm>
-#include <optional>
 
 #include "bindings.hpp"
 #include "burrlab/session/haptic_loop.hpp"
 #include "burrlab/session/tick_executor.hpp"
-#include "require.hpp"
 #include "session/mailbox_device.hpp"
 
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme) {

@@ -1,9 +1,6 @@
-#include <cstring>
-#include <vector>
 
 #include "bindings.hpp"
 #include "burrlab/voxel_bone.hpp"
-#include "require.hpp"
 #include "surface.hpp"
 
 namespace {

@@ -1,6 +1,5 @@
 #include "bindings.hpp"
 #include "burrlab/tissues.hpp"
-#include "require.hpp"
 
 namespace {
 

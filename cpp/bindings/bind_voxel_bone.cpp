@@ -1,11 +1,7 @@
 #include <algorithm>
-#include <cmath>
-#include <sstream>
 #include <type_traits>
-#include <variant>
 
 #include "bindings.hpp"
-#include "require.hpp"
 
 namespace {
 

@@ -124,14 +124,16 @@ py::dict to_dict(const AnatomyWatch& watch, std::size_t known);
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme);
 
 /// (copy of the bone, ticks executed on it), of a Follower or a Replica.
-inline py::tuple snapshot_of(const SharedBone& following) {
+template <class Following>
+py::tuple snapshot_of(const Following& following) {
   std::uint64_t tick = 0;
   const auto bone = without_gil([&] { return following.snapshot(tick); });
   return py::make_tuple(bone, tick);
 }
 
 /// As `to_dict` of the watch of a Follower or a Replica.
-inline py::dict watched_by(const SharedBone& following, std::size_t known) {
+template <class Following>
+py::dict watched_by(const Following& following, std::size_t known) {
   std::shared_ptr<AnatomyWatch> copy;
   without_gil([&] {
     following.visit([&](FollowedBone& followed) {

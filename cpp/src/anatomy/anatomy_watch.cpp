@@ -163,14 +163,15 @@ void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept
     const std::int64_t lost = levels_[s] - levels;
     levels_[s] = levels;
     if (lost <= 0 || !is_injury(bone, s)) continue;
-    WatchEvent event;
-    event.tick = tick ? tick - 1 : 0;
-    event.structure = std::uint32_t(s);
-    event.burr = -1;
-    event.distance = std::numeric_limits<double>::infinity();
-    event.removed = removed(s);
-    event.kind = std::uint32_t(WatchEventKind::injury);
-    add_event(event);
+    add_event({tick ? tick - 1 : 0,
+               std::uint32_t(WatchEventKind::injury),
+               std::uint32_t(s),
+               -1,
+               0,
+               std::numeric_limits<double>::infinity(),
+               0.0,
+               removed(s),
+               {}});
   }
 }
 

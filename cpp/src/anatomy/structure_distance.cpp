@@ -1,7 +1,5 @@
 #include "burrlab/anatomy/structure_distance.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 
 #include "brick_walk.hpp"

@@ -59,8 +59,6 @@ class EffectsCompanion {
   /// threads and below the haptic loop. It needs a budget of at most `most_share` of a period.
   EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime);
   ~EffectsCompanion();
-  EffectsCompanion(const EffectsCompanion&) = delete;
-  EffectsCompanion& operator=(const EffectsCompanion&) = delete;
 
   void start();  ///< once
   /// Stops after the frame that is under way; further calls do nothing.

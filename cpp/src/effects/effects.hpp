@@ -36,8 +36,6 @@ class Effects {
   /// Copies the bone's levels. Bone removed before makes no dust.
   Effects(const VoxelBone& bone, const EffectsSetup& setup);
   ~Effects();
-  Effects(const Effects&) = delete;
-  Effects& operator=(const Effects&) = delete;
 
   void set_nozzle(const std::optional<Nozzle>& nozzle);
   void set_sucker(const std::optional<Sucker>& sucker);

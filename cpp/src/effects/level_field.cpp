@@ -1,7 +1,5 @@
 #include "effects/level_field.hpp"
 
-#include <algorithm>
-#include <array>
 #include <cstring>
 #include <limits>
 

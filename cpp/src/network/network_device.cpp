@@ -8,11 +8,7 @@
 
 namespace burrlab {
 
-namespace {
-
 constexpr double shortest_step = 1e-4, longest_step = 1.0;  // between poses [s]; else no velocity is known
-
-}  // namespace
 
 NetworkDevice::NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after,
                              int on_button)

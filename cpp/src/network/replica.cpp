@@ -18,14 +18,10 @@ using replica_protocol::Holds;
 using replica_protocol::Kind;
 using replica_protocol::Word;
 
-namespace {
-
 constexpr double silence = 1.0, until_hello = 0.5;  // after which a connection counts as lost [s]
 constexpr std::size_t most_kept = 1000;             // faults, divergences
 
 constexpr int most_repairs = 5;  // in a row without success, after which the session is given up
-
-}  // namespace
 
 Replica::Replica(const std::string& host, int port) : client_(host, port) {}
 

@@ -53,8 +53,6 @@ class Replica : public SharedBone {
   /// Throws std::invalid_argument if `host` has no address or `port` is not 1 to 65535.
   Replica(const std::string& host, int port);
   ~Replica() { stop(); }
-  Replica(const Replica&) = delete;
-  Replica& operator=(const Replica&) = delete;
 
   /// Asks the leader for its hello for `timeout` [s]; false if none came.
   bool fetch_hello(double timeout);

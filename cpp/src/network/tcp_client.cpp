@@ -104,9 +104,7 @@ std::size_t TcpClient::receive(std::uint8_t* into, std::size_t room, double time
   while (socket_ >= 0 && wait(POLLIN, timeout) == Wait::ready) {
     if (datagram && datagrams_ >= 0) {
       PeerAddress from;
-      const auto got = fill_address(from, [&](sockaddr* at, socklen_t* size) {
-        return ::recvfrom(datagrams_, reinterpret_cast<char*>(into), room, 0, at, size);
-      });
+      const long got = receive_from(datagrams_, into, room, from);
       *datagram = got > 0 && is_of_host(from, address_of(socket_, ::getpeername));
       if (*datagram) return std::size_t(got);
     }

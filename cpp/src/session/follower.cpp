@@ -8,11 +8,8 @@
 #include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr std::size_t batch = 256;  // ticks between other work
-
-}  // namespace
 
 Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings)
     : loop_(std::move(loop)),

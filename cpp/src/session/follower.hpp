@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -66,8 +65,6 @@ class Follower : public SharedBone {
   /// Copies the loop's bone; to be called before the loop starts.
   Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings = {});
   ~Follower();  ///< does not wait for the loop's end
-  Follower(const Follower&) = delete;
-  Follower& operator=(const Follower&) = delete;
 
   void add(std::shared_ptr<TickListener> listener);  ///< before `start`; throws after it
   void start();

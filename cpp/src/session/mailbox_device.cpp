@@ -25,11 +25,6 @@ void MailboxDevice::put_of(std::uint64_t time, const Vec3& position, const Vec3&
   in_.put(letter);
 }
 
-bool MailboxDevice::has_value() const {
-  Letter letter{};
-  return in_.get(letter, 1000) && letter.time != 0;
-}
-
 void MailboxDevice::fail(const std::string& reason) {
   const std::lock_guard<std::mutex> lock(fail_mutex_);
   if (failed_.load(std::memory_order_acquire)) return;

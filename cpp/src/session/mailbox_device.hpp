@@ -19,7 +19,6 @@ class MailboxDevice : public SentForceDevice {
            const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0) {
     put_of(0, position, velocity, on, orientation, buttons);
   }
-  bool has_value() const;  ///< there was a `put`
   /// The device is lost, for this reason, and cannot be started again; the first reason counts.
   void fail(const std::string& reason);
 

@@ -1,7 +1,6 @@
 // Real-time scheduling of a thread, with a sentence for what the system grants or refuses.
 #pragma once
 
-#include <chrono>
 #include <cstdint>
 #include <string>
 #include <thread>

@@ -8,13 +8,10 @@
 #include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr std::int64_t start_limit = 1000000000, stop_limit = 500000000;  // [ns]
 constexpr std::chrono::microseconds look(200);                            // between two looks
 constexpr double mean_weight = 1e-3;                                      // of a cycle in the mean delay
-
-}  // namespace
 
 ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
     : name_(std::move(name)), settings_(settings) {
@@ -125,7 +122,7 @@ std::string ServoDevice::fault() const {
   const int code = fault_.load(std::memory_order_acquire);
   if (code == 0) return {};
   if (code == no_rotation) return name_ + " gave an orientation that is not a rotation";
-  return name_ + " failed: " + error_text(code) + " (error " + std::to_string(code) + ")";
+  return name_ + " failed: " + described(code);
 }
 
 }  // namespace burrlab

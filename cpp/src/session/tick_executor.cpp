@@ -1,7 +1,5 @@
 #include "burrlab/session/tick_executor.hpp"
 
-#include <cmath>
-
 #include "anatomy/anatomy_watch.hpp"
 #include "erosion_steps.hpp"
 #include "require.hpp"

@@ -33,9 +33,9 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
     throw std::invalid_argument(this->name() + " must be a device of its own: it is open already" +
                                 (same == hd_->open.end() ? "" : ", as " + same->second));
   if (code != 0 || handle_ == invalid_handle)
-    throw std::invalid_argument(
-        this->name() + " must be the name of a connected device in the vendor's set-up: " +
-        (code ? error_text(code) + " (error " + std::to_string(code) + ")" : "none found"));
+    throw std::invalid_argument(this->name() +
+                                " must be the name of a connected device in the vendor's set-up: " +
+                                (code ? described(code) : "none found"));
   hd_->hdMakeCurrentDevice(handle_);
   unsigned calibration = hd_->hdCheckCalibration();
   if (calibration == calibration_needs_update) {  // it lies where the library can calibrate it

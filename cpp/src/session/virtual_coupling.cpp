@@ -1,7 +1,6 @@
 #include "session/virtual_coupling.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "require.hpp"

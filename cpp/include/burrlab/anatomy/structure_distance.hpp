@@ -1,13 +1,10 @@
 // Distance to a structure: exact near it, from a field far from it.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <vector>
 
 #include "burrlab/brick.hpp"
 #include "burrlab/tissues.hpp"

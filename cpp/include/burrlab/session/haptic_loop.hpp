@@ -38,8 +38,6 @@ class HapticLoop {
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
              const LoopSettings& settings);
   ~HapticLoop();
-  HapticLoop(const HapticLoop&) = delete;
-  HapticLoop& operator=(const HapticLoop&) = delete;
 
   /// Returns when the thread runs; to be called once. Throws what a device throws, and if a device serves
   /// another loop or the bone is in use.

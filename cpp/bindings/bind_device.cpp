@@ -168,6 +168,50 @@ array([0. , 0. , 3.2])
       .def_property_readonly("encoder_step", setting(&HandSettings::encoder_step), "[mm]");
 }
 
+constexpr const char* servo_text = R"({}
+
+Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
+when it is needed; its axes are {}
+
+Parameters
+----------
+{} : {}
+    Of the device{}
+lost_after : float
+    Age at which a position is lost, and the session stops [ms].
+on_button : int, optional
+    The burr turns while this button, 0 to 7, is pressed; default always.
+library : str
+    File of {}
+
+Raises
+------
+ValueError
+    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
+    {}, it is open already, or it must be calibrated.
+
+Notes
+-----
+The device is open while this object lives. Its servo runs during a session, {} times a second. An error
+of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
+force zero.{}
+)";
+
+/// A vendor's device, which its library knows by `id`; `text` fills `servo_text`.
+template <class Vendor, class Id, class... Text>
+auto bind_vendor(py::module_& m, const char* title, const char* id, const Id& usual, const Text&... text) {
+  py::class_<Vendor, ServoDevice, std::shared_ptr<Vendor>> device(m, title,
+                                                                  format(servo_text, text...).c_str());
+  device.def(py::init([](const Id& which, double lost_after, std::optional<int> on_button,
+                         const std::string& library) {
+               const ServoSettings settings{lost_after, button_of(on_button)};
+               return without_gil([&] { return std::make_shared<Vendor>(which, settings, library); });
+             }),
+             py::arg(id) = usual, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
+             "library"_a = "");
+  return device;
+}
+
 void bind_servo(py::module_& m) {
   py::class_<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
                                                                 "A device that a vendor's library drives.")
@@ -176,86 +220,28 @@ void bind_servo(py::module_& m) {
       .def_property_readonly(
           "delay", [](const ServoDevice& d) { return d.model().delay; },
           "From reading a position to the middle of the time in which its force acts [ms]: a mean over about "
-          "a "
-          "thousand cycles of the servo; nan before the first")
+          "a thousand cycles of the servo; nan before the first")
       .def_property_readonly("hardware", &ServoDevice::hardware,
                              "The model, as the vendor's library names it")
       .def_property_readonly("library", &ServoDevice::library, "File of the vendor's library");
-  py::class_<TouchDevice, ServoDevice, std::shared_ptr<TouchDevice>>(
-      m, "TouchDevice", R"(A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).
-
-Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
-when it is needed; its axes are x right, y up, z towards the user [mm]. The orientation turns the stylus's axes
-into these.
-
-Parameters
-----------
-name : str
-    Of the device in the vendor's set-up; empty for the default device.
-lost_after : float
-    Age at which a position is lost, and the session stops [ms].
-on_button : int, optional
-    The burr turns while this button, 0 to 7, is pressed; default always.
-library : str
-    File of libHD; default what the environment's BURRLAB_LIBHD names, else libHD.so or hd.dll where the system
-    looks.
-
-Raises
-------
-ValueError
-    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
-    name, it is open already, or it must be calibrated.
-
-Notes
------
-The device is open while this object lives. Its servo runs during a session, about 1000 times a second. An error
-of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
-force zero.
-)")
-      .def(py::init([](const std::string& name, double lost_after, std::optional<int> on_button,
-                       const std::string& library) {
-             const ServoSettings settings{lost_after, button_of(on_button)};
-             return without_gil([&] { return std::make_shared<TouchDevice>(name, settings, library); });
-           }),
-           "name"_a = "", py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
-           "library"_a = "");
-  py::class_<OmegaDevice, ServoDevice, std::shared_ptr<OmegaDevice>>(
-      m, "OmegaDevice", R"(An Omega, Delta, Sigma or Falcon, over Force Dimension's library libdhd.
-
-Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
-when it is needed; its axes are x towards the user, y right, z up [mm]. The orientation turns the handle's axes
-into these; it is 1 for a device without a wrist.
-
-Parameters
-----------
-index : int
-    Of the device, from 0.
-lost_after : float
-    Age at which a position is lost, and the session stops [ms].
-on_button : int, optional
-    The burr turns while this button, 0 to 7, is pressed; default always.
-library : str
-    File of libdhd; default what the environment's BURRLAB_LIBDHD names, else libdhd.so.3 or dhd64.dll where the
-    system looks.
-
-Raises
-------
-ValueError
-    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
-    index, it is open already, or it must be calibrated.
-
-Notes
------
-The device is open while this object lives. Its servo runs during a session, up to 4000 times a second. An error
-of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
-force zero. The library adds the force that carries the device's own weight.
-)")
-      .def(py::init(
-               [](int index, double lost_after, std::optional<int> on_button, const std::string& library) {
-                 const ServoSettings settings{lost_after, button_of(on_button)};
-                 return without_gil([&] { return std::make_shared<OmegaDevice>(index, settings, library); });
-               }),
-           "index"_a = 0, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(), "library"_a = "")
+  bind_vendor<TouchDevice>(
+      m, "TouchDevice", "name", std::string(),
+      "A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).",
+      "x right, y up, z towards the user [mm]. The orientation turns the stylus's axes\ninto these.", "name",
+      "str", " in the vendor's set-up; empty for the default device.",
+      "libHD; default what the environment's BURRLAB_LIBHD names, else libHD.so or hd.dll where the system\n"
+      "    looks.",
+      "name", "about 1000", "");
+  bind_vendor<OmegaDevice>(
+      m, "OmegaDevice", "index", 0,
+      "An Omega, Delta, Sigma or Falcon, over Force Dimension's library libdhd.",
+      "x towards the user, y right, z up [mm]. The orientation turns the handle's axes\ninto these; it is 1 "
+      "for "
+      "a device without a wrist.",
+      "index", "int", ", from 0.",
+      "libdhd; default what the environment's BURRLAB_LIBDHD names, else libdhd.so.3 or dhd64.dll where the\n"
+      "    system looks.",
+      "index", "up to 4000", " The library adds the force that carries the device's own weight.")
       .def_static("count", &OmegaDevice::count, "library"_a = "", no_gil,
                   "Number of devices that the library finds. ValueError as above for the library.");
 }

@@ -43,11 +43,6 @@ Decision to_tuple(const FrameDecision& decision) {
   return {decision.merge_to, decision.sub_steps, decision.done};
 }
 
-EffectsSetup to_setup(const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
-                      const Vec3& spin, std::optional<double> budget) {
-  return {parameters, seed, down, spin, budget};
-}
-
 Decision step(Effects& effects, double seconds, const Numbers& bricks, const LevelArray& density,
               const Reals& centers, const Reals& radii, const std::optional<Decision>& given) {
   if (bricks.ndim() != 1 || density.size() != bricks.size() * brick_voxels)
@@ -94,8 +89,8 @@ auto companion_of() {
       throw std::invalid_argument(sizeof...(followed) > 1 ? "loop and follower must be a session's"
                                                           : "replica must be a Replica, got None");
     const py::gil_scoped_release release;
-    return OwnCompanion(new EffectsCompanion(feed_of(followed...),
-                                             to_setup(parameters, seed, down, spin, budget), rate, realtime));
+    return OwnCompanion(new EffectsCompanion(
+        feed_of(followed...), EffectsSetup{parameters, seed, down, spin, budget}, rate, realtime));
   });
 }
 
@@ -147,7 +142,7 @@ void bind_effects(py::module_& m) {
   py::class_<Effects>(m, "Effects", "Dust, blood, water and a sucker; see burrlab.effects.Effects.")
       .def(py::init([](const VoxelBone& bone, const EffectParameters& parameters, std::uint64_t seed,
                        const Vec3& down, const Vec3& spin, std::optional<double> budget) {
-             const EffectsSetup setup = to_setup(parameters, seed, down, spin, budget);
+             const EffectsSetup setup{parameters, seed, down, spin, budget};
              const py::gil_scoped_release release;
              const VoxelBone::Reading reading(bone);
              return std::make_unique<Effects>(bone, setup);

@@ -76,8 +76,7 @@ void bind_follower(py::module_& m) {
           "The last stiffness against the passivity limit of the burr's device: force_N, stiffness_N_per_mm, "
           "limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (the limit is exceeded below "
           "it in this hole), warning (ratio above 0.8); nan if the device does not tell its damping. "
-          "delay_ms, "
-          "from a position to the middle of the time in which its force acts.")
+          "delay_ms, from a position to the middle of the time in which its force acts.")
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
       .def("digest", &Follower::digest, no_gil, "Of the present bone.")
       .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks executed on it)")

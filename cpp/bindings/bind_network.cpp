@@ -49,10 +49,9 @@ void bind_publisher(py::module_& m) {
   py::class_<Publisher, std::shared_ptr<Publisher>>(
       m, "Publisher",
       "Sends a follower's ticks to standard OpenIGTLink peers, to replicas and to VRPN clients. Nobody "
-      "waits. "
-      "There is no authentication: whoever reaches the port may read. The follower must not be started yet. "
-      "`port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is JSON about the "
-      "session; `sensor`: the force as SENSOR too; `log` is the time of ticks kept for "
+      "waits. There is no authentication: whoever reaches the port may read. The follower must not be "
+      "started yet. `port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is "
+      "JSON about the session; `sensor`: the force as SENSOR too; `log` is the time of ticks kept for "
       "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
       "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
       "ValueError if the address or a setting cannot be used.")
@@ -159,10 +158,9 @@ void bind_replica(py::module_& m) {
 void bind_force_watchdog(py::module_& m) {
   py::class_<ForceWatchdog>(m, "ForceWatchdog",
                             "Sends `rest`, a whole message with force zero, over a connected socket, a "
-                            "descriptor that it duplicates, "
-                            "once no `beat` came for `silence` [ms], also while other code holds the "
-                            "interpreter. ValueError if that "
-                            "is not positive or the socket is none.")
+                            "descriptor that it duplicates, once no `beat` came for `silence` [ms], also "
+                            "while other code holds the interpreter. ValueError if that is not positive or "
+                            "the socket is none.")
       .def(py::init<int, std::string, double>(), "socket"_a, "rest"_a, "silence"_a)
       .def("send", &ForceWatchdog::send, "message"_a, no_gil,
            "Sends a whole message; False if the connection ended, or took nothing for a second.")

@@ -98,6 +98,8 @@ py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
   return out;
 }
 
+}  // namespace
+
 py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& shape) {
   if (!bone.tissues()) return py::none();
   bone.check_box(start, shape);
@@ -105,8 +107,6 @@ py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& 
   bone.tissues()->read(start, shape, out.mutable_data());
   return out;
 }
-
-}  // namespace
 
 void bind_surface(py::module_& m) {
   m.def(

@@ -105,11 +105,8 @@ void bind_voxel_bone_copies(VoxelBoneClass& bone) {
 }
 
 py::object numbers_of(const VoxelBone& bone) {
-  if (!bone.tissues()) return py::none();
-  const Index3& shape = bone.shape();
-  py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
-  bone.tissues()->read({0, 0, 0}, shape, out.mutable_data());
-  out.attr("flags").attr("writeable") = false;
+  py::object out = tissue_box(bone, {0, 0, 0}, bone.shape());
+  if (!out.is_none()) out.attr("flags").attr("writeable") = false;
   return out;
 }
 
@@ -118,12 +115,8 @@ template <double (VoxelBone::*sum)(std::size_t) const>
 double of_tissue(const VoxelBone& bone, const std::variant<std::size_t, std::string>& tissue) {
   if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
   const Tissues& table = bone.tissues()->table();
-  std::size_t number = table.size();
-  if (const auto* given = std::get_if<std::size_t>(&tissue))
-    number = *given;
-  else
-    for (std::size_t i = table.size(); i-- > 0;)
-      if (table[i].name == std::get<std::string>(tissue)) number = i;
+  const auto* given = std::get_if<std::size_t>(&tissue);
+  const std::size_t number = given ? *given : table.find(std::get<std::string>(tissue));
   if (number >= table.size())
     throw std::invalid_argument("tissue must be a name or number of the bone's table");
   const VoxelBone::Reading reading(bone);
@@ -214,8 +207,7 @@ std::shared_ptr<VoxelBone> block(const py::object& sides, const py::object& spac
   if (((made - size).array() > 1e-6 * s.array()).any()) {
     const py::str text = format(
         "size ({:g}, {:g}, {:g}) mm is no whole number of voxels of ({:g}, {:g}, {:g}) mm: the block has "
-        "({:g}, "
-        "{:g}, {:g}) mm",
+        "({:g}, {:g}, {:g}) mm",
         size[0], size[1], size[2], s[0], s[1], s[2], made[0], made[1], made[2]);
     warn(text);
   }

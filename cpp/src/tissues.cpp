@@ -36,6 +36,11 @@ Tissues::Tissues(std::vector<Tissue> tissues, const Material& material)
         alike_[i] |= std::uint64_t{1} << j;
 }
 
+std::size_t Tissues::find(const std::string& name) const {
+  const auto named = [&](const Tissue& tissue) { return tissue.name == name; };
+  return std::size_t(std::find_if(tissues_.begin(), tissues_.end(), named) - tissues_.begin());
+}
+
 std::int32_t Tissues::largest_stiffness() const {
   return *std::max_element(stiffness_.begin(), stiffness_.end());
 }

@@ -68,7 +68,7 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
   for (std::size_t s = 0; s < structures_.size(); ++s) {
     const WatchedStructure& structure = structures_[s];
     const WatchLimits& limits = structure.limits;
-    Beside& beside = of(burr, s);
+    Beside& beside = beside_[place_of(burr, s)];
     WatchDose& dose = beside.dose;
     const std::int64_t levels = bone.tissue_levels(structure.distance->search().tissue());
     const std::int64_t lost = levels_[s] - levels;
@@ -118,7 +118,7 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
 /// or be the closest so far. A search in every tick would be slow.
 void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept {
   const auto& [to, limits] = structures_[structure];
-  Beside& beside = of(burr, structure);
+  Beside& beside = beside_[place_of(burr, structure)];
   WatchDose& dose = beside.dose;
   const SphereDistance distance = to->around(beside.center, radii_[burr], beside.nearest);
   dose.distance = distance.value;
@@ -144,7 +144,7 @@ void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRe
 
 /// The dose, with the distance of the burr's present place.
 WatchDose AnatomyWatch::dose(std::size_t burr, std::size_t structure) const {
-  const Beside& beside = of(burr, structure);
+  const Beside& beside = beside_[place_of(burr, structure)];
   WatchDose dose = beside.dose;
   NearestVoxel nearest = beside.nearest;
   if (beside.center != beside.measured)

@@ -111,8 +111,8 @@ void IgtlService::append_force_text(openigtlink::Bytes& out, std::string_view na
     text.imbue(std::locale::classic());  // a decimal point, whatever the program's language
     text.precision(9);
     text << force[0] << ' ' << force[1] << ' ' << force[2];
-    return encode_string(out, {force_name[i], openigtlink::timestamp_now(), session_.settings.header_version},
-                         text.str());
+    return openigtlink::encode_string(
+        out, {force_name[i], openigtlink::timestamp_now(), session_.settings.header_version}, text.str());
   }
   ++session_.status.ignored;
 }

@@ -5,8 +5,8 @@
 #include "session/realtime.hpp"
 
 namespace burrlab {
-MailboxDevice::MailboxDevice(double lost_after, std::string name, DeviceModel model)
-    : lost_after_(lost_after), name_(std::move(name)), model_(model) {
+MailboxDevice::MailboxDevice(double lost_after, std::string name)
+    : lost_after_(lost_after), name_(std::move(name)) {
   require_positive("lost_after", lost_after);
 }
 

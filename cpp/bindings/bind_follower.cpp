@@ -15,16 +15,12 @@ py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
                   "density"_a = to_array(update.density.data(), {n, 8, 8, 8}));
 }
 
-namespace {
-
-py::list digests(const Follower& follower, std::size_t known) {
+static py::list digests(const Follower& follower, std::size_t known) {
   py::list out;
   for (const DigestAt& at : without_gil([&] { return follower.digests(known); }))
     out.append(py::make_tuple(at.tick, at.digest));
   return out;
 }
-
-}  // namespace
 
 void bind_follower(py::module_& m) {
   py::class_<UnseenBricks, std::shared_ptr<UnseenBricks>>(m, "BoneView",

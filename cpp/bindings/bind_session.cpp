@@ -2,7 +2,6 @@
 
 #include "bindings.hpp"
 #include "burrlab/session/haptic_loop.hpp"
-#include "burrlab/session/tick_executor.hpp"
 #include "session/mailbox_device.hpp"
 
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme) {

@@ -1,6 +1,5 @@
 
 #include "bindings.hpp"
-#include "burrlab/voxel_bone.hpp"
 #include "surface.hpp"
 
 namespace {

@@ -41,16 +41,14 @@ Levels to_levels(const py::array& values, Range range) {
   const bool is_levels = py::isinstance<py::array_t<std::uint8_t>>(values);
   if (values.dtype().kind() == 'b') range = range.value_or(std::make_pair(0.0, 1.0));
   if (is_levels) range = range.value_or(std::make_pair(0.0, 255.0));
-  if (!range) {
+  if (!range)
     throw std::invalid_argument("range must be given for densities of type " + dtype_name(values) +
                                 ": the values of empty and of solid bone");
-  }
   const auto [lo, hi] = *range;
-  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi)) {
+  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi))
     throw std::invalid_argument("range must be two finite values, empty below solid, got (" +
                                 std::string(py::str(py::float_(lo))) + ", " +
                                 std::string(py::str(py::float_(hi))) + ")");
-  }
   if (values.dtype().kind() == 'b') return scale<bool>(values, lo, hi);
   if (is_levels) return scale<std::uint8_t>(values, lo, hi);
   if (py::isinstance<py::array_t<std::int8_t>>(values)) return scale<std::int8_t>(values, lo, hi);

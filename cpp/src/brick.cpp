@@ -7,16 +7,13 @@
 #include "kernel/kernel.hpp"
 
 namespace burrlab {
-namespace {
 
 // Sets or clears a bit; returns whether its word is not empty afterwards.
-bool change(std::uint64_t& word, int bit, bool on) {
+static bool change(std::uint64_t& word, int bit, bool on) {
   const std::uint64_t mask = std::uint64_t{1} << bit;
   word = on ? word | mask : word & ~mask;
   return word != 0;
 }
-
-}  // namespace
 
 Tiles::Tiles(std::size_t bricks)
     : memory_(std::calloc(bricks * brick_voxels + 63, 1)),

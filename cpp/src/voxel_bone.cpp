@@ -11,9 +11,8 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
+static Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
   for (int axis = 0; axis < 3; ++axis) {
     if (shape[axis] < 1) refuse("every side of the volume", "at least one voxel", double(shape[axis]));
     require_positive("spacing", spacing[axis]);
@@ -23,8 +22,6 @@ Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
   if (columns >= 4294967296.0) refuse("voxels / 8 of the volume", "below 2^32", columns);
   return shape;
 }
-
-}  // namespace
 
 VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin)
     : shape_(checked(shape, spacing, origin)),
@@ -234,10 +231,9 @@ void VoxelBone::restore(const std::uint8_t* density) {
   const Changing changing(*this);
   const Levels before = pristine();
   for (std::size_t i = 0; i < before.size(); ++i) {
-    if (density[i] > before[i]) {
+    if (density[i] > before[i])
       throw std::invalid_argument("density must be at most the pristine level, got " +
                                   std::to_string(density[i]) + " over " + std::to_string(before[i]));
-    }
   }
   set_box({0, 0, 0}, shape_, density, false);
 }

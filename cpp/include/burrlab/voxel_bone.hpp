@@ -6,9 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "burrlab/brick.hpp"
 #include "burrlab/tissues.hpp"
-#include "burrlab/types.hpp"
 
 namespace burrlab {
 

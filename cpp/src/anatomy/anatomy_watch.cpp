@@ -6,9 +6,8 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-void check(const std::string& name, const WatchLimits& limits, double radius) {
+static void check(const std::string& name, const WatchLimits& limits, double radius) {
   require_not_negative("touch of '" + name + "'", limits.touch);
   require_not_negative("injury of '" + name + "'", limits.injury);
   require_positive("hysteresis of '" + name + "'", limits.hysteresis);
@@ -19,13 +18,11 @@ void check(const std::string& name, const WatchLimits& limits, double radius) {
            limits.approach + limits.hysteresis + radius);
 }
 
-std::size_t bin_of(double distance) {
+static std::size_t bin_of(double distance) {
   std::size_t bin = 0;
   while (bin < WatchDose::edges.size() && distance > WatchDose::edges[bin]) ++bin;
   return bin;
 }
-
-}  // namespace
 
 AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector<double> radii)
     : structures_(std::move(structures)), radii_(std::move(radii)) {

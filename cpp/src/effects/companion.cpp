@@ -1,17 +1,15 @@
 #include "effects/companion.hpp"
 
 #include <chrono>
-#include <limits>
 
 #include "require.hpp"
 #include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr int most_frames_at_once = 4;  // periods one frame may stand for
 
-std::vector<BurrAt> burrs_of(const TickRecord& record) {
+static std::vector<BurrAt> burrs_of(const TickRecord& record) {
   std::vector<BurrAt> burrs;
   for (std::size_t i = 0; i < record.burrs && i < most_burrs; ++i) {
     const BurrRecord& burr = record.burr[i];
@@ -20,27 +18,22 @@ std::vector<BurrAt> burrs_of(const TickRecord& record) {
   return burrs;
 }
 
-}  // namespace
-
 EffectsCompanion::EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime)
     : feed_(std::move(feed)), rate_(rate), realtime_(realtime) {
   if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
   // After the feed is made: a change between the two is then in both, and makes dust once.
   effects_ = std::make_unique<Effects>(*feed_.bone->snapshot(first_tick_), setup);
   newest_.tick = first_tick_;
-  newest_.hidden = next_.hidden = std::numeric_limits<double>::quiet_NaN();
 }
 
 EffectsCompanion::~EffectsCompanion() { stop(); }
 
 void EffectsCompanion::start() {
   const std::lock_guard<std::mutex> life(life_mutex_);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (started_ || stopping_)
-      throw std::invalid_argument("companion must be started once: it has been started or stopped");
-    started_ = running_ = true;
-  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (started_ || stopping_)
+    throw std::invalid_argument("companion must be started once: it has been started or stopped");
+  started_ = running_ = true;
   thread_ = std::thread([this] { run(); });
 }
 

@@ -4,6 +4,7 @@
 
 #include <condition_variable>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -35,9 +36,9 @@ struct EffectsFrame {
   std::uint64_t tick = 0;   ///< of the bone in the frame
   std::vector<ParcelView> parcels;
   std::array<SubstanceBalance, substances> balance{};
-  std::vector<std::int64_t> removed;  ///< levels, by tissue number
-  double bleeding = 0.0;              ///< [mm^3/s]
-  double hidden;                      ///< hidden part of burr 0; NaN without a camera
+  std::vector<std::int64_t> removed;                         ///< levels, by tissue number
+  double bleeding = 0.0;                                     ///< [mm^3/s]
+  double hidden = std::numeric_limits<double>::quiet_NaN();  ///< part of burr 0; NaN without a camera
   FrameCounts counts;
 };
 

@@ -57,7 +57,6 @@ class Effects {
   double hidden(const Camera& camera, const BurrAt& burr) const {
     return hidden_fraction(parcels_, quantum(), setup_.parameters, camera, burr);
   }
-  const LevelField& field() const { return field_; }
   const Sources& sources() const { return sources_; }
   const EffectsSetup& setup() const { return setup_; }
   const FrameCounts& counts() const { return counts_; }

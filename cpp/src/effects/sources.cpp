@@ -8,12 +8,11 @@
 #include "portable_math.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr std::int64_t most_of_a_brick = 64;     // parcels of dust, in a frame
 constexpr std::int64_t most_of_a_nozzle = 1024;  // parcels, in a frame
 
-const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
+static const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
   const BurrAt* found = nullptr;
   double least = 0.0;
   for (const BurrAt& burr : burrs) {
@@ -24,8 +23,6 @@ const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
   }
   return found;
 }
-
-}  // namespace
 
 double EffectDraws::number() {
   if (count_ == 0) {

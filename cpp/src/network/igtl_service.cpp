@@ -10,18 +10,14 @@ namespace burrlab {
 using openigtlink::Message;
 using replica_protocol::Kind;
 
-namespace {
-
 constexpr std::size_t largest_pose = 380;  // messages of one burr and tick [bytes]
 /// Of the forces as PLUS and 3D Slicer read them, and as SENSOR.
 constexpr std::string_view force_name[] = {"Force", "Force_1"};
 constexpr std::string_view sensor_name[] = {"burrlab_force_0", "burrlab_force_1"};
 
-Vec3 force_in_ras(const BurrRecord& burr) {
+static Vec3 force_in_ras(const BurrRecord& burr) {
   return {0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]};
 }
-
-}  // namespace
 
 /// A standard peer until it says that it is a replica.
 class IgtlService::IgtlPeer : public Peer {

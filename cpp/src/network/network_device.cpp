@@ -30,10 +30,6 @@ std::string NetworkDevice::fault() const {
   return given.empty() && counters().connections == 0 ? "no server answers at " + server_ : given;
 }
 
-void NetworkDevice::start_thread() {
-  thread_ = std::thread([this] { run(); });
-}
-
 void NetworkDevice::stop() noexcept {
   client_.stop();
   const std::lock_guard<std::mutex> lock(stop_mutex_);  // a loop and its owner may stop it at the same time

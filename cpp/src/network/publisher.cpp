@@ -12,15 +12,13 @@
 
 namespace burrlab {
 
-namespace {
-
 constexpr std::int64_t stalled_after = 5 * second;  // [ns]
 constexpr std::size_t largest_turn = 262144;        // sent to one peer at once [bytes]
 constexpr std::size_t allowance = 65536;            // that a peer may send in a second [bytes]
 constexpr std::uint64_t most_faults = 16;           // dropped messages before a connection is closed
 constexpr std::uint64_t ticks_at_once = 64;         // for a peer that need not get all
 
-PublisherSettings checked(const PublisherSettings& settings) {
+static PublisherSettings checked(const PublisherSettings& settings) {
   require_positive("log", settings.log);
   if (settings.header_version != 1 && settings.header_version != 2)
     refuse("header_version", "1 or 2", settings.header_version);
@@ -34,8 +32,6 @@ PublisherSettings checked(const PublisherSettings& settings) {
   if (settings.vrpn < -1 || settings.vrpn > 65535) refuse("vrpn", "0 to 65535", settings.vrpn);
   return settings;
 }
-
-}  // namespace
 
 std::vector<std::string> PublishedSession::burr_names() const {
   std::vector<std::string> names{"burrlab_burr_0", "burrlab_burr_1"};

@@ -9,15 +9,11 @@
 
 namespace burrlab {
 
-namespace {
-
 constexpr int client_send_buffer = 8192;  // what a client sends is little [bytes]
 
-bool is_of_host(const PeerAddress& peer, const PeerAddress& server) {
+static bool is_of_host(const PeerAddress& peer, const PeerAddress& server) {
   return peer.with_port(0).host() == server.with_port(0).host();
 }
-
-}  // namespace
 
 TcpClient::TcpClient(const std::string& host, int port) {
   if (port < 1 || port > 65535) refuse("port", "1 to 65535", port);

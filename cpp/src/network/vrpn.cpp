@@ -149,9 +149,9 @@ Drop decode_payload(Kind kind, ByteView payload, Message& message) {
 
 Reader::Reader(std::vector<std::string> senders, std::size_t largest_payload)
     : StreamCutter(header_size, padded(largest_payload)),  // with its padding
-      senders_(std::move(senders)),
-      kind_of_(most_numbers, std::uint8_t(Kind::none)),
-      sender_of_(most_numbers) {}
+      senders_(std::move(senders)) {
+  restart();
+}
 
 void Reader::restart() {
   StreamCutter::restart();

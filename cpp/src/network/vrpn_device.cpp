@@ -45,11 +45,6 @@ std::string VrpnDevice::fault() const {
   return fault_.empty() ? NetworkDevice::fault() : fault_;
 }
 
-std::string VrpnDevice::note() const {
-  const std::lock_guard<std::mutex> lock(fault_mutex_);
-  return note_;
-}
-
 bool VrpnDevice::open() {
   {
     const std::lock_guard<std::mutex> lock(fault_mutex_);
@@ -137,9 +132,8 @@ void VrpnDevice::take(const vrpn::Message& message) {
 
 void VrpnDevice::take_pose(const vrpn::Message& message) {
   if (message.number != 0) return;
-  if (message.timestamp < newest_) {  // overtaken on UDP
-    if (newest_ - message.timestamp < std::uint64_t(1) << 32) return;
-  }
+  const bool older = message.timestamp < newest_;
+  if (older && newest_ - message.timestamp < std::uint64_t(1) << 32) return;  // overtaken on UDP
   newest_ = message.timestamp;
   const auto& v = message.values;
   const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);

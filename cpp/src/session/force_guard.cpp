@@ -6,18 +6,15 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
 /// A vector no longer than `most`, without overflow.
-Vec3 shortened(const Vec3& v, double most) noexcept {
+static Vec3 shortened(const Vec3& v, double most) noexcept {
   const double largest = std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
   if (largest == 0.0) return v;
   const Vec3 direction = v / largest;
   const double length = direction.norm();
   return largest > most / length ? Vec3(direction * (most / length)) : v;
 }
-
-}  // namespace
 
 ForceGuard::ForceGuard(const GuardLimits& limits, double hold)
     : limits_(limits), bounded_(limits.ramp != 0.0 || !std::isinf(limits.continuous)) {

@@ -42,18 +42,11 @@ void MailboxDevice::start(double) {
 DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
   in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
-  if (failed_.load(std::memory_order_acquire)) {
-    reading.status = DeviceReading::Status::lost;
-    return reading;
-  }
-  if (last_.time == 0) {
-    reading.status = DeviceReading::Status::waiting;
-    return reading;
-  }
-  for (int axis = 0; axis < 3; ++axis) {
-    reading.position[axis] = last_.position[axis];
-    reading.velocity[axis] = last_.velocity[axis];
-  }
+  if (last_.time == 0) reading.status = DeviceReading::Status::waiting;
+  if (failed_.load(std::memory_order_acquire)) reading.status = DeviceReading::Status::lost;
+  if (reading.status != DeviceReading::Status::ok) return reading;
+  reading.position = to_vector(last_.position);
+  reading.velocity = to_vector(last_.velocity);
   reading.orientation = last_.orientation;
   reading.buttons = last_.buttons;
   reading.on = last_.on != 0;

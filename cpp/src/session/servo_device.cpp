@@ -99,8 +99,8 @@ bool ServoDevice::cycle() noexcept {
 DeviceReading ServoDevice::read(double, std::uint64_t) noexcept {
   in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
-  reading.position = {last_.position[0], last_.position[1], last_.position[2]};
-  reading.velocity = {last_.velocity[0], last_.velocity[1], last_.velocity[2]};
+  reading.position = to_vector(last_.position);
+  reading.velocity = to_vector(last_.velocity);
   if (last_.time != 0) reading.orientation = last_.orientation;
   reading.buttons = std::uint8_t(last_.buttons);
   reading.on = settings_.on_button < 0 || (reading.buttons >> settings_.on_button & 1u);

@@ -2,7 +2,6 @@
 #include "session/servo_device.hpp"
 
 namespace burrlab {
-namespace {
 
 // hdDefines.h, from the OpenHaptics API reference.
 constexpr unsigned invalid_handle = 0xFFFFFFFF;
@@ -16,9 +15,7 @@ constexpr unsigned callback_done = 0, callback_continue = 1;
 constexpr unsigned short priority = 0xFFFF;  // the highest
 constexpr int most_errors = 32;              // that are taken at a time
 
-std::string touch_name(const std::string& name) { return name.empty() ? "touch" : "touch:" + name; }
-
-}  // namespace
+static std::string touch_name(const std::string& name) { return name.empty() ? "touch" : "touch:" + name; }
 
 TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings, const std::string& library)
     : ServoDevice(touch_name(name), settings), hd_(shared_library<HdLibrary>(library)) {

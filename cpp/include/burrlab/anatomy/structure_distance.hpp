@@ -6,9 +6,6 @@
 #include <limits>
 #include <memory>
 
-#include "burrlab/brick.hpp"
-#include "burrlab/tissues.hpp"
-#include "burrlab/types.hpp"
 #include "burrlab/voxel_bone.hpp"
 
 namespace burrlab {

@@ -105,7 +105,8 @@ Raises
 ValueError
     If `lost_after` is not positive.
 )")
-      .def(py::init<double, const std::string&>(), py::kw_only(), "lost_after"_a = 100.0, "name"_a = "mailbox")
+      .def(py::init<double, const std::string&>(), py::kw_only(), "lost_after"_a = 100.0,
+           "name"_a = "mailbox")
       .def(
           "put", &MailboxDevice::put, "position"_a, "velocity"_a = Vec3::Zero().eval(), "on"_a = true,
           "orientation"_a = DeviceReading().orientation, "buttons"_a = std::uint8_t(0),
@@ -173,7 +174,8 @@ void bind_loop_settings(py::module_& m) {
       .def_readonly("continuous", &GuardLimits::continuous)
       .def_readonly("window", &GuardLimits::window)
       .def_readonly("ramp", &GuardLimits::ramp);
-  py::class_<DeviceModel>(m, "DeviceModel", "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
+  py::class_<DeviceModel>(m, "DeviceModel",
+                          "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
       .def(py::init<double, double, double>(), py::kw_only(), "damping"_a, "encoder_step"_a, "friction"_a);
   py::class_<DeviceFrame>(m, "LoopFrame", "See `burrlab.DeviceFrame`; clutch -1: none.")
       .def(py::init<double, const Quaternion&, const Vec3&, int>(), py::kw_only(), "scale"_a, "rotation"_a,
@@ -205,11 +207,12 @@ void bind_haptic_loop(py::module_& m) {
       "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
       "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
       "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
-      "device and burr [N/mm]; without it the burr is at the device. `guards`, `models`: one a burr, or none; "
-      "a model says what a device does not say itself. `frames`: one a device, or none. The session ends, with "
-      "zero force, when a force of `stop_force` [N] is wanted or a button of the mask `stop_buttons` is "
-      "pressed. ValueError if there is not one device per burr, the rate is above 10 kHz or, on the wall clock, "
-      "below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame is none.")
+      "device and burr [N/mm]; without it the burr is at the device. `guards`, `models`: one a burr, or "
+      "none; a model says what a device does not say itself. `frames`: one a device, or none. The session "
+      "ends, with zero force, when a force of `stop_force` [N] is wanted or a button of the mask "
+      "`stop_buttons` is pressed. ValueError if there is not one device per burr, the rate is above 10 kHz "
+      "or, on the wall clock, below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame "
+      "is none.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,

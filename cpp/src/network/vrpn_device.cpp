@@ -5,23 +5,19 @@ namespace burrlab {
 
 using openigtlink::Drop;
 
-namespace {
-
 constexpr std::size_t longest_list = 300;  // of senders, in a sentence [bytes]
 
-std::string checked_tracker(const std::string& name) {
+static std::string checked_tracker(const std::string& name) {
   if (name.empty() || name.size() > 99) refuse("length of name", "1 to 99 bytes", double(name.size()));
   return name;
 }
 
-std::string printable(std::string_view text) {
+static std::string printable(std::string_view text) {
   std::string out(text);
   for (char& c : out)
     if (c < ' ' || c > '~') c = '?';
   return out;
 }
-
-}  // namespace
 
 VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings)
     : NetworkDevice(

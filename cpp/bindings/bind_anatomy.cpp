@@ -1,7 +1,5 @@
 
-#include "anatomy/anatomy_watch.hpp"
 #include "bindings.hpp"
-#include "require.hpp"
 
 namespace {
 
@@ -97,9 +95,8 @@ void bind_anatomy(py::module_& m) {
       m, "StructureDistance",
       "Distances to a structure: exact near it, from a field far from it. `estimate` (z, y, x): distances "
       "[mm] at the field's nodes, wrong by at most `error` [mm]; those below 8 mm are made exact when they "
-      "are first asked for. `spacing` "
-      "of the nodes is at most 0.4 [mm]; `origin` (x, y, z) is the place of the first [mm]. ValueError if a "
-      "value is out of range.")
+      "are first asked for. `spacing` of the nodes is at most 0.4 [mm]; `origin` (x, y, z) is the place of "
+      "the first [mm]. ValueError if a value is out of range.")
       .def(py::init(&make_distance), "search"_a, "estimate"_a, "spacing"_a, "origin"_a, "error"_a)
       .def(
           "of_sphere",

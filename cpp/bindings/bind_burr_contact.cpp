@@ -89,10 +89,9 @@ void check_interrupt() {
 
 ContactSeries run(BurrContact& contact, const Reals& path, double dt, bool burr_on) {
   constexpr std::size_t period = 512;
-  if (path.ndim() != 2 || path.shape(1) != 3) {
+  if (path.ndim() != 2 || path.shape(1) != 3)
     throw std::invalid_argument("path must have shape (n, 3), points (x, y, z) [mm], got " +
                                 std::string(py::str(path.attr("shape"))));
-  }
   std::vector<Vec3> centers(static_cast<std::size_t>(path.shape(0)));
   for (std::size_t i = 0; i < centers.size(); ++i) {
     centers[i] = Eigen::Map<const Vec3>(path.data(static_cast<py::ssize_t>(i), 0));

@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "require.hpp"
 #include "session/hand_device.hpp"
 #include "session/scripted_device.hpp"
 #include "session/servo_device.hpp"
@@ -10,17 +9,15 @@ namespace {
 
 using Flags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
 
-void require_table(const char* name, const Reals& array, py::ssize_t rows, py::ssize_t columns = 3) {
-  if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != columns)
-    throw std::invalid_argument(std::string(name) + " must have shape (n, " + std::to_string(columns) +
-                                "), one row for each of the " + std::to_string(rows) + " rows");
-}
-
+/// Rows of `columns`, or, without columns, of a value each.
 template <class Array>
-void require_column(const char* name, const Array& array, py::ssize_t rows) {
-  if (array.ndim() != 1 || array.shape(0) != rows)
-    throw std::invalid_argument(std::string(name) + " must have shape (n,), one value for each of the " +
-                                std::to_string(rows) + " rows");
+void require_rows(const char* name, const Array& array, py::ssize_t rows, py::ssize_t columns) {
+  const bool fits =
+      array.ndim() == (columns ? 2 : 1) && array.shape(0) == rows && (!columns || array.shape(1) == columns);
+  if (fits) return;
+  throw std::invalid_argument(
+      name + (" must have shape (n," + (columns ? " " + std::to_string(columns) : "")) + "), one " +
+      (columns ? "row" : "value") + " for each of the " + std::to_string(rows) + " rows");
 }
 
 Vec3 row_of(const Reals& array, py::ssize_t i) { return {array.at(i, 0), array.at(i, 1), array.at(i, 2)}; }
@@ -35,9 +32,9 @@ std::shared_ptr<ScriptedDevice> scripted(const Reals& time, const Reals& positio
                                          const std::optional<Reals>& orientation) {
   if (time.ndim() != 1) throw std::invalid_argument("time must have shape (n,)");
   const py::ssize_t n = time.shape(0);
-  require_table("position", position, n);
-  if (on) require_column("on", *on, n);
-  if (orientation) require_table("orientation", *orientation, n, 4);
+  require_rows("position", position, n, 3);
+  if (on) require_rows("on", *on, n, 0);
+  if (orientation) require_rows("orientation", *orientation, n, 4);
   std::vector<ScriptedDevice::Row> rows;
   for (py::ssize_t i = 0; i < n; ++i)
     rows.push_back({time.at(i), row_of(position, i), on ? on->at(i) : true, quaternion_of(orientation, i)});
@@ -58,24 +55,27 @@ std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<
                                      const std::optional<Flags>& on, const std::optional<Reals>& orientation,
                                      const std::optional<Places>& buttons) {
   const py::ssize_t n = position.ndim() > 0 ? position.shape(0) : 0;
-  require_table("position", position, n);
-  if (velocity) require_table("velocity", *velocity, n);
-  if (on) require_column("on", *on, n);
-  if (orientation) require_table("orientation", *orientation, n, 4);
-  if (buttons) require_column("buttons", *buttons, n);
-  std::vector<ReplayDevice::Tick> ticks;
+  require_rows("position", position, n, 3);
+  if (velocity) require_rows("velocity", *velocity, n, 3);
+  if (on) require_rows("on", *on, n, 0);
+  if (orientation) require_rows("orientation", *orientation, n, 4);
+  if (buttons) require_rows("buttons", *buttons, n, 0);
+  std::vector<DeviceReading> ticks;
   for (py::ssize_t i = 0; i < n; ++i) {
     if (buttons && (buttons->at(i) < 0 || buttons->at(i) > 255))
       refuse("buttons", "0 to 255", double(buttons->at(i)));
     ticks.push_back({row_of(position, i), velocity ? row_of(*velocity, i) : Vec3(Vec3::Zero()),
-                     on ? on->at(i) : true, quaternion_of(orientation, i),
-                     buttons ? std::uint8_t(buttons->at(i)) : std::uint8_t(0)});
+                     quaternion_of(orientation, i), buttons ? std::uint8_t(buttons->at(i)) : std::uint8_t(0),
+                     on ? on->at(i) : true});
   }
   return std::make_shared<ReplayDevice>(std::move(ticks));
 }
 
 void bind_hand(py::module_& m) {
   const HandSettings defaults;
+  const auto setting = [](double HandSettings::* field) {
+    return [field](const HandDevice& hand) { return hand.settings().*field; };
+  };
   py::class_<HandDevice, Device, std::shared_ptr<HandDevice>>(
       m, "HandDevice",
       R"(A simulated hand that holds a simulated device.
@@ -159,21 +159,59 @@ array([0. , 0. , 3.2])
            "damping"_a = defaults.damping, "grip"_a = defaults.grip, "friction"_a = defaults.friction,
            "encoder_step"_a = defaults.encoder_step, "on"_a = defaults.on, "on_after"_a = defaults.on_after)
       .def_property_readonly("force", &HandDevice::force, "(3,) last sent by the loop [N]; a copy")
-      .def_property_readonly(
-          "position", [](const HandDevice& hand) -> Vec3 { return hand.position(); },
-          "(3,) true position [mm]; while no loop runs")
-      .def_property_readonly(
-          "target", [](const HandDevice& hand) -> Vec3 { return hand.target(); },
-          "(3,) place the hand draws to [mm]; while no loop runs")
-      .def_property_readonly(
-          "damping", [](const HandDevice& hand) { return hand.settings().damping; }, "[N s/m]")
-      .def_property_readonly(
-          "friction", [](const HandDevice& hand) { return hand.settings().friction; }, "[N]")
-      .def_property_readonly(
-          "encoder_step", [](const HandDevice& hand) { return hand.settings().encoder_step; }, "[mm]");
+      .def_property_readonly("position", &HandDevice::position, py::return_value_policy::copy,
+                             "(3,) true position [mm]; while no loop runs")
+      .def_property_readonly("target", &HandDevice::target, py::return_value_policy::copy,
+                             "(3,) place the hand draws to [mm]; while no loop runs")
+      .def_property_readonly("damping", setting(&HandSettings::damping), "[N s/m]")
+      .def_property_readonly("friction", setting(&HandSettings::friction), "[N]")
+      .def_property_readonly("encoder_step", setting(&HandSettings::encoder_step), "[mm]");
 }
 
-/// Settings from Python, where no button is None.
+constexpr const char* servo_text = R"({}
+
+Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
+when it is needed; its axes are {}
+
+Parameters
+----------
+{} : {}
+    Of the device{}
+lost_after : float
+    Age at which a position is lost, and the session stops [ms].
+on_button : int, optional
+    The burr turns while this button, 0 to 7, is pressed; default always.
+library : str
+    File of {}
+
+Raises
+------
+ValueError
+    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
+    {}, it is open already, or it must be calibrated.
+
+Notes
+-----
+The device is open while this object lives. Its servo runs during a session, {} times a second. An error
+of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
+force zero.{}
+)";
+
+/// A vendor's device, which its library knows by `id`; `text` fills `servo_text`.
+template <class Vendor, class Id, class... Text>
+auto bind_vendor(py::module_& m, const char* title, const char* id, const Id& usual, const Text&... text) {
+  py::class_<Vendor, ServoDevice, std::shared_ptr<Vendor>> device(m, title,
+                                                                  format(servo_text, text...).c_str());
+  device.def(py::init([](const Id& which, double lost_after, std::optional<int> on_button,
+                         const std::string& library) {
+               const ServoSettings settings{lost_after, button_of(on_button)};
+               return without_gil([&] { return std::make_shared<Vendor>(which, settings, library); });
+             }),
+             py::arg(id) = usual, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
+             "library"_a = "");
+  return device;
+}
+
 void bind_servo(py::module_& m) {
   py::class_<ServoDevice, Device, std::shared_ptr<ServoDevice>>(m, "ServoDevice",
                                                                 "A device that a vendor's library drives.")
@@ -182,86 +220,28 @@ void bind_servo(py::module_& m) {
       .def_property_readonly(
           "delay", [](const ServoDevice& d) { return d.model().delay; },
           "From reading a position to the middle of the time in which its force acts [ms]: a mean over about "
-          "a "
-          "thousand cycles of the servo; nan before the first")
+          "a thousand cycles of the servo; nan before the first")
       .def_property_readonly("hardware", &ServoDevice::hardware,
                              "The model, as the vendor's library names it")
       .def_property_readonly("library", &ServoDevice::library, "File of the vendor's library");
-  py::class_<TouchDevice, ServoDevice, std::shared_ptr<TouchDevice>>(
-      m, "TouchDevice", R"(A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).
-
-Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
-when it is needed; its axes are x right, y up, z towards the user [mm]. The orientation turns the stylus's axes
-into these.
-
-Parameters
-----------
-name : str
-    Of the device in the vendor's set-up; empty for the default device.
-lost_after : float
-    Age at which a position is lost, and the session stops [ms].
-on_button : int, optional
-    The burr turns while this button, 0 to 7, is pressed; default always.
-library : str
-    File of libHD; default what the environment's BURRLAB_LIBHD names, else libHD.so or hd.dll where the system
-    looks.
-
-Raises
-------
-ValueError
-    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
-    name, it is open already, or it must be calibrated.
-
-Notes
------
-The device is open while this object lives. Its servo runs during a session, about 1000 times a second. An error
-of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
-force zero.
-)")
-      .def(py::init([](const std::string& name, double lost_after, std::optional<int> on_button,
-                       const std::string& library) {
-             const ServoSettings settings{lost_after, button_of(on_button)};
-             return without_gil([&] { return std::make_shared<TouchDevice>(name, settings, library); });
-           }),
-           "name"_a = "", py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(),
-           "library"_a = "");
-  py::class_<OmegaDevice, ServoDevice, std::shared_ptr<OmegaDevice>>(
-      m, "OmegaDevice", R"(An Omega, Delta, Sigma or Falcon, over Force Dimension's library libdhd.
-
-Written from the public documentation and tested against a stub of ours, not on hardware. The library is loaded
-when it is needed; its axes are x towards the user, y right, z up [mm]. The orientation turns the handle's axes
-into these; it is 1 for a device without a wrist.
-
-Parameters
-----------
-index : int
-    Of the device, from 0.
-lost_after : float
-    Age at which a position is lost, and the session stops [ms].
-on_button : int, optional
-    The burr turns while this button, 0 to 7, is pressed; default always.
-library : str
-    File of libdhd; default what the environment's BURRLAB_LIBDHD names, else libdhd.so.3 or dhd64.dll where the
-    system looks.
-
-Raises
-------
-ValueError
-    If the library cannot be loaded, is for another processor or lacks a function, there is no device of this
-    index, it is open already, or it must be calibrated.
-
-Notes
------
-The device is open while this object lives. Its servo runs during a session, up to 4000 times a second. An error
-of the library, an orientation that is not a rotation or no position for `lost_after` ends the session with
-force zero. The library adds the force that carries the device's own weight.
-)")
-      .def(py::init(
-               [](int index, double lost_after, std::optional<int> on_button, const std::string& library) {
-                 const ServoSettings settings{lost_after, button_of(on_button)};
-                 return without_gil([&] { return std::make_shared<OmegaDevice>(index, settings, library); });
-               }),
-           "index"_a = 0, py::kw_only(), "lost_after"_a = 100.0, "on_button"_a = py::none(), "library"_a = "")
+  bind_vendor<TouchDevice>(
+      m, "TouchDevice", "name", std::string(),
+      "A Touch or PHANToM, over 3D Systems' library libHD (OpenHaptics).",
+      "x right, y up, z towards the user [mm]. The orientation turns the stylus's axes\ninto these.", "name",
+      "str", " in the vendor's set-up; empty for the default device.",
+      "libHD; default what the environment's BURRLAB_LIBHD names, else libHD.so or hd.dll where the system\n"
+      "    looks.",
+      "name", "about 1000", "");
+  bind_vendor<OmegaDevice>(
+      m, "OmegaDevice", "index", 0,
+      "An Omega, Delta, Sigma or Falcon, over Force Dimension's library libdhd.",
+      "x towards the user, y right, z up [mm]. The orientation turns the handle's axes\ninto these; it is 1 "
+      "for "
+      "a device without a wrist.",
+      "index", "int", ", from 0.",
+      "libdhd; default what the environment's BURRLAB_LIBDHD names, else libdhd.so.3 or dhd64.dll where the\n"
+      "    system looks.",
+      "index", "up to 4000", " The library adds the force that carries the device's own weight.")
       .def_static("count", &OmegaDevice::count, "library"_a = "", no_gil,
                   "Number of devices that the library finds. ValueError as above for the library.");
 }

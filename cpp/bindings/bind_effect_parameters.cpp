@@ -1,7 +1,6 @@
 #include "bindings.hpp"
 #include "effects/effect_parameters.hpp"
 #include "effects/instruments.hpp"
-#include "require.hpp"
 
 namespace {
 

@@ -6,7 +6,6 @@
 
 #include "bindings.hpp"
 #include "effects/companion.hpp"
-#include "require.hpp"
 #include "session/realtime.hpp"
 
 namespace {
@@ -42,11 +41,6 @@ py::dict to_dict(const FrameCounts& counts, const Histogram& wall, const Histogr
 
 Decision to_tuple(const FrameDecision& decision) {
   return {decision.merge_to, decision.sub_steps, decision.done};
-}
-
-EffectsSetup to_setup(const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
-                      const Vec3& spin, std::optional<double> budget) {
-  return {parameters, seed, down, spin, budget};
 }
 
 Decision step(Effects& effects, double seconds, const Numbers& bricks, const LevelArray& density,
@@ -85,29 +79,28 @@ struct EndWhereMade {
 };
 using OwnCompanion = std::unique_ptr<EffectsCompanion, EndWhereMade>;
 
+/// The constructor for what it follows: a loop and its follower, or a replica.
+template <class... Followed>
+auto companion_of() {
+  return py::init([](const std::shared_ptr<Followed>&... followed, const EffectParameters& parameters,
+                     std::uint64_t seed, const Vec3& down, const Vec3& spin, std::optional<double> budget,
+                     double rate, bool realtime) {
+    if (!(followed && ...))
+      throw std::invalid_argument(sizeof...(followed) > 1 ? "loop and follower must be a session's"
+                                                          : "replica must be a Replica, got None");
+    const py::gil_scoped_release release;
+    return OwnCompanion(new EffectsCompanion(
+        feed_of(followed...), EffectsSetup{parameters, seed, down, spin, budget}, rate, realtime));
+  });
+}
+
 void bind_companion(py::module_& m) {
   py::class_<EffectsCompanion, OwnCompanion>(
       m, "EffectsCompanion", "Effects in a thread beside a session or replica; see Companion.")
-      .def(py::init([](const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower,
-                       const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
-                       const Vec3& spin, std::optional<double> budget, double rate, bool realtime) {
-             if (!loop || !follower) throw std::invalid_argument("loop and follower must be a session's");
-             const py::gil_scoped_release release;
-             return OwnCompanion(new EffectsCompanion(
-                 feed_of(loop, follower), to_setup(parameters, seed, down, spin, budget), rate, realtime));
-           }),
-           "loop"_a, "follower"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a,
-           "rate"_a, "realtime"_a)
-      .def(py::init([](const std::shared_ptr<Replica>& replica, const EffectParameters& parameters,
-                       std::uint64_t seed, const Vec3& down, const Vec3& spin, std::optional<double> budget,
-                       double rate, bool realtime) {
-             if (!replica) throw std::invalid_argument("replica must be a Replica, got None");
-             const py::gil_scoped_release release;
-             return OwnCompanion(new EffectsCompanion(
-                 feed_of(replica), to_setup(parameters, seed, down, spin, budget), rate, realtime));
-           }),
-           "replica"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a, "rate"_a,
-           "realtime"_a)
+      .def(companion_of<HapticLoop, Follower>(), "loop"_a, "follower"_a, py::kw_only(), "parameters"_a,
+           "seed"_a, "down"_a, "spin"_a, "budget"_a, "rate"_a, "realtime"_a)
+      .def(companion_of<Replica>(), "replica"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a,
+           "budget"_a, "rate"_a, "realtime"_a)
       .def("start", &EffectsCompanion::start, no_gil)
       .def("stop", &EffectsCompanion::stop, no_gil)
       .def("wait", &EffectsCompanion::wait, "seconds"_a, no_gil)
@@ -149,7 +142,7 @@ void bind_effects(py::module_& m) {
   py::class_<Effects>(m, "Effects", "Dust, blood, water and a sucker; see burrlab.effects.Effects.")
       .def(py::init([](const VoxelBone& bone, const EffectParameters& parameters, std::uint64_t seed,
                        const Vec3& down, const Vec3& spin, std::optional<double> budget) {
-             const EffectsSetup setup = to_setup(parameters, seed, down, spin, budget);
+             const EffectsSetup setup{parameters, seed, down, spin, budget};
              const py::gil_scoped_release release;
              const VoxelBone::Reading reading(bone);
              return std::make_unique<Effects>(bone, setup);

@@ -1,7 +1,6 @@
 #include <algorithm>
 
 #include "bindings.hpp"
-#include "session/follower.hpp"
 
 py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
   const auto n = static_cast<py::ssize_t>(update.bricks.size());
@@ -11,25 +10,21 @@ py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
     std::copy(at.begin(), at.end(), bricks.mutable_data(i, 0));
   }
   py::object newest = py::none();
-  if (update.any) newest = to_array(&update.newest, {1})[py::int_(0)];
+  if (update.newest) newest = to_array(&*update.newest, {1})[py::int_(0)];
   return py::dict("tick"_a = update.tick, "newest"_a = newest, "bricks"_a = bricks,
                   "density"_a = to_array(update.density.data(), {n, 8, 8, 8}));
 }
 
-namespace {
-
-py::list digests(const Follower& follower, std::size_t known) {
+static py::list digests(const Follower& follower, std::size_t known) {
   py::list out;
   for (const DigestAt& at : without_gil([&] { return follower.digests(known); }))
     out.append(py::make_tuple(at.tick, at.digest));
   return out;
 }
 
-}  // namespace
-
 void bind_follower(py::module_& m) {
-  py::class_<BoneView, std::shared_ptr<BoneView>>(m, "BoneView",
-                                                  "The changes one consumer has not seen yet.");
+  py::class_<UnseenBricks, std::shared_ptr<UnseenBricks>>(m, "BoneView",
+                                                          "The changes one consumer has not seen yet.");
   const FollowerSettings defaults;
   py::class_<Follower, std::shared_ptr<Follower>>(
       m, "Follower",
@@ -77,17 +72,15 @@ void bind_follower(py::module_& m) {
           "The last stiffness against the passivity limit of the burr's device: force_N, stiffness_N_per_mm, "
           "limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (the limit is exceeded below "
           "it in this hole), warning (ratio above 0.8); nan if the device does not tell its damping. "
-          "delay_ms, "
-          "from a position to the middle of the time in which its force acts.")
+          "delay_ms, from a position to the middle of the time in which its force acts.")
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
       .def("digest", &Follower::digest, no_gil, "Of the present bone.")
       .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks executed on it)")
       .def("view", &Follower::view, py::keep_alive<0, 1>(), "A view for a new consumer, for `take`.")
       .def(
           "take",
-          [](Follower& f, BoneView& view) {
-            if (!view.is_of(f)) throw std::invalid_argument("view must be one of this follower");
-            return to_dict(without_gil([&] { return view.take(); }), f.bone());
+          [](Follower& f, UnseenBricks& view) {
+            return to_dict(without_gil([&] { return f.take_changed(view); }), f.bone());
           },
           "view"_a,
           "Changes since the view was last taken: tick (executed), newest (its record, or None), bricks (n, "

@@ -1,6 +1,4 @@
 #include "bindings.hpp"
-#include "burrlab/force.hpp"
-#include "burrlab/material.hpp"
 #include "tick.hpp"
 
 void bind_force(py::module_& m) {

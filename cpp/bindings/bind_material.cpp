@@ -1,8 +1,6 @@
 #include "bindings.hpp"
 #include "burrlab/material.hpp"
-#include "burrlab/shape.hpp"
 #include "depth_table.hpp"
-#include "require.hpp"
 
 namespace {
 

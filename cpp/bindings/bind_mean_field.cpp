@@ -1,15 +1,10 @@
 #include "bindings.hpp"
 #include "burrlab/mean_field.hpp"
-#include "require.hpp"
 
-namespace {
-
-std::vector<double> to_vector(const std::string& name, const Reals& values) {
+static std::vector<double> to_vector(const std::string& name, const Reals& values) {
   if (values.ndim() != 1) refuse("dimensions of " + name, "1", static_cast<double>(values.ndim()));
   return {values.data(), values.data() + values.size()};
 }
-
-}  // namespace
 
 void bind_mean_field(py::module_& m) {
   m.def(

@@ -1,16 +1,9 @@
-#include "anatomy/anatomy_watch.hpp"
 #include "bindings.hpp"
 #include "network/force_watchdog.hpp"
 #include "network/publisher.hpp"
 #include "network/replica.hpp"
 
 namespace {
-
-/// A publisher with its follower.
-struct BoundPublisher {
-  std::shared_ptr<Follower> follower;
-  std::shared_ptr<Publisher> publisher;
-};
 
 py::dict to_dict(const openigtlink::Counters& counters) {
   py::dict dropped;
@@ -53,13 +46,12 @@ py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
 
 void bind_publisher(py::module_& m) {
   const PublisherSettings defaults;
-  py::class_<BoundPublisher>(
+  py::class_<Publisher, std::shared_ptr<Publisher>>(
       m, "Publisher",
       "Sends a follower's ticks to standard OpenIGTLink peers, to replicas and to VRPN clients. Nobody "
-      "waits. "
-      "There is no authentication: whoever reaches the port may read. The follower must not be started yet. "
-      "`port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is JSON about the "
-      "session; `sensor`: the force as SENSOR too; `log` is the time of ticks kept for "
+      "waits. There is no authentication: whoever reaches the port may read. The follower must not be "
+      "started yet. `port`, of OpenIGTLink, and `vrpn` are 0 for any free one, None for none; `hello` is "
+      "JSON about the session; `sensor`: the force as SENSOR too; `log` is the time of ticks kept for "
       "replicas that come back [s]; `most_peers` is 1 to 256; a replica more than `most_behind` [bytes] "
       "behind is cut off; a standard peer more than `thin_after` [ticks] behind gets only the newest tick. "
       "ValueError if the address or a setting cannot be used.")
@@ -74,24 +66,20 @@ void bind_publisher(py::module_& m) {
                  log,  most_peers,        most_behind, thin_after,     vrpn.value_or(-1)};
              auto publisher = std::make_shared<Publisher>(*follower, settings);
              follower->add(publisher);
-             return BoundPublisher{follower, publisher};
+             return publisher;
            }),
-           "follower"_a, py::kw_only(), "host"_a = defaults.host, "port"_a = defaults.port,
-           "hello"_a = defaults.hello, "header_version"_a = defaults.header_version,
+           "follower"_a, py::keep_alive<1, 2>(), py::kw_only(), "host"_a = defaults.host,
+           "port"_a = defaults.port, "hello"_a = defaults.hello, "header_version"_a = defaults.header_version,
            "sensor"_a = defaults.sensor, "log"_a = defaults.log, "most_peers"_a = defaults.most_peers,
            "most_behind"_a = defaults.most_behind, "thin_after"_a = defaults.thin_after,
            "vrpn"_a = py::none())
+      .def_property_readonly("port", &Publisher::port, "It listens here; 0: nowhere.")
+      .def_property_readonly("vrpn_port", &Publisher::vrpn_port,
+                             "It listens to VRPN's clients here; 0: nowhere.")
+      .def_property_readonly("host", [](const Publisher& p) { return p.settings().host; })
+      .def_property_readonly("session", &Publisher::session, "Random number that names the session")
       .def_property_readonly(
-          "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens here; 0: nowhere.")
-      .def_property_readonly(
-          "vrpn_port", [](const BoundPublisher& p) { return p.publisher->vrpn_port(); },
-          "It listens to VRPN's clients here; 0: nowhere.")
-      .def_property_readonly("host", [](const BoundPublisher& p) { return p.publisher->settings().host; })
-      .def_property_readonly(
-          "session", [](const BoundPublisher& p) { return p.publisher->session(); },
-          "Random number that names the session")
-      .def_property_readonly(
-          "status", [](const BoundPublisher& p) { return to_dict(p.publisher->status()); },
+          "status", [](const Publisher& p) { return to_dict(p.status()); },
           "A dict: tick; standard_peers and replicas connected; counts since the start: accepted, refused "
           "(connections beyond `most_peers`), skipped (ticks that slow standard peers missed), cut_off (slow "
           "replicas), stalled (peers that took nothing, or VRPN clients that did not greet, for 5 s), hellos "
@@ -101,17 +89,12 @@ void bind_publisher(py::module_& m) {
           "vrpn_peers (connected), vrpn_calls (clients called back), datagrams (sent over UDP), dropped "
           "{reason: messages}, vrpn_others (VRPN clients of another minor version)")
       .def(
-          "finish",
-          [](const BoundPublisher& p, const std::string& reason, bool failed, double linger) {
-            p.publisher->finish(*p.follower, reason, failed, linger);
-          },
-          "reason"_a, py::kw_only(), "failed"_a = false, "linger"_a = 2.0, no_gil,
+          "finish", &Publisher::finish, "reason"_a, py::kw_only(), "failed"_a = false, "linger"_a = 2.0,
+          no_gil,
           "To be called after the follower was stopped. Tells the replicas the reason, the last tick and its "
           "digest, waits at most `linger` [s] until they have it, and stops. ValueError if `linger` is "
           "negative.")
-      .def(
-          "stop", [](const BoundPublisher& p) { p.publisher->stop(); }, no_gil,
-          "Closes all connections without telling the peers.");
+      .def("stop", &Publisher::stop, no_gil, "Closes all connections without telling the peers.");
 }
 
 void bind_replica(py::module_& m) {
@@ -175,10 +158,9 @@ void bind_replica(py::module_& m) {
 void bind_force_watchdog(py::module_& m) {
   py::class_<ForceWatchdog>(m, "ForceWatchdog",
                             "Sends `rest`, a whole message with force zero, over a connected socket, a "
-                            "descriptor that it duplicates, "
-                            "once no `beat` came for `silence` [ms], also while other code holds the "
-                            "interpreter. ValueError if that "
-                            "is not positive or the socket is none.")
+                            "descriptor that it duplicates, once no `beat` came for `silence` [ms], also "
+                            "while other code holds the interpreter. ValueError if that is not positive or "
+                            "the socket is none.")
       .def(py::init<int, std::string, double>(), "socket"_a, "rest"_a, "silence"_a)
       .def("send", &ForceWatchdog::send, "message"_a, no_gil,
            "Sends a whole message; False if the connection ended, or took nothing for a second.")

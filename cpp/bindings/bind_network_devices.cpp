@@ -83,8 +83,7 @@ void bind_vrpn_log(py::module_& m) {
       },
       "file"_a,
       "Tables of a log of VRPN, (kind, sender, times [us since epoch], numbers of sensors or buttons, "
-      "values), "
-      "and the number of messages of each other type. ValueError at a message that is not whole.");
+      "values), and the number of messages of each other type. ValueError at a message that is not whole.");
 }
 
 void bind_vrpn_device(py::module_& m) {

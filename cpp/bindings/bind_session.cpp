@@ -1,10 +1,7 @@
 #include <algorithm>
-#include <optional>
 
 #include "bindings.hpp"
 #include "burrlab/session/haptic_loop.hpp"
-#include "burrlab/session/tick_executor.hpp"
-#include "require.hpp"
 #include "session/mailbox_device.hpp"
 
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme) {
@@ -108,10 +105,8 @@ Raises
 ValueError
     If `lost_after` is not positive.
 )")
-      .def(py::init([](double lost_after, const std::string& name) {
-             return std::make_shared<MailboxDevice>(lost_after, name);
-           }),
-           py::kw_only(), "lost_after"_a = 100.0, "name"_a = "mailbox")
+      .def(py::init<double, const std::string&>(), py::kw_only(), "lost_after"_a = 100.0,
+           "name"_a = "mailbox")
       .def(
           "put", &MailboxDevice::put, "position"_a, "velocity"_a = Vec3::Zero().eval(), "on"_a = true,
           "orientation"_a = DeviceReading().orientation, "buttons"_a = std::uint8_t(0),
@@ -127,20 +122,14 @@ ValueError
       .def_static("__init_subclass__", [](const py::kwargs&) {});  // allowed: its `read` stays in C++
 }
 
-/// A reader with its loop.
-struct LoopReader {
-  std::shared_ptr<HapticLoop> loop;  // kept alive
-  std::shared_ptr<RecordReader> reader;
-};
-
-py::tuple take(LoopReader& self, std::size_t most) {
+py::tuple take(RecordReader& reader, std::size_t most) {
   std::vector<TickRecord> records;
   bool lost = false;
   without_gil([&] {
-    records.resize(std::min<std::size_t>(most, self.reader->behind()));
+    records.resize(std::min<std::size_t>(most, reader.behind()));
     std::size_t n = 0;
     while (n < records.size()) {
-      const auto result = self.reader->next(records[n]);
+      const auto result = reader.next(records[n]);
       if (result != RecordReader::Result::record) {
         lost = result == RecordReader::Result::lost;
         break;
@@ -178,41 +167,35 @@ void bind_counts(py::module_& m) {
 // The parts of LoopSettings that Python makes one a burr.
 void bind_loop_settings(py::module_& m) {
   py::class_<GuardLimits>(m, "GuardLimits", "Of one burr's force [N], [N/ms], [N], [s], [s].")
-      .def(py::init([](double force, double slew, double continuous, double window, double ramp) {
-             return GuardLimits{force, slew, continuous, window, ramp};
-           }),
-           py::kw_only(), "force"_a, "slew"_a, "continuous"_a, "window"_a, "ramp"_a)
+      .def(py::init<double, double, double, double, double>(), py::kw_only(), "force"_a, "slew"_a,
+           "continuous"_a, "window"_a, "ramp"_a)
       .def_readonly("force", &GuardLimits::force)
       .def_readonly("slew", &GuardLimits::slew)
       .def_readonly("continuous", &GuardLimits::continuous)
       .def_readonly("window", &GuardLimits::window)
       .def_readonly("ramp", &GuardLimits::ramp);
-  py::class_<DeviceModel>(m, "DeviceModel", "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
-      .def(py::init([](double damping, double encoder_step, double friction) {
-             return DeviceModel{damping, encoder_step, friction};
-           }),
-           py::kw_only(), "damping"_a, "encoder_step"_a, "friction"_a);
+  py::class_<DeviceModel>(m, "DeviceModel",
+                          "Damping [N s/m], encoder step [mm] and friction [N]; nan: unknown.")
+      .def(py::init<double, double, double>(), py::kw_only(), "damping"_a, "encoder_step"_a, "friction"_a);
   py::class_<DeviceFrame>(m, "LoopFrame", "See `burrlab.DeviceFrame`; clutch -1: none.")
-      .def(py::init([](double scale, const Quaternion& rotation, const Vec3& offset, int clutch) {
-             return DeviceFrame{scale, rotation, offset, clutch};
-           }),
-           py::kw_only(), "scale"_a, "rotation"_a, "offset"_a, "clutch"_a);
+      .def(py::init<double, const Quaternion&, const Vec3&, int>(), py::kw_only(), "scale"_a, "rotation"_a,
+           "offset"_a, "clutch"_a);
 }
 
 void bind_haptic_loop(py::module_& m) {
-  py::class_<LoopReader>(m, "RecordReader", "One reader's place in a loop's ring of records.")
+  py::class_<RecordReader, std::shared_ptr<RecordReader>>(m, "RecordReader",
+                                                          "One reader's place in a loop's ring of records.")
       .def(py::init([](const std::shared_ptr<HapticLoop>& loop) {
              if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
              auto reader = std::make_shared<RecordReader>(loop->ring());
              if (!loop->started()) loop->add_reader(reader);
-             return LoopReader{loop, reader};
+             return reader;
            }),
-           "loop"_a)
+           "loop"_a, py::keep_alive<1, 2>())
       .def("take", &take, "most"_a = 100000,
            "(records, lost): at most `most` records since the last call, (n,) record_dtype; lost is True if "
            "the ring has overwritten the next one.")
-      .def_property_readonly(
-          "behind", [](const LoopReader& r) { return r.reader->behind(); }, "Records not yet taken");
+      .def_property_readonly("behind", &RecordReader::behind, "Records not yet taken");
 
   const LoopSettings defaults;
   py::class_<HapticLoop, std::shared_ptr<HapticLoop>>(
@@ -224,11 +207,12 @@ void bind_haptic_loop(py::module_& m) {
       "-1 for any. After `stall_limit` [ms] without a tick the session stops, the force zero. Records are "
       "kept for `ring` [s]. `ticks`: the session's length; 0 until stopped. `force_limit` [N] and "
       "`slew_limit` [N/ms] are of the force sent to each burr. `coupling`: stiffness of a spring between "
-      "device and burr [N/mm]; without it the burr is at the device. `guards`, `models`: one a burr, or none; "
-      "a model says what a device does not say itself. `frames`: one a device, or none. The session ends, with "
-      "zero force, when a force of `stop_force` [N] is wanted or a button of the mask `stop_buttons` is "
-      "pressed. ValueError if there is not one device per burr, the rate is above 10 kHz or, on the wall clock, "
-      "below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame is none.")
+      "device and burr [N/mm]; without it the burr is at the device. `guards`, `models`: one a burr, or "
+      "none; a model says what a device does not say itself. `frames`: one a device, or none. The session "
+      "ends, with zero force, when a force of `stop_force` [N] is wanted or a button of the mask "
+      "`stop_buttons` is pressed. ValueError if there is not one device per burr, the rate is above 10 kHz "
+      "or, on the wall clock, below 2 per `stall_limit`, a limit or the coupling is not positive, or a frame "
+      "is none.")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,

@@ -1,9 +1,5 @@
-#include <cstring>
-#include <vector>
 
 #include "bindings.hpp"
-#include "burrlab/voxel_bone.hpp"
-#include "require.hpp"
 #include "surface.hpp"
 
 namespace {
@@ -101,6 +97,8 @@ py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
   return out;
 }
 
+}  // namespace
+
 py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& shape) {
   if (!bone.tissues()) return py::none();
   bone.check_box(start, shape);
@@ -108,8 +106,6 @@ py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& 
   bone.tissues()->read(start, shape, out.mutable_data());
   return out;
 }
-
-}  // namespace
 
 void bind_surface(py::module_& m) {
   m.def(

@@ -1,6 +1,5 @@
 #include "bindings.hpp"
 #include "burrlab/tissues.hpp"
-#include "require.hpp"
 
 namespace {
 
@@ -31,6 +30,12 @@ Tissue make(const py::object& name, const py::object& label, const py::object& c
   tissue.bleeds = bleeds;
   tissue.assumed = assumed;
   return tissue;
+}
+
+std::string names_of(const Tissues& tissues) {
+  std::string names;
+  for (const Tissue& tissue : tissues.all()) names += (names.empty() ? "" : ", ") + tissue.name;
+  return names;
 }
 
 }  // namespace
@@ -107,12 +112,7 @@ In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels are exact; `c_
            }),
            "tissues"_a, "material"_a)
       .def("__len__", &Tissues::size)
-      .def("__iter__",
-           [](const Tissues& t) {
-             py::list list;
-             for (std::size_t i = 0; i < t.size(); ++i) list.append(t[i]);
-             return py::iter(list);
-           })
+      .def("__iter__", [](const Tissues& t) { return py::iter(py::cast(t.all())); })
       .def("__getitem__",
            [](const Tissues& t, std::int64_t number) {
              const auto size = static_cast<std::int64_t>(t.size());
@@ -122,36 +122,22 @@ In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels are exact; `c_
       .def(
           "number",
           [](const Tissues& t, const std::string& name) {
-            for (std::size_t i = 0; i < t.size(); ++i)
-              if (t[i].name == name) return i;
-            std::string names;
-            for (std::size_t i = 0; i < t.size(); ++i) names += (i ? ", " : "") + t[i].name;
-            throw std::invalid_argument("tissue must be one of " + names + ", got '" + name + "'");
+            const std::size_t number = t.find(name);
+            if (number < t.size()) return number;
+            throw std::invalid_argument("tissue must be one of " + names_of(t) + ", got '" + name + "'");
           },
           "name"_a, "Number of the tissue of this name. ValueError if there is none.")
       .def_property_readonly("material", &Tissues::material, "Material of every burr in the bone")
       .def(
           "__eq__",
           [](const Tissues& a, const Tissues& b) {
-            if (a.size() != b.size() || !(a.material() == b.material())) return false;
-            for (std::size_t i = 0; i < a.size(); ++i)
-              if (!fields(a[i]).equal(fields(b[i]))) return false;
-            return true;
+            return a.material() == b.material() && py::cast(a.all()).equal(py::cast(b.all()));
           },
           py::is_operator())
-      .def("__repr__",
-           [](const Tissues& t) {
-             std::string names;
-             for (std::size_t i = 0; i < t.size(); ++i) names += (i ? ", " : "") + t[i].name;
-             return "Tissues(" + names + ")";
-           })
-      .def(py::pickle(
-          [](const Tissues& t) {
-            py::list list;
-            for (std::size_t i = 0; i < t.size(); ++i) list.append(t[i]);
-            return py::make_tuple(list, t.material());
-          },
-          [](const py::tuple& t) {
-            return std::make_shared<Tissues>(t[0].cast<std::vector<Tissue>>(), t[1].cast<Material>());
-          }));
+      .def("__repr__", [](const Tissues& t) { return "Tissues(" + names_of(t) + ")"; })
+      .def(py::pickle([](const Tissues& t) { return py::make_tuple(t.all(), t.material()); },
+                      [](const py::tuple& t) {
+                        return std::make_shared<Tissues>(t[0].cast<std::vector<Tissue>>(),
+                                                         t[1].cast<Material>());
+                      }));
 }

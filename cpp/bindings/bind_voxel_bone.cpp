@@ -1,11 +1,7 @@
 #include <algorithm>
-#include <cmath>
-#include <sstream>
 #include <type_traits>
-#include <variant>
 
 #include "bindings.hpp"
-#include "require.hpp"
 
 namespace {
 
@@ -45,16 +41,14 @@ Levels to_levels(const py::array& values, Range range) {
   const bool is_levels = py::isinstance<py::array_t<std::uint8_t>>(values);
   if (values.dtype().kind() == 'b') range = range.value_or(std::make_pair(0.0, 1.0));
   if (is_levels) range = range.value_or(std::make_pair(0.0, 255.0));
-  if (!range) {
+  if (!range)
     throw std::invalid_argument("range must be given for densities of type " + dtype_name(values) +
                                 ": the values of empty and of solid bone");
-  }
   const auto [lo, hi] = *range;
-  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi)) {
+  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi))
     throw std::invalid_argument("range must be two finite values, empty below solid, got (" +
                                 std::string(py::str(py::float_(lo))) + ", " +
                                 std::string(py::str(py::float_(hi))) + ")");
-  }
   if (values.dtype().kind() == 'b') return scale<bool>(values, lo, hi);
   if (is_levels) return scale<std::uint8_t>(values, lo, hi);
   if (py::isinstance<py::array_t<std::int8_t>>(values)) return scale<std::int8_t>(values, lo, hi);
@@ -109,11 +103,8 @@ void bind_voxel_bone_copies(VoxelBoneClass& bone) {
 }
 
 py::object numbers_of(const VoxelBone& bone) {
-  if (!bone.tissues()) return py::none();
-  const Index3& shape = bone.shape();
-  py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
-  bone.tissues()->read({0, 0, 0}, shape, out.mutable_data());
-  out.attr("flags").attr("writeable") = false;
+  py::object out = tissue_box(bone, {0, 0, 0}, bone.shape());
+  if (!out.is_none()) out.attr("flags").attr("writeable") = false;
   return out;
 }
 
@@ -122,12 +113,8 @@ template <double (VoxelBone::*sum)(std::size_t) const>
 double of_tissue(const VoxelBone& bone, const std::variant<std::size_t, std::string>& tissue) {
   if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
   const Tissues& table = bone.tissues()->table();
-  std::size_t number = table.size();
-  if (const auto* given = std::get_if<std::size_t>(&tissue))
-    number = *given;
-  else
-    for (std::size_t i = table.size(); i-- > 0;)
-      if (table[i].name == std::get<std::string>(tissue)) number = i;
+  const auto* given = std::get_if<std::size_t>(&tissue);
+  const std::size_t number = given ? *given : table.find(std::get<std::string>(tissue));
   if (number >= table.size())
     throw std::invalid_argument("tissue must be a name or number of the bone's table");
   const VoxelBone::Reading reading(bone);
@@ -218,8 +205,7 @@ std::shared_ptr<VoxelBone> block(const py::object& sides, const py::object& spac
   if (((made - size).array() > 1e-6 * s.array()).any()) {
     const py::str text = format(
         "size ({:g}, {:g}, {:g}) mm is no whole number of voxels of ({:g}, {:g}, {:g}) mm: the block has "
-        "({:g}, "
-        "{:g}, {:g}) mm",
+        "({:g}, {:g}, {:g}) mm",
         size[0], size[1], size[2], s[0], s[1], s[2], made[0], made[1], made[2]);
     warn(text);
   }

@@ -121,6 +121,9 @@ py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone);
 /// The events of a watch, without the first `known`, its doses and counts.
 py::dict to_dict(const AnatomyWatch& watch, std::size_t known);
 
+/// Tissue numbers of a box, (z, y, x); None without tissues.
+py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& shape);
+
 SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme);
 
 /// (copy of the bone, ticks executed on it), of a Follower or a Replica.
@@ -133,7 +136,7 @@ py::tuple snapshot_of(const Following& following) {
 
 /// As `to_dict` of the watch of a Follower or a Replica.
 template <class Following>
-py::dict watched_by(Following& following, std::size_t known) {
+py::dict watched_by(const Following& following, std::size_t known) {
   std::shared_ptr<AnatomyWatch> copy;
   without_gil([&] {
     following.visit([&](FollowedBone& followed) {

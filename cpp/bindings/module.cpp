@@ -1,6 +1,5 @@
 #include "bindings.hpp"
 #include "cpu_path.hpp"
-#include "require.hpp"
 #include "tick.hpp"
 
 PYBIND11_MODULE(_core, m) {

@@ -7,23 +7,13 @@
 #include "kernel/kernel.hpp"
 
 namespace burrlab {
-namespace {
-
-Index3 parents(const Index3& children) {
-  constexpr int f = Occupancy::fan;
-  return {(children[0] + f - 1) / f, (children[1] + f - 1) / f, (children[2] + f - 1) / f};
-}
-
-std::size_t product(const Index3& n) { return static_cast<std::size_t>(n[0] * n[1] * n[2]); }
 
 // Sets or clears a bit; returns whether its word is not empty afterwards.
-bool change(std::uint64_t& word, int bit, bool on) {
+static bool change(std::uint64_t& word, int bit, bool on) {
   const std::uint64_t mask = std::uint64_t{1} << bit;
   word = on ? word | mask : word & ~mask;
   return word != 0;
 }
-
-}  // namespace
 
 Tiles::Tiles(std::size_t bricks)
     : memory_(std::calloc(bricks * brick_voxels + 63, 1)),
@@ -64,17 +54,16 @@ std::vector<const std::uint8_t*> packed_tiles(const std::uint8_t* packed, std::s
 }
 
 Occupancy::Occupancy(const Index3& bricks)
-    : blocks_(parents(bricks)),
-      superblocks_(parents(blocks_)),
-      block_(product(blocks_)),
-      superblock_(product(superblocks_)) {}
+    : blocks_(covering(bricks, fan)),
+      superblocks_(covering(blocks_, fan)),
+      block_(std::size_t(product(blocks_))),
+      superblock_(std::size_t(product(superblocks_))) {}
 
 void Occupancy::set(const Index3& brick, bool occupied) {
   const Index3 b{brick[0] / fan, brick[1] / fan, brick[2] / fan};
   const Index3 s{b[0] / fan, b[1] / fan, b[2] / fan};
-  auto& block = block_[static_cast<std::size_t>((b[0] * blocks_[1] + b[1]) * blocks_[2] + b[2])];
-  auto& superblock =
-      superblock_[static_cast<std::size_t>((s[0] * superblocks_[1] + s[1]) * superblocks_[2] + s[2])];
+  auto& block = block_[number_in(blocks_, b)];
+  auto& superblock = superblock_[number_in(superblocks_, s)];
   change(superblock, bit(b[0], b[1], b[2]), change(block, bit(brick[0], brick[1], brick[2]), occupied));
 }
 

@@ -9,14 +9,11 @@
 #include "tick.hpp"
 
 namespace burrlab {
-namespace {
 
-std::shared_ptr<VoxelBone> not_null(std::shared_ptr<VoxelBone> bone) {
+static std::shared_ptr<VoxelBone> not_null(std::shared_ptr<VoxelBone> bone) {
   if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
   return bone;
 }
-
-}  // namespace
 
 BurrContact::BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material,
                          std::uint64_t seed, std::uint32_t index, Scheme scheme)

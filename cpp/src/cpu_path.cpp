@@ -36,7 +36,7 @@ bool has_avx512() {
 #endif
 #endif
 
-std::vector<const kernel::Kernel*> find_kernels() {
+std::vector<const kernel::Kernel*> kernels() {
   std::vector<const kernel::Kernel*> found{&kernel::scalar_kernel};
 #ifdef BURRLAB_X86_64
   found.push_back(&kernel::sse2_kernel);
@@ -45,11 +45,6 @@ std::vector<const kernel::Kernel*> find_kernels() {
 #elif defined(BURRLAB_AARCH64)
   found.push_back(&kernel::neon_kernel);
 #endif
-  return found;
-}
-
-const std::vector<const kernel::Kernel*>& kernels() {
-  static const std::vector<const kernel::Kernel*> found = find_kernels();
   return found;
 }
 

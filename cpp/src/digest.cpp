@@ -7,9 +7,9 @@
 namespace burrlab {
 namespace {
 
-std::uint64_t bits(double value) {
+std::uint64_t bits(const void* of) {
   std::uint64_t word;
-  std::memcpy(&word, &value, sizeof word);
+  std::memcpy(&word, of, sizeof word);
   return word;
 }
 
@@ -41,8 +41,8 @@ void of_table(Hash128& hash, const Tissues& table) {
     const Tissue& tissue = table[i];
     of_text(hash, tissue.name);
     mix(hash, static_cast<std::uint32_t>(tissue.label));
-    mix(hash, bits(tissue.c_e));
-    mix(hash, bits(tissue.alpha));
+    mix(hash, bits(&tissue.c_e));
+    mix(hash, bits(&tissue.alpha));
     mix(hash, tissue.critical | tissue.bleeds << 1 | tissue.assumed << 2);
     for (const std::uint8_t part : tissue.colour) mix(hash, part);
   }
@@ -52,8 +52,8 @@ Hash128 of_geometry(const VoxelBone& bone) {
   Hash128 hash{0x6275727230u, 0x6C616231u};
   for (int axis = 0; axis < 3; ++axis) {
     mix(hash, std::uint64_t(bone.shape()[axis]));
-    mix(hash, bits(bone.spacing()[axis]));
-    mix(hash, bits(bone.origin()[axis]));
+    mix(hash, bits(&bone.spacing()[axis]));
+    mix(hash, bits(&bone.origin()[axis]));
   }
   if (bone.tissues()) of_table(hash, bone.tissues()->table());
   finish(hash);
@@ -68,21 +68,14 @@ Hash128 of_brick(const VoxelBone& bone, std::size_t number) {
   for (std::int64_t z = 0; z < n[0]; ++z) {
     for (std::int64_t y = 0; y < n[1]; ++y) {
       const std::int64_t row = (z * brick_side + y) * brick_side;
-      std::uint64_t now, before;  // zeros beyond the volume
-      std::memcpy(&now, density + row, sizeof now);
-      std::memcpy(&before, pristine + row, sizeof before);
-      mix(hash, now);
-      mix(hash, before);
+      mix(hash, bits(density + row));  // zeros beyond the volume
+      mix(hash, bits(pristine + row));
     }
   }
   if (bone.tissues()) {
     const std::uint8_t* numbers = bone.tissues()->tile(number);
     if (!numbers) mix(hash, bone.tissues()->number(number));
-    for (int i = 0; numbers && i < brick_voxels; i += 8) {
-      std::uint64_t eight;
-      std::memcpy(&eight, numbers + i, sizeof eight);
-      mix(hash, eight);
-    }
+    for (int i = 0; numbers && i < brick_voxels; i += 8) mix(hash, bits(numbers + i));
   }
   finish(hash);
   return hash;

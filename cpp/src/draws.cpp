@@ -38,7 +38,7 @@ std::vector<std::uint16_t> random_field(const Index3& shape, std::uint64_t seed,
   const kernel::Draws d = kernel::draws(seed, tick, index + (draw << 31));
   const auto columns_in_row = static_cast<std::uint32_t>(shape[2]);
   const auto columns_in_slab = columns_in_row * static_cast<std::uint32_t>((shape[1] + 7) / 8);
-  std::vector<std::uint16_t> out(static_cast<std::size_t>(shape[0] * shape[1] * shape[2]));
+  std::vector<std::uint16_t> out(static_cast<std::size_t>(product(shape)));
   for (std::int64_t z = 0; z < shape[0]; ++z) {
     for (std::int64_t y = 0; y < shape[1]; y += 8) {
       for (std::int64_t x = 0; x < shape[2]; x += 8) {

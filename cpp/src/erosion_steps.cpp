@@ -6,16 +6,13 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-std::string described(const Material& material) {
+static std::string described(const Material& material) {
   std::ostringstream text;
   text << "'" << material.name << "' (c_e " << material.c_e << ", alpha " << material.alpha << ", "
        << material.shape.name() << ")";
   return text.str();
 }
-
-}  // namespace
 
 void check_material(const VoxelBone& bone, const Material& material) {
   if (!bone.tissues() || bone.tissues()->table().material() == material) return;

@@ -3,8 +3,6 @@
 
 #include <cstdint>
 
-#include "burrlab/material.hpp"
-#include "burrlab/tissues.hpp"
 #include "burrlab/voxel_bone.hpp"
 #include "eroded_fraction.hpp"
 

@@ -6,19 +6,16 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
 // u from m in [0, 4/3], without libm. Four Newton steps reach double precision for m <= 2/3. Above, the cap
 // is the complement of another (equal to 9e-14).
-double relative_penetration(double m) {
+static double relative_penetration(double m) {
   if (m > 2.0 / 3.0) return 2.0 - relative_penetration(4.0 / 3.0 - m);
   const double root = std::sqrt(m), a = root / 3.0;
   double s = 1.0;
   for (int i = 0; i < 4; ++i) s = s - (s * s * (1.0 - a * s) - 1.0) / (s * (2.0 - 3.0 * a * s));
   return root * s;
 }
-
-}  // namespace
 
 double penetration(double m0, double radius) {
   require_not_negative("m0", m0);

@@ -64,13 +64,11 @@ class Layer {
   /// Moves the front. Returns the slowness [1/(alpha R)] that keeps the mass; `guess` starts the search.
   double advance(double from, double to, double guess) {
     slices_.emplace_back(from, to);
-    for (std::size_t i = first_; i < slices_.size(); ++i) {
+    for (std::size_t i = first_; i < slices_.size(); ++i)
       slices_[i].set_dose(shape_, std::max(0.0, from - slices_[i].s), to - slices_[i].s);
-    }
     const double slowness = solve(guess);
-    for (std::size_t i = first_; i < slices_.size(); ++i) {
+    for (std::size_t i = first_; i < slices_.size(); ++i)
       for (std::size_t j = 0; j < node_count; ++j) slices_[i].exponent[j] += slowness * slices_[i].dose[j];
-    }
     while (first_ + 1 < slices_.size() && is_gone(slices_[first_])) ++first_;
     return slowness;
   }
@@ -165,9 +163,8 @@ double thin_layer_velocity(const Shape& shape, double phi, double immersion) {
 
 double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion, double start,
                        double stop) {
-  if (time.size() != immersion.size() || time.size() < 2) {
+  if (time.size() != immersion.size() || time.size() < 2)
     throw std::invalid_argument("time and immersion must have the same length, two points or more");
-  }
   for (std::size_t i = 0; i < time.size(); ++i) {
     require_finite("every time", time[i]);
     require_finite("every immersion", immersion[i]);
@@ -187,9 +184,8 @@ double window_velocity(const std::vector<double>& time, const std::vector<double
     ta = tb;
     ha = hb;
   };
-  for (std::size_t i = 0; i < time.size(); ++i) {
+  for (std::size_t i = 0; i < time.size(); ++i)
     if (immersion[i] > start && immersion[i] < stop) add(time[i] - middle, immersion[i] - start);
-  }
   add(t_stop - middle, stop - start);
   return 12.0 * covariance / (span * span * span);  // int (t - middle)^2 dt = span^3/12
 }

@@ -9,6 +9,8 @@
 #include <cstring>
 #include <string>
 
+#include "brick_levels.hpp"
+#include "brick_walk.hpp"
 #include "require.hpp"
 
 namespace burrlab {
@@ -39,15 +41,18 @@ class Extraction {
   // Copies the levels; returns whether they can lie on both sides.
   bool load() {
     const Index3& bricks = bone_.bricks();
-    const auto first_of = [&](int axis) { return low_[axis] < 0 ? -1 : low_[axis] / brick_side; };
+    Index3 first, last;
+    for (int axis = 0; axis < 3; ++axis) {
+      first[axis] = low_[axis] < 0 ? -1 : low_[axis] / brick_side;
+      last[axis] = (low_[axis] + side - 1) / brick_side;
+    }
     bool solid = true, empty = true;
     const auto each = [&](auto visit) {
-      for (std::int64_t z = first_of(0); z * brick_side < low_[0] + side; ++z)
-        for (std::int64_t y = first_of(1); y * brick_side < low_[1] + side; ++y)
-          for (std::int64_t x = first_of(2); x * brick_side < low_[2] + side; ++x) {
-            const bool inside = z >= 0 && y >= 0 && x >= 0 && z < bricks[0] && y < bricks[1] && x < bricks[2];
-            visit(Index3{z, y, x}, inside ? std::int64_t(bone_.brick_number(z, y, x)) : -1);
-          }
+      each_place(first, last, [&](const Index3& at) {
+        bool inside = true;
+        for (int axis = 0; axis < 3; ++axis) inside = inside && at[axis] >= 0 && at[axis] < bricks[axis];
+        visit(at, inside ? std::int64_t(number_in(bricks, at)) : -1);
+      });
     };
     each([&](const Index3&, std::int64_t brick) {
       const std::uint32_t mass = brick < 0 ? 0 : bone_.sums(std::size_t(brick)).mass;
@@ -59,22 +64,13 @@ class Extraction {
     levels_.assign(std::size_t(step[2]) * side, 0);
     each([&](const Index3& at, std::int64_t brick) {
       if (brick < 0 || bone_.sums(std::size_t(brick)).mass == 0) return;
-      copy(at, bone_.tile(std::size_t(brick)));
+      const std::uint8_t* tile = bone_.tile(std::size_t(brick));
+      each_row(at, low_, {side, side, side},
+               [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
+                 std::memcpy(&levels_[std::size_t(in_box)], tile + in_tile, length);
+               });
     });
     return true;
-  }
-
-  void copy(const Index3& at, const std::uint8_t* tile) {
-    std::array<std::int64_t, 3> begin, end;
-    for (int axis = 0; axis < 3; ++axis) {
-      begin[axis] = std::max(at[axis] * brick_side, low_[axis]);
-      end[axis] = std::min((at[axis] + 1) * brick_side, low_[axis] + side);
-    }
-    for (std::int64_t z = begin[0]; z < end[0]; ++z)
-      for (std::int64_t y = begin[1]; y < end[1]; ++y)
-        std::memcpy(&levels_[std::size_t(((z - low_[0]) * side + y - low_[1]) * side + begin[2] - low_[2])],
-                    tile + ((z & 7) * brick_side + (y & 7)) * brick_side + (begin[2] & 7),
-                    std::size_t(end[2] - begin[2]));
   }
 
   // One bit per voxel, one word per row: inside or not. Returns whether both occur.
@@ -105,16 +101,6 @@ class Extraction {
           quad(axis, int(row) * side + x, (here >> x & 1) != 0);
         }
       }
-  }
-
-  static int lowest_bit(std::uint64_t bits) {
-#if defined(__GNUC__)
-    return __builtin_ctzll(bits);
-#else
-    int n = 0;
-    while (!(bits >> n & 1)) ++n;
-    return n;
-#endif
   }
 
   void quad(int axis, int voxel, bool solid_first) {
@@ -279,16 +265,9 @@ class Extraction {
 
 }  // namespace
 
-Index3 surface_blocks(const VoxelBone& bone) {
-  Index3 n;
-  for (std::size_t axis = 0; axis < 3; ++axis)
-    n[axis] = (bone.shape()[axis] + surface_side - 1) / surface_side;
-  return n;
-}
-
 SurfaceBlock extract_surface(const VoxelBone& bone, const Index3& block, int level) {
   if (level < 1 || level > 255) refuse("level", "from 1 to 255", level);
-  const Index3 n = surface_blocks(bone);
+  const Index3 n = covering(bone.shape(), surface_side);
   for (std::size_t axis = 0; axis < 3; ++axis)
     if (block[axis] < 0 || block[axis] >= n[axis])
       refuse("every index of a block", "from 0 to below " + std::to_string(n[axis]), double(block[axis]));

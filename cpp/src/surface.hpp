@@ -19,9 +19,6 @@ struct SurfaceBlock {
 
 constexpr int surface_side = 32;  ///< voxels along an edge of a block
 
-/// Number of blocks (z, y, x).
-Index3 surface_blocks(const VoxelBone& bone);
-
 /// The surface where the level rises from below `level` (1..255) to at least `level`. The space outside the
 /// volume is empty. Throws if there is no such block.
 SurfaceBlock extract_surface(const VoxelBone& bone, const Index3& block, int level);

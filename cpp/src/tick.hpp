@@ -5,8 +5,6 @@
 #include <memory>
 
 #include "burrlab/force.hpp"
-#include "burrlab/material.hpp"
-#include "burrlab/voxel_bone.hpp"
 #include "depth_table.hpp"
 #include "erosion_steps.hpp"
 

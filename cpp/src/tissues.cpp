@@ -36,15 +36,21 @@ Tissues::Tissues(std::vector<Tissue> tissues, const Material& material)
         alike_[i] |= std::uint64_t{1} << j;
 }
 
+std::size_t Tissues::find(const std::string& name) const {
+  const auto named = [&](const Tissue& tissue) { return tissue.name == name; };
+  return std::size_t(std::find_if(tissues_.begin(), tissues_.end(), named) - tissues_.begin());
+}
+
 std::int32_t Tissues::largest_stiffness() const {
   return *std::max_element(stiffness_.begin(), stiffness_.end());
 }
 
-TissueMap::TissueMap(const Index3& shape, const Tissues& table) : shape_(shape), table_(table) {
-  for (int axis = 0; axis < 3; ++axis) bricks_[axis] = (shape[axis] + brick_side - 1) / brick_side;
-  number_.resize(static_cast<std::size_t>(bricks_[0] * bricks_[1] * bricks_[2]));
-  present_.resize(number_.size());
-}
+TissueMap::TissueMap(const Index3& shape, const Tissues& table)
+    : shape_(shape),
+      bricks_(covering(shape, brick_side)),
+      table_(table),
+      number_(std::size_t(product(bricks_))),
+      present_(number_.size()) {}
 
 TissueMap::TissueMap(const Index3& shape, const std::uint8_t* packed, std::size_t size, const Tissues& table)
     : TissueMap(shape, table) {
@@ -72,49 +78,34 @@ std::vector<std::uint8_t> TissueMap::packed() const {
 
 TissueMap::TissueMap(const Index3& shape, const std::uint8_t* numbers, const Tissues& table)
     : TissueMap(shape, table) {
-  const std::size_t bricks = number_.size();
-  const auto voxels = static_cast<std::size_t>(shape[0] * shape[1] * shape[2]);
+  const std::int64_t voxels = product(shape);
   const std::uint8_t largest = voxels ? *std::max_element(numbers, numbers + voxels) : 0;
   if (largest >= table.size())
     refuse("every tissue number", "below " + std::to_string(table.size()), largest);
-  std::size_t brick = 0;
-  for (std::int64_t z = 0; z < bricks_[0]; ++z) {
-    for (std::int64_t y = 0; y < bricks_[1]; ++y) {
-      for (std::int64_t x = 0; x < bricks_[2]; ++x, ++brick) {
-        std::uint8_t tile[brick_voxels];
-        const std::int64_t n[3] = {std::min<std::int64_t>(8, shape[0] - 8 * z),
-                                   std::min<std::int64_t>(8, shape[1] - 8 * y),
-                                   std::min<std::int64_t>(8, shape[2] - 8 * x)};
-        const std::uint8_t* first = numbers + (8 * z * shape[1] + 8 * y) * shape[2] + 8 * x;
-        std::memset(tile, *first, sizeof tile);
-        for (std::int64_t k = 0; k < n[0]; ++k)
-          for (std::int64_t j = 0; j < n[1]; ++j)
-            std::memcpy(tile + 64 * k + 8 * j, first + (k * shape[1] + j) * shape[2], std::size_t(n[2]));
-        number_[brick] = *first;
-        for (const std::uint8_t number : tile) present_[brick] |= std::uint64_t{1} << number;
-        if (!mixed(brick)) continue;
-        if (tiles_.empty()) tiles_ = Tiles(bricks);
-        std::memcpy(tiles_.tile(brick), tile, sizeof tile);
-      }
-    }
-  }
+  each_brick(bricks_, {0, 0, 0}, shape, [&](const Index3& at, std::size_t brick) {
+    std::uint8_t tile[brick_voxels];
+    number_[brick] = numbers[number_in(shape, {8 * at[0], 8 * at[1], 8 * at[2]})];
+    std::memset(tile, number_[brick], sizeof tile);
+    each_row(at, {0, 0, 0}, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
+      std::memcpy(tile + in_tile, numbers + in_box, length);
+    });
+    for (const std::uint8_t number : tile) present_[brick] |= std::uint64_t{1} << number;
+    if (!mixed(brick)) return;
+    if (tiles_.empty()) tiles_ = Tiles(number_.size());
+    std::memcpy(tiles_.tile(brick), tile, sizeof tile);
+  });
 }
 
 void TissueMap::read(const Index3& start, const Index3& shape, std::uint8_t* out) const {
-  for (std::int64_t z = start[0]; z < start[0] + shape[0]; ++z) {
-    for (std::int64_t y = start[1]; y < start[1] + shape[1]; ++y) {
-      for (std::int64_t x = start[2]; x < start[2] + shape[2];) {
-        const auto brick = static_cast<std::size_t>((z / 8 * bricks_[1] + y / 8) * bricks_[2] + x / 8);
-        const std::int64_t length = std::min(start[2] + shape[2], (x / 8 + 1) * 8) - x;
-        if (const std::uint8_t* numbers = tile(brick))
-          std::memcpy(out, numbers + 64 * (z & 7) + 8 * (y & 7) + (x & 7), std::size_t(length));
-        else
-          std::memset(out, number_[brick], std::size_t(length));
-        out += length;
-        x += length;
-      }
-    }
-  }
+  each_brick(bricks_, start, shape, [&](const Index3& at, std::size_t brick) {
+    const std::uint8_t* numbers = tile(brick);
+    each_row(at, start, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
+      if (numbers)
+        std::memcpy(out + in_box, numbers + in_tile, length);
+      else
+        std::memset(out + in_box, number_[brick], length);
+    });
+  });
 }
 
 // Calls take(number, levels of that tissue). The first voxel's tissue has what the others leave.

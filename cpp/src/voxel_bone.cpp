@@ -11,16 +11,8 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-std::int64_t product(const Index3& n) { return n[0] * n[1] * n[2]; }
-
-Index3 bricks_of(const Index3& shape) {
-  constexpr int s = brick_side;
-  return {(shape[0] + s - 1) / s, (shape[1] + s - 1) / s, (shape[2] + s - 1) / s};
-}
-
-Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
+static Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
   for (int axis = 0; axis < 3; ++axis) {
     if (shape[axis] < 1) refuse("every side of the volume", "at least one voxel", double(shape[axis]));
     require_positive("spacing", spacing[axis]);
@@ -31,39 +23,9 @@ Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
   return shape;
 }
 
-// Calls visit(offset in the tile, offset in the box, length) for every row of a box within a brick.
-template <class Visit>
-void each_row(const Index3& at, const Index3& start, const Index3& shape, Visit visit) {
-  Index3 low, high;
-  for (int axis = 0; axis < 3; ++axis) {
-    low[axis] = std::max(start[axis], at[axis] * brick_side);
-    high[axis] = std::min(start[axis] + shape[axis], (at[axis] + 1) * brick_side);
-  }
-  for (std::int64_t z = low[0]; z < high[0]; ++z)
-    for (std::int64_t y = low[1]; y < high[1]; ++y)
-      visit(((z & 7) * brick_side + (y & 7)) * brick_side + (low[2] & 7),
-            ((z - start[0]) * shape[1] + y - start[1]) * shape[2] + low[2] - start[2],
-            std::size_t(high[2] - low[2]));
-}
-
-}  // namespace
-
-template <class Visit>
-void VoxelBone::each_brick(const Index3& start, const Index3& shape, Visit visit) const {
-  if (shape[0] == 0 || shape[1] == 0 || shape[2] == 0) return;
-  Index3 first, last;
-  for (int axis = 0; axis < 3; ++axis) {
-    first[axis] = start[axis] / brick_side;
-    last[axis] = (start[axis] + shape[axis] - 1) / brick_side;
-  }
-  for (std::int64_t z = first[0]; z <= last[0]; ++z)
-    for (std::int64_t y = first[1]; y <= last[1]; ++y)
-      for (std::int64_t x = first[2]; x <= last[2]; ++x) visit(Index3{z, y, x}, brick_number(z, y, x));
-}
-
 VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin)
     : shape_(checked(shape, spacing, origin)),
-      bricks_(bricks_of(shape)),
+      bricks_(covering(shape, brick_side)),
       spacing_(spacing),
       origin_(origin + Vec3::Zero()),  // no minus zero
       occupancy_(bricks_) {}
@@ -84,7 +46,7 @@ VoxelBone::VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacin
   state_.resize(count, level > 0 && level < 32 ? uniform | faint : uniform);
   level_sum_ = pristine_sum_ = product(shape_) * level;
   if (level == 0) return;
-  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+  each_brick(bricks_, {0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     copy_pristine(at, brick, density_.tile(brick));
     sums_[brick] = sum_brick(tile(brick));
     occupancy_.set(at, true);
@@ -95,7 +57,7 @@ VoxelBone::VoxelBone(const Index3& shape, const std::uint8_t* packed, std::size_
                      const Vec3& origin)
     : VoxelBone(shape, 0, spacing, origin) {
   const auto tiles = packed_tiles(packed, size, sums_.size());
-  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+  each_brick(bricks_, {0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     state_[brick] |= changed;  // as after `write`
     level_[brick] = packed[brick];
     if (!tiles[brick] && !packed[brick]) return;
@@ -142,11 +104,6 @@ double VoxelBone::removed() const { return double(pristine_sum_ - level_sum_) * 
 std::size_t VoxelBone::hierarchy_bytes() const {
   return sums_.size() * (sizeof(BrickSums) + sizeof level_[0] + sizeof state_[0]) + occupancy_.bytes() +
          (tissues_ ? tissues_->hierarchy_bytes() : 0);
-}
-
-Index3 VoxelBone::place(std::size_t brick) const {
-  const auto n = static_cast<std::int64_t>(brick);
-  return {n / (bricks_[1] * bricks_[2]), n / bricks_[2] % bricks_[1], n % bricks_[2]};
 }
 
 Index3 VoxelBone::extent(const Index3& at) const {
@@ -226,7 +183,7 @@ std::int64_t VoxelBone::pristine_mass(const Index3& at, std::size_t brick) const
 
 void VoxelBone::read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const {
   check_box(start, shape);
-  each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
+  each_brick(bricks_, start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t levels[brick_voxels];
     if (pristine) copy_pristine(at, brick, levels);
     const std::uint8_t* from = pristine ? levels : tile(brick);
@@ -246,7 +203,7 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
 // Sets the present levels of a box that lies inside, and the pristine ones to the same.
 void VoxelBone::set_box(const Index3& start, const Index3& shape, const std::uint8_t* levels,
                         bool pristine_too) {
-  each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
+  each_brick(bricks_, start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
     count_tissues(brick, -1);
@@ -274,17 +231,16 @@ void VoxelBone::restore(const std::uint8_t* density) {
   const Changing changing(*this);
   const Levels before = pristine();
   for (std::size_t i = 0; i < before.size(); ++i) {
-    if (density[i] > before[i]) {
+    if (density[i] > before[i])
       throw std::invalid_argument("density must be at most the pristine level, got " +
                                   std::to_string(density[i]) + " over " + std::to_string(before[i]));
-    }
   }
   set_box({0, 0, 0}, shape_, density, false);
 }
 
 void VoxelBone::reset() {
   const Changing changing(*this);
-  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+  each_brick(bricks_, {0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     if (!(state_[brick] & eroded)) return;
     count_tissues(brick, -1);
     copy_pristine(at, brick, density_.tile(brick));
@@ -341,10 +297,8 @@ std::vector<std::uint32_t> VoxelBone::bricks_between(const Vec3& low, const Vec3
     last[2 - axis] = std::int64_t(std::clamp(std::floor((high[axis] - begin) / size), -1.0, most));
   }
   std::vector<std::uint32_t> numbers;
-  for (std::int64_t z = first[0]; z <= last[0]; ++z)
-    for (std::int64_t y = first[1]; y <= last[1]; ++y)
-      for (std::int64_t x = first[2]; x <= last[2]; ++x)
-        numbers.push_back(static_cast<std::uint32_t>(brick_number(z, y, x)));
+  each_place(first, last,
+             [&](const Index3& at) { numbers.push_back(std::uint32_t(number_in(bricks_, at))); });
   return numbers;
 }
 

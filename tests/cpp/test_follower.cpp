@@ -37,9 +37,9 @@ void follower() {
   CHECK(follower.digest() == loop->executor()->bone()->digest());
   CHECK(follower.digests().back().tick == 3000 && follower.digests().back().digest == follower.digest());
   CHECK(follower.stiffness(0).stiffness > 0.1);
-  const auto update = view->take();
-  CHECK(update.tick == 3000 && !update.bricks.empty() && update.newest.index == 2999);
-  CHECK(view->take().bricks.empty());
+  const auto update = follower.take_changed(*view);
+  CHECK(update.tick == 3000 && !update.bricks.empty() && update.newest->index == 2999);
+  CHECK(follower.take_changed(*view).bricks.empty());
 }
 
 /// Levels and tissues that differ between voxels, for copies made while a tick stores.
@@ -111,7 +111,7 @@ void newest_after_rebuild() {
   follower.start();
   follower.stop();
   CHECK(follower.status().rebuilds == 1);
-  CHECK(follower.newest().index == 199);
+  CHECK(follower.take_changed(*follower.view()).newest->index == 199);
   CHECK(follower.digest() == loop->executor()->bone()->digest());
   CHECK_THROWS(follower.add(nullptr), "listener must be added before the follower is started");
 }

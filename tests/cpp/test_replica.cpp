@@ -227,7 +227,7 @@ void test_replica_follows() {
     CHECK(publisher->status().tick <= 3000 && replica.status().tick <= 3000);
   }
   follower.stop();
-  publisher->finish(follower, loop->reason(), loop->failed(), 30.0);
+  publisher->finish(loop->reason(), loop->failed(), 30.0);
   CHECK(replica.wait(30.0));
   const ReplicaStatus status = replica.status();
   CHECK(status.tick == 3000 && status.reason == "all ticks were executed" && !status.failed);

@@ -29,8 +29,8 @@ void check_script() {
 
 void check_replay() {
   using Status = DeviceReading::Status;
-  ReplayDevice device(
-      {{Vec3(1.0, 2.0, 3.0), Vec3(4.0, 5.0, 6.0), false}, {Vec3::Zero(), Vec3::Zero(), true}});
+  ReplayDevice device({{Vec3(1.0, 2.0, 3.0), Vec3(4.0, 5.0, 6.0)},
+                       {Vec3::Zero(), Vec3::Zero(), {1.0, 0.0, 0.0, 0.0}, 0, true}});
   const DeviceReading now = device.read(0.0, 1);
   CHECK(now.position == Vec3(1.0, 2.0, 3.0) && now.velocity == Vec3(4.0, 5.0, 6.0) && !now.on);
   CHECK(device.read(0.0, 5).on);

@@ -13,6 +13,29 @@ namespace burrlab {
 constexpr int brick_side = 8;      ///< voxels along an edge
 constexpr int brick_voxels = 512;  ///< voxels, and bytes, of a tile; a z-slab is one cache line
 
+inline std::int64_t product(const Index3& n) { return n[0] * n[1] * n[2]; }
+
+/// How many blocks of this side cover a grid of n.
+inline Index3 covering(const Index3& n, std::int64_t side) {
+  return {(n[0] + side - 1) / side, (n[1] + side - 1) / side, (n[2] + side - 1) / side};
+}
+
+/// The number of a place in a grid, in C order, and back.
+inline std::size_t number_in(const Index3& grid, const Index3& at) {
+  return static_cast<std::size_t>((at[0] * grid[1] + at[1]) * grid[2] + at[2]);
+}
+inline Index3 place_in(const Index3& grid, std::int64_t number) {
+  return {number / (grid[1] * grid[2]), number / grid[2] % grid[1], number % grid[2]};
+}
+
+/// Calls visit(place) for all from `first` to `last`, inclusive, in order.
+template <class Visit>
+void each_place(const Index3& first, const Index3& last, Visit visit) {
+  for (std::int64_t z = first[0]; z <= last[0]; ++z)
+    for (std::int64_t y = first[1]; y <= last[1]; ++y)
+      for (std::int64_t x = first[2]; x <= last[2]; ++x) visit(Index3{z, y, x});
+}
+
 /// Exact sums over a brick, of q and of q times the voxel's index 0..7 in the brick.
 struct BrickSums {
   std::uint32_t mass = 0, x = 0, y = 0, z = 0;
@@ -48,10 +71,10 @@ class Occupancy {
   const Index3& blocks() const { return blocks_; }  ///< number of blocks (z, y, x)
   const Index3& blocks_of_blocks() const { return superblocks_; }
   std::uint64_t block(std::int64_t z, std::int64_t y, std::int64_t x) const {
-    return block_[static_cast<std::size_t>((z * blocks_[1] + y) * blocks_[2] + x)];
+    return block_[number_in(blocks_, {z, y, x})];
   }
   std::uint64_t block_of_blocks(std::int64_t z, std::int64_t y, std::int64_t x) const {
-    return superblock_[static_cast<std::size_t>((z * superblocks_[1] + y) * superblocks_[2] + x)];
+    return superblock_[number_in(superblocks_, {z, y, x})];
   }
   /// Bit of the child at (z, y, x) in its parent's word.
   static int bit(std::int64_t z, std::int64_t y, std::int64_t x) {

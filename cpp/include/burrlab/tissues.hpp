@@ -37,6 +37,8 @@ class Tissues {
 
   std::size_t size() const { return tissues_.size(); }
   const Tissue& operator[](std::size_t number) const { return tissues_[number]; }
+  const std::vector<Tissue>& all() const { return tissues_; }  ///< by number
+  std::size_t find(const std::string& name) const;             ///< its number; `size()` if there is none
   const Material& material() const { return material_; }
   /// c_e of a tissue, rounded to nearest [1/4096 N/mm^2].
   std::int32_t stiffness(std::size_t number) const { return stiffness_[number]; }

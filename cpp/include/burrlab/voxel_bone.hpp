@@ -6,9 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "burrlab/brick.hpp"
 #include "burrlab/tissues.hpp"
-#include "burrlab/types.hpp"
 
 namespace burrlab {
 
@@ -93,7 +91,8 @@ class VoxelBone {
 
   // Bricks by number, for copies of a bone that follow it.
   std::size_t brick_count() const { return sums_.size(); }
-  Index3 place(std::size_t brick) const;  ///< (z, y, x) among bricks
+  /// (z, y, x) among bricks.
+  Index3 place(std::size_t brick) const { return place_in(bricks_, std::int64_t(brick)); }
   /// Voxels (z, y, x) within the volume.
   Index3 extent(std::size_t brick) const { return extent(place(brick)); }
   /// Numbers of the bricks that the box between two points [mm] meets, in order.
@@ -117,7 +116,7 @@ class VoxelBone {
   const Index3& bricks() const { return bricks_; }  ///< number of bricks (z, y, x)
   const Occupancy& occupancy() const { return occupancy_; }
   std::size_t brick_number(std::int64_t z, std::int64_t y, std::int64_t x) const {
-    return static_cast<std::size_t>((z * bricks_[1] + y) * bricks_[2] + x);
+    return number_in(bricks_, {z, y, x});
   }
   const BrickSums& sums(std::size_t brick) const { return sums_[brick]; }
   const std::uint8_t* tile(std::size_t brick) const { return density_.tile(brick); }
@@ -166,8 +165,6 @@ class VoxelBone {
   std::int64_t pristine_mass(const Index3& at, std::size_t brick) const;
   void count_tissues(std::size_t brick, int sign);
   void set_box(const Index3& start, const Index3& shape, const std::uint8_t* levels, bool pristine_too);
-  template <class Visit>
-  void each_brick(const Index3& start, const Index3& shape, Visit visit) const;
 
   Index3 shape_, bricks_;
   Vec3 spacing_, origin_;

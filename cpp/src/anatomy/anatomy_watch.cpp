@@ -6,9 +6,8 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-void check(const std::string& name, const WatchLimits& limits, double radius) {
+static void check(const std::string& name, const WatchLimits& limits, double radius) {
   require_not_negative("touch of '" + name + "'", limits.touch);
   require_not_negative("injury of '" + name + "'", limits.injury);
   require_positive("hysteresis of '" + name + "'", limits.hysteresis);
@@ -19,13 +18,11 @@ void check(const std::string& name, const WatchLimits& limits, double radius) {
            limits.approach + limits.hysteresis + radius);
 }
 
-std::size_t bin_of(double distance) {
+static std::size_t bin_of(double distance) {
   std::size_t bin = 0;
   while (bin < WatchDose::edges.size() && distance > WatchDose::edges[bin]) ++bin;
   return bin;
 }
-
-}  // namespace
 
 AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector<double> radii)
     : structures_(std::move(structures)), radii_(std::move(radii)) {
@@ -68,7 +65,7 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
   for (std::size_t s = 0; s < structures_.size(); ++s) {
     const WatchedStructure& structure = structures_[s];
     const WatchLimits& limits = structure.limits;
-    Beside& beside = of(burr, s);
+    Beside& beside = beside_[place_of(burr, s)];
     WatchDose& dose = beside.dose;
     const std::int64_t levels = bone.tissue_levels(structure.distance->search().tissue());
     const std::int64_t lost = levels_[s] - levels;
@@ -118,7 +115,7 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
 /// or be the closest so far. A search in every tick would be slow.
 void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept {
   const auto& [to, limits] = structures_[structure];
-  Beside& beside = of(burr, structure);
+  Beside& beside = beside_[place_of(burr, structure)];
   WatchDose& dose = beside.dose;
   const SphereDistance distance = to->around(beside.center, radii_[burr], beside.nearest);
   dose.distance = distance.value;
@@ -144,7 +141,7 @@ void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRe
 
 /// The dose, with the distance of the burr's present place.
 WatchDose AnatomyWatch::dose(std::size_t burr, std::size_t structure) const {
-  const Beside& beside = of(burr, structure);
+  const Beside& beside = beside_[place_of(burr, structure)];
   WatchDose dose = beside.dose;
   NearestVoxel nearest = beside.nearest;
   if (beside.center != beside.measured)
@@ -163,14 +160,15 @@ void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept
     const std::int64_t lost = levels_[s] - levels;
     levels_[s] = levels;
     if (lost <= 0 || !is_injury(bone, s)) continue;
-    WatchEvent event;
-    event.tick = tick ? tick - 1 : 0;
-    event.structure = std::uint32_t(s);
-    event.burr = -1;
-    event.distance = std::numeric_limits<double>::infinity();
-    event.removed = removed(s);
-    event.kind = std::uint32_t(WatchEventKind::injury);
-    add_event(event);
+    add_event({tick ? tick - 1 : 0,
+               std::uint32_t(WatchEventKind::injury),
+               std::uint32_t(s),
+               -1,
+               0,
+               std::numeric_limits<double>::infinity(),
+               0.0,
+               removed(s),
+               {}});
   }
 }
 

@@ -94,11 +94,8 @@ class AnatomyWatch {
     double still = 0.0;  // radius around `measured` in which no sum and no event can change [mm]
     bool approached = false, touched = false, injured = false;
   };
-  Beside& of(std::size_t burr, std::size_t structure) {
-    return beside_[burr * structures_.size() + structure];
-  }
-  const Beside& of(std::size_t burr, std::size_t structure) const {
-    return beside_[burr * structures_.size() + structure];
+  std::size_t place_of(std::size_t burr, std::size_t structure) const {
+    return burr * structures_.size() + structure;
   }
   void measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept;
   bool is_injury(const VoxelBone& bone, std::size_t structure) const;

@@ -1,7 +1,5 @@
 #include "burrlab/anatomy/structure_distance.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 
 #include "brick_walk.hpp"
@@ -54,18 +52,13 @@ StructureSearch::StructureSearch(const VoxelBone& bone, std::size_t tissue)
     const Index3 at = bone.place(brick), n = bone.extent(brick);
     where_.set(at, true);
     const std::uint8_t* tile = map_->tile(brick);
-    for (std::int64_t z = 0; z < n[0]; ++z) {
-      for (std::int64_t y = 0; y < n[1]; ++y) {
-        for (std::int64_t x = 0; x < n[2]; ++x) {
-          if (tile && tile[64 * z + 8 * y + x] != tissue) continue;
-          const Index3 voxel{8 * at[0] + z, 8 * at[1] + y, 8 * at[2] + x};
-          for (int axis = 0; axis < 3; ++axis) {
-            first[axis] = std::min(first[axis], voxel[axis]);
-            last[axis] = std::max(last[axis], voxel[axis]);
-          }
-        }
+    each_place({0, 0, 0}, {n[0] - 1, n[1] - 1, n[2] - 1}, [&](const Index3& in) {
+      if (tile && tile[64 * in[0] + 8 * in[1] + in[2]] != tissue) return;
+      for (int axis = 0; axis < 3; ++axis) {
+        first[axis] = std::min(first[axis], 8 * at[axis] + in[axis]);
+        last[axis] = std::max(last[axis], 8 * at[axis] + in[axis]);
       }
-    }
+    });
   }
   if (last[0] < 0)
     throw std::invalid_argument("structure must have voxels, '" + map_->table()[tissue].name + "' has none");
@@ -123,7 +116,6 @@ double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, doubl
 }
 
 void StructureSearch::search_brick(const Index3& brick, const Vec3& point, Best& best) const {
-  const auto number = static_cast<std::size_t>((brick[0] * bricks_[1] + brick[1]) * bricks_[2] + brick[2]);
   Index3 first, last;
   double least[3];  // (z, y, x)
   for (int i = 0; i < 3; ++i) {
@@ -133,7 +125,7 @@ void StructureSearch::search_brick(const Index3& brick, const Vec3& point, Best&
   }
   const double squared = least[0] * least[0] + least[1] * least[1] + least[2] * least[2];
   if (squared >= best.squared) return;
-  const std::uint8_t* tile = map_->tile(number);
+  const std::uint8_t* tile = map_->tile(number_in(bricks_, brick));
   if (!tile) {
     Index3 at;
     for (int i = 0; i < 3; ++i) {
@@ -176,7 +168,7 @@ DistanceField::DistanceField(StructureSearch search, const Index3& shape, const 
   require_finite("origin", origin);
   for (const std::int64_t n : shape)
     if (n < 2) refuse("every side of a field", "at least 2", double(n));
-  const auto count = std::size_t(shape[0] * shape[1] * shape[2]);
+  const auto count = std::size_t(product(shape));
   values_ = std::make_unique<std::atomic<float>[]>(count);
   for (std::size_t i = 0; i < count; ++i) {
     const bool exact = estimate[i] - error < exact_to;
@@ -185,7 +177,7 @@ DistanceField::DistanceField(StructureSearch search, const Index3& shape, const 
 }
 
 float DistanceField::node(const Index3& at, NearestVoxel& nearest) const noexcept {
-  std::atomic<float>& kept = values_[std::size_t((at[0] * shape_[1] + at[1]) * shape_[2] + at[2])];
+  std::atomic<float>& kept = values_[number_in(shape_, at)];
   float value = kept.load(std::memory_order_relaxed);
   if (value < 0.0f) {
     const Vec3 place = origin_ + spacing_ * Vec3(double(at[2]), double(at[1]), double(at[0]));

@@ -1,17 +1,15 @@
 #include "effects/companion.hpp"
 
 #include <chrono>
-#include <limits>
 
 #include "require.hpp"
 #include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr int most_frames_at_once = 4;  // periods one frame may stand for
 
-std::vector<BurrAt> burrs_of(const TickRecord& record) {
+static std::vector<BurrAt> burrs_of(const TickRecord& record) {
   std::vector<BurrAt> burrs;
   for (std::size_t i = 0; i < record.burrs && i < most_burrs; ++i) {
     const BurrRecord& burr = record.burr[i];
@@ -20,27 +18,22 @@ std::vector<BurrAt> burrs_of(const TickRecord& record) {
   return burrs;
 }
 
-}  // namespace
-
 EffectsCompanion::EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime)
     : feed_(std::move(feed)), rate_(rate), realtime_(realtime) {
   if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
   // After the feed is made: a change between the two is then in both, and makes dust once.
-  effects_ = std::make_unique<Effects>(*feed_.snapshot(first_tick_), setup);
+  effects_ = std::make_unique<Effects>(*feed_.bone->snapshot(first_tick_), setup);
   newest_.tick = first_tick_;
-  newest_.hidden = next_.hidden = std::numeric_limits<double>::quiet_NaN();
 }
 
 EffectsCompanion::~EffectsCompanion() { stop(); }
 
 void EffectsCompanion::start() {
   const std::lock_guard<std::mutex> life(life_mutex_);
-  {
-    const std::lock_guard<std::mutex> lock(mutex_);
-    if (started_ || stopping_)
-      throw std::invalid_argument("companion must be started once: it has been started or stopped");
-    started_ = running_ = true;
-  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (started_ || stopping_)
+    throw std::invalid_argument("companion must be started once: it has been started or stopped");
+  started_ = running_ = true;
   thread_ = std::thread([this] { run(); });
 }
 
@@ -102,8 +95,8 @@ void EffectsCompanion::frame(int periods) {
     effects_->set_sucker(sucker_);
     camera = camera_;
   }
-  const BoneUpdate update = feed_.take();
-  const std::vector<BurrAt> burrs = update.any ? burrs_of(update.newest) : std::vector<BurrAt>{};
+  const BoneUpdate update = feed_.bone->take_changed(*feed_.view);
+  const std::vector<BurrAt> burrs = update.newest ? burrs_of(*update.newest) : std::vector<BurrAt>{};
   const double seconds = std::min(periods, most_frames_at_once) / rate_;
   const FrameDecision decision = effects_->step(
       seconds, {update.bricks.data(), update.density.data(), update.bricks.size()}, burrs, nullptr, started);
@@ -126,18 +119,14 @@ void EffectsCompanion::frame(int periods) {
 }
 
 EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower) {
-  return {[follower](std::uint64_t& tick) { return follower->snapshot(tick); },
-          [follower, view = follower->view()] { return view->take(); },
-          [loop, follower] {
+  return {follower, follower->view(), [loop, follower] {
             const bool ended = loop->started() ? !loop->running() : follower->stopped();
             return ended && follower->status().behind == 0;
           }};
 }
 
 EffectsFeed feed_of(const std::shared_ptr<Replica>& replica) {
-  return {[replica](std::uint64_t& tick) { return replica->snapshot(tick); },
-          [replica, unseen = replica->unseen()] { return replica->take_changed(*unseen); },
-          [replica] { return replica->wait(0.0); }};
+  return {replica, replica->view(), [replica] { return replica->wait(0.0); }};
 }
 
 }  // namespace burrlab

@@ -4,6 +4,7 @@
 
 #include <condition_variable>
 #include <functional>
+#include <limits>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -20,9 +21,9 @@ namespace burrlab {
 
 /// The bone that effects follow: that of a session, or of a replica.
 struct EffectsFeed {
-  std::function<std::shared_ptr<VoxelBone>(std::uint64_t& tick)> snapshot;  ///< a copy of the bone
-  std::function<BoneUpdate()> take;  ///< changes since the last call, or since the feed was made
-  std::function<bool()> over;        ///< true if no more comes after the next update
+  std::shared_ptr<SharedBone> bone;
+  std::shared_ptr<UnseenBricks> view;
+  std::function<bool()> over;  ///< true if no more comes after the next update
 };
 
 EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower);
@@ -35,9 +36,9 @@ struct EffectsFrame {
   std::uint64_t tick = 0;   ///< of the bone in the frame
   std::vector<ParcelView> parcels;
   std::array<SubstanceBalance, substances> balance{};
-  std::vector<std::int64_t> removed;  ///< levels, by tissue number
-  double bleeding = 0.0;              ///< [mm^3/s]
-  double hidden;                      ///< hidden part of burr 0; NaN without a camera
+  std::vector<std::int64_t> removed;                         ///< levels, by tissue number
+  double bleeding = 0.0;                                     ///< [mm^3/s]
+  double hidden = std::numeric_limits<double>::quiet_NaN();  ///< part of burr 0; NaN without a camera
   FrameCounts counts;
 };
 
@@ -59,8 +60,6 @@ class EffectsCompanion {
   /// threads and below the haptic loop. It needs a budget of at most `most_share` of a period.
   EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime);
   ~EffectsCompanion();
-  EffectsCompanion(const EffectsCompanion&) = delete;
-  EffectsCompanion& operator=(const EffectsCompanion&) = delete;
 
   void start();  ///< once
   /// Stops after the frame that is under way; further calls do nothing.

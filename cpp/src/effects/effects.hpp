@@ -36,8 +36,6 @@ class Effects {
   /// Copies the bone's levels. Bone removed before makes no dust.
   Effects(const VoxelBone& bone, const EffectsSetup& setup);
   ~Effects();
-  Effects(const Effects&) = delete;
-  Effects& operator=(const Effects&) = delete;
 
   void set_nozzle(const std::optional<Nozzle>& nozzle);
   void set_sucker(const std::optional<Sucker>& sucker);
@@ -59,7 +57,6 @@ class Effects {
   double hidden(const Camera& camera, const BurrAt& burr) const {
     return hidden_fraction(parcels_, quantum(), setup_.parameters, camera, burr);
   }
-  const LevelField& field() const { return field_; }
   const Sources& sources() const { return sources_; }
   const EffectsSetup& setup() const { return setup_; }
   const FrameCounts& counts() const { return counts_; }

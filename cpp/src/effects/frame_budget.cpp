@@ -3,14 +3,11 @@
 #include <algorithm>
 
 namespace burrlab {
-namespace {
 
 constexpr double share = 0.5;     // of the budget, planned for sub-steps
 constexpr double most = 0.7;      // of the budget, for a single sub-step; above it parcels merge
 constexpr double forget = 0.2;    // weight of the newest frame
 constexpr double enough = 256.0;  // movements or parcels; with fewer a cost means nothing
-
-}  // namespace
 
 FrameDecision FrameBudget::plan(std::size_t moving, std::size_t parcels, int sub_steps,
                                 std::int64_t limit) const {

@@ -1,8 +1,6 @@
 // The part of a burr that parcels hide from a camera.
 #pragma once
 
-#include "effects/instruments.hpp"
-#include "effects/parcels.hpp"
 #include "effects/sources.hpp"
 
 namespace burrlab {

@@ -6,14 +6,11 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-void require_direction(const char* name, const Vec3& v) {
+static void require_direction(const char* name, const Vec3& v) {
   require_finite(name, v);
   require_positive(std::string("length of ") + name, v.norm());
 }
-
-}  // namespace
 
 void Nozzle::check() const {
   require_finite("position of the nozzle", position);

@@ -1,7 +1,5 @@
 #include "effects/level_field.hpp"
 
-#include <algorithm>
-#include <array>
 #include <cstring>
 #include <limits>
 
@@ -78,13 +76,8 @@ Vec3 LevelField::center(const Index3& voxel) const {
 }
 
 Vec3 LevelField::center(std::size_t brick, int voxel) const {
-  const auto n = static_cast<std::int64_t>(brick);
-  const Index3 at{n / (bricks_[1] * bricks_[2]), n / bricks_[2] % bricks_[1], n % bricks_[2]};
+  const Index3 at = place_in(bricks_, std::int64_t(brick));
   return center({at[0] * 8 + (voxel >> 6), at[1] * 8 + (voxel >> 3 & 7), at[2] * 8 + (voxel & 7)});
-}
-
-bool LevelField::solid_number(std::int64_t number) const {
-  return solid(Index3{number / (shape_[1] * shape_[2]), number / shape_[2] % shape_[1], number % shape_[2]});
 }
 
 bool LevelField::first_hit(const Vec3& from, const Vec3& move, LevelHit& hit) const {
@@ -109,8 +102,7 @@ bool LevelField::first_hit(const Vec3& from, const Vec3& move, LevelHit& hit) co
   const Cell3 none{0, 0, 0}, all{bricks_[2], bricks_[1], bricks_[0]};
   return walk_grid(start, way, begin, end, 8.0, none, all, entered,
                    [&](const Cell3& brick, double t, int by) {
-                     if (!solid_[std::size_t((brick[2] * bricks_[1] + brick[1]) * bricks_[2] + brick[0])])
-                       return false;
+                     if (!solid_[number_in(bricks_, {brick[2], brick[1], brick[0]})]) return false;
                      Cell3 low, high;
                      for (int axis = 0; axis < 3; ++axis) {
                        low[axis] = 8 * brick[axis];

@@ -44,8 +44,7 @@ class LevelField {
   /// Level of a voxel; 0 outside the volume.
   int level(std::int64_t z, std::int64_t y, std::int64_t x) const {
     if (z < 0 || y < 0 || x < 0 || z >= shape_[0] || y >= shape_[1] || x >= shape_[2]) return 0;
-    const auto brick = static_cast<std::size_t>(((z >> 3) * bricks_[1] + (y >> 3)) * bricks_[2] + (x >> 3));
-    return levels_.tile(brick)[(z & 7) << 6 | (y & 7) << 3 | (x & 7)];
+    return levels_.tile(number_in(bricks_, {z >> 3, y >> 3, x >> 3}))[(z & 7) << 6 | (y & 7) << 3 | (x & 7)];
   }
   bool solid(const Index3& voxel) const { return level(voxel[0], voxel[1], voxel[2]) >= solid_level_; }
   bool solid(const Vec3& place) const { return solid(voxel_of(place)); }
@@ -61,10 +60,8 @@ class LevelField {
   Vec3 center(const Index3& voxel) const;  ///< [mm]
   Vec3 center(std::size_t brick, int voxel) const;
   /// A voxel's number in the volume, for `support`.
-  std::int64_t number(const Index3& voxel) const {
-    return (voxel[0] * shape_[1] + voxel[1]) * shape_[2] + voxel[2];
-  }
-  bool solid_number(std::int64_t number) const;
+  std::int64_t number(const Index3& voxel) const { return std::int64_t(number_in(shape_, voxel)); }
+  bool solid_number(std::int64_t number) const { return solid(place_in(shape_, number)); }
 
   /// Finds the first solid voxel on a segment that begins in a free place. Looks at every voxel on the way,
   /// so no wall is too thin.

@@ -5,12 +5,9 @@
 #include "portable_math.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr int most_contacts = 4;   // in one interval
 constexpr double short_of = 1e-6;  // distance of a stopped parcel from the voxel, over the least spacing
-
-}  // namespace
 
 Motion::Interval Motion::interval(double seconds) const {
   Interval made;

@@ -8,12 +8,11 @@
 #include "portable_math.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr std::int64_t most_of_a_brick = 64;     // parcels of dust, in a frame
 constexpr std::int64_t most_of_a_nozzle = 1024;  // parcels, in a frame
 
-const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
+static const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
   const BurrAt* found = nullptr;
   double least = 0.0;
   for (const BurrAt& burr : burrs) {
@@ -24,8 +23,6 @@ const BurrAt* nearest(const std::vector<BurrAt>& burrs, const Vec3& place) {
   }
   return found;
 }
-
-}  // namespace
 
 double EffectDraws::number() {
   if (count_ == 0) {
@@ -99,12 +96,10 @@ void Sources::remove(const LevelField& field, std::size_t brick, const BrickLoss
     Vec3 along = burr ? spin_.cross(from - burr->center) : Vec3::Zero();
     if (along.norm() < 1e-9) along = draws.in_ball();
     along /= std::max(along.norm(), 1e-9);
-    Emission made;
-    made.place = free_place(field, from, burr);
-    made.velocity = parameters_->dust_speed * (along + parameters_->dust_spread * draws.in_ball());
-    made.mass[dust] = loss.lost / count + (n < loss.lost % count);
-    made.part = draws.number();
-    out.push_back(made);
+    out.push_back({free_place(field, from, burr),
+                   parameters_->dust_speed * (along + parameters_->dust_spread * draws.in_ball()),
+                   {loss.lost / count + (n < loss.lost % count), 0, 0},
+                   draws.number()});
   }
 
   if (bleeding_voxel < 0) return;
@@ -125,10 +120,7 @@ void Sources::bleed(double seconds, EffectDraws& draws, std::vector<Emission>& o
         (to_come < quantum_ && wound.ready >= quantum_)) {
       const auto quanta = std::int64_t(wound.ready / quantum_);
       wound.ready -= double(quanta) * quantum_;
-      Emission like;
-      like.place = wound.place;
-      like.velocity = Vec3::Zero();
-      split(quanta, parameters_->blood_parcel, blood, like, draws, out);
+      split(quanta, parameters_->blood_parcel, blood, {wound.place, Vec3::Zero()}, draws, out);
     }
     at = to_come + wound.ready < quantum_ ? wounds_.erase(at) : std::next(at);
   }

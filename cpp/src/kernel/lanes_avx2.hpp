@@ -26,7 +26,6 @@ inline Integer set(int a) { return {_mm256_set1_epi32(a)}; }
 inline Float load(const float* a) { return {_mm256_load_ps(a)}; }
 inline void store(float* to, Float a) { _mm256_store_ps(to, a.v); }
 inline void store(std::int32_t* to, Integer a) { _mm256_store_si256(reinterpret_cast<__m256i*>(to), a.v); }
-inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
 inline Integer load(const std::int32_t* a) {
   return {_mm256_load_si256(reinterpret_cast<const __m256i*>(a))};
 }

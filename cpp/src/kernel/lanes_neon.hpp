@@ -25,7 +25,6 @@ inline Float load(const float* p) { return {vld1q_f32(p), vld1q_f32(p + 4)}; }
 inline Integer load(const std::int32_t* p) { return {vld1q_s32(p), vld1q_s32(p + 4)}; }
 inline void store(float* to, Float x) { vst1q_f32(to, x.a), vst1q_f32(to + 4, x.b); }
 inline void store(std::int32_t* to, Integer x) { vst1q_s32(to, x.a), vst1q_s32(to + 4, x.b); }
-inline void store(std::uint32_t* to, Integer x) { store(reinterpret_cast<std::int32_t*>(to), x); }
 inline Integer index_in_row() {
   static constexpr std::int32_t index[8] = {0, 1, 2, 3, 4, 5, 6, 7};
   return load(index);

@@ -26,80 +26,47 @@ inline Result each(Operation operation) {
   return result;
 }
 
-inline Float set(float a) {
-  return each<Float>([=](int) { return a; });
-}
-inline Integer set(int a) {
-  return each<Integer>([=](int) { return a; });
-}
-inline Float load(const float* p) {
-  return each<Float>([=](int i) { return p[i]; });
-}
-inline Integer load(const std::int32_t* p) {
-  return each<Integer>([=](int i) { return p[i]; });
-}
+/// A function of one expression for each lane i.
+#define BURRLAB_EACH(result, name, parameters, expression)                   \
+  inline result name parameters {                                            \
+    return each<result>([&]([[maybe_unused]] int i) { return expression; }); \
+  }
+
+BURRLAB_EACH(Float, set, (float a), a)
+BURRLAB_EACH(Integer, set, (int a), a)
+BURRLAB_EACH(Float, load, (const float* p), p[i])
+BURRLAB_EACH(Integer, load, (const std::int32_t* p), p[i])
+BURRLAB_EACH(Integer, index_in_row, (), i)
 inline void store(float* to, const Float& a) {
   for (int i = 0; i < 8; ++i) to[i] = a.v[i];
 }
 inline void store(std::int32_t* to, const Integer& a) {
   for (int i = 0; i < 8; ++i) to[i] = a.v[i];
 }
-inline void store(std::uint32_t* to, const Integer& a) {
-  for (int i = 0; i < 8; ++i) to[i] = static_cast<std::uint32_t>(a.v[i]);
-}
-inline Integer index_in_row() {
-  return each<Integer>([](int i) { return i; });
-}
 
-#define BURRLAB_EACH(result, name, type, expression)        \
-  inline result name(const type& a, const type& b) {        \
-    return each<result>([&](int i) { return expression; }); \
-  }
-BURRLAB_EACH(Float, operator+, Float, a.v[i] + b.v[i])
-BURRLAB_EACH(Float, operator-, Float, a.v[i] - b.v[i])
-BURRLAB_EACH(Float, operator*, Float, a.v[i] * b.v[i])
-BURRLAB_EACH(Float, operator/, Float, a.v[i] / b.v[i])
-BURRLAB_EACH(Float, smaller, Float, a.v[i] < b.v[i] ? a.v[i] : b.v[i])
-BURRLAB_EACH(Float, larger, Float, a.v[i] > b.v[i] ? a.v[i] : b.v[i])
-BURRLAB_EACH(Mask, operator<=, Float, a.v[i] <= b.v[i])
-BURRLAB_EACH(Mask, operator>, Float, a.v[i] > b.v[i])
-BURRLAB_EACH(Integer, operator+, Integer, a.v[i] + b.v[i])
-BURRLAB_EACH(Integer, operator-, Integer, a.v[i] - b.v[i])
-BURRLAB_EACH(Mask, operator>, Integer, a.v[i] > b.v[i])
-BURRLAB_EACH(Mask, operator==, Integer, a.v[i] == b.v[i])
-#undef BURRLAB_EACH
+BURRLAB_EACH(Float, operator+, (const Float& a, const Float& b), a.v[i] + b.v[i])
+BURRLAB_EACH(Float, operator-, (const Float& a, const Float& b), a.v[i] - b.v[i])
+BURRLAB_EACH(Float, operator*, (const Float& a, const Float& b), a.v[i] * b.v[i])
+BURRLAB_EACH(Float, operator/, (const Float& a, const Float& b), a.v[i] / b.v[i])
+BURRLAB_EACH(Float, smaller, (const Float& a, const Float& b), a.v[i] < b.v[i] ? a.v[i] : b.v[i])
+BURRLAB_EACH(Float, larger, (const Float& a, const Float& b), a.v[i] > b.v[i] ? a.v[i] : b.v[i])
+BURRLAB_EACH(Mask, operator<=, (const Float& a, const Float& b), a.v[i] <= b.v[i])
+BURRLAB_EACH(Mask, operator>, (const Float& a, const Float& b), a.v[i] > b.v[i])
+BURRLAB_EACH(Integer, operator+, (const Integer& a, const Integer& b), a.v[i] + b.v[i])
+BURRLAB_EACH(Integer, operator-, (const Integer& a, const Integer& b), a.v[i] - b.v[i])
+BURRLAB_EACH(Mask, operator>, (const Integer& a, const Integer& b), a.v[i] > b.v[i])
+BURRLAB_EACH(Mask, operator==, (const Integer& a, const Integer& b), a.v[i] == b.v[i])
 
-inline Float square_root(const Float& a) {
-  return each<Float>([&](int i) { return sqrtf(a.v[i]); });
-}
-inline Float select(const Mask& m, const Float& a, const Float& b) {
-  return each<Float>([&](int i) { return m.v[i] ? a.v[i] : b.v[i]; });
-}
-inline Integer times256(const Integer& a) {
-  return each<Integer>([&](int i) { return 256 * a.v[i]; });
-}
-inline Integer low16(const Integer& a) {
-  return each<Integer>([&](int i) { return a.v[i] & 0xFFFF; });
-}
-inline Integer high16(const Integer& a) {
-  return each<Integer>(
-      [&](int i) { return static_cast<std::int32_t>(static_cast<std::uint32_t>(a.v[i]) >> 16); });
-}
-inline Integer positive(const Integer& a) {
-  return each<Integer>([&](int i) { return a.v[i] > 0 ? a.v[i] : 0; });
-}
-inline Integer only(const Mask& m, const Integer& a) {
-  return each<Integer>([&](int i) { return m.v[i] ? a.v[i] : 0; });
-}
-inline Integer plus_one_where(const Mask& m, const Integer& a) {
-  return each<Integer>([&](int i) { return a.v[i] + m.v[i]; });
-}
-inline Float to_float(const Integer& a) {
-  return each<Float>([&](int i) { return static_cast<float>(a.v[i]); });
-}
-inline Integer truncate(const Float& a) {
-  return each<Integer>([&](int i) { return static_cast<std::int32_t>(a.v[i]); });
-}
+BURRLAB_EACH(Float, square_root, (const Float& a), sqrtf(a.v[i]))
+BURRLAB_EACH(Float, select, (const Mask& m, const Float& a, const Float& b), m.v[i] ? a.v[i] : b.v[i])
+BURRLAB_EACH(Integer, times256, (const Integer& a), 256 * a.v[i])
+BURRLAB_EACH(Integer, low16, (const Integer& a), a.v[i] & 0xFFFF)
+BURRLAB_EACH(Integer, high16, (const Integer& a), std::int32_t(std::uint32_t(a.v[i]) >> 16))
+BURRLAB_EACH(Integer, positive, (const Integer& a), a.v[i] > 0 ? a.v[i] : 0)
+BURRLAB_EACH(Integer, only, (const Mask& m, const Integer& a), m.v[i] ? a.v[i] : 0)
+BURRLAB_EACH(Integer, plus_one_where, (const Mask& m, const Integer& a), a.v[i] + m.v[i])
+BURRLAB_EACH(Float, to_float, (const Integer& a), static_cast<float>(a.v[i]))
+BURRLAB_EACH(Integer, truncate, (const Float& a), static_cast<std::int32_t>(a.v[i]))
 inline unsigned bits(const Mask& m) {
   unsigned all = 0;
   for (int i = 0; i < 8; ++i) all |= static_cast<unsigned>(m.v[i]) << i;
@@ -107,9 +74,7 @@ inline unsigned bits(const Mask& m) {
 }
 
 /// Each lane times its index 0..7.
-inline Integer times_index(const Integer& a) {
-  return each<Integer>([&](int i) { return a.v[i] * i; });
-}
+BURRLAB_EACH(Integer, times_index, (const Integer& a), a.v[i] * i)
 /// The sums over the lanes of four vectors.
 inline void horizontal_sums(const Integer& a, const Integer& b, const Integer& c, const Integer& d,
                             std::int32_t* out) {
@@ -118,9 +83,7 @@ inline void horizontal_sums(const Integer& a, const Integer& b, const Integer& c
 }
 
 /// The levels of a row.
-inline Integer load_row(const std::uint8_t* row) {
-  return each<Integer>([=](int i) { return static_cast<std::int32_t>(row[i]); });
-}
+BURRLAB_EACH(Integer, load_row, (const std::uint8_t* row), static_cast<std::int32_t>(row[i]))
 /// Takes 0..255 levels from each voxel of a row.
 inline void take_from_row(std::uint8_t* row, const Integer& loss) {
   std::uint8_t left[8];
@@ -137,9 +100,8 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
 }
 
 /// Offset of a cell in DepthTable::cells().
-inline Integer cell_offset(const Integer& row, const Integer& column) {
-  return each<Integer>([&](int i) { return depth_row * row.v[i] + depth_cell * column.v[i]; });
-}
+BURRLAB_EACH(Integer, cell_offset, (const Integer& row, const Integer& column),
+             row.v[i] * depth_row + column.v[i] * depth_cell)
 /// Four consecutive floats per lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* index, Float& a, Float& b, Float& c, Float& d) {
   for (int i = 0; i < 8; ++i) {
@@ -152,25 +114,15 @@ inline void look_up(const float* quads, const std::uint32_t* index, Float& a, Fl
 struct Words {
   std::uint64_t v[8];
 };
-inline Words first_words(std::uint32_t column) {
-  return each<Words>([=](int i) { return std::uint64_t{column + static_cast<std::uint32_t>(i)}; });
-}
-inline Words all_words(std::uint64_t a) {
-  return each<Words>([=](int) { return a; });
-}
-inline Words product(const Words& a, const Words& b) {
-  return each<Words>([&](int i) { return (a.v[i] & 0xFFFFFFFFu) * (b.v[i] & 0xFFFFFFFFu); });
-}
-inline Words high(const Words& a) {
-  return each<Words>([&](int i) { return a.v[i] >> 32; });
-}
-inline Words operator^(const Words& a, const Words& b) {
-  return each<Words>([&](int i) { return a.v[i] ^ b.v[i]; });
-}
-inline Words exclusive_or(const Words& a, const Words& b, const Words& c) { return a ^ b ^ c; }
-inline Integer in_order(const Words& a) {
-  return each<Integer>([&](int i) { return static_cast<std::int32_t>(static_cast<std::uint32_t>(a.v[i])); });
-}
+BURRLAB_EACH(Words, first_words, (std::uint32_t column),
+             std::uint64_t{column + static_cast<std::uint32_t>(i)})
+BURRLAB_EACH(Words, all_words, (std::uint64_t a), a)
+BURRLAB_EACH(Words, product, (const Words& a, const Words& b),
+             (a.v[i] & 0xFFFFFFFFu) * (b.v[i] & 0xFFFFFFFFu))
+BURRLAB_EACH(Words, high, (const Words& a), a.v[i] >> 32)
+BURRLAB_EACH(Words, operator^, (const Words& a, const Words& b), a.v[i] ^ b.v[i])
+BURRLAB_EACH(Words, exclusive_or, (const Words& a, const Words& b, const Words& c), a.v[i] ^ b.v[i] ^ c.v[i])
+BURRLAB_EACH(Integer, in_order, (const Words& a), std::int32_t(std::uint32_t(a.v[i])))
 
 /// 64-bit sums of products.
 struct Wide {
@@ -184,12 +136,9 @@ inline Wide add_product(Wide sum, const Integer& a, const Integer& b) {
 inline std::int64_t total(Wide a) { return a.v; }
 
 /// The table's entry for each lane's number.
-inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
-  return each<Float>([=](int i) { return table[numbers[i]]; });
-}
-inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool) {
-  return each<Integer>([=](int i) { return table[numbers[i]]; });
-}
+BURRLAB_EACH(Float, pick, (const float* table, const std::uint8_t* numbers, bool), table[numbers[i]])
+BURRLAB_EACH(Integer, pick, (const std::int32_t* table, const std::uint8_t* numbers, bool), table[numbers[i]])
+#undef BURRLAB_EACH
 
 /// Sum of the levels of a tile with this number.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {

@@ -27,7 +27,6 @@ inline void store(std::int32_t* to, Integer x) {
   _mm_store_si128(reinterpret_cast<__m128i*>(to), x.a);
   _mm_store_si128(reinterpret_cast<__m128i*>(to) + 1, x.b);
 }
-inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
 inline Integer load(const std::int32_t* p) {
   return {_mm_load_si128(reinterpret_cast<const __m128i*>(p)),
           _mm_load_si128(reinterpret_cast<const __m128i*>(p) + 1)};

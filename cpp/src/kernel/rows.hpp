@@ -14,6 +14,8 @@ constexpr int brick_rows = 64;  // row i lies along x at y = i % 8, z = i / 8
 
 using RowSet = std::uint64_t;  // one bit per row
 
+inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
+
 inline unsigned lowest(RowSet bits) {
 #if defined(_MSC_VER)
   unsigned long i;

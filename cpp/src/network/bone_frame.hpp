@@ -3,7 +3,6 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
 
 #include "burrlab/types.hpp"
@@ -41,10 +40,6 @@ inline Vec3 position_from_ras(const Transform& transform) {
 }
 
 /// Whether a tick can use the position: it is within 1 km of the origin (our choice).
-inline bool is_plausible(const Vec3& position) {
-  for (int axis = 0; axis < 3; ++axis)
-    if (!(std::abs(position[axis]) <= 1e6)) return false;
-  return true;
-}
+inline bool is_plausible(const Vec3& position) { return (position.array().abs() <= 1e6).all(); }
 
 }  // namespace burrlab::openigtlink

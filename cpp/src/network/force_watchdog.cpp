@@ -9,12 +9,9 @@
 #include "socket_options.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr int send_limit = 1000;                                    // [ms]
 constexpr std::int64_t least_pause = 500000, most_pause = 5000000;  // between two looks [ns]
-
-}  // namespace
 
 ForceWatchdog::ForceWatchdog(int socket, std::string rest, double silence)
     : rest_(std::move(rest)), beat_(steady_now()) {

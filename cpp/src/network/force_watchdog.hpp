@@ -17,8 +17,6 @@ class ForceWatchdog {
   /// `beat` came for `silence` [ms]. Throws std::invalid_argument if that is not positive or it is no socket.
   ForceWatchdog(int socket, std::string rest, double silence);
   ~ForceWatchdog();
-  ForceWatchdog(const ForceWatchdog&) = delete;
-  ForceWatchdog& operator=(const ForceWatchdog&) = delete;
 
   /// Sends a whole message; false if the connection ended, or took nothing for a second: then for good.
   bool send(const std::string& message) noexcept;

@@ -83,12 +83,8 @@ void IgtlDevice::take(const Message& message) {
 }
 
 void IgtlDevice::encode_force(const Vec3& force) {
-  openigtlink::Envelope envelope;
   const std::string name = "Force" + stylus_.substr(stylus_name.size());
-  envelope.device_name = name;
-  envelope.timestamp = openigtlink::timestamp_now();
-  envelope.version = force_version_;
-  encode_transform(unsent_, envelope, openigtlink::to_ras(force));
+  encode_transform(unsent_, {name, openigtlink::timestamp_now(), force_version_}, openigtlink::to_ras(force));
 }
 
 void IgtlDevice::before_close() {

@@ -10,18 +10,14 @@ namespace burrlab {
 using openigtlink::Message;
 using replica_protocol::Kind;
 
-namespace {
-
 constexpr std::size_t largest_pose = 380;  // messages of one burr and tick [bytes]
 /// Of the forces as PLUS and 3D Slicer read them, and as SENSOR.
 constexpr std::string_view force_name[] = {"Force", "Force_1"};
 constexpr std::string_view sensor_name[] = {"burrlab_force_0", "burrlab_force_1"};
 
-Vec3 force_in_ras(const BurrRecord& burr) {
+static Vec3 force_in_ras(const BurrRecord& burr) {
   return {0.0 - burr.force[0], 0.0 - burr.force[1], burr.force[2]};
 }
-
-}  // namespace
 
 /// A standard peer until it says that it is a replica.
 class IgtlService::IgtlPeer : public Peer {
@@ -84,24 +80,20 @@ std::unique_ptr<Peer> IgtlService::make_peer(int socket) { return std::make_uniq
 
 void IgtlService::append_newest(std::uint64_t timestamp) {
   bytes_.clear();
-  openigtlink::Envelope envelope;
-  envelope.timestamp = timestamp;
-  envelope.version = session_.settings.header_version;
+  const auto envelope = [&](std::string_view name) {
+    return openigtlink::Envelope{name, timestamp, session_.settings.header_version};
+  };
   for (std::uint32_t i = 0; i < session_.burrs; ++i) {
     const BurrRecord& burr = session_.newest.burr[i];
     const Vec3 center(burr.center.data());
     if (openigtlink::is_plausible(center)) {
-      envelope.device_name = burr_names_[i];
-      encode_transform(bytes_, envelope, openigtlink::to_ras(center, burr.orientation));
+      encode_transform(bytes_, envelope(burr_names_[i]), openigtlink::to_ras(center, burr.orientation));
     } else {
       ++session_.status.out_of_range;
     }
-    if (session_.settings.sensor) {
-      envelope.device_name = sensor_name[i];
-      encode_sensor(bytes_, envelope, force_in_ras(burr).data(), 3);
-    }
-    envelope.device_name = force_name[i];
-    encode_transform(bytes_, envelope, openigtlink::to_ras(Vec3(burr.force.data())));
+    if (session_.settings.sensor)
+      encode_sensor(bytes_, envelope(sensor_name[i]), force_in_ras(burr).data(), 3);
+    encode_transform(bytes_, envelope(force_name[i]), openigtlink::to_ras(Vec3(burr.force.data())));
   }
   log_.append_tick({bytes_.data(), bytes_.size()});
 }
@@ -115,11 +107,8 @@ void IgtlService::append_force_text(openigtlink::Bytes& out, std::string_view na
     text.imbue(std::locale::classic());  // a decimal point, whatever the program's language
     text.precision(9);
     text << force[0] << ' ' << force[1] << ' ' << force[2];
-    openigtlink::Envelope envelope;
-    envelope.device_name = force_name[i];
-    envelope.timestamp = openigtlink::timestamp_now();
-    envelope.version = session_.settings.header_version;
-    return encode_string(out, envelope, text.str());
+    return openigtlink::encode_string(
+        out, {force_name[i], openigtlink::timestamp_now(), session_.settings.header_version}, text.str());
   }
   ++session_.status.ignored;
 }

@@ -1,6 +1,5 @@
 #include "network/message_framer.hpp"
 
-#include <algorithm>
 #include <cstring>
 #include <numeric>
 

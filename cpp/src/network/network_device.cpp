@@ -8,11 +8,7 @@
 
 namespace burrlab {
 
-namespace {
-
 constexpr double shortest_step = 1e-4, longest_step = 1.0;  // between poses [s]; else no velocity is known
-
-}  // namespace
 
 NetworkDevice::NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after,
                              int on_button)
@@ -32,10 +28,6 @@ void NetworkDevice::start(double period) {
 std::string NetworkDevice::fault() const {
   const std::string given = MailboxDevice::fault();
   return given.empty() && counters().connections == 0 ? "no server answers at " + server_ : given;
-}
-
-void NetworkDevice::start_thread() {
-  thread_ = std::thread([this] { run(); });
 }
 
 void NetworkDevice::stop() noexcept {

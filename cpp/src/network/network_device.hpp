@@ -36,7 +36,10 @@ class NetworkDevice : public MailboxDevice {
  protected:
   /// `on_button`: 0 to 7, the burr turns while it is pressed; -1: as the sender says.
   NetworkDevice(const std::string& name, const std::string& host, int port, double lost_after, int on_button);
-  void start_thread();  // the last line of a constructor; the destructor must call `stop`
+  /// The last line of a constructor; the destructor must call `stop`.
+  void start_thread() {
+    thread_ = std::thread([this] { run(); });
+  }
 
   virtual bool open() { return client_.connect(); }
   virtual bool feed(openigtlink::ByteView bytes, bool datagram) = 0;  // false: the framing is lost
@@ -126,7 +129,8 @@ class VrpnDevice : public NetworkDevice {
   ~VrpnDevice() override { stop(); }
 
   std::string fault() const override;
-  std::string note() const;  ///< that the server's minor version is another, else empty
+  /// That the server's minor version is another, else empty.
+  std::string note() const { return copy_under(fault_mutex_, note_); }
 
  private:
   bool open() override;

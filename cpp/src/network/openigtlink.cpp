@@ -155,8 +155,8 @@ void encode_transform(Bytes& out, const Envelope& envelope, const Transform& tra
   require_all_finite("every number of position", transform.position.data(), 3);
   append(out, envelope, transform_type, transform_size, [&](std::uint8_t* at) {
     for (int column = 0; column < 3; ++column)  // the message holds columns
-      for (int row = 0; row < 3; ++row, at += 4) put_float(at, transform.rotation[3 * row + column]);
-    for (int row = 0; row < 3; ++row, at += 4) put_float(at, transform.position[row]);
+      for (int row = 0; row < 3; ++row, at += 4) put(at, transform.rotation[3 * row + column]);
+    for (int row = 0; row < 3; ++row, at += 4) put(at, transform.position[row]);
   });
 }
 
@@ -168,7 +168,7 @@ void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, s
     at[1] = 0;
     put(at + 2, newton);
     at += sensor_head_size;
-    for (std::size_t i = 0; i < count; ++i, at += 8) put_float(at, values[i]);
+    for (std::size_t i = 0; i < count; ++i, at += 8) put(at, values[i]);
   });
 }
 
@@ -187,7 +187,7 @@ void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* 
   if (!holds(shape, dimensions, count)) refuse("product of shape", "the number of values", double(count));
   append(out, envelope, ndarray_type, 2 + 2 * dimensions + 8 * count, [&](std::uint8_t* at) {
     at = put_array_head(at, scalar_float64, shape, dimensions);
-    for (std::size_t i = 0; i < count; ++i, at += 8) put_float(at, values[i]);
+    for (std::size_t i = 0; i < count; ++i, at += 8) put(at, values[i]);
   });
 }
 
@@ -225,7 +225,7 @@ Drop decode_transform(const Message& message, Transform& transform) {
   bool finite = true;
   for (int column = 0; column < 4; ++column) {
     for (int row = 0; row < 3; ++row, at += 4) {
-      const float value = get_float<float>(at);
+      const float value = get<float>(at);
       finite = finite && std::isfinite(value);
       (column < 3 ? transform.rotation[3 * row + column] : transform.position[row]) = value;
     }
@@ -238,7 +238,7 @@ Drop decode_ndarray_float64(const Message& message, std::vector<double>& values)
   const Drop reason = decode_array_head(message, scalar_float64, 8, head);
   if (reason != Drop::none) return reason;
   values.resize(head.data.size / 8);
-  for (std::size_t i = 0; i < values.size(); ++i) values[i] = get_float<double>(head.data.data + 8 * i);
+  for (std::size_t i = 0; i < values.size(); ++i) values[i] = get<double>(head.data.data + 8 * i);
   return Drop::none;
 }
 

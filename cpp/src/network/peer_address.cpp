@@ -1,6 +1,5 @@
 #include "network/peer_address.hpp"
 
-#include <cstddef>
 #include <stdexcept>
 
 #include "socket_options.hpp"

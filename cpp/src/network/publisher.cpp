@@ -12,15 +12,13 @@
 
 namespace burrlab {
 
-namespace {
-
 constexpr std::int64_t stalled_after = 5 * second;  // [ns]
 constexpr std::size_t largest_turn = 262144;        // sent to one peer at once [bytes]
 constexpr std::size_t allowance = 65536;            // that a peer may send in a second [bytes]
 constexpr std::uint64_t most_faults = 16;           // dropped messages before a connection is closed
 constexpr std::uint64_t ticks_at_once = 64;         // for a peer that need not get all
 
-PublisherSettings checked(const PublisherSettings& settings) {
+static PublisherSettings checked(const PublisherSettings& settings) {
   require_positive("log", settings.log);
   if (settings.header_version != 1 && settings.header_version != 2)
     refuse("header_version", "1 or 2", settings.header_version);
@@ -34,8 +32,6 @@ PublisherSettings checked(const PublisherSettings& settings) {
   if (settings.vrpn < -1 || settings.vrpn > 65535) refuse("vrpn", "0 to 65535", settings.vrpn);
   return settings;
 }
-
-}  // namespace
 
 std::vector<std::string> PublishedSession::burr_names() const {
   std::vector<std::string> names{"burrlab_burr_0", "burrlab_burr_1"};
@@ -53,7 +49,8 @@ std::uint64_t ticks_to_send(PublishedSession& session, const TickLog& log, std::
 }
 
 Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
-    : server_(checked(settings).host, settings.port, standard_send_buffer),
+    : follower_(follower),
+      server_(checked(settings).host, settings.port, standard_send_buffer),
       session_(std::make_unique<PublishedSession>()) {
   session_->settings = settings;
   follower.visit([this](FollowedBone& bone) {
@@ -126,16 +123,14 @@ void Publisher::on_bone(FollowedBone& bone) {
   if (connected_.load(std::memory_order_relaxed) > 0 && !waking_.exchange(true)) server_.wake();
 }
 
-void Publisher::finish(Follower& follower, const std::string& reason, bool failed, double linger) {
+void Publisher::finish(const std::string& reason, bool failed, double linger) {
   require_not_negative("linger", linger);
-  follower.visit([&](FollowedBone& bone) { replicas_->end(bone, reason, failed); });
+  follower_.visit([&](FollowedBone& bone) { replicas_->end(bone, reason, failed); });
   server_.wake();
-  const std::int64_t until = steady_after(linger);
-  const auto awaits_replicas = [this] {
+  wait_until(steady_after(linger), std::chrono::milliseconds(2), [this] {
     const std::lock_guard<std::mutex> lock(session_->mutex);
-    return replicas_->awaits_replicas();
-  };
-  while (steady_now() < until && awaits_replicas()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    return !replicas_->awaits_replicas();
+  });
   stop();
 }
 

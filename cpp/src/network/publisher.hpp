@@ -65,7 +65,8 @@ class Peer;
 /// and appends them to logs of fixed size; the publisher's own thread sends from them to all peers.
 class Publisher : public TickListener {
  public:
-  /// Listens at once. Throws std::invalid_argument if the address or a setting cannot be used.
+  /// Listens at once; the follower must outlive it. Throws std::invalid_argument if the address or a setting
+  /// cannot be used.
   Publisher(Follower& follower, const PublisherSettings& settings);
   ~Publisher() override;
 
@@ -77,7 +78,7 @@ class Publisher : public TickListener {
 
   /// To be called after the follower was stopped. Tells the replicas the reason, the last tick and its
   /// digest, waits at most `linger` [s] until they have it, and stops.
-  void finish(Follower& follower, const std::string& reason, bool failed, double linger = 2.0);
+  void finish(const std::string& reason, bool failed, double linger = 2.0);
   void stop();  ///< closes all connections
 
   void on_tick(const TickRecord& record) override;
@@ -97,6 +98,7 @@ class Publisher : public TickListener {
   bool write(Peer& peer);
   void count_peers(const Peers& peers);
 
+  Follower& follower_;
   TcpServer server_;
   std::unique_ptr<PublishedSession> session_;
   std::unique_ptr<ReplicaService> replicas_;

@@ -18,14 +18,10 @@ using replica_protocol::Holds;
 using replica_protocol::Kind;
 using replica_protocol::Word;
 
-namespace {
-
 constexpr double silence = 1.0, until_hello = 0.5;  // after which a connection counts as lost [s]
 constexpr std::size_t most_kept = 1000;             // faults, divergences
 
 constexpr int most_repairs = 5;  // in a row without success, after which the session is given up
-
-}  // namespace
 
 Replica::Replica(const std::string& host, int port) : client_(host, port) {}
 
@@ -74,8 +70,7 @@ void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
   const std::lock_guard<std::mutex> lock(mutex_);
   changing_ = std::make_unique<VoxelBone::Changing>(*bone);
   initial_ = std::make_unique<VoxelBone>(*bone);
-  unseen_ = std::make_shared<UnseenBricks>(bone->brick_count());
-  consumers_.push_back(unseen_);
+  unseen_ = followed->view();
   bone_ = std::move(followed);
   status_.tick = hello_.first_tick;
   thread_ = std::thread([this] { run(); });
@@ -93,15 +88,10 @@ void Replica::stop(const std::string& reason) {
 }
 
 bool Replica::wait(double seconds) {
-  const std::int64_t until = steady_after(seconds);
-  for (;;) {
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      if (status_.ended) return true;
-    }
-    if (steady_now() >= until) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  }
+  return wait_until(steady_after(seconds), std::chrono::milliseconds(2), [this] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return status_.ended;
+  });
 }
 
 void Replica::run() {
@@ -183,29 +173,10 @@ void Replica::end(const std::string& reason, bool failed) {
   status_.reason = reason;
 }
 
-FollowedBone& Replica::followed() const {
+FollowedBone& Replica::shared() const {
   if (!bone_) throw std::invalid_argument("replica must be started first");
   return *bone_;
 }
-
-std::string Replica::digest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  FollowedBone& followed = this->followed();
-  return followed.digest().text();
-}
-
-std::shared_ptr<VoxelBone> Replica::snapshot(std::uint64_t& tick) const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  tick = followed().tick();
-  return std::make_shared<VoxelBone>(followed().bone());
-}
-
-void Replica::visit(const std::function<void(FollowedBone&)>& function) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  function(followed());
-}
-
-const VoxelBone& Replica::bone() const { return followed().bone(); }
 
 void Replica::take(const Message& message) {
   if (broken_ || status_.ended) return;
@@ -257,8 +228,7 @@ void Replica::take_tick(const replica_protocol::TickMessage& tick) {
   any_digest_ = true;
   digest_tick_ = tick.digest_tick;
   const Difference difference = bone_->execute(record);
-  newest_ = record;
-  any_tick_ = progress_ = true;
+  progress_ = true;
   status_.tick = bone_->tick();
   if (suspect_) return;  // known to differ: bricks are on their way
   if (difference) {
@@ -356,42 +326,9 @@ void Replica::take_end(const replica_protocol::End& last) {
   end(last.reason, last.failed != 0);
 }
 
-void Replica::mark_changed() {
-  const std::vector<std::uint32_t> changed = followed().take_changed();
-  for (const auto& consumer : consumers_)
-    if (const auto unseen = consumer.lock()) unseen->mark(changed);
-}
-
-BoneUpdate Replica::update_of(UnseenBricks& unseen) {
-  mark_changed();
-  BoneUpdate update;
-  update.tick = bone_->tick();
-  update.newest = newest_;
-  update.any = any_tick_;
-  unseen.take(bone_->bone(), update);
-  return update;
-}
-
 BoneUpdate Replica::take_changed() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  followed();
-  return update_of(*unseen_);
-}
-
-BoneUpdate Replica::take_changed(UnseenBricks& unseen) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return update_of(unseen);
-}
-
-std::shared_ptr<UnseenBricks> Replica::unseen() {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  mark_changed();
-  consumers_.erase(
-      std::remove_if(consumers_.begin(), consumers_.end(), [](const auto& c) { return c.expired(); }),
-      consumers_.end());
-  auto unseen = std::make_shared<UnseenBricks>(bone_->bone().brick_count());
-  consumers_.push_back(unseen);
-  return unseen;
+  return shared().take_changed(*unseen_);
 }
 
 }  // namespace burrlab

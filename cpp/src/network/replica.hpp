@@ -48,13 +48,11 @@ struct ReplicaStatus {
   openigtlink::Counters received;
 };
 
-class Replica {
+class Replica : public SharedBone {
  public:
   /// Throws std::invalid_argument if `host` has no address or `port` is not 1 to 65535.
   Replica(const std::string& host, int port);
   ~Replica() { stop(); }
-  Replica(const Replica&) = delete;
-  Replica& operator=(const Replica&) = delete;
 
   /// Asks the leader for its hello for `timeout` [s]; false if none came.
   bool fetch_hello(double timeout);
@@ -68,17 +66,9 @@ class Replica {
   bool wait(double seconds);  ///< waits for the session's end; returns whether it came
 
   ReplicaStatus status() const { return copy_under(mutex_, status_); }
-  TickRecord newest() const { return copy_under(mutex_, newest_); }  ///< record of the last tick executed
-  std::string digest() const;
-  std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   /// Changes since the last call; the first call gives all that differs from the initial volume.
   BoneUpdate take_changed();
-  /// For a separate consumer: changes from now on. Throws before `start`.
-  std::shared_ptr<UnseenBricks> unseen();
-  BoneUpdate take_changed(UnseenBricks& unseen);
-  /// Calls with the bone between two ticks; none is executed meanwhile.
-  void visit(const std::function<void(FollowedBone&)>& function);
-  const VoxelBone& bone() const;  ///< for its constant properties, such as its shape
+  using SharedBone::take_changed;
 
  private:
   enum class Stage { hello, following };
@@ -86,8 +76,6 @@ class Replica {
   void run();
   bool follow();
   bool send_word(replica_protocol::Holds holds);
-  void mark_changed();
-  BoneUpdate update_of(UnseenBricks& unseen);
   void take(const openigtlink::Message& message);
   void take_hello(const replica_protocol::Hello& hello);
   void take_tick(const replica_protocol::TickMessage& tick);
@@ -99,7 +87,7 @@ class Replica {
   void give_up(const std::string& reason, std::uint64_t seen);
   void give_up(const std::string& reason) { give_up(reason, bone_->tick()); }
   void end(const std::string& reason, bool failed);
-  FollowedBone& followed() const;  // throws before `start`
+  FollowedBone& shared() const override;  // throws before `start`
 
   TcpClient client_;
   replica_protocol::Hello hello_;
@@ -115,16 +103,13 @@ class Replica {
   replica_protocol::Bricks incoming_;
   int repairs_ = 0;  // in a row, without success
 
-  mutable std::mutex mutex_;  // of all below
+  // Under the bone's mutex:
   std::unique_ptr<VoxelBone> initial_;
   std::unique_ptr<FollowedBone> bone_;
   std::unique_ptr<VoxelBone::Changing> changing_;  // until the session ends
   bool suspect_ = false;
-  Divergence divergence_;  // found; its bricks are not known yet
-  TickRecord newest_;
-  bool any_tick_ = false;
+  Divergence divergence_;                 // found; its bricks are not known yet
   std::shared_ptr<UnseenBricks> unseen_;  // of `take_changed` without arguments
-  std::vector<std::weak_ptr<UnseenBricks>> consumers_;
   ReplicaStatus status_;
 
   std::mutex life_mutex_;  // of the thread, which never takes it

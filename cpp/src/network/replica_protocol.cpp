@@ -28,11 +28,7 @@ constexpr std::string_view names[] = {"",
 constexpr std::size_t tick_head = 5, tick_burr = 16;  // numbers
 
 openigtlink::Envelope envelope(Kind kind, int header_version) {
-  openigtlink::Envelope envelope;
-  envelope.device_name = names[std::size_t(kind)];
-  envelope.timestamp = openigtlink::timestamp_now();
-  envelope.version = header_version;
-  return envelope;
+  return {names[std::size_t(kind)], openigtlink::timestamp_now(), header_version};
 }
 
 // The fields of each message in their order, for a writer or a reader.

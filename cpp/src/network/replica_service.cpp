@@ -23,12 +23,6 @@ constexpr std::int64_t state_pause = second / 10;              // between two st
 constexpr std::int64_t idle_every = second / 5;
 constexpr std::int64_t grace = 3 * second;  // for a replica to come after its hello, or to come back
 
-std::size_t ticks_of_log(double seconds, double period) {
-  const double ticks = std::ceil(seconds * 1e3 / period);
-  if (!(ticks <= 2e6)) refuse("ticks of the log", "at most 2000000", ticks);
-  return std::size_t(ticks);
-}
-
 std::uint64_t random_number() {
   std::random_device device;
   for (;;)
@@ -36,8 +30,10 @@ std::uint64_t random_number() {
 }
 
 TickLog log_for(const PublishedSession& session) {
-  const std::size_t ticks = ticks_of_log(session.settings.log, session.period);
-  return {ticks * (largest_head + largest_burr * session.burrs) + 65536, ticks, session.status.tick};
+  const double ticks = std::ceil(session.settings.log * 1e3 / session.period);
+  if (!(ticks <= 2e6)) refuse("ticks of the log", "at most 2000000", ticks);
+  const auto count = std::size_t(ticks);
+  return {count * (largest_head + largest_burr * session.burrs) + 65536, count, session.status.tick};
 }
 
 }  // namespace

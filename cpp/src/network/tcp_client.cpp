@@ -3,22 +3,17 @@
 #include "require.hpp"
 
 #include <algorithm>
-#include <chrono>
-#include <cstring>
 
+#include "session/realtime.hpp"
 #include "socket_options.hpp"
 
 namespace burrlab {
 
-namespace {
-
 constexpr int client_send_buffer = 8192;  // what a client sends is little [bytes]
 
-bool is_of_host(const PeerAddress& peer, const PeerAddress& server) {
+static bool is_of_host(const PeerAddress& peer, const PeerAddress& server) {
   return peer.with_port(0).host() == server.with_port(0).host();
 }
-
-}  // namespace
 
 TcpClient::TcpClient(const std::string& host, int port) {
   if (port < 1 || port > 65535) refuse("port", "1 to 65535", port);
@@ -26,14 +21,12 @@ TcpClient::TcpClient(const std::string& host, int port) {
 }
 
 TcpClient::Wait TcpClient::wait(short events, double seconds) const {
-  using Clock = std::chrono::steady_clock;
-  const auto end = Clock::now() + std::chrono::duration_cast<Clock::duration>(
-                                      std::chrono::duration<double>(seconds < 0 ? 0.0 : seconds));
+  const std::int64_t end = steady_after(seconds);
   pollfd waiting[3] = {polled_for(pipe_.socket(), POLLIN), polled_for(socket_, events),
                        polled_for(datagrams_, POLLIN)};
   const int count = !events ? 1 : datagrams_ < 0 ? 2 : 3;
   for (;;) {
-    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(end - Clock::now()).count() + 1;
+    const std::int64_t left = (end - steady_now()) / 1000000 + 1;
     const int ready = poll(waiting, count, seconds < 0 ? -1 : int(left > 0 ? left : 0));
     if (stopped() || (ready > 0 && waiting[0].revents)) return Wait::stopped;
     if (ready > 0) return Wait::ready;
@@ -107,9 +100,7 @@ std::size_t TcpClient::receive(std::uint8_t* into, std::size_t room, double time
   while (socket_ >= 0 && wait(POLLIN, timeout) == Wait::ready) {
     if (datagram && datagrams_ >= 0) {
       PeerAddress from;
-      const auto got = fill_address(from, [&](sockaddr* at, socklen_t* size) {
-        return ::recvfrom(datagrams_, reinterpret_cast<char*>(into), room, 0, at, size);
-      });
+      const long got = receive_from(datagrams_, into, room, from);
       *datagram = got > 0 && is_of_host(from, address_of(socket_, ::getpeername));
       if (*datagram) return std::size_t(got);
     }
@@ -142,10 +133,10 @@ void TcpClient::close() {
 void TcpClient::close_after(const std::uint8_t* bytes, std::size_t size) {
   if (socket_ < 0 || !send(bytes, size, 0.0)) return close();
   ::shutdown(socket_, 1);  // SHUT_WR, SD_SEND
-  const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(1);
+  const std::int64_t end = steady_after(1.0);
   pollfd waiting = polled_for(socket_, POLLIN);
   std::uint8_t unread[4096];
-  while (std::chrono::steady_clock::now() < end && poll(&waiting, 1, 100) >= 0)
+  while (steady_now() < end && poll(&waiting, 1, 100) >= 0)
     if (TcpServer::receive(socket_, unread, sizeof unread) < 0) break;
   close();
 }

@@ -18,8 +18,6 @@ class TcpClient {
   /// Looks `host` up. Throws std::invalid_argument if it has no address or `port` is not 1 to 65535.
   TcpClient(const std::string& host, int port);
   ~TcpClient() { close(); }
-  TcpClient(const TcpClient&) = delete;
-  TcpClient& operator=(const TcpClient&) = delete;
 
   /// Tries each address for `timeout` [s]; false if none answers or the client was stopped.
   bool connect(double timeout = 1.0);

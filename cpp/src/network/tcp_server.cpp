@@ -113,9 +113,9 @@ UdpSocket::UdpSocket(const TcpServer& beside)
                                 text_of(last_error()));
 }
 
-long UdpSocket::receive(std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept {
+long receive_from(int socket, std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept {
   return fill_address(from, [&](sockaddr* at, socklen_t* size) {
-    return long(::recvfrom(socket_, reinterpret_cast<char*>(into), room, 0, at, size));
+    return long(::recvfrom(socket, reinterpret_cast<char*>(into), room, 0, at, size));
   });
 }
 

@@ -9,6 +9,8 @@ namespace burrlab {
 
 /// A socket of this type (SOCK_STREAM, SOCK_DGRAM) that is bound to an address; -1 if it cannot be.
 int bound_socket(const PeerAddress& address, int type) noexcept;
+/// A UDP packet and who sent it; below 0: none.
+long receive_from(int socket, std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept;
 
 class TcpServer {
  public:
@@ -23,8 +25,6 @@ class TcpServer {
   /// [bytes]. Throws std::invalid_argument if the address cannot be used.
   TcpServer(const std::string& host, int port, int send_buffer);
   ~TcpServer() { stop_listening(); }
-  TcpServer(const TcpServer&) = delete;
-  TcpServer& operator=(const TcpServer&) = delete;
 
   int port() const { return port_; }  ///< 0: none
   int socket() const { return socket_; }
@@ -52,8 +52,6 @@ class TcpServer {
   static void set_send_buffer(int socket, int bytes) noexcept;  ///< of the system
 
  private:
-  void listen(const std::string& host, int port, int send_buffer);
-
   int socket_ = -1, port_ = 0;
   WakePipe pipe_;
   std::vector<unsigned char> polled_;
@@ -69,7 +67,6 @@ class UdpSocket {
 
   int socket() const { return socket_; }
   void close() noexcept { TcpServer::close(std::exchange(socket_, -1)); }
-  long receive(std::uint8_t* into, std::size_t room, PeerAddress& from) noexcept;  ///< below 0: none
   bool send(const PeerAddress& to, const std::uint8_t* bytes, std::size_t size) noexcept;
 
  private:

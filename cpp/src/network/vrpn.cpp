@@ -122,25 +122,25 @@ bool is_pressed(ByteView states, std::size_t button) {
 }
 
 Drop decode_payload(Kind kind, ByteView payload, Message& message) {
-  std::uint32_t number = 0, pressed = 0;
+  std::uint32_t pressed = 0;
   ByteView padding;
   ByteReader reader(payload);
   if (kind >= Kind::ping) return Drop::none;
-  if (kind != Kind::force) reader.number(number);
-  message.number = std::int32_t(number);
+  if (kind != Kind::force) reader.number(message.number);
   if (kind == Kind::button) {
     if (!reader.number(pressed).ended()) return Drop::bad_length;
     message.pressed = pressed != 0;
     return Drop::none;
   }
   if (kind == Kind::buttons) {
-    const bool whole = reader.rest(message.states).ok() && message.states.size == 4 * std::uint64_t(number);
+    const bool whole = reader.rest(message.states).ok() &&
+                       message.states.size == 4 * std::uint64_t(std::uint32_t(message.number));
     return whole ? Drop::none : Drop::bad_length;
   }
   if (kind != Kind::force) reader.bytes(4, padding);
   bool finite = true;
   for (std::size_t i = 0; i < reals_of[std::size_t(kind)]; ++i) {
-    reader.real(message.values[i]);
+    reader.number(message.values[i]);
     finite = finite && std::isfinite(message.values[i]);
   }
   if (!reader.ended()) return Drop::bad_length;
@@ -149,9 +149,9 @@ Drop decode_payload(Kind kind, ByteView payload, Message& message) {
 
 Reader::Reader(std::vector<std::string> senders, std::size_t largest_payload)
     : StreamCutter(header_size, padded(largest_payload)),  // with its padding
-      senders_(std::move(senders)),
-      kind_of_(most_numbers, std::uint8_t(Kind::none)),
-      sender_of_(most_numbers) {}
+      senders_(std::move(senders)) {
+  restart();
+}
 
 void Reader::restart() {
   StreamCutter::restart();
@@ -161,16 +161,13 @@ void Reader::restart() {
 }
 
 bool Reader::decode_head(ByteView bytes, Head& head, std::size_t largest) {
-  std::uint32_t sender = 0, type = 0;
   ByteReader(bytes)
       .number(head.size)
       .number(head.seconds)
       .number(head.microseconds)
-      .number(sender)
-      .number(type)
+      .number(head.sender)
+      .number(head.type)
       .number(head.sequence);
-  head.sender = std::int32_t(sender);
-  head.type = std::int32_t(type);
   return head.size >= header_size && head.size - header_size <= largest;
 }
 

@@ -5,23 +5,19 @@ namespace burrlab {
 
 using openigtlink::Drop;
 
-namespace {
-
 constexpr std::size_t longest_list = 300;  // of senders, in a sentence [bytes]
 
-std::string checked_tracker(const std::string& name) {
+static std::string checked_tracker(const std::string& name) {
   if (name.empty() || name.size() > 99) refuse("length of name", "1 to 99 bytes", double(name.size()));
   return name;
 }
 
-std::string printable(std::string_view text) {
+static std::string printable(std::string_view text) {
   std::string out(text);
   for (char& c : out)
     if (c < ' ' || c > '~') c = '?';
   return out;
 }
-
-}  // namespace
 
 VrpnDevice::VrpnDevice(const std::string& name, const std::string& host, const VrpnSettings& settings)
     : NetworkDevice(
@@ -43,11 +39,6 @@ std::string VrpnDevice::fault() const {
   if (fault_.empty() && connected() && !has_tracker_ && !senders_.empty())
     return server_ + " has no sender '" + tracker_ + "', it has " + senders_;
   return fault_.empty() ? NetworkDevice::fault() : fault_;
-}
-
-std::string VrpnDevice::note() const {
-  const std::lock_guard<std::mutex> lock(fault_mutex_);
-  return note_;
 }
 
 bool VrpnDevice::open() {
@@ -137,9 +128,8 @@ void VrpnDevice::take(const vrpn::Message& message) {
 
 void VrpnDevice::take_pose(const vrpn::Message& message) {
   if (message.number != 0) return;
-  if (message.timestamp < newest_) {  // overtaken on UDP
-    if (newest_ - message.timestamp < std::uint64_t(1) << 32) return;
-  }
+  const bool older = message.timestamp < newest_;
+  if (older && newest_ - message.timestamp < std::uint64_t(1) << 32) return;  // overtaken on UDP
   newest_ = message.timestamp;
   const auto& v = message.values;
   const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);

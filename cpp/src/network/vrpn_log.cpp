@@ -53,10 +53,10 @@ Log read_log(ByteView file) {
   reader.bytes(header_size, payload);
   while (!reader.ended()) {
     const std::size_t begin = file.size - reader.left();
-    std::uint32_t type_bits = 0, sender_bits = 0, seconds = 0, microseconds = 0, size = 0, unused = 0;
-    reader.number(type_bits).number(sender_bits).number(seconds).number(microseconds).number(size);
+    std::int32_t type = 0, sender = 0;
+    std::uint32_t seconds = 0, microseconds = 0, size = 0, unused = 0;
+    reader.number(type).number(sender).number(seconds).number(microseconds).number(size);
     const bool whole = reader.number(unused).bytes(size, payload).ok();
-    const auto type = std::int32_t(type_bits), sender = std::int32_t(sender_bits);
     const bool names_one = type == sender_description || type == type_description;
     Message message;
     std::string_view name;

@@ -10,12 +10,8 @@ namespace burrlab {
 using openigtlink::ByteView;
 using vrpn::Kind;
 
-namespace {
-
 constexpr std::size_t most_requests = 16;  // read in a second, and calls back not yet taken
 constexpr std::size_t udp_size = vrpn::pose_size + vrpn::velocity_size;  // of a burr and tick [bytes]
-
-}  // namespace
 
 class VrpnService::VrpnPeer : public Peer {
  public:
@@ -135,7 +131,8 @@ void VrpnService::answer_requests(int igtl_port, std::size_t connecting,
   char text[200];
   PeerAddress client;
   while (requests_ < most_requests) {
-    const long size = datagrams_.receive(reinterpret_cast<std::uint8_t*>(text), sizeof text - 1, client);
+    const long size =
+        receive_from(datagrams_.socket(), reinterpret_cast<std::uint8_t*>(text), sizeof text - 1, client);
     if (size < 0) return;
     ++requests_;
     text[size] = 0;

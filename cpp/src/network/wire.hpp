@@ -34,36 +34,28 @@ inline bool holds(const std::uint16_t* shape, std::size_t dimensions, std::uint6
   return product == count;
 }
 
+template <class Number>
+using WordOf = std::conditional_t<sizeof(Number) == 8, std::uint64_t, std::uint32_t>;
+
 /// A number in network byte order, on any machine.
-template <class Unsigned>
-Unsigned get(const std::uint8_t* at) {
-  Unsigned value = 0;
-  for (std::size_t i = 0; i < sizeof(Unsigned); ++i) value = Unsigned((std::uint64_t(value) << 8) | at[i]);
+template <class Number>
+Number get(const std::uint8_t* at) {
+  WordOf<Number> word = 0;
+  for (std::size_t i = 0; i < sizeof(Number); ++i) word = word << 8 | at[i];
+  Number value = Number(word);
+  if constexpr (std::is_floating_point_v<Number>) std::memcpy(&value, &word, sizeof value);
   return value;
 }
 
-template <class Unsigned>
-void put(std::uint8_t* at, Unsigned value) {
-  for (std::size_t i = 0; i < sizeof(Unsigned); ++i)
-    at[i] = std::uint8_t(std::uint64_t(value) >> (8 * (sizeof(Unsigned) - 1 - i)));
-}
-
-template <class Float>
-using WordOf = std::conditional_t<sizeof(Float) == 4, std::uint32_t, std::uint64_t>;
-
-template <class Float>
-Float get_float(const std::uint8_t* at) {
-  const auto word = get<WordOf<Float>>(at);
-  Float value;
-  std::memcpy(&value, &word, sizeof value);
-  return value;
-}
-
-template <class Float>
-void put_float(std::uint8_t* at, Float value) {
-  WordOf<Float> word;
-  std::memcpy(&word, &value, sizeof word);
-  put(at, word);
+template <class Number>
+void put(std::uint8_t* at, Number value) {
+  WordOf<Number> word;
+  if constexpr (std::is_floating_point_v<Number>)
+    std::memcpy(&word, &value, sizeof word);
+  else
+    word = WordOf<Number>(value);
+  for (std::size_t i = 0; i < sizeof(Number); ++i)
+    at[i] = std::uint8_t(word >> (8 * (sizeof(Number) - 1 - i)));
 }
 
 /// Writes numbers and texts, big-endian, to a byte string; ByteReader reads them and never passes the end.
@@ -74,11 +66,7 @@ class ByteWriter {
   template <class Number>
   ByteWriter& number(Number value) {
     out_.resize(out_.size() + sizeof value);
-    std::uint8_t* at = out_.data() + out_.size() - sizeof value;
-    if constexpr (std::is_floating_point_v<Number>)
-      put_float(at, value);
-    else
-      put(at, value);
+    put(out_.data() + out_.size() - sizeof value, value);
     return *this;
   }
   ByteWriter& bytes(const std::uint8_t* data, std::size_t size) {
@@ -100,15 +88,10 @@ class ByteReader {
  public:
   explicit ByteReader(ByteView bytes) : left_(bytes) {}
 
-  template <class Unsigned>
-  ByteReader& number(Unsigned& value) {
+  template <class Number>
+  ByteReader& number(Number& value) {
     ByteView view;
-    if (bytes(sizeof value, view).ok_) value = get<Unsigned>(view.data);
-    return *this;
-  }
-  ByteReader& real(double& value) {
-    ByteView view;
-    if (bytes(sizeof value, view).ok_) value = get_float<double>(view.data);
+    if (bytes(sizeof value, view).ok_) value = get<Number>(view.data);
     return *this;
   }
   ByteReader& bytes(std::size_t size, ByteView& view) {

@@ -7,18 +7,15 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
 /// sqrt(u) (2 - u) at a force; k times this is 1.5 c_e A/(pi R).
-double softness(double force, double radius, double c_e) {
+static double softness(double force, double radius, double c_e) {
   require_positive("radius", radius);
   require_positive("c_e", c_e);
   require_not_negative("force", force);
   const double u = std::min(std::pow(force / (c_e * radius * radius), 2.0 / 3.0), 2.0);  // Eq. 3
   return std::sqrt(u) * (2.0 - u);
 }
-
-}  // namespace
 
 double contact_area(double force, double stiffness, double radius, double c_e) {
   require_not_negative("stiffness", stiffness);

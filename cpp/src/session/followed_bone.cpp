@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <iterator>
+#include <stdexcept>
 
 namespace burrlab {
 
@@ -14,6 +15,7 @@ FollowedBone::FollowedBone(std::shared_ptr<VoxelBone> bone, const SessionSetup& 
 Difference FollowedBone::execute(const TickRecord& record) noexcept {
   TickRecord executed = record;
   executor_.execute(executed);
+  newest_ = record;
   for (std::size_t i = 0; i < executor_.burrs(); ++i) {
     const BurrRecord &a = record.burr[i], &b = executed.burr[i];
     if (std::memcmp(a.force.data(), b.force.data(), sizeof a.force) != 0) return {int(i), "force"};
@@ -33,19 +35,62 @@ const Hash128& FollowedBone::digest() {
   return now_.total();
 }
 
-std::vector<std::uint32_t> FollowedBone::take_changed() {
-  digest();
-  std::vector<std::uint32_t> changed;
-  changed.swap(pending_);
-  return changed;
-}
-
 std::vector<std::uint32_t> FollowedBone::differing() {
   digest();
   std::vector<std::uint32_t> bricks;
   for (std::size_t brick = 0; brick < bone().brick_count(); ++brick)
     if (now_.brick(brick) != initial_.brick(brick)) bricks.push_back(std::uint32_t(brick));
   return bricks;
+}
+
+std::shared_ptr<UnseenBricks> FollowedBone::view() {
+  auto view = std::make_shared<UnseenBricks>(bone().brick_count());
+  view->mark(differing());
+  views_.erase(std::remove_if(views_.begin(), views_.end(), [](const auto& v) { return v.expired(); }),
+               views_.end());
+  views_.push_back(view);
+  return view;
+}
+
+BoneUpdate FollowedBone::take_changed(UnseenBricks& view) {
+  digest();
+  bool known = false;
+  for (const auto& weak : views_) {
+    const auto each = weak.lock();
+    if (each) each->mark(pending_);
+    known |= each.get() == &view;
+  }
+  pending_.clear();
+  if (!known) throw std::invalid_argument("view must be one of this follower");
+  BoneUpdate update{tick(), newest_, {}, {}};
+  view.take(bone(), update);
+  return update;
+}
+
+void SharedBone::visit(const std::function<void(FollowedBone&)>& function) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  function(shared());
+}
+
+std::shared_ptr<VoxelBone> SharedBone::snapshot(std::uint64_t& tick) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  tick = shared().tick();
+  return std::make_shared<VoxelBone>(bone());
+}
+
+std::string SharedBone::digest() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return shared().digest().text();
+}
+
+std::shared_ptr<UnseenBricks> SharedBone::view() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return shared().view();
+}
+
+BoneUpdate SharedBone::take_changed(UnseenBricks& view) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return shared().take_changed(view);
 }
 
 void UnseenBricks::mark(const std::vector<std::uint32_t>& bricks) {

@@ -2,7 +2,10 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -15,9 +18,8 @@ namespace burrlab {
 
 /// The changes of a bone since a consumer last asked.
 struct BoneUpdate {
-  std::uint64_t tick = 0;  ///< ticks executed
-  TickRecord newest;
-  bool any = false;                   ///< there was a tick
+  std::uint64_t tick = 0;             ///< ticks executed
+  std::optional<TickRecord> newest;   ///< none before the first tick
   std::vector<std::uint32_t> bricks;  ///< changed since the last update
   std::vector<std::uint8_t> density;  ///< 512 levels each, (z, y, x)
 };
@@ -46,26 +48,52 @@ class FollowedBone {
   /// Changes `bone` in place: give a copy.
   FollowedBone(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick);
 
-  /// Executes the record's tick and compares the results bit by bit.
+  /// Executes the record's tick, which is then the newest, and compares the results bit by bit.
   Difference execute(const TickRecord& record) noexcept;
 
   std::uint64_t tick() const { return executor_.tick(); }
+  const std::optional<TickRecord>& newest() const { return newest_; }  ///< record of the last tick executed
+  void set_newest(const TickRecord& record) { newest_ = record; }      ///< after ticks were passed over
   TickExecutor& executor() { return executor_; }
   const TickExecutor& executor() const { return executor_; }
   VoxelBone& bone() { return *executor_.bone(); }
   const VoxelBone& bone() const { return *executor_.bone(); }
 
-  /// Bricks that changed since the last call, in order; updates the digest.
-  std::vector<std::uint32_t> take_changed();
   const Hash128& digest();  ///< of the present bone
   /// Bricks that differ from the beginning, in order.
   std::vector<std::uint32_t> differing();
   const Hash128& initial_digest() const { return initial_.total(); }
 
+  /// For a new consumer: all that differs from the beginning, and what changes while it exists.
+  std::shared_ptr<UnseenBricks> view();
+  /// The changes since the view was last taken; throws std::invalid_argument if it is not of this bone.
+  BoneUpdate take_changed(UnseenBricks& view);
+
  private:
   TickExecutor executor_;
   RunningDigest initial_, now_;
   std::vector<std::uint32_t> pending_;  // changed, but not asked for yet
+  std::optional<TickRecord> newest_;
+  std::vector<std::weak_ptr<UnseenBricks>> views_;
+};
+
+/// A bone that a thread of the derived class changes tick by tick. Others use it between two ticks.
+class SharedBone {
+ public:
+  /// Calls with the bone; no tick is executed meanwhile.
+  void visit(const std::function<void(FollowedBone&)>& function) const;
+  /// A copy of the bone, and the number of ticks executed on it.
+  std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
+  std::string digest() const;                                ///< of the present bone
+  std::shared_ptr<UnseenBricks> view();                      ///< as `FollowedBone::view`
+  BoneUpdate take_changed(UnseenBricks& view);               ///< as there
+  const VoxelBone& bone() const { return shared().bone(); }  ///< for its constant properties, as its shape
+
+ protected:
+  ~SharedBone() = default;
+  virtual FollowedBone& shared() const = 0;
+
+  mutable std::mutex mutex_;  // of the bone, and of all that goes with it
 };
 
 }  // namespace burrlab

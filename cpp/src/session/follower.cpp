@@ -8,11 +8,8 @@
 #include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr std::size_t batch = 256;  // ticks between other work
-
-}  // namespace
 
 Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings)
     : loop_(std::move(loop)),
@@ -84,10 +81,6 @@ bool Follower::execute_batch() {
   status_.tick = bone_.tick();
   status_.behind = reader_->behind();
   measure_stiffness();
-  const std::vector<std::uint32_t> changed =
-      views_.empty() ? std::vector<std::uint32_t>{} : bone_.take_changed();
-  for (const auto& weak : views_)
-    if (const auto view = weak.lock()) view->unseen_.mark(changed);
   for (const auto& listener : listeners_) listener->on_bone(bone_);
   return done > 0;
 }
@@ -98,8 +91,6 @@ void Follower::execute(const TickRecord& record) {
       status_.first_difference = std::string(difference.field) + " of burr " +
                                  std::to_string(difference.burr) + " in tick " + std::to_string(record.index);
   }
-  newest_ = record;
-  any_ = true;
   for (const auto& listener : listeners_) listener->on_tick(record);
   if (bone_.tick() % settings_.digest_every) return;
   digests_.push_back({bone_.tick(), bone_.digest().text()});
@@ -144,7 +135,7 @@ void Follower::rebuild() {
     }
     bone_.executor().set_tick(tick);
     reader_->skip_to(until);
-    any_ |= until > 0 && ring->read(until - 1, newest_);
+    if (until > 0 && ring->read(until - 1, record)) bone_.set_newest(record);
     ++status_.rebuilds;
     for (const auto& listener : listeners_) listener->on_rebuild(tick);
     return;
@@ -153,15 +144,16 @@ void Follower::rebuild() {
 
 void Follower::measure_stiffness() {
   const std::int64_t now = steady_now();
-  if (!any_ || double(now - last_stiffness_) < 1e6 * settings_.stiffness_every) return;
+  if (!bone_.newest() || double(now - last_stiffness_) < 1e6 * settings_.stiffness_every) return;
   last_stiffness_ = now;
   for (std::size_t i = 0; i < bone_.executor().burrs(); ++i) {
-    const Vec3 center = to_vector(newest_.burr[i].center);
+    const BurrRecord& burr = bone_.newest()->burr[i];
+    const Vec3 center = to_vector(burr.center);
     stiffness_[i] = {bone_.tick(),
                      measured_stiffness(bone_.executor(), i, center),
                      stiffest_contact(bone_.executor(), i, center),
-                     to_vector(newest_.burr[i].force).norm(),
-                     newest_.burr[i].age,
+                     to_vector(burr.force).norm(),
+                     burr.age,
                      bone_.executor().probe(i, center).c_e};
   }
 }
@@ -205,42 +197,6 @@ StabilityReport Follower::stability(std::size_t burr) const {
   report.ratio = worst.ratio;
   report.warning = worst.warning;
   return report;
-}
-
-std::shared_ptr<VoxelBone> Follower::snapshot(std::uint64_t& tick) const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  tick = bone_.tick();
-  return std::make_shared<VoxelBone>(bone_.bone());
-}
-
-void Follower::visit(const std::function<void(FollowedBone&)>& function) {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  function(bone_);
-}
-
-std::string Follower::digest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return bone_.digest().text();
-}
-
-std::shared_ptr<BoneView> Follower::view() {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  auto view = std::make_shared<BoneView>(*this, bone_.bone().brick_count());
-  view->unseen_.mark(bone_.differing());
-  views_.erase(std::remove_if(views_.begin(), views_.end(), [](const auto& v) { return v.expired(); }),
-               views_.end());
-  views_.push_back(view);
-  return view;
-}
-
-BoneUpdate BoneView::take() {
-  const std::lock_guard<std::mutex> lock(follower_->mutex_);
-  BoneUpdate update;
-  update.tick = follower_->bone_.tick();
-  update.newest = follower_->newest_;
-  update.any = follower_->any_;
-  unseen_.take(follower_->bone_.bone(), update);
-  return update;
 }
 
 }  // namespace burrlab

@@ -3,7 +3,6 @@
 #pragma once
 
 #include <atomic>
-#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -11,7 +10,6 @@
 #include <vector>
 
 #include "burrlab/session/haptic_loop.hpp"
-#include "copy_under.hpp"
 #include "session/contact_stiffness.hpp"
 #include "session/followed_bone.hpp"
 
@@ -62,15 +60,11 @@ struct FollowerStatus {
   std::string first_difference;
 };
 
-class BoneView;
-
-class Follower {
+class Follower : public SharedBone {
  public:
   /// Copies the loop's bone; to be called before the loop starts.
   Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings = {});
   ~Follower();  ///< does not wait for the loop's end
-  Follower(const Follower&) = delete;
-  Follower& operator=(const Follower&) = delete;
 
   void add(std::shared_ptr<TickListener> listener);  ///< before `start`; throws after it
   void start();
@@ -82,20 +76,11 @@ class Follower {
   StiffnessAt stiffness(std::size_t burr) const;
   /// The stiffness against the limits of the burr's device. Ratio and warning are of the stiffest direction.
   StabilityReport stability(std::size_t burr) const;
-  TickRecord newest() const { return copy_under(mutex_, newest_); }  ///< record of the last tick executed
-  /// A copy of the bone, and the number of ticks executed on it.
-  std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
-  std::string digest() const;  ///< of the present bone
-  std::shared_ptr<BoneView> view();
-  /// Calls with the bone between two ticks; none is executed meanwhile.
-  void visit(const std::function<void(FollowedBone&)>& function);
   /// Rebuilds at the next turn, as if too far behind. For tests.
   void ask_rebuild() { rebuild_asked_.store(true); }
-  /// The follower's bone, for its constant properties, such as its shape.
-  const VoxelBone& bone() const { return bone_.bone(); }
 
  private:
-  friend class BoneView;
+  FollowedBone& shared() const override { return bone_; }
   void run();
   bool execute_batch();  // one batch; whether there was anything to do
   void execute(const TickRecord& record);
@@ -110,28 +95,12 @@ class Follower {
   std::thread thread_;
   std::atomic<bool> started_{false}, stopping_{false}, abandoned_{false}, rebuild_asked_{false};
 
-  mutable std::mutex mutex_;  // of all below; the loop never takes it
+  // Under the bone's mutex, which the loop never takes:
   mutable FollowedBone bone_;
-  TickRecord newest_;
-  bool any_ = false;
   FollowerStatus status_;
   std::vector<DigestAt> digests_;
   std::array<StiffnessAt, most_burrs> stiffness_;
   std::int64_t last_stiffness_ = 0;
-  std::vector<std::weak_ptr<BoneView>> views_;
-};
-
-/// The changes that one consumer has not seen yet.
-class BoneView {
- public:
-  BoneView(Follower& follower, std::size_t bricks) : follower_(&follower), unseen_(bricks) {}
-  BoneUpdate take();
-  bool is_of(const Follower& follower) const { return &follower == follower_; }
-
- private:
-  friend class Follower;
-  Follower* follower_;
-  UnseenBricks unseen_;
 };
 
 }  // namespace burrlab

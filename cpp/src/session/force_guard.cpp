@@ -6,18 +6,15 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
 /// A vector no longer than `most`, without overflow.
-Vec3 shortened(const Vec3& v, double most) noexcept {
+static Vec3 shortened(const Vec3& v, double most) noexcept {
   const double largest = std::max({std::abs(v[0]), std::abs(v[1]), std::abs(v[2])});
   if (largest == 0.0) return v;
   const Vec3 direction = v / largest;
   const double length = direction.norm();
   return largest > most / length ? Vec3(direction * (most / length)) : v;
 }
-
-}  // namespace
 
 ForceGuard::ForceGuard(const GuardLimits& limits, double hold)
     : limits_(limits), bounded_(limits.ramp != 0.0 || !std::isinf(limits.continuous)) {
@@ -60,7 +57,7 @@ double ForceGuard::allowed(bool wanted, double dt) noexcept {
 }
 
 Vec3 ForceGuard::apply(const Vec3& wanted, double dt) noexcept {
-  const bool finite = std::isfinite(wanted[0]) && std::isfinite(wanted[1]) && std::isfinite(wanted[2]);
+  const bool finite = wanted.allFinite();
   const double passed = dt > 0.0 ? dt : 0.0;
   double change = limits_.slew * passed, most = limits_.force;
   if (bounded_) {

@@ -6,14 +6,13 @@
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
 // Parts of a press's time: end of the rise, end of the height, end of the fall.
 constexpr double press_up = 0.25, press_down = 0.55, press_over = 0.8;
 
-double ease_in(double x) { return x * x * (3.0 - 2.0 * x); }
+static double ease_in(double x) { return x * x * (3.0 - 2.0 * x); }
 
-HandSettings checked(const HandSettings& s) {
+static HandSettings checked(const HandSettings& s) {
   require_finite("start", s.start);
   const auto require_unit = [](const char* name, const Vec3& v) {
     if (!(std::abs(v.norm() - 1.0) < 1e-9)) refuse(std::string("length of ") + name, "1", v.norm());
@@ -37,8 +36,6 @@ HandSettings checked(const HandSettings& s) {
   require_not_negative("on_after", s.on_after);
   return s;
 }
-
-}  // namespace
 
 HandDevice::HandDevice(const HandSettings& settings)
     : settings_(checked(settings)), position_(settings.start) {

@@ -30,8 +30,6 @@ std::size_t ring_size(const LoopSettings& settings, double period) {
   return std::max<std::size_t>(std::size_t(records), 256);
 }
 
-bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
-
 void set(std::array<double, 3>& to, const Vec3& from) { to = {from[0], from[1], from[2]}; }
 
 }  // namespace
@@ -131,10 +129,8 @@ void HapticLoop::claim_devices() {
 }
 
 bool HapticLoop::wait(double seconds) {
-  const std::int64_t until = steady_after(seconds);
-  const auto ended = [this] { return started() && !running(); };
-  while (!ended() && steady_now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  return ended();
+  return wait_until(steady_after(seconds), std::chrono::milliseconds(5),
+                    [this] { return started() && !running(); });
 }
 
 void HapticLoop::end(const std::string& reason, bool failed) {
@@ -273,7 +269,7 @@ bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting)
     }
     waiting |= reading.status == Status::waiting;
     if (!frames_.empty() && reading.status == Status::ok) frames_[i].apply(reading);
-    if (!finite(reading.position) || !finite(reading.velocity)) {
+    if (!reading.position.allFinite() || !reading.velocity.allFinite()) {
       halt_devices();
       return end(who() + " gave a position or velocity that is not finite", true), false;
     }
@@ -315,7 +311,7 @@ bool HapticLoop::send_forces(double dt) {
     BurrRecord& burr = record_.burr[i];
     if (couplings_.empty()) wanted_[i] = to_vector(burr.force);
     if (!frames_.empty() && frames_[i].held()) wanted_[i].setZero();
-    if (!finite(wanted_[i]) || !finite(to_vector(burr.force))) {
+    if (!wanted_[i].allFinite() || !to_vector(burr.force).allFinite()) {
       halt_devices();
       return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
     }

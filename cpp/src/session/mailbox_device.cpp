@@ -5,8 +5,8 @@
 #include "session/realtime.hpp"
 
 namespace burrlab {
-MailboxDevice::MailboxDevice(double lost_after, std::string name, DeviceModel model)
-    : lost_after_(lost_after), name_(std::move(name)), model_(model) {
+MailboxDevice::MailboxDevice(double lost_after, std::string name)
+    : lost_after_(lost_after), name_(std::move(name)) {
   require_positive("lost_after", lost_after);
 }
 
@@ -23,11 +23,6 @@ void MailboxDevice::put_of(std::uint64_t time, const Vec3& position, const Vec3&
   letter.buttons = buttons;
   letter.time = time ? time : std::uint64_t(steady_now());
   in_.put(letter);
-}
-
-bool MailboxDevice::has_value() const {
-  Letter letter{};
-  return in_.get(letter, 1000) && letter.time != 0;
 }
 
 void MailboxDevice::fail(const std::string& reason) {
@@ -47,18 +42,11 @@ void MailboxDevice::start(double) {
 DeviceReading MailboxDevice::read(double, std::uint64_t) noexcept {
   in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
-  if (failed_.load(std::memory_order_acquire)) {
-    reading.status = DeviceReading::Status::lost;
-    return reading;
-  }
-  if (last_.time == 0) {
-    reading.status = DeviceReading::Status::waiting;
-    return reading;
-  }
-  for (int axis = 0; axis < 3; ++axis) {
-    reading.position[axis] = last_.position[axis];
-    reading.velocity[axis] = last_.velocity[axis];
-  }
+  if (last_.time == 0) reading.status = DeviceReading::Status::waiting;
+  if (failed_.load(std::memory_order_acquire)) reading.status = DeviceReading::Status::lost;
+  if (reading.status != DeviceReading::Status::ok) return reading;
+  reading.position = to_vector(last_.position);
+  reading.velocity = to_vector(last_.velocity);
   reading.orientation = last_.orientation;
   reading.buttons = last_.buttons;
   reading.on = last_.on != 0;

@@ -11,7 +11,7 @@ namespace burrlab {
 class MailboxDevice : public SentForceDevice {
  public:
   /// lost_after [ms]; `name` for the report. Without a first position the device is awaited, not lost.
-  explicit MailboxDevice(double lost_after = 100.0, std::string name = "mailbox", DeviceModel model = {});
+  explicit MailboxDevice(double lost_after = 100.0, std::string name = "mailbox");
 
   /// Sets position [mm], velocity [mm/s], switch, orientation and buttons (DeviceReading); throws if a number
   /// is not finite or the orientation is not of length 1.
@@ -19,7 +19,6 @@ class MailboxDevice : public SentForceDevice {
            const Quaternion& orientation = {1.0, 0.0, 0.0, 0.0}, std::uint8_t buttons = 0) {
     put_of(0, position, velocity, on, orientation, buttons);
   }
-  bool has_value() const;  ///< there was a `put`
   /// The device is lost, for this reason, and cannot be started again; the first reason counts.
   void fail(const std::string& reason);
 
@@ -27,7 +26,6 @@ class MailboxDevice : public SentForceDevice {
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
   std::string name() const override { return name_; }
   std::string fault() const override { return failed_.load(std::memory_order_acquire) ? fault_ : ""; }
-  DeviceModel model() const override { return model_; }
 
  protected:
   /// As `put`, of a position that came at `time` on the steady clock [ns]; 0 is now.
@@ -47,7 +45,6 @@ class MailboxDevice : public SentForceDevice {
   double lost_after_;
   std::string name_, fault_;  // the fault is written once, before failed_
   std::mutex fail_mutex_;
-  DeviceModel model_;
 };
 
 }  // namespace burrlab

@@ -5,7 +5,6 @@
 #include "session/servo_device.hpp"
 
 namespace burrlab {
-namespace {
 
 // dhdc.h, from the Force Dimension SDK's documentation.
 constexpr int time_guard = 1;  // no new position yet
@@ -14,8 +13,6 @@ constexpr int device_in_use = 20;
 constexpr double millimetre = 1e3;            // in a metre
 constexpr std::int64_t least_cycle = 250000;  // [ns]; the devices' rate is up to 4 kHz
 constexpr std::int64_t least_pause = 20000;   // [ns]; leaves the processor to others
-
-}  // namespace
 
 int OmegaDevice::count(const std::string& library) {
   return std::max(0, shared_library<DhdLibrary>(library)->dhdGetDeviceCount());
@@ -33,8 +30,7 @@ OmegaDevice::OmegaDevice(int index, const ServoSettings& settings, const std::st
   if (code == device_in_use || dhd_->open.count(id))
     throw std::invalid_argument(name() + " must be a device of its own: it is open already");
   if (id < 0)
-    throw std::invalid_argument(name() + " must be a device that can be opened: " + error_text(code) +
-                                " (error " + std::to_string(code) + ")");
+    throw std::invalid_argument(name() + " must be a device that can be opened: " + described(code));
   id_ = char(id);
   int status[64] = {};  // more than any version fills
   if (dhd_->dhdGetStatus(status, id_) < 0 || status[in_reset]) {
@@ -77,11 +73,9 @@ void OmegaDevice::switch_force_off() noexcept {
 }
 
 void OmegaDevice::begin() {
-  if (dhd_->dhdEnableForce(1, id_) < 0) {
-    const int code = dhd_->dhdErrorGetLast();
-    throw std::invalid_argument(name() + " must let its force be switched on: " + error_text(code) +
-                                " (error " + std::to_string(code) + ")");
-  }
+  if (dhd_->dhdEnableForce(1, id_) < 0)
+    throw std::invalid_argument(name() +
+                                " must let its force be switched on: " + described(dhd_->dhdErrorGetLast()));
   dhd_->dhdEmulateButton(1, id_);  // a gripper that is closed is button 0; without a gripper an error
   thread_ = std::thread([this] {
     RealtimeRequest request;

@@ -3,7 +3,6 @@
 #include <cerrno>
 #include <chrono>
 #include <cstring>
-#include <thread>
 
 #ifdef __linux__
 #include <pthread.h>
@@ -17,21 +16,17 @@ namespace burrlab {
 
 #ifdef __linux__
 
-namespace {
-
-std::int64_t read_clock(clockid_t clock) noexcept {
+static std::int64_t read_clock(clockid_t clock) noexcept {
   timespec t;
   clock_gettime(clock, &t);
   return std::int64_t(t.tv_sec) * 1000000000 + t.tv_nsec;
 }
 
-std::string sentence(const std::string& what, int error, const std::string& granted,
-                     const std::string& need) {
+static std::string sentence(const std::string& what, int error, const std::string& granted,
+                            const std::string& need) {
   if (error == 0) return what + ": " + granted;
   return what + ": not granted (" + std::strerror(error) + "); " + need;
 }
-
-}  // namespace
 
 std::int64_t steady_now() noexcept { return read_clock(CLOCK_MONOTONIC); }
 std::int64_t thread_cpu_now() noexcept { return read_clock(CLOCK_THREAD_CPUTIME_ID); }

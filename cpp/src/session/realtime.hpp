@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "burrlab/session/loop_settings.hpp"
@@ -15,6 +16,13 @@ std::int64_t steady_now() noexcept;
 std::int64_t steady_after(double seconds) noexcept;
 /// Sleeps until the steady clock reads `time` [ns], as exactly as the system can.
 void sleep_until(std::int64_t time) noexcept;
+/// Looks every `pause` whether it has `ended`, until the steady clock reads `time` [ns]; returns the last
+/// look.
+template <class Ended, class Pause>
+bool wait_until(std::int64_t time, Pause pause, const Ended& ended) {
+  while (!ended() && steady_now() < time) std::this_thread::sleep_for(pause);
+  return ended();
+}
 /// CPU time of this thread [ns].
 std::int64_t thread_cpu_now() noexcept;
 

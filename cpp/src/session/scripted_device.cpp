@@ -22,19 +22,14 @@ ScriptedDevice::ScriptedDevice(std::vector<Row> rows) : rows_(std::move(rows)) {
 }
 
 DeviceReading ScriptedDevice::read(double time, std::uint64_t) noexcept {
-  DeviceReading reading;
   const auto after = std::upper_bound(rows_.begin(), rows_.end(), time,
                                       [](double t, const Row& row) { return t < row.time; });
-  if (after == rows_.begin()) {
-    reading.position = rows_.front().position;
-    reading.orientation = rows_.front().orientation;
-    reading.on = rows_.front().on;
-    return reading;
-  }
-  const Row& last = *(after - 1);
+  const Row& last = after == rows_.begin() ? *after : *(after - 1);
+  DeviceReading reading;
   reading.position = last.position;
   reading.orientation = last.orientation;
   reading.on = last.on;
+  if (after == rows_.begin()) return reading;
   if (after == rows_.end()) {
     if (time > last.time) reading.status = DeviceReading::Status::finished;
     return reading;
@@ -46,9 +41,9 @@ DeviceReading ScriptedDevice::read(double time, std::uint64_t) noexcept {
   return reading;
 }
 
-ReplayDevice::ReplayDevice(std::vector<Tick> ticks) : ticks_(std::move(ticks)) {
+ReplayDevice::ReplayDevice(std::vector<DeviceReading> ticks) : ticks_(std::move(ticks)) {
   if (ticks_.empty()) throw std::invalid_argument("a recording must have at least one tick, got none");
-  for (const Tick& tick : ticks_) {
+  for (const DeviceReading& tick : ticks_) {
     require_finite("position", tick.position);
     require_finite("velocity", tick.velocity);
     require_unit("orientation", tick.orientation);
@@ -56,18 +51,10 @@ ReplayDevice::ReplayDevice(std::vector<Tick> ticks) : ticks_(std::move(ticks)) {
 }
 
 DeviceReading ReplayDevice::read(double, std::uint64_t) noexcept {
-  DeviceReading reading;
-  if (next_ == ticks_.size()) {
-    reading.status = DeviceReading::Status::finished;
-    return reading;
-  }
-  const Tick& tick = ticks_[next_++];
-  reading.position = tick.position;
-  reading.velocity = tick.velocity;
-  reading.orientation = tick.orientation;
-  reading.buttons = tick.buttons;
-  reading.on = tick.on;
-  return reading;
+  if (next_ < ticks_.size()) return ticks_[next_++];
+  DeviceReading end;
+  end.status = DeviceReading::Status::finished;
+  return end;
 }
 
 }  // namespace burrlab

@@ -35,16 +35,8 @@ class ScriptedDevice : public SentForceDevice {
 /// Gives the device's side of recorded ticks, one per reading, then ends the session.
 class ReplayDevice : public SentForceDevice {
  public:
-  struct Tick {
-    Vec3 position = Vec3::Zero();  ///< [mm]
-    Vec3 velocity = Vec3::Zero();  ///< [mm/s]
-    bool on = true;
-    Quaternion orientation{1.0, 0.0, 0.0, 0.0};  ///< DeviceReading::orientation
-    std::uint8_t buttons = 0;
-  };
-
   /// Throws unless there are ticks, with finite numbers.
-  explicit ReplayDevice(std::vector<Tick> ticks);
+  explicit ReplayDevice(std::vector<DeviceReading> ticks);
 
   void start(double) override {
     next_ = 0;
@@ -56,7 +48,7 @@ class ReplayDevice : public SentForceDevice {
   std::size_t size() const { return ticks_.size(); }
 
  private:
-  std::vector<Tick> ticks_;
+  std::vector<DeviceReading> ticks_;
   std::size_t next_ = 0;  // number of the next tick
 };
 

@@ -8,19 +8,10 @@
 #include "session/realtime.hpp"
 
 namespace burrlab {
-namespace {
 
 constexpr std::int64_t start_limit = 1000000000, stop_limit = 500000000;  // [ns]
+constexpr std::chrono::microseconds look(200);                            // between two looks
 constexpr double mean_weight = 1e-3;                                      // of a cycle in the mean delay
-
-template <class Ended>
-bool wait_until(std::int64_t limit, const Ended& ended) {
-  const std::int64_t until = steady_now() + limit;
-  while (!ended() && steady_now() < until) std::this_thread::sleep_for(std::chrono::microseconds(200));
-  return ended();
-}
-
-}  // namespace
 
 ServoDevice::ServoDevice(std::string name, const ServoSettings& settings)
     : name_(std::move(name)), settings_(settings) {
@@ -50,7 +41,8 @@ void ServoDevice::start(double) {
     keep_.reset();
     throw;
   }
-  wait_until(start_limit, [&] { return fault_.load() != 0 || (in_.get(last_) && last_.time != 0); });
+  wait_until(steady_now() + start_limit, look,
+             [&] { return fault_.load() != 0 || (in_.get(last_) && last_.time != 0); });
   if (fault_.load() == 0 && last_.time != 0) return;
   const std::string why = fault();
   stop();
@@ -62,7 +54,8 @@ void ServoDevice::stop() noexcept {
   if (!keep_) return;
   halt();
   closing_.store(true, std::memory_order_release);
-  const bool ended = wait_until(stop_limit, [this] { return ended_.load(std::memory_order_acquire); });
+  const bool ended =
+      wait_until(steady_now() + stop_limit, look, [this] { return ended_.load(std::memory_order_acquire); });
   end(ended);
   if (ended) keep_.reset();  // else the servo may still call, and the device stays
 }
@@ -106,8 +99,8 @@ bool ServoDevice::cycle() noexcept {
 DeviceReading ServoDevice::read(double, std::uint64_t) noexcept {
   in_.get(last_);  // else the last letter, with its age
   DeviceReading reading;
-  reading.position = {last_.position[0], last_.position[1], last_.position[2]};
-  reading.velocity = {last_.velocity[0], last_.velocity[1], last_.velocity[2]};
+  reading.position = to_vector(last_.position);
+  reading.velocity = to_vector(last_.velocity);
   if (last_.time != 0) reading.orientation = last_.orientation;
   reading.buttons = std::uint8_t(last_.buttons);
   reading.on = settings_.on_button < 0 || (reading.buttons >> settings_.on_button & 1u);
@@ -129,7 +122,7 @@ std::string ServoDevice::fault() const {
   const int code = fault_.load(std::memory_order_acquire);
   if (code == 0) return {};
   if (code == no_rotation) return name_ + " gave an orientation that is not a rotation";
-  return name_ + " failed: " + error_text(code) + " (error " + std::to_string(code) + ")";
+  return name_ + " failed: " + described(code);
 }
 
 }  // namespace burrlab

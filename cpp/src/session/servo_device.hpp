@@ -54,6 +54,7 @@ class ServoDevice : public Device, public std::enable_shared_from_this<ServoDevi
   virtual void begin() = 0;                       // force on, servo on
   virtual void end(bool servo_ended) noexcept = 0;
   virtual std::string error_text(int code) const = 0;
+  std::string described(int code) const { return error_text(code) + " (error " + std::to_string(code) + ")"; }
 
  private:
   struct Letter {

@@ -1,28 +1,23 @@
 #include "burrlab/session/tick_executor.hpp"
 
-#include <cmath>
-
 #include "anatomy/anatomy_watch.hpp"
 #include "erosion_steps.hpp"
 #include "require.hpp"
 
 namespace burrlab {
-namespace {
 
-SessionSetup checked(const SessionSetup& setup) {
+static SessionSetup checked(const SessionSetup& setup) {
   const std::size_t burrs = setup.tools.size();
   if (burrs < 1 || burrs > std::size_t(most_burrs)) refuse("number of burrs", "1 or 2", double(burrs));
   require_positive("period", setup.period);
   return setup;
 }
 
-std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material& material, double period) {
+static std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material& material, double period) {
   std::vector<ErosionSteps> steps;
   for (int k = 1; k <= most_periods; ++k) steps.emplace_back(bone, material, k * period);
   return steps;
 }
-
-}  // namespace
 
 TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick)
     : bone_(std::move(bone)), setup_(checked(setup)), tick_(tick), version_(2 * tick) {

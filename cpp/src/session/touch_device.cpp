@@ -2,7 +2,6 @@
 #include "session/servo_device.hpp"
 
 namespace burrlab {
-namespace {
 
 // hdDefines.h, from the OpenHaptics API reference.
 constexpr unsigned invalid_handle = 0xFFFFFFFF;
@@ -16,9 +15,7 @@ constexpr unsigned callback_done = 0, callback_continue = 1;
 constexpr unsigned short priority = 0xFFFF;  // the highest
 constexpr int most_errors = 32;              // that are taken at a time
 
-std::string touch_name(const std::string& name) { return name.empty() ? "touch" : "touch:" + name; }
-
-}  // namespace
+static std::string touch_name(const std::string& name) { return name.empty() ? "touch" : "touch:" + name; }
 
 TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings, const std::string& library)
     : ServoDevice(touch_name(name), settings), hd_(shared_library<HdLibrary>(library)) {
@@ -33,9 +30,9 @@ TouchDevice::TouchDevice(const std::string& name, const ServoSettings& settings,
     throw std::invalid_argument(this->name() + " must be a device of its own: it is open already" +
                                 (same == hd_->open.end() ? "" : ", as " + same->second));
   if (code != 0 || handle_ == invalid_handle)
-    throw std::invalid_argument(
-        this->name() + " must be the name of a connected device in the vendor's set-up: " +
-        (code ? error_text(code) + " (error " + std::to_string(code) + ")" : "none found"));
+    throw std::invalid_argument(this->name() +
+                                " must be the name of a connected device in the vendor's set-up: " +
+                                (code ? described(code) : "none found"));
   hd_->hdMakeCurrentDevice(handle_);
   unsigned calibration = hd_->hdCheckCalibration();
   if (calibration == calibration_needs_update) {  // it lies where the library can calibrate it

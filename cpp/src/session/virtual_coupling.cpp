@@ -1,8 +1,8 @@
 #include "session/virtual_coupling.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <limits>
+#include <optional>
 
 #include "require.hpp"
 
@@ -33,11 +33,11 @@ void VirtualCoupling::reset() noexcept {
 Coupled VirtualCoupling::couple(const TickExecutor& executor, std::size_t burr, const Vec3& device) noexcept {
   Coupled result;
   result.center = device;
-  if (!(std::isfinite(device[0]) && std::isfinite(device[1]) && std::isfinite(device[2]))) return result;
+  if (!device.allFinite()) return result;
 
-  Trial best, last, inside, outside;
+  Trial best, last;
+  std::optional<Trial> inside, outside;
   double best_miss = std::numeric_limits<double>::infinity();
-  bool has_inside = false, has_outside = false;
   Vec3 offset = offset_;
   for (int i = 0; i < most_probes; ++i) {
     const Trial now{offset, executor.probe(burr, device + offset).force};
@@ -56,20 +56,16 @@ Coupled VirtualCoupling::couple(const TickExecutor& executor, std::size_t burr, 
     }
     // Too deep or too far out, along the line from the device.
     const Vec3 along = now.offset.squaredNorm() > 0.0 ? now.offset : now.force;
-    if (miss.dot(along) > 0.0) {
-      inside = now, has_inside = true;
-    } else {
-      outside = now, has_outside = true;
-    }
+    (miss.dot(along) > 0.0 ? inside : outside) = now;
     last = now;
     offset = now.offset + miss / (stiffness_ + contact_);
     if (free) offset.setZero();
-    if (has_inside && has_outside) {
-      const Vec3 span = outside.offset - inside.offset;
-      const double far = span.squaredNorm(), place = (offset - inside.offset).dot(span);
+    if (inside && outside) {
+      const Vec3 span = outside->offset - inside->offset;
+      const double far = span.squaredNorm(), place = (offset - inside->offset).dot(span);
       if (!(place > 0.0 && place < far)) {
-        const double in = inside.miss(stiffness_).norm(), out = outside.miss(stiffness_).norm();
-        offset = inside.offset + span * (in / (in + out));
+        const double in = inside->miss(stiffness_).norm(), out = outside->miss(stiffness_).norm();
+        offset = inside->offset + span * (in / (in + out));
       }
     }
   }

@@ -1,17 +1,11 @@
 // Distance to a structure: exact near it, from a field far from it.
 #pragma once
 
-#include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 #include <memory>
-#include <vector>
 
-#include "burrlab/brick.hpp"
-#include "burrlab/tissues.hpp"
-#include "burrlab/types.hpp"
 #include "burrlab/voxel_bone.hpp"
 
 namespace burrlab {

@@ -38,8 +38,6 @@ class HapticLoop {
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
              const LoopSettings& settings);
   ~HapticLoop();
-  HapticLoop(const HapticLoop&) = delete;
-  HapticLoop& operator=(const HapticLoop&) = delete;
 
   /// Returns when the thread runs; to be called once. Throws what a device throws, and if a device serves
   /// another loop or the bone is in use.
@@ -68,7 +66,6 @@ class HapticLoop {
   std::shared_ptr<const RecordRing> ring() const { return ring_; }
   std::uint64_t first_tick() const { return first_tick_; }  ///< index of the ring's record 0
   const LoopSettings& settings() const { return settings_; }
-  const std::vector<std::shared_ptr<Device>>& devices() const { return devices_; }
   DeviceModel model(std::size_t burr) const;  ///< of the device, completed by the settings
   /// On a virtual clock, makes the loop wait for this reader, while it exists, instead of overrunning it.
   void add_reader(std::shared_ptr<const RecordReader> reader);

@@ -2,7 +2,6 @@
 // so they carve the same bone.
 #pragma once
 
-#include <array>
 #include <atomic>
 #include <memory>
 #include <vector>

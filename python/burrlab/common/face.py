@@ -8,8 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-_LINE = re.compile(r"^from (\S+) import (\w+) as (\w+)$", re.MULTILINE)
-
 
 def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package whose `__init__.pyi` lists its public names.
@@ -20,7 +18,8 @@ def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], li
         `__name__` and `__file__` of the package.
     """
     stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
-    places = {name: (module, known) for module, known, name in _LINE.findall(stub)}
+    lines = re.findall(r"^from (\S+) import (\w+) as (\w+)$", stub, re.MULTILINE)
+    places = {name: (module, known) for module, known, name in lines}
 
     def ask(name: str) -> Any:
         module, known = places.get(name, (package, name))

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 #: Error numbers of a write: the disk is full, a quota or limit is reached, or the disk fails.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def check_folder(target: Path) -> None:
@@ -77,7 +76,7 @@ def new_part(target: Path, ending: str = "") -> Iterator[Path]:
     check_folder(target)
     part = target.with_name(f".{target.name[:40]}.{os.getpid()}-{secrets.token_hex(4)}.part{ending}")
     try:
-        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666))
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0), 0o666))
     except OSError as error:
         raise OSError(error.errno, error.strerror, os.fspath(target)) from None
     try:

@@ -240,11 +240,11 @@ class Codec:
                 f"kind must be one of {', '.join(self._kinds)}, got {reprlib.repr(name)}",
             )
             return self._converter.structure(rest, self._kinds[name])
-        for kind in some:
-            names = {f.name for f in fields(kind) if f.init} if dataclasses.is_dataclass(kind) else None
-            if isinstance(value, dict) and names == set(value):
-                return self._converter.structure(value, kind)
-        fitting = [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
+        parts = [kind for kind in some if dataclasses.is_dataclass(kind) and isinstance(value, dict)]
+        fitting: list[Any] = [
+            kind for kind in parts if {f.name for f in fields(kind) if f.init} == set(value)
+        ]
+        fitting += [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
         kind = fitting[0] if fitting else float if float in some and value in _SPELT else some[0]
         return self._converter.structure(value, kind)
 

@@ -232,9 +232,8 @@ class Store:
             file_format != FORMAT,
             f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(file_format)}",
         )
-        for line in lines[1:]:
-            if line == _HEADER:  # two processes made the file at once
-                continue
+        # There is a second header where two processes made the file at once.
+        for line in (line for line in lines[1:] if line != _HEADER):
             try:
                 entry = json.loads(line)
                 self._results[entry["key"]] = json.dumps(entry["result"])
@@ -244,8 +243,8 @@ class Store:
 
     def _append(self, text: bytes) -> None:
         # Opened for each line: on a network file system, closing sends the text to the server.
-        file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
-        try:
+        with self.path.open("ab") as stream:
+            file = stream.fileno()
             written = os.write(file, text)
             refuse(
                 written < len(text),
@@ -255,8 +254,6 @@ class Store:
             if time.monotonic() - self._synced > _SYNC:
                 os.fsync(file)
                 self._synced = time.monotonic()
-        finally:
-            os.close(file)
 
     def add(self, key: str, result: Any) -> None:
         """Appends a result; a result that the store has under this key is kept.

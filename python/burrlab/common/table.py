@@ -266,19 +266,17 @@ def decoded(name: str, content: bytes, encoding: str = "utf-8-sig", hint: str = 
 
 def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping[str, Sequence[Any]]) -> None:
     """Writes comment lines, column names and rows; NaN becomes an empty field."""
-    if isinstance(file, (str, os.PathLike)):
-        text = io.StringIO()
-        write(text, comments, columns)
-        return write_text(file, text.getvalue())
-    refuse(
-        not hasattr(file, "write"), f"file must be a path or an open text file, got {shown(file)}", TypeError
-    )
-    for key, value in comments.items():
-        file.write(f"# {key}: {value}\n")
-    writer = csv.writer(file, lineterminator="\n")
+    writable = isinstance(file, (str, os.PathLike)) or hasattr(file, "write")
+    refuse(not writable, f"file must be a path or an open text file, got {shown(file)}", TypeError)
+    text = io.StringIO()
+    text.writelines(f"# {key}: {value}\n" for key, value in comments.items())
+    writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    for row in zip(*columns.values(), strict=True):
-        writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
+    writer.writerows(
+        ["" if isinstance(v, float) and math.isnan(v) else v for v in row]
+        for row in zip(*columns.values(), strict=True)
+    )
+    write_text(file, text.getvalue())
 
 
 def origin(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
@@ -645,7 +643,7 @@ class Tabulated(ABC):
         def cell(value: object) -> str:
             text = "open" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
             text = "" if text == "nan" else text
-            return _LATEX.sub(lambda found: "\\^{}" if found[0] == "^" else f"\\{found[0]}", text)
+            return re.sub(r"[%&_#$^{}]", lambda found: "\\^{}" if found[0] == "^" else f"\\{found[0]}", text)
 
         columns = self._columns()
         kinds = [
@@ -656,9 +654,6 @@ class Tabulated(ABC):
         ]
         begin, end = rf"\begin{{tabular}}{{{''.join(kinds)}}}", r"\end{tabular}"
         return "\n".join([begin, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule", end])
-
-
-_LATEX = re.compile(r"[%&_#$^{}]")
 
 
 def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:

@@ -120,7 +120,6 @@ class Answers(table.Tabular):
         return table.html_table(repr(self), columns)
 
 
-_LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
 _PARTICIPANT = "participant_id"
 #: Columns that the order of the trials decides, besides those of each interval.
 _PLANNED = ("phase", "trial", "block", "trial_type", "level", "correct")
@@ -321,7 +320,9 @@ def replay(file: str, rows: Sequence[tuple[int, AnswerRow]], order: Order) -> No
 
 def _labels(file: str, car: SideCar | None, options: Mapping[str, str | None]) -> dict[str, Any]:
     """Subject, name and task by the options, or from the side-car, or from the name of another program's file."""
-    match = _LABELS.fullmatch(os.path.basename(file))
+    match = re.fullmatch(
+        r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv", os.path.basename(file)
+    )
     named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
     labels: dict[str, Any] = {}
     for key, value in options.items():
@@ -581,7 +582,6 @@ def _opened(path: Path, more: int, otherwise: OSError) -> Iterator[int]:
 
 
 _IS_OPEN = "{}: another process has this run open"
-BIDS_VERSION = "1.10.0"
 
 _COLUMNS = ("participant_id", "simulated", "selected_by")
 _README = (
@@ -642,7 +642,7 @@ class ExperimentFolder:
         self.path.mkdir(parents=True, exist_ok=True)
         described = {
             "Name": self.name,
-            "BIDSVersion": BIDS_VERSION,
+            "BIDSVersion": "1.10.0",
             "DatasetType": "raw",
             "GeneratedBy": [{"Name": "burrlab", "Version": __version__}],
         }

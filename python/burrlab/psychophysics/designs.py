@@ -256,8 +256,6 @@ Hold: TypeAlias = Literal["other", "sinking speed"]
 
 #: Units of the parameters.
 UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
-STIFFER = "In which interval was the material stiffer, the first or the second?"
-FASTER = "In which interval did the burr sink faster, the first or the second?"
 
 
 @dataclass(frozen=True)
@@ -334,7 +332,8 @@ class ComparisonDesign(TaskDesign):
         )
         for name in ("c_e", "alpha"):
             refuse(getattr(self._material, name) == 0.0, f"reference must have {name} above 0, got 0")
-        object.__setattr__(self, "question", FASTER if self._asks_speed else STIFFER)
+        asked = "did the burr sink faster" if self._asks_speed else "was the material stiffer"
+        object.__setattr__(self, "question", f"In which interval {asked}, the first or the second?")
 
     @property
     def _material(self) -> Material:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, styled
 
 Rows: TypeAlias = NDArray[np.float64]
-#: Lower end, estimate, upper end. The last two may be infinite.
-Span: TypeAlias = tuple[float, float, float]
 
 STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
 _LOWEST = 4.0  # the least end of a d' axis
@@ -28,9 +26,13 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
 
 
 def draw(
-    ax: Axes, spans: Sequence[Span], rows: Rows, end: float, style: dict[str, Any], colour: str, marker: str
+    ax: Axes, spans: Sequence[tuple[float, float, float]], rows: Rows, end: float, style: dict[str, Any],
+    colour: str, marker: str,
 ) -> None:  # fmt: skip
-    """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark."""
+    """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark.
+
+    A span is lower end, estimate, upper end; the last two may be infinite.
+    """
     look = styled(style, color=colour, marker=marker, markersize=4.5, zorder=4)
     colour = look["color"]
     for (low, estimate, high), row in zip(spans, rows, strict=True):

@@ -253,9 +253,6 @@ def decision_text(size: str, delta: float, power: float, decidable: float, *, qu
     return f"{size} cannot be relied on to decide Delta = {delta:g}: the power is {100 * power:.0f} % if {quantity} were 0; {smallest}."
 
 
-_D_PRIMES = (0.5, 1.0, 1.5, 2.0, 3.0)
-
-
 @dataclass(frozen=True)
 class PowerRow:
     """Power at one d' by one rule.
@@ -367,7 +364,7 @@ def design_power(
     trials: int,
     subjects: int = 1,
     rules: Sequence[str] = RULES,
-    d_primes: Sequence[float] = _D_PRIMES,
+    d_primes: Sequence[float] = (0.5, 1.0, 1.5, 2.0, 3.0),
     level: float = 0.05,
     lapse: float = 0.02,
     delta: float | None = None,

@@ -330,7 +330,6 @@ class Runner:
             self._seat.tell("Right." if right else "Not right.")
 
 
-_DRIVER = "driver"  # a side-car's name of a device from the caller
 _NO_FORCE = "[experiment] publish says no port: no force goes back over the network but to a Stylus of PLUS"
 
 
@@ -384,7 +383,7 @@ class Sitting:
             protocol.order(subject, task)
         # Added subjects or tasks change a subject's order, so tasks that were begun come first.
         self.tasks = tuple(sorted(planned, key=lambda task: not self._file(task).exists()))
-        self._text = _DRIVER
+        self._text = "driver"  # a side-car's name of a device from the caller
         if isinstance(device, Device) or callable(device):
             self._device: Callable[[Mode], Device] = device if callable(device) else lambda mode: device
         else:

@@ -19,7 +19,7 @@ from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, 
 from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.published import PublishedScore, SelectionEffect
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName, one_of
 from burrlab.psychophysics.sensitivity import (
     DPrime,
     PairCheck,
@@ -35,8 +35,6 @@ CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
 
 #: Called with task and subject before each analysis.
 Progress: TypeAlias = Callable[[str, str], object]
-
-_OF = re.compile(r"\bbest (\d+) of (\d+)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -208,7 +206,7 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
     for task in tasks:
         texts = dict.fromkeys(selected_by.get(subject.subject, "") for subject in task.subjects)
         text = "; ".join(filter(None, texts))
-        numbers = _OF.search(text)
+        numbers = re.search(r"\bbest (\d+) of (\d+)\b", text, re.IGNORECASE)
         cars = [subject.answers.side_car for subject in task.subjects if subject.answers is not None]
         settings = [car.protocol.get("experiment", {}) for car in cars if car is not None]
         selections = [(len(x["subjects"]), x["selected_from"]) for x in settings if x.get("selected_from")]
@@ -322,8 +320,7 @@ class TaskResult(Generic[Subject]):
             If no subject has this name.
         """
         subjects = {subject.subject: subject for subject in self.subjects}
-        refuse(name not in subjects, f"subject must be one of {', '.join(subjects)}, got {name!r}")
-        return subjects[name]
+        return subjects[one_of("subject", name, list(subjects))]
 
 
 def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str, Any]:
@@ -393,8 +390,7 @@ class SubjectResult:
             If the analysis lacks the rule.
         """
         d_primes: dict[str, DPrime] = {d.rule: d for d in self.d_prime}
-        refuse(rule not in d_primes, f"rule must be one of {', '.join(d_primes)}, got {rule!r}")
-        return d_primes[rule]
+        return d_primes[one_of("rule", rule, list(d_primes))]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

@@ -245,8 +245,6 @@ def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tup
 
 MethodName: TypeAlias = Literal["exact", "profile", "proportion"]
 
-METHODS: tuple[MethodName, ...] = get_args(MethodName)
-CORRECTIONS: tuple[CorrectionName, ...] = get_args(CorrectionName)
 
 _CRITERION_TEXTS = {
     ("same-different", "differencing"): "k [sd]: observations further apart than k are different",
@@ -391,7 +389,8 @@ def d_prime(
     """
     law = rule_of(counts.task, rule)
     check_level(level)
-    by, correcting = one_of("method", method, METHODS), one_of("correction", correction, CORRECTIONS)
+    by: MethodName = one_of("method", method, get_args(MethodName))
+    correcting: CorrectionName = one_of("correction", correction, get_args(CorrectionName))
     outcome = Outcomes.of(counts)
     estimate, criterion = (float(x) for x in outcome.estimate(law))
     low, high = (float(end) for end in _INTERVALS[method](counts, law, level))

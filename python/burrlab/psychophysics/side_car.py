@@ -29,7 +29,6 @@ TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
     "abx": {"AB": "first", "BA": "second"},
     "2ifc": {"RC": None, "CR": None},
 }
-PHASES: tuple[Phase, ...] = ("practice", "main")
 
 #: Below this time from question to key a subject cannot have judged [s] (ours).
 TOO_FAST = 0.2
@@ -256,7 +255,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
     "correct": lambda text: _one_of(("0", "1"))(text) == "1",
     "response_time": _seconds,
     "trial": _filled(table.whole),
-    "phase": _one_of(PHASES),
+    "phase": _one_of(("practice", "main")),
     "block": _filled(table.whole),
     "level": _kept(table.number_or_none, "must be a ratio above 0", lambda value: value is None or value > 0),
     "stimulus": _or_none,
@@ -269,9 +268,6 @@ _READ: Mapping[str, Callable[[str], Any]] = {
 
 _FORMAT = 1
 _KEY = "BurrlabRun"
-#: Tables of a protocol, and keys of [experiment], that must not change during a run.
-_TABLES = ("burr", "bone")
-_EXPERIMENT = ("seed", "feedback", "pause_s", "break_s", "limits")
 
 _KINDS: Mapping[type, str] = {str: "a text", int: "a whole number", bool: "true or false", dict: "an object"}
 
@@ -395,15 +391,18 @@ class SideCar:
         return _changes("", self._shared(), other._shared())
 
     def _shared(self) -> dict[str, Any]:
+        """What must not change during a run, of the protocol and of the run."""
         experiment = self.protocol.get("experiment", {})
         return {
             "task": self.name,
-            "experiment": {key: experiment.get(key) for key in _EXPERIMENT}
+            "experiment": {
+                key: experiment.get(key) for key in ("seed", "feedback", "pause_s", "break_s", "limits")
+            }
             | {"seed": self.seed, "keys": experiment.get("keys", KEYS)},
             "device": self.device.partition(":")[0],
             # Decides whether a hand on the network feels a force; the port number does not matter.
             "force is published": experiment.get("publish") is not None,
-            **{key: self.protocol.get(key) for key in _TABLES},
+            **{key: self.protocol.get(key) for key in ("burr", "bone")},
             f"tasks.{self.name}": self.design,
         }
 

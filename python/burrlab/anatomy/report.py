@@ -75,7 +75,10 @@ class Dose:
             structure, burr, float(row["closest_mm"]), int(row["closest_tick"]) if came else None,
             tuple(row["closest_center_mm"].tolist()) if came else None, within[0], within[1],
             int(row["touching"]) * seconds, int(row["removed_levels"]) * (voxel_volume / 255.0),
-            {d: force / n if n else math.nan for d, force, n in zip(NEAR, row["near_force_N"].tolist(), near, strict=True)},
+            {
+                d: force / n if n else math.nan
+                for d, force, n in zip(NEAR, row["near_force_N"].tolist(), near, strict=True)
+            },
             dict(zip(NEAR, row["near_peak_N"].tolist(), strict=True)),
         )  # fmt: skip
 

@@ -413,8 +413,7 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
     """
     target = Path(folder)
     check_slices(volume)
-    if target.exists():
-        raise FileExistsError(f"folder must be new, {target} is there")
+    refuse(target.exists(), f"folder must be new, {target} is there", FileExistsError)
     check_folder(target)
     plain_name(str(target))
     with new_folder(target) as part:

@@ -150,8 +150,11 @@ def _read(
 ) -> tuple[str, Header, NDArray[Any]]:
     """Name, header and values of a volume of at most `most` layers."""
     single = isinstance(path, str | os.PathLike)
-    if not single and not isinstance(path, Iterable):
-        raise TypeError(f"path must be a path or a list of paths, got {shown(path)}")
+    refuse(
+        not isinstance(path, str | os.PathLike | Iterable),
+        f"path must be a path or a list of paths, got {shown(path)}",
+        TypeError,
+    )
     names = [os.fspath(part) for part in ([path] if isinstance(path, str | os.PathLike) else path)]
     refuse(not names, "path must name a file, got an empty list")
     name = names[0]
@@ -159,8 +162,7 @@ def _read(
         files, others = dicom_files(name, below=not holds_dicom(name))
         return name, *read_dicom(files, name, series, others)
     for part in names:
-        if not Path(part).is_file():
-            raise FileNotFoundError(f"{part}: no such file")
+        refuse(not Path(part).is_file(), f"{part}: no such file", FileNotFoundError)
     if not single:
         name = f"{len(names)} files in {os.path.commonpath([os.path.dirname(part) or '.' for part in names]) or '.'}"
     if not single or is_dicom(name):

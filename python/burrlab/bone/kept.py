@@ -468,15 +468,17 @@ def check_drilled(
             f"got {size}",
         )
         medical("SimpleITK", "writing volumes")
-        if target.exists() and not is_drilled(target):
-            raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
+        refuse(
+            target.exists() and not is_drilled(target),
+            f"path must be a new file or one of save_drilled, {target} is neither",
+            FileExistsError,
+        )
         return None
     refuse(
         series and target.suffix.lower() in (".dcm", ".dicom", ".ima"),
         f"path must be a new folder for a DICOM series, and not one file, got {target}",
     )
-    if target.exists():
-        raise FileExistsError(f"path must be a new folder, {target} is there")
+    refuse(target.exists(), f"path must be a new folder, {target} is there", FileExistsError)
     if slices is None:
         check_series(like, empty)
         return None
@@ -659,8 +661,7 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
         If the file of the exact state is missing, or belongs to another content of the volume.
     """
     target = Path(path)
-    if not target.exists():
-        raise FileNotFoundError(f"{target}: no such file or folder")
+    refuse(not target.exists(), f"{target}: no such file or folder", FileNotFoundError)
     beside, description = own_sidecar(target)
     bone, tick = load_bone(beside)
     mapping = None if description.get("map") is None else OccupancyMap.parse(str(description["map"]))

@@ -75,8 +75,11 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     >>> folder.cleanup()
     """
     require_type("bone", bone, VoxelBone, "VoxelBone.block((10, 10, 5), 0.1)")
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be the name of a file, got {shown(path)}")
+    refuse(
+        not isinstance(path, str | os.PathLike),
+        f"path must be the name of a file, got {shown(path)}",
+        TypeError,
+    )
     check_tick(tick)
     check_bone_file(path)
     with new_file(Path(path)) as part, new_hdf5(part) as file:

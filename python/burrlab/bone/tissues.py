@@ -245,11 +245,10 @@ def _named(
     labels: LabelVolume | Mapping[int, str] | Sequence[str],
 ) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
     """Names by label; for a label volume also numbers of voxels by label, and its colours."""
-    if isinstance(labels, str):
-        raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
     if isinstance(labels, Mapping):
         return {int(label): str(name) for label, name in labels.items()}, None, {}
     if isinstance(labels, Sequence):
+        refuse(isinstance(labels, str), f"labels must be a label volume, or names, got the text {labels!r}")
         return {label: str(name) for label, name in enumerate(labels)}, None, {}
     counts = label_counts(labels.labels, labels.path)
     check_count(counts, f"{labels.path}: ")

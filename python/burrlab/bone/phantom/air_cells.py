@@ -219,9 +219,8 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
             weights[lost] = (drawn[lost] / 4) ** 2 - _least_power(sites[lost], sites, weights)
             if k < 2 * rounds // 3:  # later the sites stay, and the volumes settle
                 full = count > 0
-                for axis in range(3):
-                    total = np.bincount(owners, weights=points[:, axis], minlength=len(sites))
-                    sites[full, axis] += 0.7 * (total[full] / count[full] - sites[full, axis])
+                totals = [np.bincount(owners, weights=along, minlength=len(sites)) for along in points.T]
+                sites[full] += 0.7 * (np.transpose(totals)[full] / count[full, None] - sites[full])
     sites, weights = np.round(sites, 6), np.round(weights, 6)
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
     # A site without a lattice point may own a sliver between the points: such sites are removed.

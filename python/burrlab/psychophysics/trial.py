@@ -128,9 +128,11 @@ class TaskDesign(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """The whole design, for JSON and `design_of_dict`."""
-        designed = fields(self)  # type: ignore[arg-type]  # all designs are dataclasses
-        names = (*(field.name for field in designed), *self._derived)
-        return {"design": self._kind, **{key_of(name): _plain(getattr(self, name)) for name in names}}
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
+        return {
+            "design": self._kind,
+            **{key_of(name): _plain(getattr(self, name)) for name in (*names, *self._derived)},
+        }
 
 
 class Order(ABC):

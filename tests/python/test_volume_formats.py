@@ -169,10 +169,13 @@ def test_labels(tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["nrrd", "mha", "nii.gz"])
-def test_written_files_keep_the_note_on_an_assumed_orientation(ending: str, tmp_path: Path) -> None:
-    """The first file has no orientation; the written headers say LPS."""
+@pytest.mark.parametrize("axes", ["spacings: .5 .5 .5", "space directions: (-.5,0,0) (0,.5,0) (0,0,.5)"])
+def test_written_files_keep_the_note_on_an_assumed_orientation(
+    ending: str, axes: str, tmp_path: Path
+) -> None:
+    """The first file has no orientation; the written headers say LPS. A mirrored one is called so once."""
     silent = tmp_path / "silent.nrrd"
-    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 5 6\nspacings: .5 .5 .5\nencoding: raw\n\n"
+    head = f"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 5 6\n{axes}\nencoding: raw\n\n"
     silent.write_bytes(head.encode() + bytes(range(120)))
     for k in range(3):  # also copies of copies
         write_volume(
@@ -182,6 +185,7 @@ def test_written_files_keep_the_note_on_an_assumed_orientation(ending: str, tmp_
         assert [note for note in notes if "LPS assumed" in note] == [
             f"{tmp_path / f'{k}.{ending}'} was written from a file that says no orientation: LPS assumed"
         ]
+        assert sum("left-handed" in note for note in notes) == ("-.5" in axes)
 
 
 @pytest.mark.parametrize("save", ["write_volume", "save_drilled"])

@@ -168,6 +168,11 @@ def _read(
     if not single or is_dicom(name):
         return name, *read_dicom(names, name, series)
     refuse(series is not None, f"series goes with DICOM, got {name}")
+    return name, *_read_file(name, spacing, most)
+
+
+def _read_file(name: str, spacing: float | ArrayLike | None, most: int) -> tuple[Header, NDArray[Any]]:
+    """Header and values of a file that is no DICOM."""
     file_format = format_of(name)
     if file_format is None:
         raise ValueError(
@@ -183,7 +188,7 @@ def _read(
     if header.layers > most:
         three_sizes([header.layers, *header.shape[::-1]], name)
     shape = (*header.shape, header.layers) if header.layers > 1 else header.shape
-    return name, header, _read_values(layout, shape, name)
+    return header, _read_values(layout, shape, name)
 
 
 def _read_values(at: Storage, shape: tuple[int, ...], name: str) -> NDArray[Any]:

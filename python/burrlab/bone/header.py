@@ -70,7 +70,7 @@ class Header:
     def __post_init__(self) -> None:
         note = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
         with np.errstate(all="ignore"):  # `checked_direction` refuses values that are not finite
-            if np.linalg.det(self.direction) < 0:
+            if np.linalg.det(self.direction) < 0 and note not in self.notes:
                 object.__setattr__(self, "notes", (*self.notes, note))
 
 

@@ -265,6 +265,12 @@ def test_a_design_is_written_whole_and_says_its_power(design, written, power):
     found = json.loads(json.dumps(design.to_dict()))
     assert written == {key: found[key] for key in written}
     assert design_of_dict(found).to_dict() == design.to_dict()
+    for damaged in ({}, {"name": "bone"}, [1], "x"):  # of the first material
+        broken = next({**found, key: damaged} for key, x in found.items() if isinstance(x, dict))
+        with pytest.raises(
+            ValueError, match=f"design {found['design']} has a value that is missing or wrong"
+        ):
+            design_of_dict(broken)
     said = design.power(5)
     assert all(part in said for part in power)
     assert said == design.power(5)

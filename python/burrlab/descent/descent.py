@@ -201,8 +201,7 @@ def _check_arguments(
     refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
     if controller is not None:
         require_type("controller", controller, ForceController, "ForceController(2.0)")
-    if not isinstance(ideal, bool):
-        raise TypeError(f"ideal must be True or False, got {ideal!r}")
+    refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
 
 

@@ -225,8 +225,7 @@ def _checked_forces(
             "specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got "
             f"{specimen!r}"
         )
-    if not isinstance(ideal, bool):
-        raise TypeError(f"ideal must be True or False, got {ideal!r}")
+    refuse(not isinstance(ideal, bool), f"ideal must be True or False, got {ideal!r}", TypeError)
     return values
 
 

@@ -400,8 +400,11 @@ def _check_voxels(voxels: VoxelEngine | None, seed: int | None, lengths: set[str
 
 def _beliefs(known: Mapping[str, float | tuple[float, float]] | None) -> Beliefs:
     """Name, value and relative standard deviation of what is known; ValueError unless a dict of positive numbers."""
-    if not isinstance(known, (dict, type(None))):
-        raise TypeError(f"known must be a dict such as {{'c_e': (2.1, 0.1)}}, got {shown(known)}")
+    refuse(
+        not isinstance(known, (dict, type(None))),
+        f"known must be a dict such as {{'c_e': (2.1, 0.1)}}, got {shown(known)}",
+        TypeError,
+    )
     beliefs = []
     for name, pair in (known or {}).items():
         refuse(
@@ -420,8 +423,11 @@ def _beliefs(known: Mapping[str, float | tuple[float, float]] | None) -> Beliefs
 
 def _check_ranges(name: str, ranges: Bounds | None) -> None:
     """Refuse `bounds` or `plausible` unless None or a dict of positive pairs for c_e and alpha."""
-    if not isinstance(ranges, (dict, type(None))):
-        raise TypeError(f"{name} must be a dict such as {{'c_e': (1, 3)}}, got {shown(ranges)}")
+    refuse(
+        not isinstance(ranges, (dict, type(None))),
+        f"{name} must be a dict such as {{'c_e': (1, 3)}}, got {shown(ranges)}",
+        TypeError,
+    )
     for key, pair in (ranges or {}).items():
         near = nearest(key, PLAUSIBLE)
         refuse(key not in PLAUSIBLE, f"{name} may hold 'c_e' and 'alpha' alone: got {key!r}{near}")

@@ -119,8 +119,11 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
     """Refuse `uncertain` and `estimate` unless they name offsets, each once, with positive sizes."""
     if not isinstance(uncertain, (dict, type(None))):
         raise TypeError(f"uncertain must be a dict such as {{'surface': 0.05}}, got {shown(uncertain)}")
-    if isinstance(estimate, str) or not isinstance(estimate, Sequence):
-        raise TypeError(f"estimate must be a sequence such as ('force',), got {shown(estimate)}")
+    refuse(
+        isinstance(estimate, str) or not isinstance(estimate, Sequence),
+        f"estimate must be a sequence such as ('force',), got {shown(estimate)}",
+        TypeError,
+    )
     for name, size in (uncertain or {}).items():
         refuse(
             name not in OFFSETS,

@@ -58,20 +58,14 @@ def at_best_variances(
     """
     blocks, o = blocks_of(components), likelihood.observations
     forces, depths = np.append(o.force, o.pressed), np.append(np.nanmin(o.radius) / 3, o.pressed_depth)
-    steps = {
-        "force": STEP * forces.min(),
-        "surface": STEP * o.radius.max(),
-        "radius": STEP * o.radius.max(),
-        "c_e": EDGE,
-    }
     room = 0.5 * np.min(
         o.radius - np.where(np.isnan(o.window_start), WINDOW_START * o.radius, o.window_start)
     )
-    ends = {  # so that windows stay between 0 and R
-        "force": (-0.5 * forces.min(), np.inf),
-        "surface": (-0.5 * depths.min(), room),
-        "radius": (-room, np.inf),
-        "c_e": (-np.inf, np.inf),
+    reach = {  # step and ends of each offset, so that windows stay between 0 and R
+        "force": (STEP * forces.min(), -0.5 * forces.min(), np.inf),
+        "surface": (STEP * o.radius.max(), -0.5 * depths.min(), room),
+        "radius": (STEP * o.radius.max(), -room, np.inf),
+        "c_e": (EDGE, -np.inf, np.inf),
     }
     shifts = _first_shifts(likelihood, components, point)
     moved = moved_by(likelihood, components, shifts)
@@ -85,8 +79,8 @@ def at_best_variances(
         beside = shifts.copy()
         for component, block in zip(components, blocks, strict=True):
             if component.moves and isinstance(likelihood.model, MeanFieldModel):
-                u, unit = -equations.solution[block], steps[component.quantity]
-                near = np.clip(unit * np.round(u / unit), *ends[component.quantity])
+                u, (unit, *ends) = -equations.solution[block], reach[component.quantity]
+                near = np.clip(unit * np.round(u / unit), *ends)
                 beside[block] = np.where(np.abs(u - shifts[block]) > 0.75 * unit, near, shifts[block])
         if (beside != shifts).any():
             shifts, moved = beside, moved_by(likelihood, components, beside)

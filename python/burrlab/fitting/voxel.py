@@ -77,8 +77,8 @@ class VoxelEngine:
     progress: Progress | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.replicates, (int, np.integer)):
-            raise TypeError(f"replicates must be a whole number, got {self.replicates!r}")
+        whole_number = isinstance(self.replicates, (int, np.integer))
+        refuse(not whole_number, f"replicates must be a whole number, got {self.replicates!r}", TypeError)
         refuse(
             self.replicates < 2,
             f"replicates must be at least 2, to show their scatter: got {self.replicates!r}",

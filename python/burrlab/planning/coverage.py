@@ -64,10 +64,10 @@ class ExperimentPlan:
         static: Sequence[tuple[float, Sequence[float], int]] = (),
     ) -> None:
         for name, what, table in (("velocities", "forces", velocities), ("static", "depths", static)):
-            if not isinstance(table, Sequence) or not all(
-                isinstance(r, Sequence) and len(r) == 3 for r in table
-            ):
-                raise TypeError(f"{name} must be a list of (radius, {what}, repeats), got {shown(table)}")
+            rows = isinstance(table, Sequence) and all(isinstance(r, Sequence) and len(r) == 3 for r in table)
+            refuse(
+                not rows, f"{name} must be a list of (radius, {what}, repeats), got {shown(table)}", TypeError
+            )
             object.__setattr__(self, name, tuple(_series(name, what, *row) for row in table))
 
     def __repr__(self) -> str:

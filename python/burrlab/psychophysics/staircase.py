@@ -651,8 +651,11 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
         missing = parameter.default is inspect.Parameter.empty and key_of(name) not in values
         refuse(missing, f"design {kind} needs {name}, which is missing")
     present = {name: values[key_of(name)] for name in parameters if key_of(name) in values}
-    options = {name: _stimulus(x) if isinstance(x, Mapping) else x for name, x in present.items()}
-    return DESIGNS[kind](**options)
+    try:
+        options = {name: _stimulus(x) if isinstance(x, Mapping) else x for name, x in present.items()}
+        return DESIGNS[kind](**options)
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"design {kind} has a value that is missing or wrong: {error}") from None
 
 
 def _stimulus(values: Mapping[str, Any]) -> Stimulus:

@@ -71,7 +71,7 @@ def draw(path: str) -> None:
         ax.add_patch(
             FancyBboxPatch((x[name] - 0.62, -0.3), 1.24, 0.6, "round,pad=0.04", fc="#dbe9f6", ec=REFERENCE)
         )
-        ax.text(x[name], 0.06, name, ha="center", va="center", fontsize=9 if len(name) < 9 else 7)
+        ax.text(x[name], 0.06, name, ha="center", va="center", fontsize=min(9, 68 / len(name)))
         ax.text(x[name], -0.15, sizes[name], ha="center", va="center", fontsize=8, color=REFERENCE)
     ax.set(xlim=(-0.8, x["cli"] + 0.8), ylim=(-0.5, 2.7))
     ax.set_title(

@@ -241,7 +241,7 @@ def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | 
     tree, build = folder / "core", folder / "build"
     jobs = [[sys.executable, "-m", "cmake", "--build", str(build)]]
     if not tree.exists():
-        for part in ("cpp", "tests/cpp", "tests/fuzz", "CMakeLists.txt"):
+        for part in ("cpp", "tests/cpp", "tests/fuzz", "tests/stubs", "CMakeLists.txt"):
             copy_of = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
             (tree / part).parent.mkdir(parents=True, exist_ok=True)
             copy_of(ROOT / part, tree / part)

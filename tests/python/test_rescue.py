@@ -17,6 +17,7 @@ from burrlab.anatomy import default_tissues, write_tissues
 from burrlab.cli import main
 from burrlab.cli.options import save_figure
 from burrlab.common.figures import new_figure
+from burrlab.common.files import kept_elsewhere
 from burrlab.session.network import block_recipe, make_bone
 from burrlab.view.film import write_video
 
@@ -58,6 +59,15 @@ def test_kept_beside_or_among_temporary_files_or_nowhere(
     assert place == (tmp_path / "bone.h5.h5" if after == 1 else place.parent / "bone.h5")
     assert burrlab.load_bone(place)[1] == 200
     assert not Path(path).exists()
+
+
+def test_what_stands_beside_is_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    older = tmp_path / "bone.h5.h5"
+    older.write_text("older")
+    place = kept_elsewhere(str(tmp_path / "bone.h5"), "bone.h5", lambda place: Path(place).write_text("new"))
+    assert place is not None
+    assert (older.read_text(), Path(place).read_text()) == ("older", "new")
 
 
 def full_disk(trace: Path) -> None:

@@ -115,9 +115,9 @@ class CurvedSlices(AlphaSlices, ABC):
             for _ in range(_ROUNDS):
                 height, slope = self._over(g, points)
                 near, far = np.where(height <= target, g, near), np.where(height > target, g, far)
-                with np.errstate(divide="ignore", invalid="ignore"):
+                with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                     step = g - (height - target) / slope
-                last, within = g, side * (step - near) * (far - step) >= 0
+                    last, within = g, side * (step - near) * (far - step) >= 0
                 g = np.where(within & (side * (step - near) >= 0), step, (near + far) / 2)
                 if np.abs(g - last).max(initial=0.0) < _CLOSE:
                     break

@@ -168,7 +168,7 @@ def test_what_is_refused(call, error, match):
 @pytest.mark.parametrize(
     ("n", "ratio", "options", "own"),
     [
-        (3, 0.9, {"within": 0.05}, False), (6, 0.9, {"difference": 0.05}, False),
+        (3, 0.9, {"within": 0.05}, False), (3, 0.9, {"within": 0.1}, False), (6, 0.9, {"difference": 0.05}, False),
         (6, 0.9, {"difference": 0.05, "of_c_e": 0.1}, False), (12, 0.9, {}, True), (6, 0.8, {"of_c_e": 0.1}, True),
     ],
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """Two sets that share days, specimens or offsets, in one mixed model: what they share cancels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -112,13 +112,14 @@ class JointModel(RowProducts):
     ) -> None:  # fmt: skip
         self.n_fixed = 3 if one_c_e else 4
         plain = [x.plain if isinstance(x, MixedLikelihood) else x for x in likelihoods]
-        common, own = _effects_of_groups([x.observations for x in plain], varies)
+        common = _effects_of_groups([x.observations for x in plain], varies)
         offsets = [_offsets(likelihood) for likelihood in likelihoods]
         common += [(offsets[0][name][0], offsets[1][name][0]) for name in shared]
         models = []  # of each side: the common effects, its own, J and r
         for side, has in enumerate(offsets):
-            effects = [pair[side] for pair in (*common, *own)]
-            effects += [x for name, (x, _) in has.items() if name not in shared]
+            effects = [pair[side] for pair in common] + [
+                x for name, (x, _) in has.items() if name not in shared
+            ]
             shifts = [
                 has[x.quantity][1] if x.quantity in has else np.zeros(len(x.group.levels)) for x in effects
             ]
@@ -153,10 +154,9 @@ def _embedded(models: Sequence[LinearModel], n_common: int, one_c_e: bool) -> li
 _Both: TypeAlias = tuple[Component, Component]  # one of each side
 
 
-def _effects_of_groups(sides: Sequence[Observations], varies: bool) -> tuple[list[_Both], list[_Both]]:
-    """Effects of groups that both sides have in common, and those that each has: the difference varies too."""
+def _effects_of_groups(sides: Sequence[Observations], varies: bool) -> list[_Both]:
+    """Effects of groups that both sides have in common, and of their difference, which varies with one variance."""
     common: list[_Both] = []
-    own: list[_Both] = []
     names = [{group.name: group for group in side.groups} for side in sides]
     for name in (name for name in names[0] if name in names[1]):
         groups = names[0][name], names[1][name]
@@ -168,10 +168,12 @@ def _effects_of_groups(sides: Sequence[Observations], varies: bool) -> tuple[lis
             common.append((Component(first, "alpha"), Component(second, "alpha")))
         repeated = all(len(side.force) > len(group.levels) for side, group in zip(sides, groups, strict=True))
         if varies and repeated and len({*groups[0].levels} & {*groups[1].levels}) > 1:
-            own.append(
-                (Component(groups[0], "alpha", varies=True), Component(groups[1], "alpha", varies=True))
-            )
-    return common, own
+            apart = tuple(f"{side} {level}" for side in "AB" for level in levels)
+            second = Group(name, apart, second.velocity + len(levels), second.pressed + len(levels))
+            common.append((
+                Component(replace(first, levels=apart), "alpha", varies=True), Component(second, "alpha", varies=True)
+            ))  # fmt: skip
+    return common
 
 
 def _offsets(likelihood: Likelihood) -> dict[str, tuple[Component, Floats]]:

@@ -23,8 +23,8 @@ static_assert(kernel::depth_row == kernel::depth_cell * (DepthTable::columns - 1
               kernel::depth_columns_per_unit == DepthTable::columns_per_unit &&
               kernel::most_tissues == Tissues::most);
 
-// Whether a brick holds more tissues than are summed one by one in the time of a visit.
-static bool many(std::uint64_t tissues) { return std::bitset<64>(tissues).count() > 6; }
+// Whether a brick holds so many tissues that a sum for each takes longer than a visit.
+static bool too_many(std::uint64_t tissues) { return std::bitset<64>(tissues).count() > 6; }
 
 // The voxel nearest to the centre, the rest of the position, and the bricks that the sphere may touch.
 struct Tick::Placement {
@@ -98,13 +98,13 @@ void Tick::prepare_erosion(kernel::Sphere& sphere, std::uint64_t tick) const {
                  : shape_.kind() == Shape::Kind::power  ? kernel::shape_power
                                                         : kernel::shape_linear;  // y = depth
   if (const Shape::Table* table = shape_.table()) {
-    sphere.table = table->nodes.data();
+    sphere.shape_table = table->nodes.data();
     sphere.table_size = static_cast<int>(table->nodes.size() / 3);
   }
-  sphere.whole = shape_.table() && shape_.order() == 0.0 ? 1 : shape_.whole();
+  sphere.integer_order = shape_.table() && shape_.order() == 0.0 ? 1 : shape_.whole();
   sphere.exponent = shape_.order();
   sphere.power = &portable::pow;
-  sphere.depth = depth_ ? depth_->cells() : nullptr;
+  sphere.depth_table = depth_ ? depth_->cells() : nullptr;
   sphere.draws = kernel::draws(seed_, tick, index_);
 }
 
@@ -113,7 +113,7 @@ void Tick::prepare_erosion(kernel::Sphere& sphere, std::uint64_t tick) const {
 template <bool summing, bool eroding>
 TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at,
                     const kernel::Sphere& sphere, const ErosionSteps* steps) const {
-  // The code of this CPU path for this scheme and grid; by [whether the brick has several tissues].
+  // The visits of this CPU path for this scheme and grid, indexed by whether the brick's tissues differ.
   const int layer = scheme_ == Scheme::layer, isotropic = isotropic_;
   const auto& visit =
       kernel_
@@ -137,19 +137,19 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
   TickSums sums;
   const auto at_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x, bool covered_whole) {
     const std::size_t number = bone.brick_number(z, y, x);
-    const std::size_t tissue = map ? map->number(number) : 0;
+    const std::size_t tissue0 = map ? map->number(number) : 0;
     // null where all voxels have the same K and alpha
-    const std::uint8_t* tissues = map && map->varies(number) ? map->tile(number) : nullptr;
-    alignas(64) std::uint8_t before[brick_voxels];  // levels, where the loss is counted by tissue
+    const std::uint8_t* voxel_tissue = map && map->varies(number) ? map->tile(number) : nullptr;
+    alignas(64) std::uint8_t before[brick_voxels];  // levels before erosion, to count the loss by tissue
     if (eroding && map && map->tile(number)) std::memcpy(before, bone.tile(number), brick_voxels);
     const std::int64_t from[3] = {brick_side * x - at.base[0], brick_side * y - at.base[1],
                                   brick_side * z - at.base[2]};
 
     kernel::Brick brick;
-    brick.tissue = tissues;
-    brick.tissues = &tables;
-    brick.fraction_scale = eroding ? steps->scale[tissue] : 0.0f;
-    brick.doublings = eroding ? steps->doublings[tissue] : 0;
+    brick.voxel_tissue = voxel_tissue;
+    brick.tables = &tables;
+    brick.fraction_scale = eroding ? steps->scale[tissue0] : 0.0f;
+    brick.doublings = eroding ? steps->doublings[tissue0] : 0;
     brick.density = eroding ? eroded->open(number) : const_cast<std::uint8_t*>(bone.tile(number));
     brick.pristine = bone.pristine_tile(number);
     brick.level = bone.pristine_level(number);
@@ -162,27 +162,27 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
     brick.columns_in_slab = columns_in_slab;
     brick.faint = bone.has_faint(number);
 
-    // A brick that the sphere covers whole gives its stored sums; another one is visited row by row.
+    // A brick wholly inside the sphere gives its stored sums [level]; all others are visited row by row.
     kernel::Sums part{};
-    if (summing && covered_whole && !brick.faint && !(tissues && many(map->present(number)))) {
+    if (summing && covered_whole && !brick.faint && !(voxel_tissue && too_many(map->present(number)))) {
       const BrickSums& stored = bone.sums(number);
       part.mass = std::int64_t{256} * stored.mass;
       part.x = std::int64_t{256} * stored.x;
       part.y = std::int64_t{256} * stored.y;
       part.z = std::int64_t{256} * stored.z;
-      if (tissues)
+      if (voxel_tissue)
         part.stiffness = std::int64_t{256} * map->stiffness_sum(number, bone.tile(number), stored.mass);
-      if (eroding) erode_only[tissues != nullptr](sphere, brick, part);
+      if (eroding) erode_only[voxel_tissue != nullptr](sphere, brick, part);
     } else {
-      visit[tissues != nullptr](sphere, brick, part);
+      visit[voxel_tissue != nullptr](sphere, brick, part);
     }
 
-    if (summing) {  // first moments from the brick's first voxel become those from the centre's voxel
-      if (map) sums.stiffness += tissues ? part.stiffness : tables.stiffness[tissue] * part.mass;
+    if (summing) {  // moves the origin of the first moments from the brick's voxel 0 to `base`
+      if (map) sums.stiffness += voxel_tissue ? part.stiffness : tables.stiffness[tissue0] * part.mass;
       sums.mass += part.mass;
-      sums.first[0] += part.x + from[0] * part.mass;
-      sums.first[1] += part.y + from[1] * part.mass;
-      sums.first[2] += part.z + from[2] * part.mass;
+      sums.m1[0] += part.x + from[0] * part.mass;
+      sums.m1[1] += part.y + from[1] * part.mass;
+      sums.m1[2] += part.z + from[2] * part.mass;
       sums.faint += part.faint;
     }
     if (eroding)
@@ -215,7 +215,7 @@ Moments Tick::to_moments(const VoxelBone& bone, const Placement& at, const TickS
   result.m0 = static_cast<double>(sums.mass) * quantum;  // Eq. 1
   for (int axis = 0; axis < 3; ++axis) {
     const double index_sum =
-        static_cast<double>(sums.first[axis]) - at.fraction[axis] * static_cast<double>(sums.mass);
+        static_cast<double>(sums.m1[axis]) - at.fraction[axis] * static_cast<double>(sums.mass);
     result.m1[axis] = index_sum * (spacing_[axis] * quantum);
   }
   return result;

@@ -18,11 +18,11 @@ struct TissueTables;
 
 /// Exact sums of one pass over the sphere; their order does not matter.
 struct TickSums {
-  std::int64_t mass = 0;              ///< sum of M [1/256 level]
-  std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from the centre's voxel, (x, y, z)
-  std::int64_t faint = 0;             ///< part of `mass` in voxels with p < 32, where `layer` errs
-  std::int64_t lost = 0;              ///< levels removed
-  std::int64_t stiffness = 0;  ///< sum of K M, of a bone with tissues [1/4096 N/mm^2 times 1/256 level]
+  std::int64_t mass = 0;           ///< sum of M [1/256 level]
+  std::int64_t m1[3] = {0, 0, 0};  ///< sum of M times voxel index from the centre's voxel, (x, y, z)
+  std::int64_t faint = 0;          ///< part of `mass` in voxels with p < 32, where `layer` errs
+  std::int64_t lost = 0;           ///< levels removed
+  std::int64_t stiffness = 0;      ///< sum of K M, of a bone with tissues [1/4096 N/mm^2 times 1/256 level]
 };
 
 /// The sphere in the grid of one bone.

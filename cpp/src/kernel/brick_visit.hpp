@@ -27,18 +27,18 @@ struct Mass {
 
 /// K of each voxel of a row.
 inline Integer stiffness_of(const Brick& brick, unsigned row) {
-  return pick(brick.tissues->stiffness, brick.tissue + 8 * row, brick.tissues->few);
+  return pick(brick.tables->stiffness, brick.voxel_tissue + 8 * row, brick.tables->few);
 }
 
 /// A row that meets the sphere's boundary: its mass inside the sphere, added to `sum` and (times K) to
-/// `weight`, and what its erosion needs, as step i. `plain`: the brick has one pristine level, not faint, and
+/// `km_sum`, and what its erosion needs, as step i. `plain`: the brick has one pristine level, not faint, and
 /// f is a power; `mixed`: several tissues.
 template <bool layer, bool isotropic, bool summing, bool eroding, bool plain, bool mixed>
 inline void measure_row(const Sphere& at, const Brick& brick, const RowDistances& distances, Constants& c,
-                        int i, unsigned row, Steps& steps, Mass& sum, Wide& weight) {
+                        int i, unsigned row, Steps& steps, Mass& sum, Wide& km_sum) {
   const Integer q = load_row(brick.density + 8 * row);
 
-  // r, and the covered fraction w of each voxel; s of anisotropic voxels is that along the radius.
+  // r, and the covered fraction w of each voxel; for anisotropic voxels s is the spacing along the radius.
   const Float r2 = squared_distance(distances.r2, distances.x2, row);
   const Float r = square_root(r2);
   Float s_inverse = c.spacing_inverse, relative_spacing = c.relative_spacing;
@@ -52,48 +52,48 @@ inline void measure_row(const Sphere& at, const Brick& brick, const RowDistances
   const Float covered = depth * s_inverse + c.half;
   const Float w = smaller(larger(covered, c.least), c.one);
 
-  // Mass inside the sphere [1/256 level]; in `layer` the bone left lies outside the sphere first.
+  // Mass inside the sphere [1/256 level]; in `layer` the bone left fills the part outside the sphere first.
   Integer mass;
   if (layer) {
     if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + 8 * row));
     mass = positive(times256(q) - truncate(c.p_levels * (c.one - w) + c.half));
   } else {
-    mass = truncate(to_float(q) * (w * c.levels) + c.half);
+    mass = truncate(to_float(q) * (w * c.n256) + c.half);
   }
   if (summing) {  // Eq. 1: m_0 and, by index, m_1
     sum.add(row, mass);
-    if (mixed) weight = add_product(weight, mass, stiffness_of(brick, row));
+    if (mixed) km_sum = add_product(km_sum, mass, stiffness_of(brick, row));
     if (layer && !plain && brick.faint) sum.faint = sum.faint + only(set(32) > c.p, mass);
   }
 
   if (eroding) steps.row[i].number = row;
   if (eroding && layer) {
     auto& step = steps.row[i];
-    store(step.mass, to_float(mass) * c.levels);
+    store(step.mass, to_float(mass) * c.n256);
     store(step.covered, covered);
     store(step.r2, r2);
     if (!plain) store(step.p_inverse, c.p_inverse);
     if (!isotropic) store(step.relative_spacing, relative_spacing);
     if (!isotropic || !plain) store(step.depth, depth);
   }
-  if (eroding && !layer) {  // a uniform voxel erodes at f(r/R)
-    const Float x2 = r2 * c.radius2_inverse;
+  if (eroding && !layer) {  // scheme `cell`: the whole voxel erodes at f(r/R)
+    const Float ratio2 = r2 * c.radius2_inverse;
     Float f = c.one;
     if (at.shape == shape_linear) f = larger(c.one - r * c.radius_inverse, c.zero);
-    if (at.shape == shape_power) f = c.one - x2;
+    if (at.shape == shape_power) f = c.one - ratio2;
     store(steps.row[i].mass, select(mass > set(0), to_float(q) * set(65536.0f), c.zero));
-    store(steps.row[i].f, select(x2 > c.one, c.zero, f));
+    store(steps.row[i].f, select(ratio2 > c.one, c.zero, f));
   }
 }
 
-/// A row of deep voxels, covered whole: M = q, and f at their own depth, usually without a square root.
+/// A row of deep voxels, covered whole: M = q, and f at their own r; only y = depth takes a square root.
 template <bool layer, bool summing, bool eroding, bool mixed>
 inline void measure_deep_row(const Sphere& at, const Brick& brick, const RowDistances& distances,
-                             const Constants& c, int i, unsigned row, Steps& steps, Mass& sum, Wide& weight) {
+                             const Constants& c, int i, unsigned row, Steps& steps, Mass& sum, Wide& km_sum) {
   const Integer q = load_row(brick.density + 8 * row);
   if (summing) {
     sum.add(row, times256(q));
-    if (mixed) weight = add_product(weight, times256(q), stiffness_of(brick, row));
+    if (mixed) km_sum = add_product(km_sum, times256(q), stiffness_of(brick, row));
     if (layer && brick.faint) {
       const Integer p = brick.pristine ? load_row(brick.pristine + 8 * row) : c.p;
       sum.faint = sum.faint + only(set(32) > p, times256(q));
@@ -115,7 +115,7 @@ inline void measure_deep_row(const Sphere& at, const Brick& brick, const RowDist
 
 inline void sum_over_lanes(const Mass& sum, bool faint, Sums& sums) {
   Integer total = sum.by_y[0], above = sum.by_y[7], by_y = above, by_z = set(0);
-  for (int y = 6; y > 0; --y) {  // sum of y M as a sum of sums from above
+  for (int y = 6; y > 0; --y) {  // sum of y M as a sum of partial sums, without products
     above = above + sum.by_y[y];
     by_y = by_y + above;
   }
@@ -149,27 +149,27 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   Constants c(at, brick);
   Steps steps;
   Mass mass;
-  Wide weight = wide_zero();
+  Wide km_sum = wide_zero();
   int count = 0;  // rows measured
   const bool plain = layer && !brick.pristine && !brick.faint && at.shape == shape_power;
   if (plain) {
     for (RowSet left = visited.shallow; left; left &= left - 1)
       measure_row<layer, isotropic, summing, eroding, true, mixed>(at, brick, distances, c, count++,
-                                                                   lowest(left), steps, mass, weight);
+                                                                   lowest(left), steps, mass, km_sum);
   } else {
     for (RowSet left = visited.shallow; left; left &= left - 1)
       measure_row<layer, isotropic, summing, eroding, false, mixed>(at, brick, distances, c, count++,
-                                                                    lowest(left), steps, mass, weight);
+                                                                    lowest(left), steps, mass, km_sum);
   }
   const int shallow = count;
   for (RowSet left = visited.deep; left; left &= left - 1)
     measure_deep_row<layer, summing, eroding, mixed>(at, brick, distances, c, count++, lowest(left), steps,
-                                                     mass, weight);
+                                                     mass, km_sum);
   if (summing) sum_over_lanes(mass, layer && brick.faint, sums);
-  if (summing && mixed) sums.stiffness = total(weight);
+  if (summing && mixed) sums.stiffness = total(km_sum);
   if (!eroding) return;
 
-  // f of each voxel: in `layer` at the effective depth of its bone. A table gives y at a depth; f = y^k.
+  // y of each voxel, in `layer` at the effective depth of its bone, by the depth table; then f = y^k.
   if (layer && at.shape == shape_constant) {
     for (int i = 0; i < shallow; ++i) store(steps.row[i].f, c.one);
   } else if (layer) {
@@ -178,16 +178,16 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
     else
       locate_in_table<isotropic, false>(c, steps, shallow);
     if (at.shape == shape_power)
-      find_f<isotropic, true>(at.depth, c, steps, shallow);
+      find_f<isotropic, true>(at.depth_table, c, steps, shallow);
     else
-      find_f<isotropic, false>(at.depth, c, steps, shallow);
+      find_f<isotropic, false>(at.depth_table, c, steps, shallow);
   }
-  if (at.table) read_shape_table(at, steps, count);
-  if (at.shape != shape_constant && at.whole != 1) raise_to_power(at, steps, count);
+  if (at.shape_table) read_shape_table(at, steps, count);
+  if (at.shape != shape_constant && at.integer_order != 1) raise_to_power(at, steps, count);
 
-  // The loss of each voxel: lambda = M (1 - exp(-alpha f dt)), rounded by its random number U.
+  // The loss of each voxel: lambda = M (1 - exp(-alpha f dt)), rounded at random by U (Russian roulette).
   draw_slabs(at, brick, visited.shallow | visited.deep, steps.u);
-  if (mixed ? brick.tissues->most_doublings : brick.doublings)
+  if (mixed ? brick.tables->most_doublings : brick.doublings)
     remove_levels<true, mixed>(at, brick, c, steps, count);
   else
     remove_levels<false, mixed>(at, brick, c, steps, count);

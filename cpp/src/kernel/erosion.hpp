@@ -80,7 +80,7 @@ inline void find_f(const float* depth_table, const Constants& c, Steps& steps, i
 
 /// From depths to y of a table. Lane by lane: nodes may stand at any depths.
 BURRLAB_APART void read_shape_table(const Sphere& at, Steps& steps, int count) {
-  const float *depth = at.table, *value = depth + at.table_size, *slope = value + at.table_size;
+  const float *depth = at.shape_table, *value = depth + at.table_size, *slope = value + at.table_size;
   for (int i = 0; i < count; ++i) {
     for (float& each : steps.row[i].f) {
       int node = 0;  // the last one that is not deeper
@@ -93,12 +93,12 @@ BURRLAB_APART void read_shape_table(const Sphere& at, Steps& steps, int count) {
 
 inline void raise_to_power(const Sphere& at, Steps& steps, int count) {  // y to y^k
   for (int i = 0; i < count; ++i) {
-    if (at.whole == 0) {
+    if (at.integer_order == 0) {
       for (float& y : steps.row[i].f) y = static_cast<float>(at.power(static_cast<double>(y), at.exponent));
     } else {
       const Float y = load(steps.row[i].f);
       Float f = y;
-      for (int k = 1; k < at.whole; ++k) f = f * y;
+      for (int k = 1; k < at.integer_order; ++k) f = f * y;
       store(steps.row[i].f, f);
     }
   }
@@ -126,12 +126,12 @@ BURRLAB_RARE Integer break_ties(const Sphere& at, const Brick& brick, unsigned r
 template <bool doubling, bool mixed>
 inline void remove_levels(const Sphere& at, const Brick& brick, const Constants& c, Steps& steps, int count) {
   const Float c1 = set(ErodedFraction::c1), c2 = set(ErodedFraction::c2), c3 = set(ErodedFraction::c3);
-  const TissueTables* tables = brick.tissues;
+  const TissueTables* tables = brick.tables;
   const int doublings = mixed ? tables->most_doublings : brick.doublings;
   std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {
     auto& step = steps.row[i];
-    const std::uint8_t* tissue = brick.tissue + (mixed ? 8 * step.number : 0);
+    const std::uint8_t* tissue = brick.voxel_tissue + (mixed ? 8 * step.number : 0);
     const Float y =
         (mixed ? pick(tables->fraction_scale, tissue, tables->few) : c.fraction_scale) * load(step.f);
     Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)

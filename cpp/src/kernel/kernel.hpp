@@ -31,11 +31,11 @@ struct Sphere {
   float outer2;                                   // a voxel beyond this r2 has w = 0
   float deep2;                                    // a voxel within this r2 is deep
   ShapeKind shape;
-  int whole;  // the exponent of y if it is a whole number, else 0
+  int integer_order;  // the exponent of y if it is a whole number, else 0
   double exponent;
   double (*power)(double y, double k);  // for exponents that are not whole
-  const float* depth;                   // DepthTable::cells(); null if f needs no depth
-  const float* table;                   // Shape::Table::nodes of y over the depth, or null
+  const float* depth_table;             // DepthTable::cells(); null if f needs no depth
+  const float* shape_table;             // Shape::Table::nodes of y over the depth, or null
   int table_size;                       // of each of its three parts
   Draws draws;
 };
@@ -56,14 +56,14 @@ struct Brick {
   std::uint8_t* density;         // 512 levels (z, y, x)
   const std::uint8_t* pristine;  // 512 levels, or null if all are `level`
   int level;
-  bool faint;                     // some p lie in 1..31
-  int x, y, z;                    // first voxel, from the voxel nearest to the centre
-  std::uint32_t column;           // number of its first column
-  std::uint32_t columns_in_slab;  // from one z to the next
-  const std::uint8_t* tissue;     // 512 numbers, or null if all have the same K,
-  float fraction_scale;           // its a_k
-  int doublings;                  // and k
-  const TissueTables* tissues;    // if `tissue` is not null
+  bool faint;                        // some p lie in 1..31
+  int x, y, z;                       // first voxel, from the voxel nearest to the centre
+  std::uint32_t column;              // number of its first column
+  std::uint32_t columns_in_slab;     // from one z to the next
+  const std::uint8_t* voxel_tissue;  // 512 numbers, or null if all have the same K,
+  float fraction_scale;              // its a_k
+  int doublings;                     // and k
+  const TissueTables* tables;        // if `voxel_tissue` is not null
 };
 
 /// Exact sums. Before the erosion: of M, of M times the voxel's index 0..7 in the brick, of M where p < 32,

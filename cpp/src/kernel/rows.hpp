@@ -29,7 +29,7 @@ inline unsigned lowest(RowSet bits) {
 /// Constants of the tick, in lanes. Local to a visit, so that no store to the bone can alias them and the
 /// compiler keeps them in registers.
 struct Constants {
-  Float zero = set(0.0f), one = set(1.0f), half = set(0.5f), two = set(2.0f), levels = set(256.0f);
+  Float zero = set(0.0f), one = set(1.0f), half = set(0.5f), two = set(2.0f), n256 = set(256.0f);
   Float least = set(0x1p-20f);  // least w: never 0, as it divides
   Float spacing, spacing_inverse, relative_spacing, radius, radius_inverse, radius2_inverse, deep2,
       fraction_scale;
@@ -49,8 +49,8 @@ struct Constants {
   }
   void set_pristine(Integer level) {
     p = level;
-    p_levels = larger(to_float(level), one) * levels;  // an empty voxel would divide by zero
-    p_inverse = one / (p_levels * levels);
+    p_levels = larger(to_float(level), one) * n256;  // an empty voxel would divide by zero
+    p_inverse = one / (p_levels * n256);
   }
 };
 

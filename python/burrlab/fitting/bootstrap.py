@@ -175,11 +175,11 @@ def redrawn_effects(
     for rows in fitted.linear.rows:
         if rows.name == "velocity":
             runs = np.array(o.run_number)
-            order = -rows.order[np.unique(runs[rows.at], return_inverse=True)[1]][
+            order = -rows.drift[np.unique(runs[rows.at], return_inverse=True)[1]][
                 np.searchsorted(np.unique(runs), runs)
             ]
     for x, variance in zip(fitted.components, fitted.equations.effect2.tolist(), strict=True):
-        drawn = told[x.quantity] if x.told else variance**0.5 * random.standard_normal(len(x.group.levels))
+        drawn = told[x.quantity] if x.sought else variance**0.5 * random.standard_normal(len(x.group.levels))
         u = np.append(drawn, 0.0)  # a level of -1 has no effect
         if x.quantity in OFFSETS:
             true = true.moved(x.quantity, u[x.group.velocity], u[x.group.pressed])

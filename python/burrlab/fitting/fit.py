@@ -125,12 +125,12 @@ def fit(
         has an offset of its own; each day, with ``{"force": (0.02, "day")}``.
     estimate : sequence of str, optional
         Offsets that the data shall tell, one for all: ``"force"`` (a tare, or a friction that must be overcome),
-        ``"surface"``, ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). They are
-        taken within half the median force, R/10, and a factor of e (standard deviations, ours): more than data that
+        ``"surface"``, ``"radius"``; and ``"order"``, a drift of ln v from the first run to the last (wear). Each has a
+        normal prior, of standard deviation half the median force, R/10 or 1 in ln v (our choice): wider than data that
         tell them leave open.
     share : ("c_e", "alpha"), ("c_e",) or ("alpha",)
-        What several data sets have in common. With c_e alone, such as of two drills in one bone, each has an alpha of
-        its own, with alpha alone a c_e: `alpha` or `c_e` is then that of the first, and `effects` has ln of the others'
+        What several data sets have in common. Without alpha, such as of two drills in one bone, each has an alpha of
+        its own; without c_e, a c_e: `alpha` or `c_e` is then that of the first, and `effects` has ln of the others'
         over it.
     known : dict, optional
         ``{"c_e": (value, standard deviation)}`` from elsewhere [N/mm^2], or of ``"alpha"`` [1/ms]; a value alone is
@@ -228,37 +228,37 @@ def fit(
     box = _box(likelihood, bounds)
     # walk
     domain = Domain.of(likelihood, box, bounds)
-    starts, missed = _searched(likelihood, domain, box)
+    searches, missed = _searched(likelihood, domain, box)
     table, failure = None, ""
     record: tuple[Point, ...] = ()
     if voxels is not None:
-        mean_field = starts[0].end
+        mean_field = searches[0].end
         descents = Descents(observations, shape, voxels, seed).tabulate(likelihood, box, mean_field)
-        starts = (Start("from mean-field", mean_field, mean_field, np.inf, "FAILURE", 0),)
+        searches = (Start("from mean-field", mean_field, mean_field, np.inf, "FAILURE", 0),)
         if isinstance(descents, str):
             failure = descents
         else:
             table, record = descents
             likelihood = Likelihood(observations, kind, VoxelModel(observations, shape, table), beliefs)
-            searches, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field))
-            starts = searches or starts
-            failure = "" if searches else "No c_e within its bounds gave every row a velocity."
+            found, missed = _searched(likelihood, domain, box, ("from mean-field", mean_field))
+            searches = found or searches
+            failure = "" if found else "No c_e within its bounds gave every row a velocity."
     if mixed and not failure:
-        end = starts[0].end
+        end = searches[0].end
         likelihood, end = at_best_variances(likelihood, components, end, (box.lower[0], box.upper[0]))
         box = _box(likelihood, bounds)  # offsets move the bounds that windows set
         domain = Domain.of(likelihood, box, bounds)
-        starts, missed = _searched(likelihood, domain, box, ("at the effects' variances", end))
-    best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
+        searches, missed = _searched(likelihood, domain, box, ("at the effects' variances", end))
+    best = min(searches, key=lambda start: start.objective) if missed > FLAT else searches[0]
     likelihood = likelihood.about(best.end)
     # intervals and verdict
     evidence, lack, status, reason = None, None, "not-converged", failure
     if not failure:
         lack = lack_of_fit(likelihood, best.end)
-        at = bound_reached(observations, box, best.end)
-        evidence = _weighed(likelihood, shape, domain, best.end, table, sets, bounds, plausible, at, lack)
+        hit = bound_reached(observations, box, best.end)
+        evidence = _weighed(likelihood, shape, domain, best.end, table, sets, bounds, plausible, hit, lack)
         status, reason = status_of(
-            len(observations), at, starts, best, evidence.ridge, missed, evidence.doubt
+            len(observations), hit, searches, best, evidence.ridge, missed, evidence.doubt
         )
     radii, name = sorted(set(observations.radius.tolist())), "mean-field" if voxels is None else "voxel"
     return Fit(
@@ -269,7 +269,7 @@ def fit(
         residual_kind=residuals,
         status=status,
         reason=reason,
-        starts=starts,
+        starts=searches,
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
         given_bounds=given_bounds,
         evidence=evidence,
@@ -278,7 +278,7 @@ def fit(
         engine=name,
         table=table,
         seed=seed,
-        evaluations=sum(start.evaluations for start in starts),
+        evaluations=sum(start.evaluations for start in searches),
         seconds=time.perf_counter() - begin,
         record=record,
         data=sets,
@@ -526,7 +526,7 @@ def _weighed(
     data: Sequence[Data],
     bounds: Bounds,
     plausible: Bounds | None,
-    at: str,
+    hit: str,
     lack: HypothesisTest | None,
 ) -> Evidence:
     """The evidence at a fit.
@@ -546,7 +546,7 @@ def _weighed(
         Given bounds.
     plausible : dict or None
         Plausible range of c_e and alpha.
-    at : str
+    hit : str
         Sentence on the bound that the fit ended at, or empty.
     lack : HypothesisTest or None
         The test of lack of fit.
@@ -590,11 +590,11 @@ def _weighed(
         rows,
         mixed,
     )
-    status = evidence.doubt[0] if evidence.doubt else "at-bound" if at else ""
+    status = evidence.doubt[0] if evidence.doubt else "at-bound" if hit else ""
     conclusion = sentence(o, intervals["c_e"]["95"], intervals["alpha"]["95"], profiled.identified, status)
     texts = (
         fits.sentence,
-        at,
+        hit,
         *doubts(likely, o, rows),
         "Try residuals='student', which bear them."
         if rows and likelihood.kind == "relative" and mixed is None and not o.slow.size

@@ -37,7 +37,7 @@ class Model(Protocol):
         """The erosion shape."""
 
     def unit(self, c_e: ArrayLike) -> Floats:
-        """Velocity [mm/s] at alpha = 1 /ms, shape of c_e and (n,); NaN where c_e leaves no window."""
+        """Velocity [mm/s] at alpha = 1 /ms, shape (*c_e.shape, n); NaN where static contact passes the window."""
 
     def log_unit(self, c_e: ArrayLike) -> Floats:
         """Logarithm of `unit`."""
@@ -62,14 +62,14 @@ class MeanFieldModel:
     def _arrange(self, observations: Observations) -> None:
         self._n = len(observations.force)
         self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
-        #: the number of each row's prediction, which equal rows share
-        self.group: Rows = np.empty(self._n, np.intp)
+        #: index of each row's prediction in `log_predictions`; equal rows share one
+        self.prediction: Rows = np.empty(self._n, np.intp)
         n_groups = 0
         both = np.stack([observations.force / observations.radius**2, observations.radius])
         for (start, end), rows in observations.by_window().items():
             (pressure, radius), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
             self._groups.append((start, end, pressure, radius, rows, inverse))
-            self.group[rows] = n_groups + inverse
+            self.prediction[rows] = n_groups + inverse
             n_groups += len(pressure)
 
     def unit(self, c_e: ArrayLike) -> Floats:
@@ -80,8 +80,8 @@ class MeanFieldModel:
         """See `Model`."""
         return self._rows(c_e, np.log)
 
-    def log_groups(self, c_e: Floats) -> Floats:
-        """`log_unit` of each number of `group`, shape (len(c_e), numbers)."""
+    def log_predictions(self, c_e: Floats) -> Floats:
+        """`log_unit` of each distinct prediction, shape (len(c_e), predictions)."""
         tables = []
         for start, end, pressure, radius, _, _ in self._groups:
             log_phi = np.log(pressure) - np.log(c_e)[:, None]
@@ -99,9 +99,9 @@ class MeanFieldModel:
         return velocities.T.reshape(*stiffness.shape, self._n)
 
 
-#: Error of the master curve against single descents, 0.2 % [1]; a smaller scatter cannot be told from it.
+#: Relative error of the master curve against single descents, 0.2 %; a smaller scatter cannot be told from it.
 MODEL_ERROR = 2e-3
-_MANY = 1000  # rows above which those of equal prediction are summed once; the others keep their last bits
+_MANY = 1000  # above so many rows, those of equal prediction are summed once; fewer keep their old rounding
 _TABLE = 1 << 18  # numbers that one table of c_e and rows holds: 2 MB, so that it stays in the cache
 
 
@@ -113,9 +113,9 @@ class LinearRows:
     known: bool
     J: Floats  # shape (rows, 2)
     r: Floats
-    n: int  # rows that are free
-    at: Rows  # of each: which velocity row, of a run its first, or which pressed row; empty for beliefs
-    order: Floats  # derivative by a drift of log v, by 1 from the first run to the last
+    n: int  # independent rows: K - 1 of a run of K segments
+    at: Rows  # the velocity row (of a run its first) or pressed row that each comes from; empty for beliefs
+    drift: Floats  # derivative by the drift of log v from the first run to the last
 
 
 class Likelihood:
@@ -131,7 +131,7 @@ class Likelihood:
     model : Model
     beliefs : tuple of (str, float, float)
         What is known of ``"c_e"`` and ``"alpha"`` from elsewhere: name, value and relative standard deviation. They
-        are rows of their own, which count where effects do (`MixedLikelihood`).
+        are rows of their own, whose -2 log L `MixedLikelihood` alone counts.
 
     Notes
     -----
@@ -185,7 +185,6 @@ class Likelihood:
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
         #: of a squared scatter: the square of the model's own error, in the unit of the residuals
         self.floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
-        #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._slow: tuple[MeanFieldModel, Floats] | None = None
         if observations.slow.size:
             refuse(
@@ -195,6 +194,7 @@ class Likelihood:
                 raise ValueError("runs that were too slow need the mean-field engine")
             slow = observations.slow_rows()
             self._slow = model.for_rows(slow), np.log(slow.velocity)
+        #: the model, and weight and mean of the rows that share a prediction, and their squares about the means
         self._shared: tuple[MeanFieldModel, Floats, Floats, float] | None = None
         if (
             isinstance(model, MeanFieldModel)
@@ -204,9 +204,9 @@ class Likelihood:
         ):
             y = np.log(observations.velocity) if self.log else observations.velocity
             weights = observations.sigma**-2 if self.known else np.ones(len(y))
-            weight = np.asarray(np.bincount(model.group, weights), np.float64)
-            mean = np.bincount(model.group, weights * y) / weight
-            self._shared = model, weight, mean, float(np.sum(weights * (y - mean[model.group]) ** 2))
+            weight = np.asarray(np.bincount(model.prediction, weights), np.float64)
+            mean = np.bincount(model.prediction, weights * y) / weight
+            self._shared = model, weight, mean, float(np.sum(weights * (y - mean[model.prediction]) ** 2))
 
     def about_curves(self, c_e: float, alpha: float) -> tuple[Floats, Floats]:
         """Derivatives, shape (n, 2), and residuals of the curves' rows about the best fit to these alone.
@@ -220,18 +220,18 @@ class Likelihood:
     def linear_rows(self, c_e: float, alpha: float) -> list[LinearRows]:
         """All rows near a point, by scatter."""
         segments = np.concatenate([np.empty(0, np.intp), *self._runs])
-        velocity, tables, run = (
+        velocity_rows, tables, run = (
             self.first_rows,
             [],
             np.unique(self.observations.run_number, return_inverse=True)[1],
         )
         rise = run / max(run.max(initial=0), 1) - 0.5
         for name, known, J, r, n in self._derivatives(c_e, alpha):
-            at = {"velocity": velocity, "segments": segments, "force": np.arange(len(r))}.get(
-                name, velocity[:0]
+            at = {"velocity": velocity_rows, "segments": segments, "force": np.arange(len(r))}.get(
+                name, velocity_rows[:0]
             )
-            order = -rise[at] if name == "velocity" else np.zeros(len(r))
-            tables.append(LinearRows(name, known, J, r, n, at, order))
+            drift = -rise[at] if name == "velocity" else np.zeros(len(r))
+            tables.append(LinearRows(name, known, J, r, n, at, drift))
         return tables
 
     def of_rows(self, observations: Observations, model: Model) -> "Likelihood":
@@ -365,7 +365,7 @@ class Likelihood:
         self, stiffness: Floats, model: MeanFieldModel, weight: Floats, mean: Floats, squares: float
     ) -> tuple[Floats, Floats, Floats]:
         """A, B and m from the means of the rows that share a prediction."""
-        r = model.log_groups(stiffness)
+        r = model.log_predictions(stiffness)
         if self.log:
             np.subtract(mean, r, out=r)
             m, B = np.einsum("ij,j->i", r, weight) / self.n, np.full(len(stiffness), float(self.n))

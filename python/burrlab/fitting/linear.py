@@ -5,9 +5,9 @@ Near a fit the residuals r of all rows are linear in the step d = (d log c_e, d 
     r = - J d - Z u + e,   u ~ N(0, tau^2),   e ~ N(0, sigma^2),
 
 where J are the derivatives of the residuals. A day shifts log alpha of its rows, a specimen log c_e and log alpha:
-the columns of Z are those of J in the rows of a level and 0 elsewhere. An offset is what was measured less than is
-true, of force, of depth (the surface) or of the radius: its columns are the derivatives of the residuals by it. tau
-is estimated by REML, or given; an offset that the data shall tell has next to no distribution.
+the columns of Z are those of J in the rows of a level and 0 elsewhere. An offset is the true less the measured
+force, depth (the surface) or radius: its columns are the derivatives of the residuals by it. tau
+is estimated by REML, or given; it is large for an offset that the fit estimates as a parameter.
 
 References
 ----------
@@ -36,9 +36,9 @@ Uncertain: TypeAlias = Mapping[str, float | tuple[float, str]]
 #: Offsets, and their units
 OFFSETS = {"force": "N", "surface": "mm", "radius": "mm"}
 OWN = 3.0  # standard deviation of ln c_e or ln alpha of data sets that have one each: a factor of 20 (ours)
-_RIDGE = 1e-10  # of the information's trace, added to it: along a ridge it has one direction alone
+_DIAGONAL = 1e-10  # of the information's trace, added to its diagonal: on a ridge it is singular
 EDGE = 1e-4  # relative distance of c_e from the bound that a window sets
-STEP = 0.005  # of radius and least force: offsets that the rows are moved by are multiples, so that windows recur
+STEP = 0.005  # in radii or least forces: rows are moved by multiples of it, so that equal windows recur
 _REACH = 3.6  # standard deviations of an offset, over which it is differenced and taken in parts
 _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest step of their differences
 
@@ -47,24 +47,24 @@ _PART, _WIDE = 1e-3, 0.3  # of each force and pressed depth: least and largest s
 class Component:
     """One quantity that differs between the levels of a group, and their standard deviation where it is given.
 
-    `told` is an offset of one level that the data shall tell, a parameter of the fit; or c_e or alpha of data sets.
+    `sought`: the fit estimates it as a parameter: an offset of one level, or c_e or alpha of data sets.
     """
 
     group: Group
     quantity: str  # "c_e", "alpha", "order" or an offset
     deviation: float | None = None
-    told: bool = False
+    sought: bool = False
     varies: bool = False  # of a pair: by how much the difference of two sets varies
 
     @property
     def moves(self) -> bool:
         """Whether rows are moved by it, as its effect is not linear; of alpha and days it is."""
-        return self.quantity in OFFSETS or (self.told and self.quantity == "c_e")
+        return self.quantity in OFFSETS or (self.sought and self.quantity == "c_e")
 
     def of_rows(self, o: Observations) -> "Component":
         """The same of other rows."""
         groups = {group.name: group for group in (o.sets, *o.groups)}
-        return replace(self, group=_told_group(o, self.quantity) if self.told else groups[self.group.name])
+        return replace(self, group=_levels_of(o, self.quantity) if self.sought else groups[self.group.name])
 
 
 def components_of(
@@ -104,12 +104,12 @@ def components_of(
     weak = {"force": force, "surface": lengths, "radius": lengths, "order": 1.0, "c_e": OWN, "alpha": OWN}
     return (
         *components,
-        *(Component(_told_group(observations, name), name, weak[name], True) for name in estimate),
+        *(Component(_levels_of(observations, name), name, weak[name], True) for name in estimate),
     )
 
 
-def _told_group(o: Observations, quantity: str) -> Group:
-    """Where what the data shall tell differs: c_e and alpha between the first data set and others, all else nowhere."""
+def _levels_of(o: Observations, quantity: str) -> Group:
+    """The levels of a parameter: of c_e and alpha the data sets after the first, else one level for all rows."""
     if quantity in ("c_e", "alpha"):
         return Group(o.sets.name, o.sets.levels[1:], o.sets.velocity - 1, o.sets.pressed - 1)
     return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
@@ -144,7 +144,7 @@ def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
 
 
 def moved_by(likelihood: Likelihood, components: Sequence[Component], shifts: Floats) -> Likelihood:
-    """The likelihood of the rows as they were with some offsets; `shifts` has a number for each level."""
+    """The likelihood of the rows as they would be with some offsets; `shifts` has a number for each level."""
     o = likelihood.observations
     for component, block in zip(components, blocks_of(components), strict=True):
         u = np.append(shifts[block], 0.0)  # a level of -1 has none
@@ -191,7 +191,7 @@ class RowProducts:
 class LinearModel(RowProducts):
     """The rows of a likelihood near a point, as cross products of [Z, J, r] for each scatter.
 
-    The rows are as they were with the offsets of `shifts`; r is extrapolated from there to no offset.
+    The rows are as they would be with the offsets of `shifts`; r is extrapolated from there to no offset.
     """
 
     def __init__(
@@ -206,7 +206,7 @@ class LinearModel(RowProducts):
         self.n = np.array([float(rows.n) for rows in self.rows])
         residuals = [rows.r for rows in self.rows]
         self.slopes = {
-            x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.told else x.deviation)
+            x.quantity: Slopes(likelihood, x.quantity, self.rows, 0.0 if x.sought else x.deviation)
             for x in components
         }
         columns = {name: slopes.at(point[0], residuals) for name, slopes in self.slopes.items()}
@@ -237,7 +237,7 @@ class Slopes:
         self, likelihood: Likelihood, quantity: str, tables: Sequence[LinearRows], deviation: float | None
     ) -> None:
         self.quantity, self.tables, o = quantity, tables, likelihood.observations
-        self.beside: list[Likelihood] = []  # of an offset: less and more of it
+        self.beside: list[Likelihood] = []  # for an offset: with more of it, then with less
         self.of_offset = quantity in OFFSETS
         if not self.of_offset:
             return
@@ -256,12 +256,12 @@ class Slopes:
             ),
             "radius": (np.full(len(o.force), windows), np.full(len(o.pressed), windows)),
         }
-        velocity, pressed = steps[quantity]
+        v_steps, p_steps = steps[quantity]
         for sign in (1, -1):
-            there = o.moved(quantity, sign * velocity, sign * pressed)
+            there = o.moved(quantity, sign * v_steps, sign * p_steps)
             self.beside.append(likelihood.of_rows(there, MeanFieldModel(there, likelihood.model.shape)))
         self._steps = [
-            (pressed if rows.name == "force" else velocity)[rows.at] if len(rows.at) else np.ones(len(rows.r))
+            (p_steps if rows.name == "force" else v_steps)[rows.at] if len(rows.at) else np.ones(len(rows.r))
             for rows in tables
         ]
 
@@ -270,7 +270,7 @@ class Slopes:
         if self.quantity in ("c_e", "alpha"):
             return [rows.J[:, ("c_e", "alpha").index(self.quantity)] for rows in self.tables]
         if self.quantity == "order":
-            return [rows.order for rows in self.tables]
+            return [rows.drift for rows in self.tables]
         slopes, (above, below) = [], (beside.residuals(c_e, 1.0) for beside in self.beside)
         for r, step, (_, _, up, _), (_, _, down, _) in zip(residuals, self._steps, above, below, strict=True):
             lost = ~np.isfinite(up) | ~np.isfinite(down)  # a window ends there: from one side
@@ -282,7 +282,7 @@ class Slopes:
 class MixedEquations:
     """The mixed model's equations at given variances (Henderson's).
 
-    With S the rows' scatter, W = [Z, J] and D the effects' variances, M = (W' S^-1 W + D^-1)^-1 and
+    With S the rows' scatter, W = [Z, J], D the effects' variances, C = W' S^-1 W and c = W' S^-1 r: M = (C + D^-1)^-1,
     P = S^-1 - S^-1 W M W' S^-1. All products are of the size of W' W, however many rows there are.
     """
 
@@ -294,7 +294,7 @@ class MixedEquations:
         self.variance = np.full(len(self.c), np.inf)  # of each column; infinite for c_e and alpha
         random = np.zeros(len(self.c), np.bool_)
         for x, block, variance in zip(model.components, model.blocks, effect2, strict=True):
-            self.variance[block], random[block] = variance, not x.told
+            self.variance[block], random[block] = variance, not x.sought
         self.M, H = self.inverse(np.arange(len(self.c)))
         self.log_determinant = float(np.linalg.slogdet(H)[1])  # |V| |J' V^-1 J| over that of S
         self.log_determinant_random = float(
@@ -313,9 +313,9 @@ class MixedEquations:
         random = np.isfinite(variance)
         scale = np.where(random, np.sqrt(np.where(random, variance, 1.0)), 1.0)
         H = scale[:, None] * C * scale
-        ridge = _RIDGE * np.einsum("...ii->...i", H)[..., ~random].sum(axis=-1)
+        added = _DIAGONAL * np.einsum("...ii->...i", H)[..., ~random].sum(axis=-1)
         at = np.arange(len(columns))
-        H[..., at, at] += np.where(random, 1.0, np.expand_dims(ridge, -1))
+        H[..., at, at] += np.where(random, 1.0, np.expand_dims(added, -1))
         return scale[:, None] * np.linalg.inv(H) * scale, H
 
     def criterion(self, restricted: bool = True) -> float:
@@ -333,7 +333,7 @@ class MixedEquations:
         return np.flatnonzero(~self.model.known).tolist()
 
     @cached_property
-    def blocks(self) -> list[slice]:
+    def estimated_blocks(self) -> list[slice]:
         """Columns of the effects whose size is estimated."""
         return [self.model.blocks[k] for k in self.model.estimated]
 
@@ -345,12 +345,12 @@ class MixedEquations:
             G, s2 = self.model.products[k], self.scatter2[k]
             residual = G[-1, -1] - 2 * G[:-1, -1] @ b + b @ G[:-1, :-1] @ b
             slopes.append(self.model.n[k] / s2 - np.sum(self.M * self.by_scatter[k]) - residual / s2**2)
-        slopes += [np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.blocks]
+        slopes += [np.trace(self.WPW[block, block]) - q[block] @ q[block] for block in self.estimated_blocks]
         return np.array(slopes)
 
     def uncertainty(self) -> MixedCalibration:
         """The covariance of the step, and how it varies with the variances, by Kenward and Roger."""
-        M, G, blocks = self.M, self.by_scatter, self.blocks
+        M, G, blocks = self.M, self.by_scatter, self.estimated_blocks
         fixed = slice(len(M) - self.model.n_fixed, None)
         m, rest = M[:, fixed], np.eye(len(M)) - M @ self.C  # V^-1 J Phi = S^-1 W m
         weights = [(self.C @ m)[block] for block in blocks]
@@ -388,7 +388,7 @@ class MixedEquations:
 def reml(model: RowProducts) -> MixedEquations:
     """The equations at the variances of the highest restricted likelihood.
 
-    It is sought from all scatter within groups, and from as much between them as the rows show.
+    The search begins twice: at all scatter within groups, and at the split between and within that the rows show.
     """
     free, n_effects = np.flatnonzero(~model.known), len(model.estimated)
     whole, within = np.ones((2, len(model.n)))

@@ -42,7 +42,7 @@ _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
-_APART = 0.04  # of the bound of c_e: by how much it differs between parts of an offset's distribution
+_APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
 
 
@@ -160,10 +160,10 @@ class _Part:
 
     likelihood: Likelihood
     slopes: Mapping[str, Slopes]
-    shifts: Floats  # of effects that are not about the middle
-    variance: Floats  # of each column after the turn
-    turn: Floats  # of the effects' columns
-    weight: float  # -2 log of its share
+    shifts: Floats  # of effects that count from 0, not from the middle
+    variance: Floats  # of each column in the new basis
+    turn: Floats  # change of basis of the effects' columns
+    minus2: float  # -2 log of its share
     by: Floats  # what its rows are moved by, a number for each level
 
 
@@ -173,7 +173,7 @@ class MixedLikelihood(Likelihood):
     Parameters
     ----------
     plain : Likelihood
-        Of the rows as they were with the offsets of `shifts`.
+        Of the rows as they would be with the offsets of `shifts`.
     components : sequence of Component
     point : (c_e, alpha)
         Where the effects' columns are taken [N/mm^2], [1/ms].
@@ -192,12 +192,12 @@ class MixedLikelihood(Likelihood):
         model = LinearModel(plain, components, point, shifts)
         self.linear, self.equations = model, MixedEquations(model, scatter2, effect2)
         for component, block in zip(self.components, model.blocks, strict=True):
-            if component.told and component.quantity == "alpha":
+            if component.sought and component.quantity == "alpha":
                 self.own_alpha = np.append(-self.equations.solution[block], 0.0)[component.group.velocity]
         self._parts = self._nodes(plain, model) or [
             _Part(plain, model.slopes, shifts, self.equations.variance[:-2], np.eye(len(shifts)), 0.0, shifts)
         ]
-        if len(self._parts) > 1:  # the bounds of c_e are those of the offsets that leave it most
+        if len(self._parts) > 1:  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
             hard = self.observations.c_e_bounds().max()
             eased = min(float(o.c_e_bounds().max()) for o in rows) / hard
@@ -210,7 +210,7 @@ class MixedLikelihood(Likelihood):
         move the bounds of windows. N(0, 1) is to 0.1 % a mixture of N(node, narrow^2), where narrow is 0.6 of
         the nodes' distance. Empty where an offset has several levels.
         """
-        given = [k for k, x in enumerate(self.components) if x.quantity in OFFSETS and not x.told]
+        given = [k for k, x in enumerate(self.components) if x.quantity in OFFSETS and not x.sought]
         blocks = [model.blocks[k] for k in given]
         if (
             not given
@@ -244,7 +244,7 @@ class MixedLikelihood(Likelihood):
             likelihood = plain.of_rows(there, MeanFieldModel(there, plain.model.shape))
             slopes = {
                 x.quantity: Slopes(
-                    likelihood, x.quantity, model.rows, None if x.told else narrow * (x.deviation or 0.0)
+                    likelihood, x.quantity, model.rows, None if x.sought else narrow * (x.deviation or 0.0)
                 )
                 for x in self.components
             }
@@ -261,7 +261,7 @@ class MixedLikelihood(Likelihood):
             return AlphaSlices(stiffness, A[0], B[0], m[0], np.zeros(len(stiffness)), self.n, True, 0.0, True)
         beyond = stiffness >= np.array([[part.likelihood.observations.ceiling] for part in self._parts])
         A = np.where(
-            np.isfinite(A) & ~beyond, A + volume + np.array([[part.weight] for part in self._parts]), np.inf
+            np.isfinite(A) & ~beyond, A + volume + np.array([[part.minus2] for part in self._parts]), np.inf
         )
         return MixtureSlices.of(
             stiffness, A.T, np.where(np.isfinite(B), B, 1.0).T, np.where(np.isfinite(m), m, 0.0).T, self.n
@@ -275,11 +275,11 @@ class MixedLikelihood(Likelihood):
             name: slopes.at(stiffness, residuals) for name, slopes in part.slopes.items() if slopes.of_offset
         }
         n_points, n_effects = len(stiffness), len(part.shifts)
-        of_r, of_both, of_alpha = np.zeros(n_points), np.zeros(n_points), 0.0
-        from_r, from_alpha = np.zeros((2, n_points, n_effects))
+        rr, rj, jj = np.zeros(n_points), np.zeros(n_points), 0.0
+        rZ, jZ = np.zeros((2, n_points, n_effects))
         products = np.zeros((n_points if varying else 1, n_effects, n_effects))
         for k, (r, columns, s2) in enumerate(zip(residuals, model.columns, equations.scatter2, strict=True)):
-            Z, slope = columns[:, :-3], columns[:, -2]
+            Z, j = columns[:, :-3], columns[:, -2]
             if varying:
                 Z = np.broadcast_to(Z, (n_points, *Z.shape)).copy()
                 for x, block, places in zip(self.components, model.blocks, model.places, strict=True):
@@ -288,19 +288,19 @@ class MixedLikelihood(Likelihood):
                 r = r - Z @ part.shifts
                 Z = Z @ part.turn
             products += Z.swapaxes(-2, -1) @ Z / s2
-            of_r += np.sum(r**2, axis=-1) / s2
-            of_both += r @ slope / s2
-            of_alpha += float(slope @ slope) / s2
-            from_r += np.matmul(r[:, None, :], Z)[:, 0] / s2
-            from_alpha += slope @ Z / s2
+            rr += np.sum(r**2, axis=-1) / s2
+            rj += r @ j / s2
+            jj += float(j @ j) / s2
+            rZ += np.matmul(r[:, None, :], Z)[:, 0] / s2
+            jZ += j @ Z / s2
         products[~np.isfinite(products).all(axis=(1, 2))] = 0.0  # no window there
         inner, H = equations.inverse(np.arange(n_effects), products, part.variance)
-        drawn = (inner @ from_alpha[..., None])[..., 0]
-        of_r -= np.sum((inner @ from_r[..., None])[..., 0] * from_r, axis=-1)
-        of_both -= np.sum(drawn * from_r, axis=-1)
-        B = of_alpha - np.sum(drawn * from_alpha, axis=-1)
-        m = -of_both / B
-        return of_r - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)
+        drawn = (inner @ jZ[..., None])[..., 0]
+        rr -= np.sum((inner @ rZ[..., None])[..., 0] * rZ, axis=-1)
+        rj -= np.sum(drawn * rZ, axis=-1)
+        B = jj - np.sum(drawn * jZ, axis=-1)
+        m = -rj / B
+        return rr - B * m**2, B, m, np.broadcast_to(np.linalg.slogdet(H)[1], B.shape)
 
     @property
     def kinks(self) -> Floats:
@@ -464,11 +464,11 @@ class MixedEvidence:
         M = at_best.inverse(np.arange(len(variance)), at_best.C, variance)[0]
         values, errors = -M @ at_best.c, np.sqrt(np.maximum(np.diag(M), 0.0))
         estimated = model.n[equations.free]
-        freedom = float(estimated.sum()) - 2 - sum(len(x.group.levels) for x in model.components if x.told)
+        freedom = float(estimated.sum()) - 2 - sum(len(x.group.levels) for x in model.components if x.sought)
         for component, block, variance in zip(model.components, model.blocks, equations.effect2, strict=True):
             effects.append(MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
-                None if component.told else float(np.sqrt(variance)),
+                None if component.sought else float(np.sqrt(variance)),
                 _deviation_interval(likelihood.linear, equations, block) if component.deviation is None else None,
                 tuple(values[block].tolist()), tuple(errors[block].tolist()),
                 max(freedom, 1.0) if len(estimated) else np.inf,

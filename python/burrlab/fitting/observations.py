@@ -193,7 +193,7 @@ class Observations:
         return np.asarray(self.pressed_radius**2 * (self.pressed_depth / self.pressed_radius) ** 1.5)
 
     def moved(self, offset: str, velocity: Floats | float, pressed: Floats | float) -> "Observations":
-        """The rows as they were if what was measured is off.
+        """The rows corrected for an offset of what was measured.
 
         Parameters
         ----------

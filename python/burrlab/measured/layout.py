@@ -66,7 +66,7 @@ class TableLayout:
         self.is_native = not any((columns, unit, sep, decimal, encoding))
         for option, text in {"sep": sep, "decimal": decimal, "encoding": encoding}.items():
             refuse(not isinstance(text, str | None), f"{option} must be a text: got {shown(text)}")
-        self.group = "." if self.decimal == "," else ","
+        self.thousands = "." if self.decimal == "," else ","
         self.sep = {"tab": "\t", "\\t": "\t", None: ""}.get(sep, sep or "")
         refuse(self.decimal not in _MARKS, f"decimal must be a point or a comma: got {shown(decimal)}")
         long = len(self.sep) > 1 or self.sep in ('"', "\r", "\n")
@@ -101,7 +101,7 @@ class TableLayout:
         self.others: dict[str, list[str]] = {}  #: By their headings.
         self.groups: dict[str, list[str]] = {}  #: Labels of the rows, by the group's name.
         self.group_headings = _group_headings(groups, specimen)
-        self.passed: Counter[str] = Counter()
+        self.skipped: Counter[str] = Counter()
         self.missing_units: dict[str, str] = {}  #: Units to be given.
 
     def _columns_of_unit(self, unit: str) -> dict[str, str]:
@@ -133,7 +133,7 @@ class TableLayout:
             if line.startswith("#") and colon:
                 self.comments[key.strip()] = text.strip()
         above = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
-        self.passed["lines above the headings"] = above
+        self.skipped["lines above the headings"] = above
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
         return self.noted(f"; separated by {_SEPARATORS[sep]}" if not self.sep else "")
 
@@ -222,15 +222,15 @@ class TableLayout:
         headings : list of str
         records : iterable of (number, fields)
         """
-        # Where the table's columns are: at one index, or at one for each of several repeats side by side.
+        # The indices of each column in the file: one, or one for each repeat side by side.
         keys, faults = list(map(_key, headings)), list[str]()
         present = {column: texts for column, texts in self.headings.items() if _key(texts[0]) in keys}
-        indices = {column: [keys.index(_key(text)) for text in texts] for column, texts in present.items()}
+        places = {column: [keys.index(_key(text)) for text in texts] for column, texts in present.items()}
         optional = {column.name for column in self.table.columns if column.optional}
-        repeats = max(len(places) for column, places in indices.items() if column not in optional)
-        labels = {column: ", ".join(headings[i] for i in places) for column, places in indices.items()}
-        faults += (f"{head}: {fault}" for fault in self.faults_of_headings(headings, indices, repeats))
-        other = self.other_headings(headings, {i for places in indices.values() for i in places})
+        repeats = max(len(indices) for column, indices in places.items() if column not in optional)
+        labels = {column: ", ".join(headings[i] for i in indices) for column, indices in places.items()}
+        faults += (f"{head}: {fault}" for fault in self.faults_of_headings(headings, places, repeats))
+        other = self.other_headings(headings, {i for indices in places.values() for i in indices})
         self.others |= {label: [] for label in other.values()}
         # From here on a column reads numbers in the file's unit, and its faults name the file's heading.
         columns = (
@@ -240,11 +240,11 @@ class TableLayout:
         self.table = replace(self.table, columns=tuple(columns))
         faults += (f"{head}: {fault}" for fault in self.table.unpaired(labels.values()))
         # The rows: units and comments are passed over, then repeats are split, then the table checks them.
-        rows = self.rows_of_numbers(name, kind, keys, indices, records, faults)
-        repeated = {column for column, places in indices.items() if len(places) > 1} - optional
-        self.columns = self.table.checked(self.single_rows(rows, indices, repeats, repeated, other), faults)
+        rows = self.rows_of_numbers(name, kind, keys, places, records, faults)
+        repeated = {column for column, indices in places.items() if len(indices) > 1} - optional
+        self.columns = self.table.checked(self.single_rows(rows, places, repeats, repeated, other), faults)
         refuse(not self.columns and not faults, f"{name}: there is no row below the headings")
-        refuse_all(name, faults, self.hint_of(faults, indices.keys()))
+        refuse_all(name, faults, self.hint_of(faults, places.keys()))
         self.others = {label: texts for label, texts in self.others.items() if label[0] != "(" or any(texts)}
 
     def other_headings(self, headings: list[str], used: Collection[int]) -> dict[int, str]:
@@ -264,8 +264,8 @@ class TableLayout:
             if column in columns and unit != self.table.named[column].unit
         }
         hint = f": {_give('unit', changed | self.missing_units)}" if self.missing_units else ""
-        if any(f"has a {_MARKS[self.group]}" in fault for fault in faults):
-            hint += f"; if decimals have a {_MARKS[self.group]}, {_give('decimal', self.group)}"
+        if any(f"has a {_MARKS[self.thousands]}" in fault for fault in faults):
+            hint += f"; if decimals have a {_MARKS[self.thousands]}, {_give('decimal', self.thousands)}"
         return hint
 
     def faults_of_headings(
@@ -293,18 +293,18 @@ class TableLayout:
     ) -> Iterator[tuple[str, list[str]]]:  # fmt: skip
         """Where each row of numbers stands, and its fields; comments, repeated headings and units are passed over."""
         used = [(column, i) for column, indices in places.items() for i in indices]
-        least = max(i for _, i in used)
+        last_used = max(i for _, i in used)
         may_be_units = kind == "line"
         for number, fields in records:
             where = f"{name}, {kind} {number}"
             if not any(fields):
                 continue
             if fields[0][:1] in ("#", "%"):
-                self.passed["comments"] += 1
+                self.skipped["comments"] += 1
             elif list(map(_key, fields)) == keys[: len(fields)]:
-                self.passed["repeated headings"] += 1
+                self.skipped["repeated headings"] += 1
                 may_be_units = True
-            elif len(fields) <= least or any(fields[len(keys) :]):
+            elif len(fields) <= last_used or any(fields[len(keys) :]):
                 faults.append(f"{where}: {len(keys)} fields are due, found {len(fields)}")
             elif not (
                 may_be_units and self.units_in(where, [(column, fields[i]) for column, i in used], faults)
@@ -321,7 +321,7 @@ class TableLayout:
             for repeat in range(repeats):
                 texts = {column: fields[at[repeat % len(at)]] for column, at in places.items()}
                 if not all(texts[column] for column in repeated):
-                    self.passed["empty fields"] += 1
+                    self.skipped["empty fields"] += 1
                     continue
                 for i, label in rest.items():
                     self.others[label].append(fields[i] if i < len(fields) else "")
@@ -343,7 +343,7 @@ class TableLayout:
         for column in self.columns:
             unit = f" in {self.units[column]}" if column in self.units else ""
             parts.append(f"{column} from {self.table.named[column].heading}{unit}")
-        passed = ", ".join(f"{what} ({n})" for what, n in self.passed.items() if n)
+        passed = ", ".join(f"{what} ({n})" for what, n in self.skipped.items() if n)
         ending += f"; passed over: {passed}" if passed else ""
         self.note = ", ".join(parts) + ending + (f"; {_apart(self.others)}" if self.others else "")
         return self
@@ -372,7 +372,7 @@ class TableLayout:
         for name, text in units:
             if fault := self.wrong_unit(name, text if re.match(r"\W", text) else f"[{text}]"):
                 faults.append(f"{where}, column {self.table.named[name].heading}: {fault}")
-        self.passed["lines of units"] += 1
+        self.skipped["lines of units"] += 1
         return True
 
     def number_in_our_unit(self, column: Column, text: str) -> Any:
@@ -392,15 +392,15 @@ class TableLayout:
         whole, point, part = text.partition(self.decimal)
         if re.search(r"[^\W\deE_]", text):  # such as a date, where a point says nothing of decimals
             return text
-        for mark in {*_BLANKS, self.group}.intersection(whole):
+        for mark in {*_BLANKS, self.thousands}.intersection(whole):
             has = f"{shown(text)} has a {_MARKS.get(mark)}"
             grouped = re.fullmatch(rf"[+-]?[1-9]\d{{0,2}}(\{mark}\d{{3}})+", whole)
             joined, other = whole.replace(mark, ""), whole.replace(mark, ".")
-            if mark == self.group:
+            if mark == self.thousands:
                 refuse(not grouped, f"{has}, decimals a {_MARKS[self.decimal]}")
                 refuse(not point and whole.count(mark) == 1, f"{has}: it may be {joined} or {other}")
             if grouped:
-                self.passed["marks between thousands"] += 1
+                self.skipped["marks between thousands"] += 1
                 whole = joined
         return f"{whole}.{part}" if point else whole
 

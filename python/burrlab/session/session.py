@@ -57,9 +57,9 @@ class Session:
     bone : VoxelBone or StartingBone
         It is copied; `snapshot` returns its present state. A StartingBone has ticks behind it, or a recipe.
     tools : (Burr, Material) or list of them
-        One a burr, at most two; they act in this order within a tick.
+        One per burr, at most two; they act in this order within a tick.
     devices : Device or (Device, DeviceFrame), or a list of them
-        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
+        One per burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`,
         `VrpnDevice`, `TouchDevice`, `OmegaDevice`, `HaplyDevice`. A device serves one session at a time.
         Without a frame, its positions are the bone's.
     seed : int, optional
@@ -96,7 +96,7 @@ class Session:
     Raises
     ------
     ValueError
-        If there is not one device a burr, the duration is not positive, or the watch is of another bone, a
+        If there is not one device per burr, the duration is not positive, or the watch is of another bone, a
         model is unknown, or a rule to stop is not of a watched structure.
     TypeError
         If a tool is not (Burr, Material), or a device is no Device.
@@ -133,7 +133,7 @@ class Session:
         safety: Safety = Safety(),
         publish: int | Publish | None = None,
     ) -> None:
-        # What takes part, and whether it goes together.
+        # The tools, devices and bone, and checks that they go together.
         self.tools: list[Tool] = _listed(
             tools, _is_tool, "tools must be (Burr, Material) or a list of such pairs"
         )
@@ -145,27 +145,27 @@ class Session:
         ticks, room = _ticks_and_room(duration, clock.rate)
 
         # The loop executes ticks on its own copy of the bone; the follower repeats them on another.
-        period = 1e3 / clock.rate
+        period = 1e3 / clock.rate  # [ms]
         self._executor = TickExecutor(
             start.bone.copy(), self.tools, self.seed, period=period, scheme=start.scheme, tick=start.tick
         )
         self.loop = self._make_loop(clock, safety, ticks, loop_frames)
-        ticks_a_digest = max(1, round(clock.digest_every * clock.rate))
-        self.follower = Follower(self.loop, digest_every=ticks_a_digest)
+        ticks_per_digest = max(1, round(clock.digest_every * clock.rate))
+        self.follower = Follower(self.loop, digest_every=ticks_per_digest)
         self._anatomy = SessionAnatomy(self._executor.bone, self.follower, self.tools, watch, period)
         self.provenance = self._describe(start, clock, safety, watch, loop_frames)
 
-        # Who is told: programs on the network, the trace, and whoever reads the messages.
+        # Where the session is told: on the network, in the trace, in messages.
         if publish is not None and not isinstance(publish, Publish):
             publish = Publish(port=publish)
         self._publisher = None if publish is None else open_publisher(self.follower, self.provenance, publish)
         self._writer = None
         if record is not None:
             try:
-                self._writer = self._open_trace(record, room, ticks_a_digest * period / 1e3)
+                self._writer = self._open_trace(record, room, ticks_per_digest * period / 1e3)
             except BaseException:
                 if self._publisher is not None:
-                    self._publisher.stop()  # an exception that is kept would hold the port
+                    self._publisher.stop()  # a caller that keeps the exception would keep the port open
                 raise
         self.messages: list[str] = []
         self._on_message = on_message
@@ -180,8 +180,8 @@ class Session:
         self._borders = {burr: Border(start.bone) for burr in range(len(self.tools))}
         self._warned_of_stiffness: set[int] = set()
         self._digests_written = 0
-        self._housekeeper: threading.Thread | None = None  # made at the start, as it keeps the session alive
-        self._finishing, self._done = threading.Lock(), threading.Event()
+        self._housekeeper: threading.Thread | None = None  # made by `start`: a thread keeps the session alive
+        self._finish_lock, self._done = threading.Lock(), threading.Event()
         self._calling = threading.local()  # `now`: this thread is within `on_message`
         self._process = os.getpid()
 
@@ -442,7 +442,7 @@ class Session:
 
     def _finish(self, reason: str) -> None:
         """Ends the parts after the loop, once; `wait` returns whatever happens here."""
-        with self._finishing, contextlib.ExitStack() as afterwards:
+        with self._finish_lock, contextlib.ExitStack() as afterwards:
             if self._done.is_set():
                 return
             afterwards.callback(self._done.set)

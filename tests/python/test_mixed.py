@@ -12,6 +12,7 @@ import burrlab
 from burrlab import Indentation, VelocityCurve
 from burrlab.cli import main
 from burrlab.comparing.paired import ERROR
+from burrlab.fitting.calibration import _freedom_of_sum
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.linear import LinearModel, components_of
 from burrlab.fitting.profile import C_E
@@ -135,6 +136,12 @@ class TestVariances:
 
 
 class TestFreedom:
+    def test_of_a_sum_of_two(self):
+        """A direction that rests on few groups adds its square to that of the runs."""
+        limit = 2 * special.fdtri(2, _freedom_of_sum(2.0, 44.0), 0.95)
+        t = np.random.default_rng(1).standard_t([2, 44], (400_000, 2))
+        assert np.mean(np.sum(t**2, axis=1) > limit) == pytest.approx(0.05, abs=0.002)
+
     def test_of_crossed_days(self):
         """The level of alpha has one degree less than the days, c_e those of all rows."""
         calibration = burrlab.fit(laboratory(1, 4)).evidence.mixed.calibration
@@ -213,6 +220,23 @@ class TestOffsets:
         assert (given.given_bounds, given.intervals["c_e"]["95"].upper) == (("c_e",), None)
         assert exact.intervals["alpha"]["95"].ratio() < fit.intervals["alpha"]["95"].ratio()
         assert exact.status == "ok"
+        assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in fit.verdict
+        off_by_far = burrlab.fit(laboratory(1, 3), known={"c_e": (2.9, 0.05)})
+        assert off_by_far.status == "poor-fit"
+        assert "c_e was given as 2.9, to 1.7 %: the data alone contradict it, F(1, 26" in off_by_far.verdict
+
+    def test_a_wide_surface_is_taken_where_it_is_likeliest(self):
+        """The fit's residuals are about it, also where the best of surface and constants together lies elsewhere."""
+        for seed in range(3):
+            curve = off(seed, label=False)[0]
+            assert burrlab.fit(curve, uncertain={"surface": 0.2}).residual_norm < 0.1
+
+    def test_days_without_scatter(self):
+        v = burrlab.penetration_velocity(BURR, BONE, np.tile(FORCES, 2)) * np.repeat([1.0, 1.1], 8)
+        fit = burrlab.fit(
+            VelocityCurve(np.tile(FORCES, 2), v, radius=3.0, groups={"day": np.repeat([1, 2], 8)})
+        )
+        assert (fit.c_e, fit.effects[0].interval.lower) == pytest.approx((BONE.c_e, 0.03), rel=0.05)
 
     def test_what_would_move_the_fit(self):
         """The change that is said, against a fit to data that are off by so much."""
@@ -257,8 +281,12 @@ class TestOffsets:
         assert burrlab.fit(curves).status == "poor-fit"
         with pytest.raises(ValueError, match="compare needs fits of one c_e and alpha each"):
             burrlab.compare(fit, apart[0])
+        pressed = burrlab.synthetic_indentation(BURR, BONE, [0.1, 0.15, 0.2], seed=3)  # has no alpha
+        with_it = burrlab.fit([pressed, *curves], share=("c_e",))
+        assert (with_it.effects[0].levels, with_it.status) == (("3",), "ok")
+        assert with_it.alpha == pytest.approx(fit.alpha, rel=0.1)
         over = burrlab.VelocityCurve([9.0], [np.nan], radius=3.0, status=["overloaded"])
-        for data, share, message in ((curves, (), "for none fit the sets apart"), (curves[0], ("c_e",), "is for two data sets"),
+        for data, share, message in ((curves, (), "for none fit the sets apart"), ([curves[0], pressed], ("c_e",), "is for two data sets or more that tell alpha: got 1"),
                                      ([*curves, over], ("alpha",), "overloaded runs bound one c_e")):  # fmt: skip
             with pytest.raises(ValueError, match=message):
                 burrlab.fit(data, share=share)
@@ -437,6 +465,8 @@ class TestWhatIsSaid:
         widths = {
             new: np.log(np.divide(*fit.velocity_interval(0.8, new=new)[::-1])) for new in ("", "day", "run")
         }
+        far = np.log(np.divide(*fit.velocity_interval(2.0, new="day")[::-1]))  # rests on as few days
+        assert far == pytest.approx(widths["day"], rel=0.03)
         t = stats.t.ppf(0.975, 5)
         assert widths[""] == pytest.approx(2 * t * fit.effects[0].deviation / 6**0.5, rel=0.1)
         assert widths["day"] == pytest.approx(2 * t * fit.effects[0].deviation * (1 + 1 / 6) ** 0.5, rel=0.1)
@@ -542,6 +572,9 @@ class TestPairs:
             second.curve.force, second.curve.velocity, radius=3.0, groups={"day": np.repeat(list("abcd"), 8)}
         )
         (apart,) = burrlab.compare(first, burrlab.fit(others)).pairs
+        assert burrlab.compare(first, burrlab.fit(others, groups=())).verdict.startswith(
+            "These runs of A and B"
+        )
         assert (apart.pairing, apart.differ) == ("", False)
         velocity = pair.velocity.at_middle.interval
         assert 0.9 in velocity
@@ -629,7 +662,7 @@ def curve(**labels):
         (lambda: curve(groups={"day": ["a", "b"]}), ValueError, "day must have 3 labels, one a row: got 2"),
         (lambda: curve(groups=3), TypeError, "groups must be a mapping"),
         (lambda: curve(groups={"a,b": "x"}), ValueError, "name of a group must be of letters"),
-        (lambda: curve(specimen=["a", None, "b"]), ValueError, "row 1, specimen: every row needs a label"),
+        (lambda: curve(specimen=["a", None, "b"]), ValueError, "row 2, specimen: every row needs a label"),
         (lambda: burrlab.fit(curve(specimen="a"), groups=["day"]), ValueError, "groups may be of specimen: got 'day'"),
         (lambda: burrlab.fit([curve(specimen="a"), curve()]), ValueError, "data set 2 has no specimen, which others have"),
         (lambda: burrlab.fit(curve(specimen=[1, 2, 2], groups={"day": [3, 4, 4]})), ValueError,
@@ -685,7 +718,7 @@ class TestFiles:
         assert read.groups == {"day": ("Mo", "Di", "Di")}
         assert read.others == {"Probe": ("a", "b", "")}
         for specimen, message in (
-            ("Probe", "row 2, specimen: every row needs a label"),
+            ("Probe", "row 3, specimen: every row needs a label"),
             ("Bone", "no column is Bone; there are Messtag, Pr"),
         ):
             with pytest.raises(ValueError, match=message):

@@ -69,6 +69,8 @@ def test_sizes_come_from_a_fit_with_specimens():
     deviations = {x.quantity: x.deviation for x in fit.effects}
     assert study.between == pytest.approx({**deviations, "difference": 0.0})
     assert study.unit == "specimen"
+    upper = next(x.interval.upper for x in fit.effects if x.quantity == "alpha")
+    assert f"but up to {100 * upper:.2g} % is possible" in study.verdict
 
 
 def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
@@ -93,6 +95,7 @@ def test_run_sheet_is_balanced_and_comes_back(tmp_path, capsys):
     order = [F for _, specimen, drill, F in rows if (specimen, drill) == ("specimen 1", "A")]
     assert order != sorted(order)
     assert burrlab.run_sheet(FORCES, specimens=4, runs=8, radius=3.0, seed=1) == sheet
+    assert set(burrlab.run_sheet(FORCES, specimens=1, runs=3).force) == {*FORCES[[0, 4, 7]]}
 
     filled(sheet, 2, ratio=0.7).to_csv(tmp_path / "sheet.csv")
     assert (

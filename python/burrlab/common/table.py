@@ -542,7 +542,7 @@ class TableData(Tabular):
                 f"{name} must have {self._n_labels} labels, one a {self._LABELLED}: got {len(texts)}",
             )
             if "" in texts:
-                raise ValueError(f"row {texts.index('')}, {name}: every row needs a label")
+                raise ValueError(f"row {texts.index('') + 1}, {name}: every row needs a label")
             labels[str(name)] = tuple(texts)
         return labels
 
@@ -560,7 +560,7 @@ class TableData(Tabular):
         refuse(not len(self), f"{self._WHAT} needs at least one row")
         columns = self._columns()
         for i, row in enumerate(
-            zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+            zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True), start=1
         ):
             if problem := self._TABLE.problem(dict(zip(columns, row, strict=True))):
                 raise ValueError(f"row {i}, {problem[0]}: {problem[1]}")

@@ -121,7 +121,7 @@ class Comparison(InJson, Tabulated):
                 lines.append(pair.obstacle)
                 continue
             units = f", paired by {pair.pairing}," if pair.pairing else ""
-            runs = "" if any(s.groups for s in self.sets if s.name in pair.names) else "these runs of "
+            runs = "" if all(s.groups for s in self.sets if s.name in pair.names) else "these runs of "
             sentence = runs + " and ".join(pair.names) + units
             sentence += " differ" if pair.differ else " can be of one material"
             if pair.velocity is not None:

@@ -5,10 +5,13 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
+import scipy
 from scipy import special
 
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
+
+_DIRECTIONS, _NODES = 36, 400  # over c_e and alpha, and of Student's t, where the joint limit is sought
 
 
 @dataclass(frozen=True)
@@ -173,11 +176,14 @@ class MixedCalibration:
         """p of the smallest standard error of log alpha - p log c_e."""
         return float(self.covariance[0, 1] / self.covariance[0, 0])
 
-    def freedom(self, direction: Floats) -> float:
-        """Degrees of freedom of the standard error along a gradient over (log c_e, log alpha); 1 or more."""
-        change = np.einsum("i,kij,j->k", direction, self.changes, direction)
+    def freedom(self, direction: Floats, weights: Floats | float = 0.0, added: float = 0.0) -> float:
+        """Degrees of freedom of the standard error along a gradient over (log c_e, log alpha); 1 or more.
+
+        To its variance that of something new may be `added`, a sum of the estimated variances with `weights`.
+        """
+        change = np.einsum("i,kij,j->k", direction, self.changes, direction) + weights
         spread = float(change @ self.of_variances @ change)
-        variance = float(direction @ self.covariance @ direction)
+        variance = float(direction @ self.covariance @ direction) + added
         return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, 1e9))
 
     def variance(self, direction: Floats) -> tuple[float, float]:
@@ -228,11 +234,31 @@ class MixedCalibration:
         mean = 1 / max(1 - A2 / 2, 1e-9)
         variance = (1 + c1 * B) / ((1 - c2 * B) ** 2 * (1 - c3 * B))
         ratio = variance / (2 * mean**2)
-        few = min(self.freedom(column) for column in np.linalg.eigh(self.adjusted)[1].T)
-        if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:  # too few groups for its expansion
-            return 2, few, wider * max(bias, 1.0)
+        # their expansion fails where one direction has few degrees of freedom: there rises of two directions add up
+        angles = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
+        freedoms = [self.freedom(np.array([np.cos(x), np.sin(x)]) @ root) for x in angles]
+        least = int(np.argmin(freedoms))
+        apart = _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
+        if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:
+            return 2, apart, wider * max(bias, 1.0)
         freedom = 4 + 4 / (2 * ratio - 1)
-        return 2, freedom, wider * max(bias, 1.0) * mean * (freedom - 2) / freedom
+        smaller = mean * (freedom - 2) / freedom
+        if smaller * special.fdtri(2, freedom, 0.95) < special.fdtri(2, apart, 0.95):
+            return 2, apart, wider * max(bias, 1.0)
+        return 2, freedom, wider * max(bias, 1.0) * smaller
+
+
+def _freedom_of_sum(a: float, b: float) -> float:
+    """nu at which 2 F with 2 and nu degrees of freedom has the 95 % limit of t^2 with a plus another t^2 with b."""
+    squares = special.stdtrit(a, (np.arange(_NODES) + 0.5) / _NODES) ** 2
+
+    def beyond(log_nu: float) -> float:
+        """Probability that the sum lies beyond 2 F's limit."""
+        rest = np.maximum(2 * special.fdtri(2, np.exp(log_nu), 0.95) - squares, 0.0)
+        return float(np.mean(special.fdtrc(1, b, rest))) - 0.05
+
+    many = np.log(1e9)
+    return float(np.exp(many if beyond(many) <= 0 else scipy.optimize.brentq(beyond, np.log(0.5), many)))
 
 
 AnyCalibration: TypeAlias = Calibration | MixedCalibration

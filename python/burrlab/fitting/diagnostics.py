@@ -108,7 +108,8 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
             )
         return HypothesisTest(name, S, (nu,), p, sentence)
     o = likelihood.observations
-    levels = [group.velocity for group in o.groups]
+    apart = [o.sets] if J.shape[1] > 2 else []  # data sets may have effects of their own
+    levels = [group.velocity for group in (*apart, *o.groups)]
     columns = np.stack([o.force, o.radius, o.window_start, o.window_end, *levels], axis=1)[o.run < 0]
     groups = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
     F, freedom = _against_repeats(r, groups, parameters)
@@ -312,14 +313,27 @@ def goodness(likelihood: Likelihood, point: Point, lack: HypothesisTest | None) 
     The test of the velocities and those of an indentation share the 0.005 evenly.
     """
     test = curvature(likelihood, point) if lack is None else lack
-    o, presses = likelihood.observations, indentation_tests(likelihood)
-    limit = POOR / max(len(presses) + (test is not None), 1)
-    against = [test] if test is not None and _off(likelihood, point) > _NO_MATTER else []
+    o, presses, known = likelihood.observations, indentation_tests(likelihood), belief_tests(likelihood)
+    limit = POOR / max(len(presses) + len(known) + (test is not None), 1)
+    against = [test, *known] if test is not None and _off(likelihood, point) > _NO_MATTER else known
     if presses and np.std(np.log(o.pressed / o.pressed_unit)) > _NO_MATTER:
         against += presses
     against = sorted((bad for bad in against if bad.p_value < limit), key=lambda bad: bad.p_value)
     ratios = [bad.statistic / bad.freedom[0] for bad in against if len(bad.freedom) == 1]
     return Goodness(against[0] if against else test, bool(against), max(ratios, default=1.0))
+
+
+def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
+    """Whether the rows alone agree with each value that was given as known."""
+    tests = []
+    for (name, value, deviation), (t, nu) in zip(
+        likelihood.beliefs, likelihood.belief_errors(), strict=False
+    ):
+        p, outcome = judged(t**2, 1, min(nu, 999.0))
+        text = f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone"
+        verb = "contradict" if p < 0.05 else "do not contradict"
+        tests.append(HypothesisTest(f"known {name}", t**2, (1, nu), p, f"{text} {verb} it, {outcome}."))
+    return tests
 
 
 def _off(likelihood: Likelihood, point: Point) -> float:

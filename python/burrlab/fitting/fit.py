@@ -17,6 +17,7 @@ from burrlab.fitting.diagnostics import (
     HypothesisTest,
     Point,
     against_order,
+    belief_tests,
     doubts,
     fall_with_depth,
     goodness,
@@ -309,7 +310,11 @@ def _apart(share: Sequence[str], sets: Sequence[Data]) -> tuple[str, ...]:
         f"share must be ('c_e', 'alpha'), ('c_e',) or ('alpha',), and for none fit the sets apart: got {share!r}",
     )
     apart = tuple({"c_e", "alpha"} - {*share})
-    refuse(apart and len(sets) < 2, f"share={tuple(share)} is for two data sets or more: got one")
+    of_own = [x for x in sets if not ("alpha" in apart and isinstance(x, Indentation))]
+    refuse(
+        apart and len(of_own) < 2,
+        f"share={tuple(share)} is for two data sets or more that tell {' and '.join(apart)}: got {len(of_own)}",
+    )
     over = any(isinstance(x, VelocityCurve) and "overloaded" in (x.status or ()) for x in sets)
     refuse(
         over and "c_e" in apart, "overloaded runs bound one c_e: leave them out where data sets have one each"
@@ -600,6 +605,7 @@ def _weighed(
         if rows and likelihood.kind == "relative" and mixed is None and not o.slow.size
         else "",
         *(test.sentence for test in against_order([] if mixed else order_tests(likelihood, best))),
+        *(test.sentence for test in belief_tests(likelihood) if test.sentence not in fits.sentence),
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),

@@ -247,6 +247,10 @@ class Likelihood:
         """The same likelihood, with rows that have a window at a point."""
         return self
 
+    def belief_errors(self) -> list[tuple[float, float]]:
+        """How far the rows alone are from each belief, in standard errors, and the degrees of freedom of these."""
+        return []
+
     def calibration(self, c_e: float, alpha: float) -> Any:
         """The limits of the intervals, for a fit at a point."""
         total, scatters, shares = self.information(c_e, alpha)

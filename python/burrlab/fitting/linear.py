@@ -110,8 +110,12 @@ def components_of(
 
 def _levels_of(o: Observations, quantity: str) -> Group:
     """The levels of a parameter: of c_e and alpha the data sets after the first, else one level for all rows."""
-    if quantity in ("c_e", "alpha"):
-        return Group(o.sets.name, o.sets.levels[1:], o.sets.velocity - 1, o.sets.pressed - 1)
+    if quantity in ("c_e", "alpha"):  # an indentation has no alpha
+        sets = np.unique(o.sets.velocity) if quantity == "alpha" else np.arange(len(o.sets.levels))
+        place = np.full(len(o.sets.levels), -1)
+        place[sets] = np.arange(len(sets)) - 1
+        levels = tuple(o.sets.levels[k] for k in sets[1:])
+        return Group(o.sets.name, levels, place[o.sets.velocity], place[o.sets.pressed])
     return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
 
 

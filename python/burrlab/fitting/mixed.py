@@ -33,7 +33,7 @@ from burrlab.fitting.linear import (
     moved_by,
     reml,
 )
-from burrlab.fitting.observations import Floats, Observations, Rows
+from burrlab.fitting.observations import C_E_RANGE, Floats, Observations, Rows
 from burrlab.fitting.profile import ALPHA, Combination, Domain, Interval, ranges
 from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
@@ -321,7 +321,7 @@ class MixedLikelihood(Likelihood):
 
     def objective(self, c_e: float, alpha: float) -> float:
         """See `Likelihood`: the weighted sum of squares."""
-        return float(self.at(c_e).minus2(alpha)[0])
+        return max(float(self.at(c_e).minus2(alpha)[0]), 0.0)
 
     def of_rows(self, observations: Observations, model: Model) -> Likelihood:
         """See `Likelihood`; at the same variances and offsets."""
@@ -334,10 +334,12 @@ class MixedLikelihood(Likelihood):
 
     def about(self, point: tuple[float, float]) -> "MixedLikelihood":
         """See `Likelihood`."""
-        if point[0] > float(self.plain.observations.c_e_bounds().max()):
-            return self
         slices = self.at(point[0])
         part = self._parts[int(np.argmin(slices.A[0] + slices.B[0] * (np.log(point[1]) - slices.m[0]) ** 2))]
+        apart = np.abs(self._parts[-1].by - self._parts[self.n_parts // 2].by) / max(self.n_parts // 2, 1)
+        near = (np.abs(part.by - self.shifts) <= apart * (1 + 1e-9)).all()
+        if near and point[0] > float(self.plain.observations.c_e_bounds().max()):
+            return self
         equations = self.equations
         return MixedLikelihood(
             part.likelihood, self.components, point, part.by, equations.scatter2, equations.effect2
@@ -351,6 +353,22 @@ class MixedLikelihood(Likelihood):
             self.plain, [self.components[k] for k in kept], self.point, shifts, self.equations.scatter2,
             self.equations.effect2[kept],
         )  # fmt: skip
+
+    def belief_errors(self) -> list[tuple[float, float]]:
+        """See `Likelihood`."""
+        errors = []
+        for name, value, deviation in self.beliefs if isinstance(self.plain.model, MeanFieldModel) else ():
+            rows = moved_by(self.plain, self.components, -self.shifts)
+            others = tuple(other for other in self.beliefs if other[0] != name)
+            alone = Likelihood(rows.observations, self.kind, rows.model, others)
+            hard = float(rows.observations.c_e_bounds().max())
+            ends = (hard * (1 + EDGE), hard * C_E_RANGE)
+            fitted, point = at_best_variances(alone, self.components, self.point, ends)
+            at, uncertainty = ("c_e", "alpha").index(name), fitted.equations.uncertainty()
+            variance = float(uncertainty.adjusted[at, at]) + deviation**2
+            freedom = uncertainty.freedom(np.eye(2)[at], added=deviation**2)
+            errors.append((float(np.log(point[at] / value)) / variance**0.5, freedom))
+        return errors
 
     def calibration(self, c_e: float, alpha: float) -> MixedCalibration:
         """See `Likelihood`."""
@@ -606,8 +624,8 @@ def _deviation_interval(model: LinearModel, equations: MixedEquations, block: sl
     U, s, _ = np.linalg.svd(Z, full_matrices=False)
     used = s > 1e-6 * max(s[0], 1e-12)
     u2, size = (U[:, used].T @ r) ** 2, s[used] ** 2
-    S = float(r @ r - u2.sum())
     freedom = int(model.n.sum()) - basis.shape[1] - int(used.sum())
+    S = max(float(r @ r - u2.sum()), 1e-12)  # rows without scatter are on the curve to rounding
     if not len(u2) or freedom < 1:
         return Interval(0.0, None)
     chi2 = special.chdtri(freedom, (np.arange(_WEIGHTS) + 0.5) / _WEIGHTS)

@@ -33,6 +33,7 @@ from burrlab.common.progress import Progress
 from burrlab.common.study import StorePath
 from burrlab.common.table import Tabulated
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
+from burrlab.fitting.calibration import MixedCalibration
 from burrlab.fitting.diagnostics import HypothesisTest, Row, given_values, influence, rows_limit
 from burrlab.fitting.mixed import MixedLikelihood
 from burrlab.fitting.observations import Floats
@@ -254,19 +255,23 @@ class Fit(FitRecord, Tabulated):
         assert R is not None
         phi = np.atleast_1d(np.asarray(force, np.float64)) / (self.c_e * R**2)
         half = np.full(v.shape, np.nan)
+        estimated = [x for x in self.effects if x.interval is not None]
+        scatters = [x for x in evidence.scatters if not x.known]
+        variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
                 n = float(MasterCurve(self.shape).local_slope(phi[i]))
-                variance, nu = calibration.variance(np.array([-n, 1.0]))
-                for effect in self.effects:
-                    if effect.interval is not None and new in ("run", effect.group):
-                        variance += (
-                            (n if effect.quantity == "c_e" else 1.0) * float(effect.deviation or 0.0)
-                        ) ** 2
-                variance += evidence.scatters[0].value ** 2 if new == "run" else 0.0
-                half[i] = -special.stdtrit(min(nu, 1e9), (1 - LEVELS[level_name(level)]) / 2) * np.sqrt(
-                    variance
-                )
+                direction = np.array([-n, 1.0])
+                weights = [float(new == "run" and x.name == "velocity") for x in scatters]
+                weights += [
+                    (n**2 if x.quantity == "c_e" else 1.0) * (new in ("run", x.group)) for x in estimated
+                ]
+                added = float(np.dot(weights, variances))
+                variance, nu = calibration.variance(direction)
+                if isinstance(calibration, MixedCalibration):
+                    nu = calibration.freedom(direction, np.array(weights), added)
+                t = -special.stdtrit(min(nu, 1e9), (1 - LEVELS[level_name(level)]) / 2)
+                half[i] = t * np.sqrt(variance + added)
         low, high = (np.reshape(v * np.exp(sign * half), np.shape(force)) for sign in (-1, 1))
         return low, high
 

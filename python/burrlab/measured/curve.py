@@ -400,7 +400,7 @@ class Indentation(TableData):
         columns = {"force": force, "depth": depth, "sigma": sigma}
         self._keep(columns, source, provenance, groups, specimen, radius=radius)
         self._check_rows()
-        for i, h in enumerate(self.depth.tolist()):
+        for i, h in enumerate(self.depth.tolist(), start=1):
             refuse(
                 not h < 2 * self.radius,
                 f"row {i}, depth: must be below 2R = {2 * self.radius:g} mm: got {h!r}",

@@ -135,7 +135,7 @@ class DepthTrace(TableData):
         if late.size:
             before, time = self.time[late[0] : late[0] + 2].tolist()
             raise ValueError(
-                f"row {late[0] + 1}, time: must be above the {before!r} s of the row before: got {time!r}"
+                f"row {late[0] + 2}, time: must be above the {before!r} s of the row before: got {time!r}"
             )
 
     def _check_window(self) -> None:

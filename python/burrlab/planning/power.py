@@ -53,6 +53,8 @@ class ComparisonPower(InJson):
     forces : ndarray
         F of the runs [N]; runs go through them in turn.
     provenance : dict
+    up_to : dict
+        Upper 95 % ends of those deviations that come from the fit; None is open.
     """
 
     ratio: float
@@ -65,6 +67,7 @@ class ComparisonPower(InJson):
     within: float
     forces: Floats
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    up_to: Mapping[str, float | None] = field(default_factory=dict)
 
     def smallest(self, way: str = "paired") -> tuple[int, int] | None:
         """Specimens and runs of the smallest comparison that reaches the aim, by its runs in all; None if none does."""
@@ -89,6 +92,11 @@ class ComparisonPower(InJson):
                 f"by none of these (at best {100 * self.power[WAYS.index(way)].max():.3g} %)"
             )  # fmt: skip
             texts.append(f"With both drills in {how}, {aim} {with_it}.")
+        texts += [
+            f"The fit puts the deviation of {name} between {self.unit}s at {100 * self.between[name]:.2g} %, but up to "
+            f"{'any' if end is None else f'{100 * end:.2g} %'} is possible; with it {self.unit}s of their own see less."
+            for name, end in self.up_to.items()
+        ]
         return "\n".join(texts)
 
     def __repr__(self) -> str:
@@ -212,7 +220,7 @@ def compare_power(
              for name, numbers in (("specimens", specimens), ("runs", runs))]  # fmt: skip
     for name, numbers, least in (("specimens", sizes[0], 2), ("runs", sizes[1], 3)):
         refuse(not numbers or min(numbers) < least, f"{name} must be {least} or more each: got {numbers}")
-    unit, deviations = _between(fit, between)
+    unit, deviations, up_to = _between(fit, between)
     scatter = fit._evidence().scatters[0].value if within is None else scalar(within, "within")
     refuse(not 0 < scatter < np.inf, f"within must be positive and finite: got {scatter!r}")
     force = np.unique(fit.observations.force if forces is None else real(forces, "forces"))
@@ -229,12 +237,14 @@ def compare_power(
         report_progress(number, total)
     return ComparisonPower(
         float(ratio), sizes[0], sizes[1], power, float(aim), unit, deviations, float(scatter), force,
-        provenance(fit=repr(fit), radius_mm=R, shape=fit.shape.name),
+        provenance(fit=repr(fit), radius_mm=R, shape=fit.shape.name), up_to,
     )  # fmt: skip
 
 
-def _between(fit: Fit, between: Mapping[str, float] | None) -> tuple[str, dict[str, float]]:
-    """The unit of a comparison, and the standard deviations between its levels."""
+def _between(
+    fit: Fit, between: Mapping[str, float] | None
+) -> tuple[str, dict[str, float], dict[str, float | None]]:
+    """The unit of a comparison, the standard deviations between its levels, and how large the fit's may be."""
     names, estimated = ("c_e", "alpha", "difference"), [x for x in fit.effects if x.interval is not None]
     unit = next(
         (x.group for x in estimated if x.quantity == "c_e"), estimated[-1].group if estimated else "specimen"
@@ -254,7 +264,10 @@ def _between(fit: Fit, between: Mapping[str, float] | None) -> tuple[str, dict[s
             f"between of {name} must be 0 or more: got {value!r}",
         )
         deviations[name] = float(value)
-    return unit, deviations
+    up_to = {
+        x.quantity: x.interval.upper for x in estimated if x.interval and x.quantity not in (between or {})
+    }
+    return unit, deviations, up_to
 
 
 def _in_turn(force: Floats, n: int) -> Floats:
@@ -374,7 +387,7 @@ def run_sheet(
     refuse(not 1 <= days <= runs, f"days must be 1 or more, and at most runs: got {days} and {runs} runs")
     seed = seed_or_new(seed)
     random, rows = np.random.default_rng(seed), []
-    each = np.resize(force, counts["runs"])
+    each = _in_turn(force, counts["runs"])
     for day in range(days):
         for k in random.permutation(len(labels)).tolist():
             block = [(drill, F) for F in each[(day + k) % days :: days].tolist() for drill in drills]

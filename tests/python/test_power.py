@@ -148,11 +148,11 @@ def test_command(tmp_path, capsys):
     [
         (lambda: burrlab.compare_power(3), TypeError, "fit must be a Fit"),
         (lambda: burrlab.compare_power(PILOT), ValueError, "between must be given, such as"),
-        (lambda: burrlab.compare_power(PILOT, 1.0), ValueError, "ratio must be above 0 and other than 1"),
+        (lambda: burrlab.compare_power(PILOT, 1.0), ValueError, "ratio must lie between 0.1 and 10 and be other"),
         (lambda: burrlab.compare_power(PILOT, specimens=[1]), ValueError, "specimens must be 2 or more each"),
         (lambda: burrlab.compare_power(PILOT, runs=[]), ValueError, "runs must be 3 or more each"),
         (lambda: burrlab.compare_power(PILOT, between={"day": 1.0}), ValueError, "between may hold c_e, alpha, diff"),
-        (lambda: burrlab.compare_power(PILOT, between={"alpha": -1.0}), ValueError, "between of alpha must be 0 or more"),
+        (lambda: burrlab.compare_power(PILOT, between={"alpha": -1.0}), ValueError, "between of alpha must lie between 0 and 3"),
         (lambda: burrlab.compare_power(PILOT, between={}, forces=[1.0, 2.0]), ValueError, "forces must be three or more"),
         (lambda: burrlab.compare_power(PILOT, between={}, forces=[1.0, 2.0, 9.0]), ValueError, "that leave a window"),
         (lambda: burrlab.compare_power(PILOT, between={}, within=0.0), ValueError, "within must be positive"),

@@ -17,8 +17,8 @@ from burrlab.common.records import Codec, InJson
 from burrlab.common.table import Tabulated, by_value
 from burrlab.comparing.paired import ERROR, LinearDifference, Paired
 from burrlab.fitting.calibration import Threshold
-from burrlab.fitting.diagnostics import HypothesisTest, judged, p_text
-from burrlab.fitting.linear import OFFSETS
+from burrlab.fitting.diagnostics import HypothesisTest, concluded, p_text
+from burrlab.fitting.linear import OFFSETS, check_names
 from burrlab.fitting.observations import Floats, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close_walk
 from burrlab.fitting.record import FitRecord
@@ -143,21 +143,18 @@ class Comparison(InJson, Tabulated):
 
     def report(self) -> str:
         """Verdict, tables and sentences as text."""
-        p, notes = f"{self.exponent:.3g}", []
-        sets = [["", "points", "c_e [N/mm^2]", "alpha [1/ms]", "residuals", "status"]]
-        for s in self.sets:
-            sets.append(
+        notes = []
+        sets = [
+            ["", "points", "c_e [N/mm^2]", "alpha [1/ms]", "residuals", "status"],
+            *(
                 [s.name, str(s.n_points), f"{s.c_e:.4g}", f"{s.alpha:.4g}", s.residual_kind, s.status]
-            )
+                for s in self.sets
+            ),
+        ]
         ratios = [["", "ratio of", "value", "95 %", "verdict"]]
         for pair in self.pairs:
             pair_text = f"{pair.names[1]} over {pair.names[0]}"
-            pair_ratios = {
-                f"alpha/c_e^{p}" if key == "combination" else key: r for key, r in pair.ratios.items()
-            }
-            if pair.velocity is not None:
-                pair_ratios[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
-            for quantity, ratio in pair_ratios.items():
+            for quantity, ratio in self._named_ratios(pair).items():
                 value = "-" if ratio.verdict == "undetermined" else f"{ratio.value:.4g}"
                 ratios.append([pair_text, quantity, value, span(ratio.interval), ratio.verdict])
             corrected = f" Corrected: {p_text(pair.p_differ)}." if len(self.pairs) > 1 else ""
@@ -165,19 +162,37 @@ class Comparison(InJson, Tabulated):
                 f"{pair_text}: {pair.joint.sentence}{corrected}",
                 f"{pair_text}: {self._velocity(pair)}",
             ]
-        least = "which makes the squared standard errors of all sets together smallest"
-        why = "the ridge's, because c_e of a set or a ratio of c_e is open" if self.on_ridge else least
-        notes.append("Whether two sets differ is the joint test's to say: each interval holds by itself.")
-        notes.append(f"The combination's exponent, {p}, is common to all sets: {why}.")
+        why = (
+            "the ridge's, because c_e of a set or a ratio of c_e is open"
+            if self.on_ridge
+            else "which makes the squared standard errors of all sets together smallest"
+        )
+        notes += [
+            "Whether two sets differ is the joint test's to say: each interval holds by itself.",
+            f"The combination's exponent, {self.exponent:.3g}, is common to all sets: {why}.",
+        ]
         if any(row[-1] == "undetermined" for row in ratios):
             notes.append("Undetermined is not equal: an open end shows that the data set no limit there.")
         if len(self.pairs) > 1:
             notes.append(f"Corrected for {len(self.pairs)} pairs: intervals by Bonferroni, p-values by Holm.")
         if doubtful := [data_set.name for data_set in self.sets if data_set.status not in ("ok", "ridge")]:
             notes.append(f"The fit itself is in doubt for {', '.join(doubtful)}: see its status.")
-        last = [f"- {note}" for note in notes]
-        blocks = {"Sets": columns(sets), "Ratios": columns(ratios), "Notes": last}
-        return in_blocks({"Verdict": self.verdict.split("\n")} | blocks)
+        return in_blocks(
+            {
+                "Verdict": self.verdict.split("\n"),
+                "Sets": columns(sets),
+                "Ratios": columns(ratios),
+                "Notes": [f"- {note}" for note in notes],
+            }
+        )
+
+    def _named_ratios(self, pair: ComparedPair) -> dict[str, Ratio]:
+        """The ratios of a pair, the combination and the velocity by what they are of."""
+        names = {"combination": f"alpha/c_e^{self.exponent:.3g}"}
+        ratios = {names.get(key, key): ratio for key, ratio in pair.ratios.items()}
+        if pair.velocity is not None:
+            ratios[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
+        return ratios
 
     def _velocity(self, pair: ComparedPair) -> str:
         v = pair.velocity
@@ -193,17 +208,18 @@ class Comparison(InJson, Tabulated):
         return f"{seen}: {outcome} within {100 * self.margin:g} %, {p_text(pair.p_equivalent)}."
 
     def _columns(self) -> dict[str, list[Any]]:
-        rows: list[tuple[Any, ...]] = []
-        for pair in self.pairs:
-            ratios = dict(pair.ratios)
-            ratios[f"alpha/c_e^{self.exponent:.3g}"] = ratios.pop("combination")
-            if pair.velocity is not None:
-                ratios[f"velocity at {pair.velocity.middle[1]:.3g} N"] = pair.velocity.at_middle
-            what = f"{pair.names[1]} over {pair.names[0]}"
-            rows += [
-                (what, name, x.value, x.interval.lower, x.interval.upper, pair.p_differ)
-                for name, x in ratios.items()
-            ]
+        rows = [
+            (
+                " over ".join(pair.names[::-1]),
+                name,
+                x.value,
+                x.interval.lower,
+                x.interval.upper,
+                pair.p_differ,
+            )
+            for pair in self.pairs
+            for name, x in self._named_ratios(pair).items()
+        ]
         names = ("sets", "ratio of", "value", "lower_95", "upper_95", "p_differ")
         return {name: list(column) for name, column in zip(names, zip(*rows, strict=True), strict=True)}
 
@@ -326,10 +342,19 @@ def compare(
     pairs = []
     for n, (i, k) in enumerate(places):
         ratios = {"c_e": of_c_e[n]} | _ratios(sides[i], sides[k], linear[n], exponent, level)
-        judged_so = joint[n], p_differ[n], velocities[n], p_equivalent[n]
-        obstacle = _obstacle((fits[i], fits[k]), (named[i], named[k]))
-        pairing = getattr(linear[n], "group", "")
-        pairs.append(ComparedPair((named[i], named[k]), ratios, *judged_so, pairing, obstacle))
+        names_of_pair = named[i], named[k]
+        pairs.append(
+            ComparedPair(
+                names=names_of_pair,
+                ratios=ratios,
+                joint=joint[n],
+                p_differ=p_differ[n],
+                velocity=velocities[n],
+                p_equivalent=p_equivalent[n],
+                pairing=getattr(linear[n], "group", ""),
+                obstacle=_obstacle((fits[i], fits[k]), names_of_pair),
+            )
+        )
     sets = [
         ComparedSet(
             name,
@@ -342,8 +367,14 @@ def compare(
         )
         for name, fit in zip(named, fits, strict=True)
     ]
-    origin = provenance(shape=fits[0].shape.name, margin=margin)
-    return Comparison(tuple(sets), exponent, on_ridge, margin, tuple(pairs), origin)
+    return Comparison(
+        sets=tuple(sets),
+        exponent=exponent,
+        on_ridge=on_ridge,
+        margin=margin,
+        pairs=tuple(pairs),
+        provenance=provenance(shape=fits[0].shape.name, margin=margin),
+    )
 
 
 def _obstacle(fits: tuple[FitRecord, FitRecord], names: tuple[str, str]) -> str:
@@ -387,11 +418,16 @@ def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Seque
 
 
 def _check_shared(fits: Sequence[FitRecord], shared: Sequence[str]) -> None:
-    """Refuse offsets that a fit does not have, or has more than one of."""
+    """Refuse offsets that a fit does not have, or has more than one of, or of another size."""
+    check_names("shared", shared, "force")
     for name in shared:
         for fit in fits:
             has = [x for x in fit.effects if x.quantity == name and name in OFFSETS and len(x.levels) == 1]
             refuse(not has, f"shared offsets must be uncertain in each fit, with one value: got {name!r}")
+            refuse(
+                has[0].deviation != next(x.deviation for x in fits[0].effects if x.quantity == name),
+                f"a shared {name} is one, so all fits must have it with one standard deviation",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -415,8 +451,7 @@ class _Side:
         evidence = fit._evidence()
         self.fit, self.likelihood, self.calibration = fit, fit.likelihood, evidence.calibration
         self.wider = (1 + self.calibration.monte_carlo) * self.calibration.inflation
-        o = self.likelihood.observations
-        self.domain = Domain.of(self.likelihood, bounds_of(o, None), {})
+        self.domain = Domain.of(self.likelihood, bounds_of(self.likelihood.observations, None), {})
         reach = [float(self._rise(self.calibration.threshold(C_E), t)) for t in (1.0, 2.0, 4.0)]
         self.walk = close_walk(self.likelihood, self.domain, fit.c_e, reach)
         self.x = np.log(self.walk.c_e)
@@ -424,8 +459,9 @@ class _Side:
         self.base = float(self.walk.minus2[self.best])
         total = evidence.information
         self.joint = self.calibration.threshold(None)
-        self.variance = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
-        self.variance *= self.joint.inflation * self.wider
+        self.variance = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2)) * (
+            self.joint.inflation * self.wider
+        )
         self._bands: dict[Threshold, tuple[Floats, Floats]] = {}
 
     def _rise(self, threshold: Threshold, t: Any) -> Any:
@@ -514,8 +550,7 @@ class _LogRatio:
 
 def _ratio(difference: _LogRatio | LinearDifference, level: float) -> Ratio:
     """The ratio that a difference of logarithms is; an end that is not finite is open."""
-    ends = difference.ends(level)
-    lower, upper = (float(np.exp(end)) if np.isfinite(end) else None for end in ends)
+    lower, upper = (float(np.exp(end)) if np.isfinite(end) else None for end in difference.ends(level))
     return Ratio(float(np.exp(difference.value)), Interval(lower, upper))
 
 
@@ -524,10 +559,10 @@ def _ratios(a: _Side, b: _Side, pair: Paired | None, exponent: float, level: flo
     directions = {"alpha": ALPHA, "combination": np.array([-exponent, 1.0])}
     if pair is not None and not pair.one_c_e:
         return {name: _ratio(pair.along(d), level) for name, d in ({"c_e": C_E} | directions).items()}
-    ratios = {}
-    for name, direction in directions.items():
-        ends = (side.ends(direction[0] * side.x, direction) for side in (a, b))
-        ratios[name] = _ratio(_LogRatio(*ends), level)
+    ratios = {
+        name: _ratio(_LogRatio(*(side.ends(d[0] * side.x, d) for side in (a, b))), level)
+        for name, d in directions.items()
+    }
     if pair is not None:
         ratios["combination"] = _ratio(pair.along(directions["combination"]), level)
     return ratios
@@ -537,10 +572,10 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     """Whether both sets have one c_e and alpha, each with its own scatter."""
     low, high = max(a.domain.low, b.domain.low), min(a.domain.high, b.domain.high)
     if low >= high:
-        allowed = (
-            "the data contradict one another: windows of one need more c_e than overloaded runs of the other"
-        )
-        return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {allowed} allow.")
+        return HypothesisTest("one material", np.inf, (), 0.0, (
+            "The two differ: the data contradict one another: windows of one need more c_e than overloaded runs of "
+            "the other allow."
+        ))  # fmt: skip
     c_e = np.unique(np.concatenate([a.walk.c_e, b.walk.c_e])[::6])
     c_e = np.unique([low, *c_e[(c_e >= low) & (c_e <= high)], a.fit.c_e, b.fit.c_e, high])
     c_e = c_e[(c_e >= low) & (c_e <= high)]
@@ -561,10 +596,10 @@ def _joint(a: _Side, b: _Side) -> HypothesisTest:
     share = np.array([np.trace(np.linalg.solve(both, side.variance)) / 2 for side in (a, b)])
     nu = 1 / max(float(np.sum(share**2 / [a.joint.nu, b.joint.nu])), 1e-12)
     freedom: tuple[float, ...] = (2.0, nu) if nu < 1e9 else (2.0,)
-    F = statistic / len(freedom)
-    p, outcome = judged(F, *freedom)
-    differ = "differ" if p < ERROR else "can be of one material"
-    return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {outcome}.")
+    text = "The two {so} (one c_e and alpha): {outcome}."
+    return concluded(
+        "one material", statistic / len(freedom), freedom, text, "can be of one material", "differ"
+    )
 
 
 def _velocities(
@@ -585,14 +620,13 @@ def _velocities(
         unit = [np.log(PER_SECOND * R * curve.velocity_ratio(pressure / s.walk.c_e[:, None])) for s in (a, b)]
         for k, F in enumerate(force.tolist()):
             slopes = [float(np.gradient(h[:, k], s.x)[s.best]) for s, h in zip((a, b), unit, strict=True)]
-            difference: _LogRatio | LinearDifference
-            if pair is None:
-                difference = _LogRatio(*(
-                    side.ends(h[:, k], np.array([slope, 1.0]))
-                    for side, h, slope in zip((a, b), unit, slopes, strict=True)
-                ))  # fmt: skip
-            else:
-                difference = pair.along(np.array([float(np.mean(slopes)), 1.0]))
+            ends = (
+                side.ends(h[:, k], np.array([slope, 1.0]))
+                for side, h, slope in zip((a, b), unit, slopes, strict=True)
+            )
+            difference: _LogRatio | LinearDifference = (
+                pair.along(np.array([float(np.mean(slopes)), 1.0])) if pair else _LogRatio(*ends)
+            )
             p = 1.0 if margin is None else difference.outside(float(np.log1p(margin)))
             if k == len(force) // 2:
                 middles.append(((R, F), _ratio(difference, level)))

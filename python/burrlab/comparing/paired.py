@@ -84,11 +84,12 @@ class Paired:
             rise = float(self.change @ np.linalg.solve(self.calibration.covariance, self.change))
             p, freedom = self.calibration.probability(rise), self.calibration.joint_freedom
         F, text = rise / freedom[0], ", ".join(f"{number:.3g}" for number in freedom)
-        differ = "differ" if p < ERROR else "can be of one material"
         units = f", paired by {self.group}" if self.group else ""
         what = "one alpha, if c_e is one" if self.one_c_e else "one c_e and alpha"
-        sentence = f"The two {differ} ({what}{units}): F({text}) = {F:.3g}, {p_text(p)}."
-        return HypothesisTest("one material", F, freedom, p, sentence)
+        return HypothesisTest("one material", F, freedom, p, (
+            f"The two {'differ' if p < ERROR else 'can be of one material'} ({what}{units}): F({text}) = {F:.3g}, "
+            f"{p_text(p)}."
+        ))  # fmt: skip
 
 
 class JointModel(RowProducts):
@@ -123,8 +124,9 @@ class JointModel(RowProducts):
             shifts = [
                 has[x.quantity][1] if x.quantity in has else np.zeros(len(x.group.levels)) for x in effects
             ]
-            shift = np.concatenate([np.empty(0), *shifts])
-            models.append(LinearModel(plain[side], effects, points[side], shift))
+            models.append(
+                LinearModel(plain[side], effects, points[side], np.concatenate([np.empty(0), *shifts]))
+            )
         self.products = _embedded(models, sum(len(pair[0].group.levels) for pair in common), one_c_e)
         self.components = [pair[0] for pair in common]
         self.components += [x for model in models for x in model.components[len(common) :]]
@@ -180,9 +182,10 @@ def _offsets(likelihood: Likelihood) -> dict[str, tuple[Component, Floats]]:
     """Offsets of a likelihood by name, and what its rows are moved by."""
     if not isinstance(likelihood, MixedLikelihood):
         return {}
-    pairs = zip(likelihood.components, likelihood.linear.blocks, strict=True)
     return {
-        x.quantity: (x, likelihood.shifts[block]) for x, block in pairs if x.quantity in (*OFFSETS, "order")
+        x.quantity: (x, likelihood.shifts[block])
+        for x, block in zip(likelihood.components, likelihood.linear.blocks, strict=True)
+        if x.quantity in (*OFFSETS, "order")
     }
 
 
@@ -232,9 +235,15 @@ def _fitted_jointly(
 def difference_of(equations: MixedEquations) -> MixedCalibration:
     """The limits of the differences of log c_e and log alpha between the two sides of a `JointModel`."""
     fixed = equations.uncertainty()
-    L = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
-    if equations.model.n_fixed == 3:
-        L = np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 1.0]])
+    L = np.array(
+        [[0.0, 0.0, 0.0], [0.0, -1.0, 1.0]]
+        if equations.model.n_fixed == 3
+        else [[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]]
+    )
     return MixedCalibration(
-        L @ fixed.covariance @ L.T, L @ fixed.adjusted @ L.T, L @ fixed.changes @ L.T, fixed.of_variances
+        L @ fixed.covariance @ L.T,
+        L @ fixed.adjusted @ L.T,
+        L @ fixed.changes @ L.T,
+        fixed.of_variances,
+        variances=fixed.variances,
     )

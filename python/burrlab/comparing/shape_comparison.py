@@ -385,20 +385,17 @@ def cells(comparison: ShapeComparison) -> list[list[str]]:
         fit = row.fit
         lack = "-" if fit.lack_of_fit is None else p_text(fit.lack_of_fit.p_value)
         against = "-" if row.p_value is None else p_text(row.p_value)
-        if row.rejected:
-            against += ", rejected"
-        numbers = [f"{fit.c_e:.4g}", f"{fit.alpha:.4g}"]
         rows.append(
             [
                 row.shape.label,
-                *(f"{number} (open)" if _is_open(row) else number for number in numbers),
+                *(f"{number:.4g}{' (open)' if _is_open(row) else ''}" for number in (fit.c_e, fit.alpha)),
                 f"{fit.log_likelihood:.4g}",
                 f"{fit.aic:.4g}",
                 f"{fit.bic:.4g}",
                 f"{row.delta_aic:.3g}",
                 _amount(comparison, fit.residual_norm, sign=False),
                 lack,
-                against,
+                f"{against}{', rejected' if row.rejected else ''}",
                 _pattern(comparison, row.pattern),
             ]
         )
@@ -410,7 +407,6 @@ def _is_open(row: ShapeRow) -> bool:
 
 
 def _rejection(comparison: ShapeComparison) -> str:
-    percent = f"{100 * comparison.level:g} %"
     if comparison.power is None or comparison.threshold is None:
         return "No shape was tested: that needs the family power(k), free=True, and more than three rows."
     nu = comparison.threshold.nu
@@ -423,7 +419,7 @@ def _rejection(comparison: ShapeComparison) -> str:
         if rows:
             each = [f"{row.shape.label} ({p_text(row.p_value or 0.0)})" for row in rows]
             rejections.append(f"{_listed(each)} {'is' if len(rows) == 1 else 'are'} {name}")
-    return f"Against f = (1 - x^2)^k with k free, at {percent} ({test}): {'; '.join(rejections)}."
+    return f"Against f = (1 - x^2)^k with k free, at {100 * comparison.level:g} % ({test}): {'; '.join(rejections)}."
 
 
 def _free(power: PowerProfile) -> str:

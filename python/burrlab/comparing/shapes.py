@@ -1,5 +1,6 @@
 """Model choice: fits under each erosion shape function, and in the family f = (1 - x^2)^k with k free."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -78,9 +79,8 @@ def _pieces(start: float | None, stop: float | None) -> tuple[float, Floats, Flo
     splines = [_window_spline(member(k).name, start, stop) for k in NODES]
     x = np.unique(np.concatenate([spline.log_ratio.x for spline in splines]))
     left = x[:-1]
-    factorial = np.array([6.0, 2.0, 1.0, 1.0])
     coefficients = [
-        [spline.log_ratio(left, order) / f for order, f in zip((3, 2, 1, 0), factorial, strict=True)]
+        [spline.log_ratio(left, order) / math.factorial(order) for order in (3, 2, 1, 0)]
         for spline in splines
     ]
     return splines[0].end, x, np.array(coefficients)
@@ -122,9 +122,8 @@ class PowerFamily:
     def threshold(self, k: float, point: tuple[float, float]) -> Threshold | None:
         """The threshold for k at a point of three parameters; None where too few rows are left for it."""
         c_e, alpha = point
-        low = self.domain.low
         middle = min(max(k, NODES[0] + _STEP), NODES[-1] - _STEP)
-        steps = np.exp([-_STEP, _STEP]) * max(c_e, low * float(np.exp(_STEP)))
+        steps = np.exp([-_STEP, _STEP]) * max(c_e, self.domain.low * float(np.exp(_STEP)))
         likelihood = self.likelihood(k)
         here = likelihood.residuals(c_e, alpha)
         by_k = [self.likelihood(middle + sign * _STEP).residuals(c_e, alpha) for sign in (-1, 1)]
@@ -372,8 +371,9 @@ def compare_shapes(
     if weighed.k is not None and weighed.threshold is not None:
         assert weighed.free is not None
         domain = Domain.of(first.likelihood, bounds_of(observations, bounds), bounds or {})
-        family = PowerFamily(observations, residuals, domain)
-        power = family.profile(weighed.k, weighed.free, weighed.threshold)
+        power = PowerFamily(observations, residuals, domain).profile(
+            weighed.k, weighed.free, weighed.threshold
+        )
     lowest_aic = min(fitted.aic for fitted in fits.values())
     best = min(names, key=lambda name: weighed.minima[name].minus2)
     evidence = fits[best].evidence  # its scatter is 1 where sigma is known
@@ -410,18 +410,11 @@ def compare_shapes(
     )
 
 
-def _residuals(fit: Fit) -> tuple[Floats, Floats, Floats]:
-    """F/R^2 [N/mm^2], force [N] and residual of the curves' rows and the runs' means."""
-    o = fit.observations
-    residuals = fit.likelihood.velocity_residuals(fit.likelihood.model.unit(fit.c_e), fit.alpha)
-    runs = [int(np.flatnonzero(o.run == i)[0]) for i in range(int(o.run.max(initial=-1)) + 1)]
-    rows = np.concatenate([np.flatnonzero(o.run < 0), np.array(runs, dtype=np.intp)])
-    return o.force[rows] / o.radius[rows] ** 2, o.force[rows], residuals
-
-
 def _pattern(fit: Fit, scatter: float) -> tuple[ForceThird, ...]:
-    """Mean residual in the low, middle and high third of the forces."""
-    pressure, force, r = _residuals(fit)
+    """Mean residual of the curves' rows and the runs' means in the low, middle and high third of the forces."""
+    o, first_rows = fit.observations, fit.likelihood.first_rows
+    force, pressure = o.force[first_rows], o.force[first_rows] / o.radius[first_rows] ** 2
+    r = fit.likelihood.velocity_residuals(fit.likelihood.model.unit(fit.c_e), fit.alpha)
     thirds = np.array_split(np.unique(pressure), 3)
     parts = []
     for name, third in zip(("low", "middle", "high"), thirds, strict=True):
@@ -439,9 +432,11 @@ def _ratio(fit: Fit, reference: Fit, exponent: float) -> float | None:
 
     With the ridge's exponent c_e may be open, but only shapes of the reference's order compare.
     """
-    if exponent:
-        if fit.shape.order != reference.shape.order:
-            return None
-    elif any(each.intervals["c_e"]["95"].upper is None for each in (fit, reference)):
+    incomparable = (
+        fit.shape.order != reference.shape.order
+        if exponent
+        else any(each.intervals["c_e"]["95"].upper is None for each in (fit, reference))
+    )
+    if incomparable:
         return None
     return float(fit.alpha / reference.alpha * (reference.c_e / fit.c_e) ** exponent)

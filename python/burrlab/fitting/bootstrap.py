@@ -360,14 +360,13 @@ def bootstrap(
         mixed is not None and (kind == "residual" or fit.table is not None),
         "with groups, offsets or known values a bootstrap is 'parametric' or of 'groups', and of the mean field",
     )
-    identified = evidence.profile.identified
+    exponent = evidence.profile.identified.exponent
     seed = seed_or_new(seed)
     low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
     scatters = tuple(
         (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
     )
-    items: list[BootstrapItem] | list[MixedItem]
-    items = [
+    items: list[BootstrapItem] | list[MixedItem] = [
         BootstrapItem(
             fit.observations,
             fit.shape,
@@ -391,12 +390,12 @@ def bootstrap(
             MixedItem(fit.observations, fit.shape, plain.kind, plain.beliefs, mixed, fit.c_e, fit.alpha, group, seed, k)
             for k in range(n)
         ]  # fmt: skip
-    report_progress = counter(progress, "fits")
     # a fit holds the interpreter: more threads than one only wait
     with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        replicates = run_items(function, items, executor=workers, store=store, progress=report_progress)
-    ends = np.array(replicates)
-    combination = ends[:, 1] / ends[:, 0] ** identified.exponent
+        ends = np.array(
+            run_items(function, items, executor=workers, store=store, progress=counter(progress, "fits"))
+        )
+    combination = ends[:, 1] / ends[:, 0] ** exponent
     # an indentation determines c_e on the ridge too, and an overloaded run ends the ridge
     o = fit.observations
     endless = not len(o.pressed) and np.isinf(o.ceiling)
@@ -404,4 +403,4 @@ def bootstrap(
     entry = float(o.ridge_entries().max()) * (BEYOND if evidence.ridge.excluded else 1.0)
     on_ridge = ends[:, 0] > (entry if endless else np.inf)
     c_e, alpha = (np.where(on_ridge, np.inf, column) for column in ends.T)
-    return Bootstrap(c_e, alpha, combination, identified.exponent, kind, seed)
+    return Bootstrap(c_e, alpha, combination, exponent, kind, seed)

@@ -1,7 +1,7 @@
 """How far -2 log L may rise inside a level: the scatter of rows, and what few rows or groups leave unknown of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -170,6 +170,9 @@ class MixedCalibration:
     of_variances: Floats  #: covariance of the estimated variances, shape (m, m)
     monte_carlo: float = 0.0  #: as in `Calibration`
     inflation: float = 1.0
+    variances: Floats = field(
+        default_factory=lambda: np.empty(0)
+    )  #: those estimated, shape (m,), beside one effect; else empty
 
     @property
     def exponent(self) -> float:
@@ -180,10 +183,19 @@ class MixedCalibration:
         """Degrees of freedom of the standard error along a gradient over (log c_e, log alpha); 1 or more.
 
         To its variance that of something new may be `added`, a sum of the estimated variances with `weights`.
+        Satterthwaite's, which are too many where few groups happen to differ little; so, beside one effect, those at
+        which the squared limit is the sum of the parts' own (Banerjee, Ann. Inst. Stat. Math. 12, 1961).
         """
         change = np.einsum("i,kij,j->k", direction, self.changes, direction) + weights
         spread = float(change @ self.of_variances @ change)
         variance = float(direction @ self.covariance @ direction) + added
+        if len(self.variances):
+            L = np.linalg.cholesky(self.of_variances)
+            sizes = np.linalg.solve(L, self.variances)
+            parts = (L.T @ change) * sizes / variance
+            if (parts >= -1e-9).all():
+                limits = special.fdtri(1, np.maximum(2 * sizes**2, 1.0), 0.95)
+                return _freedom_at(1, float(parts @ limits + (1 - parts.sum()) * special.chdtri(1, 0.05)))
         return float(np.clip(2 * variance**2 / max(spread, 1e-300), 1.0, 1e9))
 
     def variance(self, direction: Floats) -> tuple[float, float]:
@@ -252,13 +264,21 @@ def _freedom_of_sum(a: float, b: float) -> float:
     """nu at which 2 F with 2 and nu degrees of freedom has the 95 % limit of t^2 with a plus another t^2 with b."""
     squares = special.stdtrit(a, (np.arange(_NODES) + 0.5) / _NODES) ** 2
 
-    def beyond(log_nu: float) -> float:
-        """Probability that the sum lies beyond 2 F's limit."""
-        rest = np.maximum(2 * special.fdtri(2, np.exp(log_nu), 0.95) - squares, 0.0)
-        return float(np.mean(special.fdtrc(1, b, rest))) - 0.05
+    def beyond(limit: float) -> float:
+        """Probability that the sum lies beyond a limit."""
+        return float(np.mean(special.fdtrc(1, b, np.maximum(limit - squares, 0.0)))) - 0.05
 
-    many = np.log(1e9)
-    return float(np.exp(many if beyond(many) <= 0 else scipy.optimize.brentq(beyond, np.log(0.5), many)))
+    return _freedom_at(2, float(scipy.optimize.brentq(beyond, 1.0, 1e6)) / 2)
+
+
+def _freedom_at(number: int, limit: float) -> float:
+    """nu at which F with a number and nu degrees of freedom has a 95 % limit; 1e9 at most."""
+
+    def above(log_nu: float) -> float:
+        return float(special.fdtri(number, np.exp(log_nu), 0.95)) - limit
+
+    few, many = np.log(0.5), np.log(1e9)
+    return float(np.exp(many if above(many) >= 0 else scipy.optimize.brentq(above, few, many)))
 
 
 AnyCalibration: TypeAlias = Calibration | MixedCalibration

@@ -1,7 +1,7 @@
 """Tests of a fit: whether the data contradict the model, which rows stand out, what units they suggest."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -69,6 +69,20 @@ def judged(statistic: float, *freedom: float) -> tuple[float, str]:
     return p, f"{number}, {p_text(p)}"
 
 
+def concluded(
+    name: str,
+    statistic: float,
+    freedom: tuple[int | float, ...],
+    sentence: str,
+    holds: str = "",
+    fails: str = "",
+) -> HypothesisTest:
+    """A test by F or chi-square. In its sentence stand {outcome} and, for `holds` or where p < 5 % `fails`, {so}."""
+    p, outcome = judged(statistic, *freedom)
+    text = sentence.format(so=holds if p >= 0.05 else fails, outcome=outcome)
+    return HypothesisTest(name, statistic, freedom, p, text)
+
+
 def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     """Whether the scatter about the fit is larger than the repeats' own.
 
@@ -91,22 +105,22 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     ----------
     Seber and Wild, Nonlinear Regression, Wiley 1989, section 2.1.3 (replicated data).
     """
-    name = "lack of fit"
     J, r = likelihood.about_curves(*point)
     if not len(r):
         return None
     S, parameters = float(np.sum(r**2)), 2 if J.shape[1] == 2 else _orthonormal(J).shape[1]
     if likelihood.known:
         nu = likelihood.n - parameters
-        p, outcome = judged(S, nu)
-        sentence = f"The scatter {'agrees with' if p >= 0.05 else 'contradicts'} the given sigma: {outcome}."
-        if 1 - p < POOR:
+        text = "The scatter {so} the given sigma: {outcome}."
+        test = concluded("lack of fit", S, (nu,), text, "agrees with", "contradicts")
+        if 1 - test.p_value < POOR:
             factor = float(f"{np.sqrt(nu / max(S, 1e-300)):.2g}")
             sentence = (
                 f"The given sigma looks about {factor:g} times too large, and the intervals are too wide by it: "
-                f"chi-square {S:.3g} of {nu}, {p_text(1 - p)} for one so small."
+                f"chi-square {S:.3g} of {nu}, {p_text(1 - test.p_value)} for one so small."
             )
-        return HypothesisTest(name, S, (nu,), p, sentence)
+            return replace(test, sentence=sentence)
+        return test
     o = likelihood.observations
     apart = [o.sets] if J.shape[1] > 2 else []  # data sets may have effects of their own
     levels = [group.velocity for group in (*apart, *o.groups)]
@@ -115,9 +129,10 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     F, freedom = _against_repeats(r, groups, parameters)
     if not freedom:
         return None
-    p, outcome = judged(F, *freedom)
-    agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
-    return HypothesisTest(name, F, freedom, p, f"Lack of fit: {agree}, {outcome}.")
+    return concluded(
+        "lack of fit", F, freedom, "Lack of fit: the model {so}, {outcome}.",
+        "fits within the scatter of the repeats", "misses the means",
+    )  # fmt: skip
 
 
 def _against_repeats(r: Floats, groups: Rows, parameters: int) -> tuple[float, tuple[int, ...]]:
@@ -149,23 +164,23 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     S, tests, depths = float(r @ r), [], np.unique(x, return_inverse=True)[1]
     F, freedom = _against_repeats(r, depths, 1)
     if likelihood.pressed_known:
-        p, outcome = judged(S, n - 1)
-        agree = "agrees with" if p >= 0.05 else "contradicts"
-        text = f"The indentation {agree} Eq. 3 and its sigma: {outcome}."
-        tests.append(HypothesisTest("indentation, sigma", S, (n - 1,), p, text))
+        tests.append(concluded(
+            "indentation, sigma", S, (n - 1,), "The indentation {so} Eq. 3 and its sigma: {outcome}.",
+            "agrees with", "contradicts",
+        ))  # fmt: skip
     elif freedom:
-        p, outcome = judged(F, *freedom)
-        agree = "fits the indentation within the scatter of its repeats" if p >= 0.05 else "misses its means"
-        tests.append(HypothesisTest("indentation, repeats", F, freedom, p, f"Eq. 3 {agree}, {outcome}."))
+        tests.append(concluded(
+            "indentation, repeats", F, freedom, "Eq. 3 {so}, {outcome}.",
+            "fits the indentation within the scatter of its repeats", "misses its means",
+        ))  # fmt: skip
     if n > 3 and depths.any():
         above = float(bend @ r) ** 2 / float(bend @ bend)
         F = above / max((S - above) / (n - 2), 1e-300)
-        p, outcome = judged(F, 1, n - 2)
         power = 1.5 * (1 + float(np.cov(x, log)[0, 1] / np.var(x, ddof=1)))
         text = (
-            f"The force of the indentation goes with depth^{power:.3g}, by Eq. 3 with depth^1.5: {outcome}."
+            f"The force of the indentation goes with depth^{power:.3g}, by Eq. 3 with depth^1.5: {{outcome}}."
         )
-        tests.append(HypothesisTest("indentation, power", F, (1, n - 2), p, text))
+        tests.append(concluded("indentation, power", F, (1, n - 2), text))
     return tests
 
 
@@ -187,7 +202,6 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     runs = int(o.run.max(initial=-1)) + 1
     if not runs:
         return None
-    freedom: tuple[int, ...]
     table = likelihood.within_residuals(unit).reshape(runs, -1)
     segments = table.shape[1]
     precision = 1 / likelihood.run_scatter
@@ -196,7 +210,7 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     measured = float(np.exp(pattern[0] + expected[0] - pattern[-1] - expected[-1]))
     ratios = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
     if runs > 1:
-        freedom = segments - 1, (runs - 1) * (segments - 1)
+        freedom: tuple[int, ...] = segments - 1, (runs - 1) * (segments - 1)
         above, below = freedom
         spread = float(np.sum((table - precision[:, None] * pattern) ** 2)) / below
         weight = float(np.sum(precision**2))
@@ -206,19 +220,16 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
         weights = 1 / (o.log_sigma[o.run == 0] ** 2 + MODEL_ERROR**2)
         r = np.log(o.velocity[o.run == 0]) - expected
         F = float(np.sum(weights * (r - np.sum(weights * r) / np.sum(weights)) ** 2))
-    p, outcome = judged(F, *freedom)
-    agree = "agrees with" if p >= 0.05 else "contradicts"
-    sentence = f"The fall of velocity with depth {agree} the model ({ratios}): {outcome}."
-    return HypothesisTest("fall with depth", F, tuple(map(float, freedom)), p, sentence)
+    text = f"The fall of velocity with depth {{so}} the model ({ratios}): {{outcome}}."
+    test = concluded("fall with depth", F, freedom, text, "agrees with", "contradicts")
+    return replace(test, freedom=tuple(map(float, freedom)))
 
 
 def given_values(
     likelihood: Likelihood, calibration: AnyCalibration, base: float, c_e: float, alpha: float
 ) -> HypothesisTest:
     """Whether (c_e, alpha) lies in the joint region."""
-    at = likelihood.at(c_e)
-    rise = float(at.minus2(alpha)[0]) - base
-    name = f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms"
+    rise = float(likelihood.at(c_e).minus2(alpha)[0]) - base
     o, p = likelihood.observations, 0.0
     if np.isnan(rise):
         force = o.force[np.argmax(o.c_e_bounds())]
@@ -230,8 +241,9 @@ def given_values(
         where = "inside" if p >= 0.05 else "outside"
         ending = f"lies {where} the joint 95 % region: -2 log L rises by {rise:.3g}, {p_text(p)}."
     return HypothesisTest(
-        name, rise, calibration.joint_freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) {ending}"
-    )
+        f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms", rise, calibration.joint_freedom, p,
+        f"({c_e:g} N/mm^2, {alpha:g} /ms) {ending}",
+    )  # fmt: skip
 
 
 # ---- what speaks against a fit ----
@@ -330,9 +342,10 @@ def belief_tests(likelihood: Likelihood) -> list[HypothesisTest]:
         likelihood.beliefs, likelihood.belief_errors(), strict=False
     ):
         p, outcome = judged(t**2, 1, min(nu, 999.0))
-        text = f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone"
-        verb = "contradict" if p < 0.05 else "do not contradict"
-        tests.append(HypothesisTest(f"known {name}", t**2, (1, nu), p, f"{text} {verb} it, {outcome}."))
+        tests.append(HypothesisTest(f"known {name}", t**2, (1, nu), p, (
+            f"{name} was given as {value:.4g}, to {100 * deviation:.2g} %: the data alone "
+            f"{'contradict' if p < 0.05 else 'do not contradict'} it, {outcome}."
+        )))  # fmt: skip
     return tests
 
 
@@ -360,9 +373,9 @@ def curvature(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
         return None
     above = float(rest @ r) ** 2 / float(rest @ rest)
     F = above / max((float(r @ r) - above) / below, 1e-300)
-    p, outcome = judged(F, 1, below)
-    bends = "do not bend" if p >= 0.05 else "bend"
-    return HypothesisTest("curvature", F, (1, below), p, f"The residuals {bends} over the force: {outcome}.")
+    return concluded(
+        "curvature", F, (1, below), "The residuals {so} over the force: {outcome}.", "do not bend", "bend"
+    )
 
 
 def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
@@ -385,8 +398,7 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
     o, n = likelihood.observations, len(r)
     if n < 12:
         return []
-    single = o.run < 0
-    x = np.log(o.force / o.radius**2)[single]
+    x = np.log(o.force / o.radius**2)[o.run < 0]
     x = (x - x.mean()) / max(float(np.std(x)), 1e-12)
     levels = np.unique(x, return_inverse=True)[1]
     smooth = np.stack([x**k for k in range(5)], axis=1)
@@ -403,10 +415,9 @@ def order_tests(likelihood: Likelihood, point: Point) -> list[HypothesisTest]:
         slope = float(drift @ e) / float(drift @ drift)
         above = slope**2 * float(drift @ drift)
         F = (below - 1) * above / max(float(e @ e) - above, 1e-300)
-        p, outcome = judged(F, 1, below - 1)
-        tests.append(HypothesisTest("drift", F, (1, below - 1), p, (
-            f"From the first row to the last the residuals drift by {slope:.2g}: {outcome}; estimate=('order',) takes "
-            "it into account."
+        tests.append(concluded("drift", F, (1, below - 1), (
+            f"From the first row to the last the residuals drift by {slope:.2g}: {{outcome}}; estimate=('order',) "
+            "takes it into account."
         )))  # fmt: skip
         correlation, p = _form(
             scipy.sparse.diags_array([0.5, 0.5], offsets=[-1, 1], shape=(n, n)), basis, e, -1.0, 1.0
@@ -496,14 +507,18 @@ class Row:
     def sentence(self) -> str:
         """The row in plain words."""
         of = f" of data set {self.data_set + 1}" if self.data_set else ""
-        without = "there is no fit without it"
-        if not np.isnan(self.c_e):
-            without = f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
+        without = (
+            "there is no fit without it"
+            if np.isnan(self.c_e)
+            else f"without it c_e is {self.c_e:.3g} ({span(self.interval)}) N/mm^2"
+        )
         return f"Row {self.row}{of}, {self.force:.3g} N, stands out: {self.studentised:.2g} sigma; {without}."
 
     def __repr__(self) -> str:
-        named = ", stands out" if self.named else ""
-        return f"Row({self.row}, {self.force:.3g} N, {self.studentised:.2g} sigma, c_e {self.c_e:.3g}{named})"
+        return (
+            f"Row({self.row}, {self.force:.3g} N, {self.studentised:.2g} sigma, "
+            f"c_e {self.c_e:.3g}{', stands out' if self.named else ''})"
+        )
 
 
 def influence(
@@ -713,8 +728,9 @@ def plausibility(
         return calibration.probability(max(float(walk.minus2.min()) - base, 0.0))
 
     inside, off = p_of(), _off(likelihood, point)
-    log_velocity = np.log(o.velocity / o.radius) - likelihood.own_alpha
-    line = scipy.stats.linregress(np.log(o.force / o.radius**2), log_velocity)
+    line = scipy.stats.linregress(
+        np.log(o.force / o.radius**2), np.log(o.velocity / o.radius) - likelihood.own_alpha
+    )
     # upper end of the slope's 95 % interval
     slope = float(line.slope + scipy.stats.t.isf(0.025, max(len(o.force) - 2, 1)) * line.stderr)
     wrong = {

@@ -27,12 +27,13 @@ from burrlab.fitting.diagnostics import (
     plausibility,
 )
 from burrlab.fitting.likelihood import Beliefs, Likelihood, LikelihoodKind, MeanFieldModel
-from burrlab.fitting.linear import Uncertain, check_offsets, components_of
+from burrlab.fitting.linear import Uncertain, check_names, check_offsets, components_of
 from burrlab.fitting.mixed import (
     MixedEvidence,
     MixedLikelihood,
     at_best_variances,
     effect_sentences,
+    silent_groups,
     what_opens,
 )
 from burrlab.fitting.observations import (
@@ -217,6 +218,7 @@ def fit(
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
     check_offsets(uncertain, estimate)
+    check_names("groups", groups or (), "day")
     apart = _apart(share, sets)
     observations, beliefs = Observations.of(sets, burr, groups), _beliefs(known)
     given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
@@ -434,8 +436,10 @@ def _check_ranges(name: str, ranges: Bounds | None) -> None:
         TypeError,
     )
     for key, pair in (ranges or {}).items():
-        near = nearest(key, PLAUSIBLE)
-        refuse(key not in PLAUSIBLE, f"{name} may hold 'c_e' and 'alpha' alone: got {key!r}{near}")
+        refuse(
+            key not in PLAUSIBLE,
+            f"{name} may hold 'c_e' and 'alpha' alone: got {key!r}{nearest(key, PLAUSIBLE)}",
+        )
         ends = real(pair, f"{name} of {key}")
         if ends.shape != (2,) or not 0 < ends[0] < ends[1] < np.inf:
             raise ValueError(f"{name} of {key} must be two finite numbers 0 < low < high: got {shown(pair)}")
@@ -605,6 +609,7 @@ def _weighed(
         if rows and likelihood.kind == "relative" and mixed is None and not o.slow.size
         else "",
         *(test.sentence for test in against_order([] if mixed else order_tests(likelihood, best))),
+        *silent_groups(o, mixed.effects if mixed else ()),
         *(test.sentence for test in belief_tests(likelihood) if test.sentence not in fits.sentence),
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
@@ -624,9 +629,12 @@ def _described(likelihood: Likelihood, best: tuple[float, float], usable: bool) 
         residuals["velocity"] = likelihood.velocity_residuals(unit * np.exp(likelihood.own_alpha), alpha)
     if likelihood.pressed_known:
         residuals["pressed"] = likelihood.pressed_residuals(c_e)
-    r, chi2 = np.concatenate([residuals[kind][rows] for kind, rows in o.rows]), None
-    if o.has_sigma and usable:
-        chi2 = float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
+    r = np.concatenate([residuals[kind][rows] for kind, rows in o.rows])
+    chi2 = (
+        float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
+        if o.has_sigma and usable
+        else None
+    )
     return {
         "predicted": np.concatenate([predicted[kind][rows] for kind, rows in o.rows]),
         "residuals": r,

@@ -335,16 +335,13 @@ class Likelihood:
                     B = np.full(len(stiffness), float(weight @ weight))
                     m = r @ weight / B
                     A = np.sum((r - m[:, None] * weight) ** 2, axis=-1)
-                    return AlphaSlices(
-                        stiffness, A, B, m, self._without_alpha(stiffness), self.n, True, 0.0, True
-                    )
-                m, B = r.sum(axis=-1) / self.n, np.full(len(stiffness), float(self.n))
-                r -= m[:, None]
-                A = np.sum(np.square(r, out=r), axis=-1)
+                else:
+                    m, B = r.sum(axis=-1) / self.n, np.full(len(stiffness), float(self.n))
+                    r -= m[:, None]
+                    A = np.sum(np.square(r, out=r), axis=-1)
             else:
-                unit = self.model.unit(stiffness)
                 sigma = self.observations.sigma if self.known else 1.0
-                u, v = unit / sigma, self.observations.velocity / sigma
+                u, v = self.model.unit(stiffness) / sigma, self.observations.velocity / sigma
                 B = np.sum(u**2, axis=-1)
                 m = np.sum(u * v, axis=-1) / B
                 A = np.sum((v - m[:, None] * u) ** 2, axis=-1)
@@ -463,12 +460,11 @@ class Likelihood:
         width = float(np.log(stiffness[2] / stiffness[0]))
         # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
         doubling = np.log(2) if self.log else 1.0
-        tables = []
         twice = self.residuals(c_e, 2 * alpha)
-        for (name, known, r, n), (_, _, r_twice, _) in zip(around, twice, strict=True):
-            J = np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1)
-            tables.append((name, known, J, r[1], n))
-        return tables
+        return [
+            (name, known, np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1), r[1], n)
+            for (name, known, r, n), (_, _, r_twice, _) in zip(around, twice, strict=True)
+        ]
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """log L with all constants and the best scatters: the log density of the data in their units."""
@@ -485,10 +481,11 @@ class Likelihood:
             total = 0.0
             for _, known, r, n in tables:
                 S = float(np.sum(r**2))
-                if known:
-                    total += -0.5 * (S + n * float(np.log(2 * np.pi)))
-                else:
-                    total += -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
+                total += (
+                    -0.5 * (S + n * float(np.log(2 * np.pi)))
+                    if known
+                    else -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
+                )
         return total + self.log_jacobian()
 
     def log_jacobian(self) -> float:

@@ -119,15 +119,20 @@ def _levels_of(o: Observations, quantity: str) -> Group:
     return Group("data", ("all",), np.zeros(len(o.force), np.intp), np.zeros(len(o.pressed), np.intp))
 
 
+def check_names(option: str, names: Sequence[str], example: str) -> None:
+    """TypeError unless an option is a sequence of names, and no text."""
+    refuse(
+        isinstance(names, str) or not isinstance(names, Sequence),
+        f"{option} must be a sequence such as ('{example}',), got {shown(names)}",
+        TypeError,
+    )
+
+
 def check_offsets(uncertain: Uncertain | None, estimate: Sequence[str]) -> None:
     """Refuse `uncertain` and `estimate` unless they name offsets, each once, with positive sizes."""
     if not isinstance(uncertain, (dict, type(None))):
         raise TypeError(f"uncertain must be a dict such as {{'surface': 0.05}}, got {shown(uncertain)}")
-    refuse(
-        isinstance(estimate, str) or not isinstance(estimate, Sequence),
-        f"estimate must be a sequence such as ('force',), got {shown(estimate)}",
-        TypeError,
-    )
+    check_names("estimate", estimate, "force")
     for name, size in (uncertain or {}).items():
         refuse(
             name not in OFFSETS,
@@ -305,8 +310,10 @@ class MixedEquations:
             np.linalg.slogdet(H[np.ix_(random, random)])[1]
         )  # |V| over that of S
         self.solution = self.M @ self.c  # minus the effects, then minus the step
-        total = sum(G[-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True))
-        self.squares = float(total - self.c @ self.solution)  # r' P r
+        self.squares = float(  # r' P r
+            sum(G[-1, -1] / s2 for G, s2 in zip(model.products, scatter2, strict=True))
+            - self.c @ self.solution
+        )
 
     def inverse(
         self, columns: Rows, C: Floats | None = None, variance: Floats | None = None
@@ -386,7 +393,11 @@ class MixedEquations:
         )  # of the variances
         Phi = M[fixed, fixed]
         adjusted = Phi + 2 * np.einsum("ij,ijkl->kl", covariance, bias)
-        return MixedCalibration(Phi, (adjusted + adjusted.T) / 2, np.array(changes), covariance)
+        estimated = np.append(self.scatter2[self.free], self.effect2[self.model.estimated])
+        return MixedCalibration(
+            Phi, (adjusted + adjusted.T) / 2, np.array(changes), covariance,
+            variances=estimated if len(blocks) == 1 else estimated[:0],
+        )  # fmt: skip
 
 
 def reml(model: RowProducts) -> MixedEquations:

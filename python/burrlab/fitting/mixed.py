@@ -41,6 +41,7 @@ from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
+_PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
 _WEIGHTS = 64  # nodes over the distribution of the scatter, in the interval of a standard deviation
 _APART = 0.04  # relative difference of c_e's bound between neighbouring parts of an offset's distribution
 _PARTS = 3.0  # standard deviations of an offset that its parts reach
@@ -99,8 +100,7 @@ def _first_shifts(
     shifts = [np.zeros(len(component.group.levels)) for component in components]
     for component, u in zip(components, shifts, strict=True):
         if component.moves and component.quantity not in OFFSETS:
-            o = likelihood.observations
-            faster = np.log(o.velocity) - likelihood.model.log_unit(point[0])
+            faster = np.log(likelihood.observations.velocity) - likelihood.model.log_unit(point[0])
             softer = -0.75 * faster / (likelihood.model.shape.order + 1)
             for level in range(len(u)):
                 own, first = (softer[component.group.velocity == k] for k in (level, -1))
@@ -199,8 +199,7 @@ class MixedLikelihood(Likelihood):
         ]
         if len(self._parts) > 1:  # c_e has the widest bounds of all parts
             rows = [part.likelihood.observations for part in self._parts]
-            hard = self.observations.c_e_bounds().max()
-            eased = min(float(o.c_e_bounds().max()) for o in rows) / hard
+            eased = min(float(o.c_e_bounds().max()) for o in rows) / self.observations.c_e_bounds().max()
             self.observations = replace(self.observations, eased=eased, raised=max(o.ceiling for o in rows))
 
     def _nodes(self, plain: Likelihood, model: LinearModel) -> "list[_Part]":
@@ -327,9 +326,8 @@ class MixedLikelihood(Likelihood):
         """See `Likelihood`; at the same variances and offsets."""
         plain = super().of_rows(replace(observations, eased=1.0, raised=None), model)
         components = [component.of_rows(observations) for component in self.components]
-        equations = self.equations
         return MixedLikelihood(
-            plain, components, self.point, self.shifts, equations.scatter2, equations.effect2
+            plain, components, self.point, self.shifts, self.equations.scatter2, self.equations.effect2
         )
 
     def about(self, point: tuple[float, float]) -> "MixedLikelihood":
@@ -340,9 +338,8 @@ class MixedLikelihood(Likelihood):
         near = (np.abs(part.by - self.shifts) <= apart * (1 + 1e-9)).all()
         if near and point[0] > float(self.plain.observations.c_e_bounds().max()):
             return self
-        equations = self.equations
         return MixedLikelihood(
-            part.likelihood, self.components, point, part.by, equations.scatter2, equations.effect2
+            part.likelihood, self.components, point, part.by, self.equations.scatter2, self.equations.effect2
         )
 
     def without(self, component: Component) -> "MixedLikelihood":
@@ -402,12 +399,12 @@ class MixedLikelihood(Likelihood):
             return MixedEquations(model, scatter2, effect2).criterion(restricted=False)
 
         begin = np.append(np.log(equations.scatter2[free]), np.sqrt(equations.effect2[estimated]))
-        lowest = height(begin)
         if len(begin):
-            best = scipy.optimize.minimize(
+            lowest = float(scipy.optimize.minimize(
                 height, begin, method="Nelder-Mead", options={"xatol": 1e-5, "fatol": 1e-8}
-            )
-            lowest = float(best.fun)
+            ).fun)  # fmt: skip
+        else:
+            lowest = height(begin)
         return self.log_jacobian() - 0.5 * (lowest + float(model.n.sum() * np.log(2 * np.pi)))
 
 
@@ -474,7 +471,7 @@ class MixedEvidence:
     @classmethod
     def of(cls, likelihood: MixedLikelihood, best: tuple[float, float]) -> "MixedEvidence":
         """At the variances of a likelihood; the effects with rows that are linear about its best point."""
-        equations, effects = likelihood.equations, []
+        equations = likelihood.equations
         model = LinearModel(likelihood.plain, likelihood.components, best, likelihood.shifts)
         at_best = MixedEquations(model, equations.scatter2, equations.effect2)
         # on a ridge c_e has no error in a linear model: within a factor of e it is one
@@ -483,30 +480,34 @@ class MixedEvidence:
         values, errors = -M @ at_best.c, np.sqrt(np.maximum(np.diag(M), 0.0))
         estimated = model.n[equations.free]
         freedom = float(estimated.sum()) - 2 - sum(len(x.group.levels) for x in model.components if x.sought)
-        for component, block, variance in zip(model.components, model.blocks, equations.effect2, strict=True):
-            effects.append(MixedEffect(
+        effects = tuple(
+            MixedEffect(
                 component.group.name, component.quantity, component.group.levels,
-                None if component.sought else float(np.sqrt(variance)),
+                None if component.sought else float(np.sqrt(effect2)),
                 _deviation_interval(likelihood.linear, equations, block) if component.deviation is None else None,
                 tuple(values[block].tolist()), tuple(errors[block].tolist()),
                 max(freedom, 1.0) if len(estimated) else np.inf,
-            ))  # fmt: skip
-        return cls(tuple(effects), equations.scatter2, likelihood.shifts, equations.uncertainty())
+            )
+            for component, block, effect2 in zip(model.components, model.blocks, equations.effect2, strict=True)
+        )  # fmt: skip
+        return cls(effects, equations.scatter2, likelihood.shifts, equations.uncertainty())
 
     def likelihood(self, plain: Likelihood, point: tuple[float, float]) -> MixedLikelihood:
         """The likelihood of a fit at a point."""
         uncertain = {
             x.quantity: (x.deviation, x.group) for x in self.effects if x.deviation and x.interval is None
         }
-        told = [x.quantity for x in self.effects if x.deviation is None]
-        components = components_of(plain.observations, uncertain, told)
+        components = components_of(
+            plain.observations, uncertain, [x.quantity for x in self.effects if x.deviation is None]
+        )
         deviations = [
             c.deviation if x.deviation is None else x.deviation
             for c, x in zip(components, self.effects, strict=True)
         ]
-        effect2 = np.square(np.array(deviations, np.float64))
-        moved = moved_by(plain, components, self.shifts)
-        return MixedLikelihood(moved, components, point, self.shifts, self.scatter2, effect2)
+        return MixedLikelihood(
+            moved_by(plain, components, self.shifts), components, point, self.shifts, self.scatter2,
+            np.square(np.array(deviations, np.float64)),
+        )  # fmt: skip
 
 
 def effect_sentences(
@@ -515,20 +516,16 @@ def effect_sentences(
     calibration: AnyCalibration,
     identified: Combination,
 ) -> list[str]:
-    """What the groups and offsets tell, in plain words, and what they cannot tell."""
+    """What the groups and offsets tell, in plain words."""
     sentences: list[str] = []
     for group in likelihood.observations.groups:
         n_levels, name = len(group.levels), group.name
         differs = [
-            f"{x.quantity} differs by {100 * x.deviation:.2g} % ({_span(x.interval)})"
+            f"{x.quantity} differs by {_size(x.deviation)} ({_span(x.interval)})"
             for x in effects if x.group == name and x.deviation is not None and x.interval is not None
         ]  # fmt: skip
         if differs:
             sentences.append(f"Between the {n_levels} {name}s {' and '.join(differs)}.")
-        elif n_levels == 1:
-            sentences.append(f"All runs are of one {name}: nothing here tells the {name} from the bone.")
-        else:
-            sentences.append(f"Each run has a {name} of its own: nothing tells the {name}s from the scatter.")
         if name == "specimen" and n_levels == 2:
             sentences.append("Whether c_e differs between specimens cannot be known from fewer than three.")
     sentences += (
@@ -536,11 +533,23 @@ def effect_sentences(
     )
     if isinstance(calibration, MixedCalibration) and any(x.interval for x in effects):
         of_alpha, best = (calibration.freedom(d) for d in (ALPHA, np.array([-identified.exponent, 1.0])))
+        alpha_rests, best_rests = (f"{nu:.2g}" if nu < 1000 else "over 1000" for nu in (of_alpha, best))
         sentences.append(
-            f"The interval of alpha rests on {of_alpha:.2g} degrees of freedom, that of "
-            f"alpha/c_e^{identified.exponent:.3g} on {best:.2g}."
+            f"The interval of alpha rests on {alpha_rests} degrees of freedom, that of "
+            f"alpha/c_e^{identified.exponent:.3g} on {best_rests}."
         )
     return sentences
+
+
+def silent_groups(o: Observations, effects: Sequence[MixedEffect]) -> list[str]:
+    """Groups that a fit does not take into account, as they tell nothing, in plain words."""
+    return [
+        f"All runs are of one {x.name}: nothing here tells the {x.name} from the bone."
+        if len(x.levels) == 1
+        else f"Each run has a {x.name} of its own, and counts for itself: nothing tells the {x.name}s from the scatter."
+        for x in o.groups
+        if x.name not in [effect.group for effect in effects]
+    ]
 
 
 def _offset_sentences(
@@ -596,10 +605,17 @@ def _widening(equations: MixedEquations, k: int, direction: Floats) -> float:
     return float(np.sqrt(variances[0] / variances[1]))
 
 
+def _size(deviation: float) -> str:
+    """A standard deviation of a logarithm."""
+    return f"{100 * deviation:.2g} %" if deviation < _PER_CENT else f"a factor of {np.exp(deviation):.2g}"
+
+
 def _span(interval: Interval) -> str:
     assert interval.lower is not None
-    low = f"{100 * interval.lower:.2g}"
-    return f"{low} % up" if interval.upper is None else f"{low} to {100 * interval.upper:.2g} %"
+    if interval.upper is None:
+        return f"{_size(interval.lower)} up"
+    low = f"{100 * interval.lower:.2g}" if interval.upper < _PER_CENT else _size(interval.lower)
+    return f"{low} to {_size(interval.upper)}"
 
 
 def _deviation_interval(model: LinearModel, equations: MixedEquations, block: slice) -> Interval:

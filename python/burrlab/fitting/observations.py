@@ -124,15 +124,14 @@ class Observations:
             for kind in ("velocity", "pressed")
         ]
         sets = Group("data set", tuple(map(str, range(1, len(rows) + 1))), *of_set)
-        observations = cls(
+        return cls(
             **tables, rows=tuple(rows), overloaded=np.concatenate(overloaded, axis=1),
             slow=np.concatenate(slow, axis=1), n_skipped=n_skipped, n_censored=n_censored, sets=sets,
             groups=_groups(data, rows, groups),
-        )  # fmt: skip
-        observations._check()
-        return observations
+        )._checked()  # fmt: skip
 
-    def _check(self) -> None:
+    def _checked(self) -> "Observations":
+        """These rows; ValueError unless a fit can use them."""
         for name, unit, values in (
             ("force", "N", self.force),
             ("velocity", "mm/s", self.velocity),
@@ -162,6 +161,7 @@ class Observations:
             f"the data contradict one another: the window at {self.force[row]:g} N needs c_e > "
             f"{floors[row]:.4g} N/mm^2, an 'overloaded' run needs c_e < {self.ceiling:.4g} N/mm^2",
         )
+        return self
 
     def __len__(self) -> int:
         return len(self.force) + len(self.pressed)
@@ -246,20 +246,13 @@ class Observations:
         sets = Group(
             self.sets.name, self.sets.levels, self.sets.velocity[velocity], self.sets.pressed[pressed]
         )
-        taken = replace(self, sets=sets, measured_force=self.recorded_force[velocity], **columns)
-        taken._check()
-        return taken
+        return replace(self, sets=sets, measured_force=self.recorded_force[velocity], **columns)._checked()
 
     def kept(self, keep: NDArray[np.bool_]) -> "Observations":
         """Those velocity rows only; ValueError if they are too few for a fit. `rows` stays."""
         groups = tuple(replace(group, velocity=group.velocity[keep]) for group in self.groups)
-        columns: dict[str, Any] = {name: getattr(self, name)[keep] for name in _VELOCITY}
-        sets = replace(self.sets, velocity=self.sets.velocity[keep])
-        remaining = replace(
-            self, groups=groups, sets=sets, measured_force=self.recorded_force[keep], **columns
-        )
-        remaining._check()
-        return remaining
+        every = np.arange(len(self.pressed))
+        return self.taken(np.flatnonzero(keep), every, run=self.run[keep], groups=groups)
 
     def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
         """Velocity rows by window in radii; (None, None) is the default window."""
@@ -327,7 +320,7 @@ def _groups(
             levels,
             *(np.array([levels.index(x) for x in column], np.intp) for column in labels.values()),
         )
-        for other in groups:
+        for other in groups if levels else ():
             pairs = {*zip(group.velocity.tolist(), other.velocity.tolist(), strict=True),
                      *zip(group.pressed.tolist(), other.pressed.tolist(), strict=True)}  # fmt: skip
             first, second = min(pairs)

@@ -153,8 +153,9 @@ class Profile:
     base: float = 0.0
 
     def __post_init__(self) -> None:
-        by_level = ByName({name: ByLevel(levels) for name, levels in self.intervals.items()})
-        object.__setattr__(self, "intervals", by_level)
+        object.__setattr__(
+            self, "intervals", ByName({name: ByLevel(levels) for name, levels in self.intervals.items()})
+        )
 
 
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
@@ -252,9 +253,9 @@ class Walk:
         place = np.searchsorted(self.c_e, c_e)
         new = self.c_e[np.minimum(place, len(self.c_e) - 1)] != c_e
         place[new] = len(self.c_e) + np.arange(np.count_nonzero(new))
-        if new.any():  # with the last point: NumPy sums over one point in another order than over several
-            return self.slices.joined([likelihood.at(np.append(c_e[new], c_e[-1]))], place)
-        return self.slices.joined([], place)
+        # with the last point: NumPy sums over one point in another order than over several
+        others = [likelihood.at(np.append(c_e[new], c_e[-1]))] if new.any() else []
+        return self.slices.joined(others, place)
 
     def band(self, target: float) -> tuple[Floats, Floats]:
         """Lowest and highest alpha below a target; NaN where none."""
@@ -615,9 +616,10 @@ def _lowest(x: Floats, y: Floats) -> tuple[float, float]:
 def _region(walk: Walk, domain: Domain, target: float) -> Region:
     low, high = walk.band(target)
     inside = np.isfinite(low)
-    is_open = bool(inside[-1]) and not domain.high_hard
     drawn = _thin(walk.c_e, inside, int(np.argmin(walk.minus2)))
-    return Region(walk.c_e[drawn], low[drawn], high[drawn], is_open)
+    return Region(
+        walk.c_e[drawn], low[drawn], high[drawn], open_above=bool(inside[-1]) and not domain.high_hard
+    )
 
 
 def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:

@@ -28,14 +28,15 @@ _HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"]
 
 def text(fit: FitRecord, verbose: bool) -> str:
     """The fit as aligned text blocks; `verbose` adds the table of searches."""
-    blocks = {
-        "Fit Statistics": _aligned(statistics(fit)),
-        "Variables": columns([_HEADS, *variable_rows(fit)]),
-        "Identification": _aligned(identification(fit)),
-        "Starts": starts(fit) if verbose else [],
-        "Notes": [f"- {note}" for note in notes(fit)],
-    }
-    return in_blocks(blocks)
+    return in_blocks(
+        {
+            "Fit Statistics": _aligned(statistics(fit)),
+            "Variables": columns([_HEADS, *variable_rows(fit)]),
+            "Identification": _aligned(identification(fit)),
+            "Starts": starts(fit) if verbose else [],
+            "Notes": [f"- {note}" for note in notes(fit)],
+        }
+    )
 
 
 def in_blocks(blocks: Mapping[str, Sequence[str]]) -> str:
@@ -45,15 +46,17 @@ def in_blocks(blocks: Mapping[str, Sequence[str]]) -> str:
 
 def html(fit: FitRecord) -> str:
     """The fit as HTML for a notebook."""
-    parts = [f"<p><b>{escape(repr(fit))}</b></p>", f"<p>{escape(fit.verdict)}</p>"]
-    parts.append(html_table([_HEADS, *variable_rows(fit)]))
+    parts = [
+        f"<p><b>{escape(repr(fit))}</b></p>",
+        f"<p>{escape(fit.verdict)}</p>",
+        html_table([_HEADS, *variable_rows(fit)]),
+    ]
     for pairs in (identification(fit), statistics(fit)):
         lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
         parts.append(f"<table>{''.join(lines)}</table>")
-    parts.append("<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes(fit)) + "</ul>")
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes(fit))
     table = escape("\n".join(starts(fit)))
-    parts.append(f"<details><summary>starts</summary><pre>{table}</pre></details>")
-    return "".join(parts)
+    return f"{''.join(parts)}<ul>{items}</ul><details><summary>starts</summary><pre>{table}</pre></details>"
 
 
 def columns(rows: Sequence[Sequence[str]]) -> list[str]:
@@ -140,7 +143,11 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
             rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *_ends(x.interval)))
         for k, label in enumerate(x.levels if x.deviation is None else ()):
             own = x.quantity in ("c_e", "alpha")
-            of = f"ln {x.quantity}, data set {label} over 1" if own else f"offset of {x.quantity}"
+            of = (
+                f"ln {x.quantity}, data set {label} over 1"
+                if own
+                else f"offset of {x.quantity}".replace("offset of order", "drift of ln v")
+            )
             rows.append((of, OFFSETS.get(x.quantity, "1"), x.values[k], *x.level(k).ends))
     for s in fit.evidence.scatters if fit.evidence else ():
         if not s.known:

@@ -66,8 +66,7 @@ class Fit(FitRecord, Tabulated):
         ValueError
             If the level is unknown, or the fit failed.
         """
-        evidence = self._evidence()
-        return evidence.profile.regions[level_name(level)]
+        return self._evidence().profile.regions[level_name(level)]
 
     def test(self, c_e: float, alpha: float) -> HypothesisTest:
         """Whether given values lie in the joint region: the rise of -2 log L, judged as the regions are.
@@ -262,9 +261,9 @@ class Fit(FitRecord, Tabulated):
             if np.isfinite(v[i]):
                 n = float(MasterCurve(self.shape).local_slope(phi[i]))
                 direction = np.array([-n, 1.0])
-                weights = [float(new == "run" and x.name == "velocity") for x in scatters]
-                weights += [
-                    (n**2 if x.quantity == "c_e" else 1.0) * (new in ("run", x.group)) for x in estimated
+                weights = [
+                    *(float(new == "run" and x.name == "velocity") for x in scatters),
+                    *((n**2 if x.quantity == "c_e" else 1.0) * (new in ("run", x.group)) for x in estimated),
                 ]
                 added = float(np.dot(weights, variances))
                 variance, nu = calibration.variance(direction)
@@ -322,7 +321,9 @@ class Fit(FitRecord, Tabulated):
         named = style.pop("label", None)
         line = {key: value for key, value in style.items() if not key.startswith("mark")}
         dress = {"color": "black", "marker": "s", **style, "linestyle": "", "label": named and f"_{named}"}
-        self._plot_points(ax, log, "" if named else next(iter(self._groups), ""), dress)
+        self._plot_points(
+            ax, log, "" if named else min(self._groups, key=lambda x: x != "data set", default=""), dress
+        )
         default = np.isnan(o.window_start)
         label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
         if ridge := self._on_ridge:
@@ -380,10 +381,10 @@ class Fit(FitRecord, Tabulated):
                         color=look["color"], linewidth=0.6, alpha=0.8)  # fmt: skip
         if self.radius is not None and name != "data set" and np.isnan(o.window_start).any():
             force = _span_of(o.force, self.c_e, self.radius, log)
-            ends = self.velocity_interval(force, new=name)
             ax.fill_between(
-                force, *ends, color=FORCE, alpha=0.1, linewidth=0, label=f"95 %, mean of a new {name}"
-            )
+                force, *self.velocity_interval(force, new=name), color=FORCE, alpha=0.1, linewidth=0,
+                label=f"95 %, mean of a new {name}",
+            )  # fmt: skip
 
     @drawing
     def plot_effects(self, ax: Axes | None = None, **style: Any) -> Axes:
@@ -414,7 +415,11 @@ class Fit(FitRecord, Tabulated):
             )
             names += [label if label.startswith(x.group) else f"{x.group} {label}" for label in x.levels]
         ax.axvline(0, color=REFERENCE, linewidth=0.8)
-        ax.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
+        ax.set(
+            yticks=range(len(names)),
+            yticklabels=[x if len(x) < 30 else f"{x[:29]}…" for x in names],
+            ylim=(len(names) - 0.5, -0.5),
+        )
         ax.set_xlabel("100 ln of its value over the population's [%]")
         return ax
 
@@ -449,8 +454,7 @@ class Fit(FitRecord, Tabulated):
         evidence, ax = self._evidence(), axes_or_new(ax)
         profile = evidence.profile
         x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
-        direction = {"c_e": C_E, "alpha": ALPHA}[name]
-        limits = {level: evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
+        limits = evidence.calibration.limits(LEVELS, C_E if name == "c_e" else ALPHA)
         top = 1.6 * limits["99.7"]
         near = np.flatnonzero((rise < top) & (x < 12 * getattr(self, name)))
         drawn = slice(max(near[0] - 1, 0), near[-1] + 2)

@@ -67,9 +67,8 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
     alpha_there = float(likelihood.at(at).best_alpha[0])
     own_alpha = np.broadcast_to(likelihood.own_alpha, len(o.force))[likelihood.first_rows]
     r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there) - own_alpha
-    excluded = profile.intervals["c_e"]["95"].upper is not None
-    if profile.c_e[-1] <= entry:  # the bounds end below the ridge
-        excluded = True
+    # bounds that end below the ridge exclude it too
+    excluded = profile.intervals["c_e"]["95"].upper is not None or bool(profile.c_e[-1] <= entry)
     return Ridge(
         max_phi, on_ridge, excluded, exponent, alpha_there / at**exponent, float(np.sqrt(np.mean(r**2)))
     )

@@ -148,11 +148,12 @@ def sink(descent: VoxelDescent) -> list[float]:
         return [np.inf] * len(windows)
     if run.status not in ("ok", "window-too-short", "never-settled"):
         return [np.nan] * len(windows)
-    numbers = []
-    for window, (start, end) in zip(descent.windows, windows, strict=True):
-        default_window = window == (None, None) and settings.rig
-        numbers.append((run.penetration_velocity or np.nan) if default_window else _velocity(run, start, end))
-    return numbers
+    return [
+        (run.penetration_velocity or np.nan)
+        if settings.rig and window == (None, None)
+        else _velocity(run, start, end)
+        for window, (start, end) in zip(descent.windows, windows, strict=True)
+    ]
 
 
 def _velocity(run: Descent, start: float, end: float) -> float:
@@ -392,7 +393,6 @@ def monte_carlo_share(
         for k in range(replicates)
     ]
     spread = inverse @ np.cov(np.array(scores).T) @ inverse / replicates
-    directions = [np.array([total[0, 1] / total[1, 1], 1.0])]  # alpha/c_e^p, uncorrelated with c_e
-    if not c_e_open:
-        directions.append(np.array([1.0, 0.0]))
+    combination = np.array([total[0, 1] / total[1, 1], 1.0])  # alpha/c_e^p, uncorrelated with c_e
+    directions = [combination] if c_e_open else [combination, np.array([1.0, 0.0])]
     return float(max((d @ spread @ d) / (d @ inverse @ d) for d in directions))

@@ -51,6 +51,12 @@ DataSet = TypeVar("DataSet", bound=TableData)
 
 
 def _group_headings(groups: Mapping[str, str] | None, specimen: str | None) -> dict[str, str]:
+    refuse(
+        not isinstance(groups, Mapping | None) or not isinstance(specimen, str | None),
+        f"groups must map names to headings, such as {{'day': 'Messtag'}}, and specimen must be one: got "
+        f"{shown(groups)} and {shown(specimen)}",
+        TypeError,
+    )
     return dict(groups or {}) | ({} if specimen is None else {"specimen": specimen})
 
 

@@ -262,11 +262,10 @@ class Coverage:
         """The table as text, header first."""
         table = [["", *AMONG, "open above", "upper/lower"]]
         for name in QUANTITIES:
-            shares = [str(self.coverage(name, level, among=among)) for among in AMONG]
             table.append(
                 [
                     name,
-                    *shares,
+                    *(str(self.coverage(name, level, among=among)) for among in AMONG),
                     f"{100 * self.open_above(name, level).value:.1f} %",
                     f"{self.ratio(name, level):.3g}",
                 ]
@@ -357,10 +356,7 @@ def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
     effect2 = np.array(
         [(sizes[x.group.name] if x.deviation is None else x.deviation) ** 2 for x in components]
     )
-    names = ("velocity",) + ("force",) * bool(len(o.pressed))
-    scatter2 = np.array(
-        [{"velocity": item.scatter, "force": item.static_scatter}[name] ** 2 for name in names]
-    )
+    scatter2 = np.array([item.scatter**2, *([item.static_scatter**2] if len(o.pressed) else [])])
 
     def likelihood(rows: Observations) -> Likelihood:
         return Likelihood(rows, "relative", MeanFieldModel(rows, Shape(item.shape)))
@@ -519,11 +515,11 @@ def coverage_study(
         told = tuple((uncertain or {}).items())
         components_of(mixed_rows(experiment, groups), dict(told))  # refuses what no window allows
         function, studied = mixed_replicate, [MixedCoverageItem(item, groups, told) for item in items]
-    report_progress = counter(progress, "fits")
     # a fit holds the interpreter: more threads than one only wait
     with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
-        outcomes = run_items(function, studied, executor=workers, store=store, progress=report_progress)
-    columns = np.array(outcomes)
+        columns = np.array(
+            run_items(function, studied, executor=workers, store=store, progress=counter(progress, "fits"))
+        )
     ends = columns[:, :18].reshape(n, len(QUANTITIES), len(LEVELS), 2)
     return Coverage(
         experiment=experiment,

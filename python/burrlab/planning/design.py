@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
@@ -19,10 +20,6 @@ from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
 from burrlab.planning.region import NewData, NewRegion, RegionGrid
 from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 _SHOWN = 8  # rows of the repr
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito's palette
@@ -109,7 +106,7 @@ class Design:
         return plain
 
     @drawing
-    def plot(self, ax: "Axes | None" = None, *, label: str | None = None, **style: Any) -> "Axes":
+    def plot(self, ax: Axes | None = None, *, label: str | None = None, **style: Any) -> Axes:
         """Area ratio over force, one line per radius; static candidates as one dashed line.
 
         Static candidates share a line because their depth does not matter. A hollow mark is a run that is
@@ -179,10 +176,9 @@ def _repeats(n: int) -> str:
 
 
 def _cells(candidate: Candidate) -> list[str]:
-    numbers = (candidate.force, candidate.depth, candidate.radius)
     return [
         candidate.kind,
-        *("" if x is None else f"{x:g}" for x in numbers),
+        *("" if x is None else f"{x:g}" for x in (candidate.force, candidate.depth, candidate.radius)),
         f"{candidate.area_ratio:.2f}",
         f"{candidate.probability:.2f}",
         "open" if np.isinf(candidate.c_e_ratio) else f"{candidate.c_e_ratio:.3g}",
@@ -322,13 +318,12 @@ def design(
     for R in radius.tolist():
         for F in force.tolist():
             log_unit = np.log(PER_SECOND * R * curve.velocity_ratio(F / (c_e * R**2)))
-            log_velocity = log_unit[:, None] + grid.log_alpha
             slope = float(
                 np.nan_to_num(curve.local_slope(F / (fit.c_e * R**2)))
             )  # of ln v by ln F: less that by ln c_e
             new = NewData(n, scatter, between=(between["alpha"] + slope**2 * between["c_e"]) ** 0.5)
             ceiling = F / (R**2 * WINDOW_STOP**1.5)
-            after, overloaded = _expected(grid, truth, log_velocity, new, ceiling)
+            after, overloaded = _expected(grid, truth, log_unit[:, None] + grid.log_alpha, new, ceiling)
             candidates.append(_candidate(grid, after, overloaded, n, R, force=F))
             report_progress(len(candidates), total)
     if len(depth):

@@ -25,6 +25,7 @@ from burrlab.fitting.result import Fit
 from burrlab.measured.curve import VelocityCurve
 
 _NODES, _DRAWS = 12, 500  # over the estimated variance of the difference, and of estimated differences
+_WIDEST = 3.0  # deviation of a logarithm: a factor of 20
 WAYS = ("paired", "apart")  #: whether both drills work in the same specimens
 
 
@@ -146,8 +147,8 @@ def compare_power(
     fit: Fit,
     ratio: float = 0.9,
     *,
-    specimens: Sequence[int] = range(3, 13),
-    runs: Sequence[int] = range(6, 25),
+    specimens: int | Sequence[int] = range(3, 13),
+    runs: int | Sequence[int] = range(6, 25),
     between: Mapping[str, float] | None = None,
     within: float | None = None,
     forces: ArrayLike | None = None,
@@ -163,7 +164,7 @@ def compare_power(
         their standard deviations.
     ratio : float
         alpha of the second drill over that of the first: 0.9 is 10 % less.
-    specimens, runs : sequence of int
+    specimens, runs : int or sequence of int
         Specimens (or days) of each drill, 2 or more; and runs of each drill in each of them, 3 or more.
     between : dict, optional
         Standard deviations between specimens: of ln ``"c_e"`` and ln ``"alpha"``, and of the ``"difference"`` of ln
@@ -212,11 +213,11 @@ def compare_power(
     if R is None:
         raise ValueError("the fit must be of one radius: it has several")
     refuse(
-        not 0 < scalar(ratio, "ratio") < np.inf or ratio == 1,
-        f"ratio must be above 0 and other than 1: got {ratio!r}",
+        not 0.1 <= scalar(ratio, "ratio") <= 10 or ratio == 1,
+        f"ratio must lie between 0.1 and 10 and be other than 1, 0.9 for 10 % less: got {ratio!r}",
     )
     refuse(not 0 < scalar(aim, "aim") < 1, f"aim must be above 0 and below 1: got {aim!r}")
-    sizes = [tuple(whole(f"{name} of a comparison", n, 1000, "1000") for n in numbers)
+    sizes = [tuple(whole(f"{name} of a comparison", n, 1000, "1000") for n in np.atleast_1d(numbers).tolist())
              for name, numbers in (("specimens", specimens), ("runs", runs))]  # fmt: skip
     for name, numbers, least in (("specimens", sizes[0], 2), ("runs", sizes[1], 3)):
         refuse(not numbers or min(numbers) < least, f"{name} must be {least} or more each: got {numbers}")
@@ -260,8 +261,8 @@ def _between(
     for name, value in (between or {}).items():
         refuse(name not in names, f"between may hold {', '.join(names)}: got {name!r}")
         refuse(
-            not 0 <= scalar(value, f"between of {name}") < np.inf,
-            f"between of {name} must be 0 or more: got {value!r}",
+            not 0 <= scalar(value, f"between of {name}") <= _WIDEST,
+            f"between of {name} must lie between 0 and {_WIDEST:g}, 0.1 for 10 %: got {value!r}",
         )
         deviations[name] = float(value)
     up_to = {

@@ -119,15 +119,14 @@ class RegionGrid:
             inside = np.flatnonzero(height <= height.min() + reach)
             ends = c_e[[max(inside[0] - 1, 0), min(inside[-1] + 1, len(c_e) - 1)]]
             c_e = np.geomspace(ends[0], ends[1], _ROWS)
-        rows = _ROWS
         if c_e[-1] == end and domain.high > end:
             c_e = np.append(c_e, np.geomspace(end, domain.high, _FAR_ROWS + 1)[1:])
         log_alpha, minus2 = _columns(fit, domain, c_e, limit, reach)
         minus2 = np.where(np.isfinite(minus2), minus2 - np.nanmin(minus2), _EXCLUDED)
-        step = np.diff(np.log(c_e[:rows]))
+        step = np.diff(np.log(c_e[:_ROWS]))
         width = np.zeros(len(c_e))
-        width[: rows - 1] += step / 2
-        width[1:rows] += step / 2
+        width[: _ROWS - 1] += step / 2
+        width[1:_ROWS] += step / 2
         return cls(
             np.log(c_e),
             log_alpha,
@@ -178,8 +177,7 @@ class RegionGrid:
         regions = []
         for begin in range(0, len(row), _BLOCK):
             block = slice(begin, begin + _BLOCK)
-            table = y - predicted[row[block], column[block]][:, None, None]
-            table = new.rise(table)
+            table = new.rise(y - predicted[row[block], column[block]][:, None, None])
             table += old
             regions.append(self._region(table, limits, self.high_hard))
         return NewRegion(*(np.concatenate(parts) for parts in zip(*regions, strict=True)))

@@ -136,6 +136,12 @@ class TestVariances:
 
 
 class TestFreedom:
+    def test_of_an_earlier_file(self):
+        """The number is that of the version that wrote such files."""
+        stored = burrlab.fit(laboratory(1, 4)).to_dict()
+        del stored["evidence"]["mixed"]["calibration"]["variances"]
+        assert burrlab.Fit.from_dict(stored).test(2.0, 0.08).p_value == pytest.approx(0.0409834, rel=1e-5)
+
     def test_of_a_sum_of_two(self):
         """A direction that rests on few groups adds its square to that of the runs."""
         limit = 2 * special.fdtri(2, _freedom_of_sum(2.0, 44.0), 0.95)

@@ -1,7 +1,7 @@
 """How far -2 log L may rise inside a level: the scatter of rows, and what few rows or groups leave unknown of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -170,9 +170,8 @@ class MixedCalibration:
     of_variances: Floats  #: covariance of the estimated variances, shape (m, m)
     monte_carlo: float = 0.0  #: as in `Calibration`
     inflation: float = 1.0
-    variances: Floats = field(
-        default_factory=lambda: np.empty(0)
-    )  #: those estimated, shape (m,), beside one effect; else empty
+    #: those estimated, shape (m,), beside one effect; else empty; None in files that know Satterthwaite's nu alone
+    variances: Floats | None = None
 
     @property
     def exponent(self) -> float:
@@ -189,7 +188,7 @@ class MixedCalibration:
         change = np.einsum("i,kij,j->k", direction, self.changes, direction) + weights
         spread = float(change @ self.of_variances @ change)
         variance = float(direction @ self.covariance @ direction) + added
-        if len(self.variances):
+        if self.variances is not None and len(self.variances):
             L = np.linalg.cholesky(self.of_variances)
             sizes = np.linalg.solve(L, self.variances)
             parts = (L.T @ change) * sizes / variance
@@ -247,15 +246,19 @@ class MixedCalibration:
         variance = (1 + c1 * B) / ((1 - c2 * B) ** 2 * (1 - c3 * B))
         ratio = variance / (2 * mean**2)
         # their expansion fails where one direction has few degrees of freedom: there rises of two directions add up
-        angles = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
-        freedoms = [self.freedom(np.array([np.cos(x), np.sin(x)]) @ root) for x in angles]
-        least = int(np.argmin(freedoms))
-        apart = _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
+        if self.variances is None:
+            apart = min(self.freedom(column) for column in np.linalg.eigh(self.adjusted)[1].T)
+        else:
+            angles = np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS
+            freedoms = [self.freedom(np.array([np.cos(x), np.sin(x)]) @ root) for x in angles]
+            least = int(np.argmin(freedoms))
+            apart = _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
         if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:
             return 2, apart, wider * max(bias, 1.0)
         freedom = 4 + 4 / (2 * ratio - 1)
         smaller = mean * (freedom - 2) / freedom
-        if smaller * special.fdtri(2, freedom, 0.95) < special.fdtri(2, apart, 0.95):
+        larger = smaller * special.fdtri(2, freedom, 0.95) < special.fdtri(2, apart, 0.95)
+        if larger and self.variances is not None:
             return 2, apart, wider * max(bias, 1.0)
         return 2, freedom, wider * max(bias, 1.0) * smaller
 

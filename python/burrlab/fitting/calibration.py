@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import special
 from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
 
-_DIRECTIONS, _NODES = 36, 400  # over c_e and alpha, and of Student's t, where the joint limit is sought
+_DIRECTIONS, _NODES = 12, 400  # over c_e and alpha, and of Student's t, where the joint limit is sought
 
 
 @dataclass(frozen=True)
@@ -234,6 +235,12 @@ class MixedCalibration:
                 direction @ self.covariance @ direction
             )
             return 1, self.freedom(direction), wider * max(bias, 1.0)
+        freedom, scale = self._joint
+        return 2, freedom, wider * scale
+
+    @cached_property
+    def _joint(self) -> tuple[float, float]:
+        """Degrees of freedom of the joint F, and the factor of its limits."""
         root = np.linalg.inv(np.linalg.cholesky(self.covariance))
         bias = float(np.trace(root @ self.adjusted @ root.T)) / 2
         # Kenward and Roger's section 2.3, for two quantities
@@ -254,13 +261,13 @@ class MixedCalibration:
             least = int(np.argmin(freedoms))
             apart = _freedom_of_sum(freedoms[least], freedoms[least - _DIRECTIONS // 2])
         if A2 >= 2 or c3 * B >= 1 or ratio <= 0.5:
-            return 2, apart, wider * max(bias, 1.0)
+            return apart, max(bias, 1.0)
         freedom = 4 + 4 / (2 * ratio - 1)
         smaller = mean * (freedom - 2) / freedom
         larger = smaller * special.fdtri(2, freedom, 0.95) < special.fdtri(2, apart, 0.95)
         if larger and self.variances is not None:
-            return 2, apart, wider * max(bias, 1.0)
-        return 2, freedom, wider * max(bias, 1.0) * smaller
+            return apart, max(bias, 1.0)
+        return freedom, max(bias, 1.0) * smaller
 
 
 def _freedom_of_sum(a: float, b: float) -> float:

@@ -49,7 +49,7 @@ Task: TypeAlias = ScoredTask | ThresholdTask
 
 def head(analysis: "Analysis") -> str:
     name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
-    return f"{name}, SIMULATED SUBJECTS" if analysis.simulated else name
+    return name + ", SIMULATED SUBJECTS" * analysis.simulated
 
 
 def heading(task: Task) -> str:
@@ -70,14 +70,13 @@ def warnings(task: Task) -> list[str]:
     partly = ", ".join(
         f"{x.subject} ({x.trials} of {x.planned} trials)" for x in task.subjects if not x.complete
     )
-    sentences = (
+    return list(filter(None, (
         "SIMULATED SUBJECTS: nobody felt anything" * task.simulated,
         *(_selection(task) if task.selected else ()),
         f"left out, as their runs are incomplete: {', '.join(task.left_out)}" * bool(task.left_out),
         f"incomplete, and taken in on request: {partly}" * bool(partly),
         "no complete run" * (not task.subjects),
-    )
-    return list(filter(None, sentences))
+    )))  # fmt: skip
 
 
 def _selection(task: Task) -> list[str]:
@@ -168,16 +167,16 @@ def group_lines(task: Task) -> list[str]:
         lines.append(
             f"mean score, {100 * task.level:g} %: " + "{:.2f} to {:.2f}".format(*task.score.interval)
         )
-    for part in (*task.group_d_prime, *task.equivalence, *task.checks):
-        lines += str(part).splitlines()
+    lines += [
+        line
+        for part in (*task.group_d_prime, *task.equivalence, *task.checks)
+        for line in str(part).splitlines()
+    ]
     for place in range(len(task.checks)):
-        checked = [(subject.checks[place].p_value, subject) for subject in task.subjects if subject.checks]
-        p_value, single = min(checked, key=lambda pair: pair[0])
-        if p_value <= 0.05:
-            lines.append(
-                f"subject {single.subject}: {single.checks[place]} (smallest of {len(task.subjects)} "
-                "subjects)"
-            )
+        checked = [(subject.subject, subject.checks[place]) for subject in task.subjects if subject.checks]
+        name, check = min(checked, key=lambda pair: pair[1].p_value)
+        if check.p_value <= 0.05:
+            lines.append(f"subject {name}: {check} (smallest of {len(task.subjects)} subjects)")
     return lines
 
 
@@ -202,10 +201,10 @@ def _fields(subject: SubjectResult | SubjectThreshold) -> dict[str, Any]:
     if isinstance(subject, SubjectThreshold):
         low, high = subject.interval or (None, None)
         return fields | {"threshold": subject.threshold, "threshold_low": low, "threshold_high": high}
-    low, high = subject.score_interval
     fields |= {
         **{name: getattr(subject.counts, name) for name in ("score", "hits", "signals", "false_alarms", "noises")},
-        "proportion_low": low, "proportion_high": high, "p_value": subject.p_value, "p_holm": subject.holm,
+        "proportion_low": subject.score_interval[0], "proportion_high": subject.score_interval[1],
+        "p_value": subject.p_value, "p_holm": subject.holm,
     }  # fmt: skip
     for d in subject.d_prime:
         name = f"d_prime_{d.rule.replace('-', '_')}"
@@ -304,10 +303,9 @@ class Analysis(InJson):
         """Writes tab-separated rows, one per subject and task: n/a for no value, inf for an open end."""
         rows = [
             {"task": task.name, "design": task.design.get("design", task.task), **_fields(subject)}
-            for task in self.tasks
+            for task in sorted(self.tasks, key=lambda task: isinstance(task, ThresholdTask))  # scores first
             for subject in task.subjects
         ]
-        rows.sort(key=lambda row: "threshold" in row)  # rows of scores first, else in their order
         names = list(dict.fromkeys(column for row in rows for column in row))
         lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
         write_text(file, "".join("\t".join(line) + "\n" for line in lines))

@@ -88,9 +88,9 @@ class Answers(table.Tabular):
             If the main phase has no answer.
         """
         refuse(not self.main, f"{self}: there is no answer of the main phase to count")
-        answers = ANSWERS[self.task]
         return counts_of(
-            self.task, [(row.trial_type, row.response, row.correct_answer(answers)) for row in self.main]
+            self.task,
+            [(row.trial_type, row.response, row.correct_answer(ANSWERS[self.task])) for row in self.main],
         )
 
     def _table(self) -> Mapping[str, Sequence[Any]]:
@@ -362,7 +362,7 @@ def _one_subject(file: str, content: bytes, subject: str | None) -> str:
     return subject
 
 
-class AnswerFile:
+class AnswerFile(contextlib.AbstractContextManager["AnswerFile"]):
     """A file for the answers of one run, made by `create` or `open`. Only one process can open it at a time.
 
     Attributes
@@ -381,15 +381,14 @@ class AnswerFile:
         self, path: Path, file: int, side_car: SideCar, end: float, reader: RowReader, lines: int,
         columns: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        self.path, self.side_car = path, side_car
+        self.path, self.side_car, self.end = path, side_car, end
         self.notes: tuple[str, ...] = ()
         self._file: int | None = file
         self._reader, self._lines = reader, lines
         self._columns = columns or side_car.columns
         # Onsets never go back, even if the wall clock was set back.
-        started = datetime.fromisoformat(side_car.started)
-        self.end = end
-        self._zero = time.monotonic() - max((datetime.now(UTC) - started).total_seconds(), end)
+        since = datetime.now(UTC) - datetime.fromisoformat(side_car.started)
+        self._zero = time.monotonic() - max(since.total_seconds(), end)
 
     @classmethod
     def create(cls, path: str | os.PathLike[str], side_car: SideCar) -> Self:
@@ -534,9 +533,6 @@ class AnswerFile:
             os.close(self._file)
             self._file = None
 
-    def __enter__(self) -> Self:
-        return self
-
     def __exit__(self, *error: object) -> None:
         self.close()
 
@@ -556,10 +552,10 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
     earlier = columns_of(side_car.task)
     if columns in (earlier, earlier[:-1]):  # earlier versions had no columns of clipping, or of repeats
         return columns
-    for place, (expected_name, actual_name) in enumerate(itertools.zip_longest(expected, columns), start=1):
-        was, now = (repr(name) if name else "none" for name in (expected_name, actual_name))
+    pairs = itertools.zip_longest(map(repr, expected), map(repr, columns), fillvalue="none")
+    for place, (was, now) in enumerate(pairs, start=1):
         refuse(
-            expected_name != actual_name,
+            was != now,
             f"{path}, line 1: to go on, the columns must be as they were written: column {place} was {was}, "
             f"is now {now}",
         )

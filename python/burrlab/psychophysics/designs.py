@@ -30,10 +30,10 @@ def seconds(name: str, value: float) -> float:
 def rendered(name: str, stimulus: Stimulus) -> None:
     """Raises ValueError unless the stimulus has a material."""
     require_type(name, stimulus, Stimulus, "Stimulus('bone', materials['bone'])")
-    if stimulus.material is None:
-        raise ValueError(
-            f"{name} must have a material to be rendered, got the real specimen {stimulus.name!r}"
-        )
+    refuse(
+        stimulus.material is None,
+        f"{name} must have a material to be rendered, got the real specimen {stimulus.name!r}",
+    )
 
 
 def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
@@ -460,10 +460,10 @@ class ABX(Scored):
     def __post_init__(self) -> None:
         require_type("reference", self.reference, Stimulus, "Stimulus('real Pettigrew')")
         if self.match is None:
-            if self.reference.material is None:
-                raise ValueError(
-                    f"match must be given, as the reference {self.reference.name!r} is a real specimen"
-                )
+            refuse(
+                self.reference.material is None,
+                f"match must be given, as the reference {self.reference.name!r} is a real specimen",
+            )
             object.__setattr__(self, "match", self.reference)
         rendered("match", self.matching)
         rendered("foil", self.foil)

@@ -125,9 +125,8 @@ def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_way
     probability = _tilted(log_ways, log_odds)
     for _ in range(_CORRECTIONS):
         mean = probability @ hits
-        variance = probability @ hits**2 - mean**2
-        step = (signals * hit - number @ mean) / np.maximum(variance[1:-1], 1e-3)
-        log_odds[1:-1] += np.clip(step, -0.5, 0.5)
+        variance = np.maximum((probability @ hits**2 - mean**2)[1:-1], 1e-3)
+        log_odds[1:-1] += np.clip((signals * hit - number @ mean) / variance, -0.5, 0.5)
         probability = _tilted(log_ways, np.clip(log_odds, -_WIDEST, _WIDEST))
     return probability
 
@@ -201,9 +200,8 @@ def group_tails(
     ----------
     Hall, J. R. Stat. Soc. B 54, 221 (1992): t corrected by a monotone cubic.
     """
-    exact = _exact_tails(np.sum(hits, axis=1), answers, subjects)
-    few, many = map(np.maximum, exact, _t_tails(hits, answers, subjects))
-    return few, many
+    exact, by_t = _exact_tails(np.sum(hits, axis=1), answers, subjects), _t_tails(hits, answers, subjects)
+    return np.maximum(exact[0], by_t[0]), np.maximum(exact[1], by_t[1])
 
 
 def rejected_as_few(

@@ -14,7 +14,7 @@ import numpy as np
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.rules import Floats, RuleName, TaskName, one_of, rule_of
+from burrlab.psychophysics.rules import ANSWERS, Floats, RuleName, TaskName, one_of, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
 PROBING_PUSH = 1.5  # peak push of a press [N]; ours
@@ -403,9 +403,8 @@ class SimulatedSubject:
         lapse, choice = rng.random(2)
         noise = rng.standard_normal(values.shape) * self._weber_array()
         noise[0] += self.memory * rng.standard_normal(len(self.cues))
-        first, second = ("same", "different") if task == "same-different" else ("first", "second")
         if lapse < self.lapse:
-            return first if choice < 0.5 else second
+            return ANSWERS[task][0 if choice < 0.5 else 1]
         return self._decide(task, self._combine(values + noise, task))
 
     def to_dict(self) -> dict[str, Any]:

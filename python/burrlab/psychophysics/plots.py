@@ -2,16 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, styled
-
-Rows: TypeAlias = NDArray[np.float64]
+from burrlab.psychophysics.rules import Floats
 
 STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
 _LOWEST = 4.0  # the least end of a d' axis
@@ -26,7 +23,7 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
 
 
 def draw(
-    ax: Axes, spans: Sequence[tuple[float, float, float]], rows: Rows, end: float, style: dict[str, Any],
+    ax: Axes, spans: Sequence[tuple[float, float, float]], rows: Floats, end: float, style: dict[str, Any],
     colour: str, marker: str,
 ) -> None:  # fmt: skip
     """Draws intervals as lines, or arrows if open above; an infinite estimate is a hollow mark.
@@ -51,14 +48,14 @@ def draw(
 
 
 def draw_d_prime(
-    ax: Axes, by_rule: Mapping[Any, Sequence[Any]], rows: Rows, level: float, style: dict[str, Any],
+    ax: Axes, by_rule: Mapping[Any, Sequence[Any]], rows: Floats, level: float, style: dict[str, Any],
     delta: float | None,
 ) -> None:  # fmt: skip
     """Draws d' by each rule side by side, with chance and any Delta; each d' has an estimate and an interval."""
     all_spans = [[(d.interval[0], d.estimate, d.interval[1]) for d in some] for some in by_rule.values()]
     spans = [span for some in all_spans for span in some]
-    finite = [value for span in spans for value in span if math.isfinite(value)]
-    end = 1.15 * max(_LOWEST, *finite, 0.0)  # beyond all finite values
+    # beyond all finite values
+    end = 1.15 * max(_LOWEST, *(value for span in spans for value in span if math.isfinite(value)), 0.0)
     for i, (rule, some) in enumerate(zip(by_rule, all_spans, strict=True)):
         shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
         colour, marker = STYLES[rule]
@@ -73,10 +70,9 @@ def draw_d_prime(
     ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * level:g} % interval")
 
 
-def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
+def of_subjects(ax: Axes, names: Sequence[str], rows: Floats, title: str) -> Axes:
     """The axes with one name per row."""
     ax.set_yticks(rows, names, fontsize=8)
-    ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")
+    ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject", title=title)
     ax.legend()
-    ax.set_title(title)
     return ax

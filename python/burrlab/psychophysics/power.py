@@ -52,10 +52,9 @@ class Observer:
 
     def group(self, subjects: int, level: float) -> float:
         """Power of the one-sided t test on the scores of this number of subjects, at least two."""
-        rng = np.random.default_rng(SEED)
         table = np.cumsum(self.scores)
-        drawn = np.searchsorted(table / table[-1], rng.random((EXPERIMENTS, subjects)), side="right")
-        above = drawn - self.half
+        drawn = np.random.default_rng(SEED).random((EXPERIMENTS, subjects))
+        above = np.searchsorted(table / table[-1], drawn, side="right") - self.half
         mean, error = np.mean(above, axis=1), np.std(above, axis=1, ddof=1) / math.sqrt(subjects)
         with np.errstate(divide="ignore", invalid="ignore"):
             p = stdtr(subjects - 1, -mean / error)
@@ -128,19 +127,15 @@ class Equivalence:
             )
         bound = "there is no upper bound" if math.isinf(self.upper) else f"upper bound {self.upper:.2f}"
         where = f"d' ({self.rule}), {bound} at {100 * self.level:.4g} %, {probability_text(self.p_value)}"
-        text = (
-            f"Equivalent: below {self.delta:g} in {where}."
-            if self.equivalent
-            else f"Not shown to be equivalent: {self.delta:g} or more is possible in {where}. That does not show a "
-            "difference."
-        )
         silent, below = self.subjects - self.informative, probability_text(self.p_below_chance)
-        more = (
+        return "".join((
+            f"Equivalent: below {self.delta:g} in {where}." if self.equivalent else
+            f"Not shown to be equivalent: {self.delta:g} or more is possible in {where}. That does not show a "
+            "difference.",
             f" {silent} of {self.subjects} subjects gave one answer only: nothing is known of theirs." * bool(silent),
             f" Scores are below chance ({below}), which no d' explains: were answers swapped?"
             * (self.p_below_chance < _BELOW_CHANCE),
-        )  # fmt: skip
-        return text + "".join(more)
+        ))  # fmt: skip
 
     @property
     def design_sentence(self) -> str:

@@ -161,12 +161,10 @@ def design_of(table: TomlTable, stimuli: Mapping[str, Stimulus]) -> TaskDesign:
     hints, options = get_type_hints(kind), {}
     for name, parameter in inspect.signature(kind).parameters.items():
         default = _REQUIRED if parameter.default is inspect.Parameter.empty else None
-        value = _read(table, key_of(name), hints[name], stimuli, default)
-        if key_of(name) in table:
-            options[name] = value
+        options[name] = _read(table, key_of(name), hints[name], stimuli, default)
     table.done()
     try:
-        return kind(**options)
+        return kind(**{name: value for name, value in options.items() if key_of(name) in table})
     except (ValueError, TypeError) as error:
         name, space, rest = str(error).partition(" ")
         raise table.error(f"{key_of(name)}{space}{rest}") from None
@@ -353,23 +351,22 @@ def designs_of(file: TomlTable) -> Mapping[str, TaskDesign]:
 
 def analysis_of(table: TomlTable) -> AnalysisSettings:
     """The settings of [analysis]."""
-    rules = table.get(
-        "rules",
-        (
-            f"a list of {', '.join(RULES)}, each once at most",
-            lambda names: (
-                isinstance(names, list)
-                and names != []
-                and all(rule in RULES for rule in names)
-                and len({*names}) == len(names)
-            ),
+    some_rules: Rule = (
+        f"a list of {', '.join(RULES)}, each once at most",
+        lambda names: (
+            isinstance(names, list)
+            and names != []
+            and all(rule in RULES for rule in names)
+            and len({*names}) == len(names)
         ),
-        default=list(RULES),
     )
-    delta = table.get("delta", _NUMBER, ("a d' above 0", lambda value: value > 0), default=None)
-    level = table.get("level", _NUMBER, ("from 0.5 to below 1", lambda value: 0.5 <= value < 1), default=0.95)
+    settings = AnalysisSettings(
+        tuple(table.get("rules", some_rules, default=RULES)),
+        table.get("delta", _NUMBER, ("a d' above 0", lambda value: value > 0), default=None),
+        table.get("level", _NUMBER, ("from 0.5 to below 1", lambda value: 0.5 <= value < 1), default=0.95),
+    )
     table.done()
-    return AnalysisSettings(tuple(rules), delta, level)
+    return settings
 
 
 @dataclass(frozen=True)

@@ -251,11 +251,11 @@ class PsychometricFit:
     def __str__(self) -> str:
         low, high = self.interval
         least, most = min(self.ratios), max(self.ratios)
-        beyond = not least <= self.threshold <= most
         lines = [
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
             f"{100 * self.level:g} % {low:.3g} to {high:.3g}",
-            f"extrapolated: the levels go from {least:.3g} to {most:.3g}" * beyond,
+            f"extrapolated: the levels go from {least:.3g} to {most:.3g}"
+            * (not least <= self.threshold <= most),
         ]
         if (change := self.just_noticeable()) is not None and self.parameter is not None:
             what = "decrease" if self.side == "below" else "increase"

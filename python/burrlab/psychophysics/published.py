@@ -8,11 +8,10 @@ from typing import TypeAlias, cast
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.group import check_level, probability_text
-from burrlab.psychophysics.rules import RULES, TaskName, halving, rule_of
+from burrlab.psychophysics.rules import RULES, Floats, TaskName, halving, rule_of
 
 Three: TypeAlias = tuple[float, float, float]
 
@@ -69,10 +68,11 @@ class PublishedScore:
     def __str__(self) -> str:
         (low, high), (least, most) = self.interval, self.spread_p_range
         differ = (
-            "whether subjects differ depends on the rounding" if least < 0.05 else "subjects may be alike"
-        )
-        differ = "subjects differ, in d' or in bias" if most < 0.05 else differ
-        lines = [
+            "subjects differ, in d' or in bias" if most < 0.05 else
+            "whether subjects differ depends on the rounding" if least < 0.05 else
+            "subjects may be alike"
+        )  # fmt: skip
+        return "\n".join([
             f"{self.mean:g} +- {self.sem:g} of {self.trials}, {self.n} subjects ({self.task})",
             f"above chance: t({self.n - 1}) = {self.t:.1f} ({self.t_range[0]:.1f} to {self.t_range[1]:.1f} "
             f"by rounding), {probability_text(self.p_value)}",
@@ -85,8 +85,7 @@ class PublishedScore:
             f"{probability_text(self.spread_p_value)} ({least:.2g} to {most:.2g} by rounding); {differ}",
             f"Not shown: how many subjects can tell. {100 * self.guessers:.0f} % guessing, the rest alike, "
             "fits mean and spread. Not shown either: bias, and so d' of each.",
-        ]
-        return "\n".join(lines)
+        ])  # fmt: skip
 
 
 def group_score_from(
@@ -182,6 +181,11 @@ def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
     return float(halving(lambda d: decision.proportion_correct(d) <= proportion, 0.0, 75.0, 80)[0])
 
 
+def _spread_p(spread: float, noise: float, n: int) -> float:
+    # There is no noise only at a mean of 0 or of all trials.
+    return 0.0 if noise == 0.0 else float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
+
+
 def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
     # The variance by chance is largest at the mean nearest to the middle, and smallest at one of the ends.
     ends = mean - rounding, mean + rounding
@@ -190,11 +194,6 @@ def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: in
         _spread_p((sem + rounding) * math.sqrt(n), min(noises), n),
         _spread_p((sem - rounding) * math.sqrt(n), max(noises), n),
     )
-
-
-def _spread_p(spread: float, noise: float, n: int) -> float:
-    # There is no noise only at a mean of 0 or of all trials.
-    return 0.0 if noise == 0.0 else float(scipy.stats.chi2.sf((n - 1) * spread**2 / noise, n - 1))
 
 
 _LEAST = 1e-300  # least probability, in place of 0
@@ -238,8 +237,7 @@ class SelectionEffect:
     chance: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("kept", "of", "trials"):
-            object.__setattr__(self, name, operator.index(getattr(self, name)))
+        vars(self).update({name: operator.index(getattr(self, name)) for name in ("kept", "of", "trials")})
         refuse(not 1 <= self.kept <= self.of, f"kept must be in 1..of, 1..{self.of}, got {self.kept}")
         refuse(self.trials < 1, f"trials must be at least 1, got {self.trials}")
         refuse(not 0.0 < self.chance < 1.0, f"chance must be in (0, 1), got {self.chance!r}")
@@ -264,7 +262,7 @@ class SelectionEffect:
         return float(min(1.0, self.distribution[least:].sum()))
 
     @cached_property
-    def distribution(self) -> NDArray[np.float64]:
+    def distribution(self) -> Floats:
         """Probability of each sum of the selected subjects' scores, 0 to kept x trials."""
         p = scipy.stats.binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
         m = np.arange(self.of + 1)

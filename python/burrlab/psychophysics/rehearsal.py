@@ -133,8 +133,7 @@ def teach(
             intervals.setdefault(stood_in(design, interval).stimulus.material, interval)
         order.answer(design.answers[0])
     refuse(len(intervals) != 2, f"design must have two materials, got {len(intervals)}")
-    a, b = (_felt(design, interval, burr, bone) for interval in intervals.values())
-    return subject.taught(a, b)
+    return subject.taught(*(_felt(design, interval, burr, bone) for interval in intervals.values()))
 
 
 def check_rehearsable(design: TaskDesign) -> None:
@@ -276,15 +275,12 @@ def predicted_d_prime(
         subject.criterion is not None, f"criterion must be None for a prediction, got {subject.criterion!r}"
     )
     burr, bone = burr or Burr(3.0), bone or Block()
-
-    def felt(material: Material) -> Cues:
-        return (
-            closed_form_cues(material, burr=burr)
-            if closed_form
-            else rendered_cues(material, mode, burr=burr, bone=bone, duration=duration)
-        )
-
-    pair = felt(a), felt(b)
+    pair = [
+        closed_form_cues(material, burr=burr)
+        if closed_form
+        else rendered_cues(material, mode, burr=burr, bone=bone, duration=duration)
+        for material in (a, b)
+    ]
     taught = subject.taught(*pair)
     d_prime, rule = taught.d_prime, rule_of(task, subject.rule)
     return Prediction(

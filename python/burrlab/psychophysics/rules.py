@@ -264,8 +264,7 @@ def _density(x: Floats) -> Floats:
 
 def _root(function: Callable[[Floats], Floats], h: Floats, f: Floats) -> Floats:
     """d' of rates h and f: the zeros of increasing functions of d' in [0, _LARGEST], or a bound of d'."""
-    ends = np.full(h.shape, _LARGEST), np.zeros(h.shape)
-    high, low = halving(lambda d: function(d) > 0.0, *ends, _HALVINGS)
+    high, low = halving(lambda d: function(d) > 0.0, np.full(h.shape, _LARGEST), np.zeros(h.shape), _HALVINGS)
     return np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, 0.5 * (low + high)))
 
 
@@ -343,8 +342,8 @@ class Counts:
 
     def __post_init__(self) -> None:
         one_of("task", self.task, TASKS)
-        for name in ("hits", "signals", "false_alarms", "noises"):
-            object.__setattr__(self, name, whole(name, getattr(self, name), at_least=0))
+        numbers = ("hits", "signals", "false_alarms", "noises")
+        vars(self).update({name: whole(name, getattr(self, name), at_least=0) for name in numbers})
         for name, most in (("hits", "signals"), ("false_alarms", "noises")):
             refuse(
                 getattr(self, name) > getattr(self, most),

@@ -424,11 +424,10 @@ class Sitting:
         with file, Experimenter(self.protocol.data.log(self.subject, task), self._view) as experimenter:
             if order.next() is None:
                 return 0
-            kind = "simulated subject" if seat.simulated else "subject"
             done = f", {len(order.answered)} trials were answered before" if order.answered else ""
             experimenter.say(
-                f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} "
-                f"trials{done}"
+                f"{datetime.now():%Y-%m-%d}: {'simulated ' * seat.simulated}subject {self.subject}, task {task}, "
+                f"at most {order.total} trials{done}"
             )
             forceless = self._text.startswith(("igtl:", "vrpn:")) and self.protocol.publish is None
             for note in (_NO_FORCE,) * forceless + file.notes:
@@ -488,12 +487,10 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
         raise ValueError(f"device {error}") from None
     if device.kind == "hand":
         return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
-    if device.kind == "scripted":
-        script = burrlab.read_script(device.file)
-        return lambda mode: script
     if device.kind in ("igtl", "vrpn"):  # each interval has its own connection
         return lambda mode: open_device(device, protocol.lost_after)
-    opened = open_device(device, protocol.lost_after)
+    scripted = device.kind == "scripted"
+    opened = burrlab.read_script(device.file) if scripted else open_device(device, protocol.lost_after)
     return lambda mode: opened
 
 

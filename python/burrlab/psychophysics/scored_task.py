@@ -513,20 +513,20 @@ class ScoredTask(TaskResult[SubjectResult]):
                   label="expected of chance performers")  # fmt: skip
         top = max(counts.max(), expected.max())
         if self.score is not None:
-            mean, sem = self.score.mean, self.score.sem
-            ax.errorbar(mean, 1.09 * top, xerr=sem, fmt="D", color=VELOCITY, markersize=5, capsize=3,
-                        label=f"mean ± s.e.m., {mean:.1f} ± {sem:.1f}")  # fmt: skip
+            ax.errorbar(self.score.mean, 1.09 * top, xerr=self.score.sem, fmt="D", color=VELOCITY, markersize=5,
+                        capsize=3, label=f"mean ± s.e.m., {self.score.mean:.1f} ± {self.score.sem:.1f}")  # fmt: skip
         if published is not None:
-            mean, sem = published.mean, published.sem
-            ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
-                        label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
-        ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
-        ax.set_ylim(0, 1.3 * top)
+            ax.errorbar(published.mean, 1.2 * top, xerr=published.sem, fmt="s", color="black", mfc="white",
+                        markersize=5, capsize=3,
+                        label=f"published, {published.mean:g} ± {published.sem:g}, n = {published.n}")  # fmt: skip
+        ax.set(
+            xlabel=f"score [correct answers of {trials}]", xlim=(-0.6, trials + 0.6), ylabel="subjects",
+            ylim=(0, 1.3 * top), title=self.title,
+        )  # fmt: skip
         ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
         ax.xaxis.set_major_locator(
             FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
         )
-        ax.set_title(self.title)
         return ax
 
     @drawing

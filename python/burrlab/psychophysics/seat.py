@@ -278,7 +278,7 @@ class TerminalSeat(Seat):
             raise KeyboardInterrupt("the subject's screen was closed") from None
 
 
-class Experimenter:
+class Experimenter(contextlib.AbstractContextManager["Experimenter"]):
     """Lines for the experimenter, kept in a log and shown in an optional view.
 
     Parameters
@@ -310,9 +310,6 @@ class Experimenter:
             with contextlib.suppress(OSError):
                 os.write(self._view, line.encode())
 
-    def __enter__(self) -> "Experimenter":
-        return self
-
     def __exit__(self, *error: object) -> None:
         self._log.close()
         if self._view is not None:
@@ -322,22 +319,21 @@ class Experimenter:
 def _open_view(path: Path) -> int:
     """The descriptor of a view; neither opening nor writing blocks."""
     kind = path.stat().st_mode if path.exists() else 0
-    terminals = [
-        stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()
-    ]
     any_of_them = path.resolve() == Path("/dev/tty")  # another name of the program's terminal
     refuse(
         stat.S_ISCHR(kind)
         and any(
-            any_of_them or os.path.samestat(os.fstat(terminal.fileno()), path.stat())
-            for terminal in terminals
+            any_of_them or os.path.samestat(os.fstat(stream.fileno()), path.stat())
+            for stream in (sys.__stdin__, sys.__stdout__)
+            if stream is not None and stream.isatty()
         ),
         f"the experimenter's view must not be the subject's terminal, {path}",
     )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
-    new = 0 if stat.S_ISFIFO(kind) or stat.S_ISCHR(kind) else os.O_CREAT
     try:
-        return os.open(path, flags | new, 0o666)
+        return os.open(
+            path, flags if stat.S_ISFIFO(kind) or stat.S_ISCHR(kind) else flags | os.O_CREAT, 0o666
+        )
     except OSError:
         refuse(stat.S_ISFIFO(kind), f"the experimenter's view is a fifo that nobody reads: {path}")
         raise

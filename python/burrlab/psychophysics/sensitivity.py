@@ -311,17 +311,14 @@ class DPrime:
         low, high = self.interval
         above = "open)" if self.open_above else f"{high:.2f}]"
         name, meaning = self.criterion_meaning.split(" ", 1)
-        lines = [
-            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, "
-            f"{self.method})",
+        return "\n".join(filter(None, (
+            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, {self.method})",
             "the answers say nothing of d': one answer was always given, or one kind of trial is missing"
-            if self.undetermined
-            else "",
+            * self.undetermined,
             "" if self.standard_error is None else f"standard error {self.standard_error:.2f}",
             "" if self.correction == "none" else f"corrected d' {self.corrected:.2f} ({self.correction})",
             f"criterion {name} {self.criterion:.2f} {meaning}",
-        ]
-        return "\n".join(filter(None, lines))
+        )))  # fmt: skip
 
 
 _INTERVALS: Mapping[str, Callable[[Counts, Rule, float], tuple[Any, Any]]] = {
@@ -533,12 +530,11 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
         not all(subject.by_type for subject in subjects),
         "counts must have the types of pairs, by_type, got none",
     )
-    none = (0, 0)
     return [
         _check(
             (first, two),
             counted,
-            [(s.by_type.get(first, none), s.by_type.get(two, none)) for s in subjects],
+            [(s.by_type.get(first, (0, 0)), s.by_type.get(two, (0, 0))) for s in subjects],
             meaning,
         )
         for first, two, counted, meaning in _SAME_DIFFERENT

@@ -358,9 +358,8 @@ class SideCar:
     provenance: Mapping[str, Any] = field(default_factory=lambda: table.json_mapping(provenance()))
 
     def __post_init__(self) -> None:
-        for name in ("design", "protocol", "provenance", "simulated"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, table.json_mapping(value))
+        given = {name: getattr(self, name) for name in ("design", "protocol", "provenance", "simulated")}
+        vars(self).update({name: table.json_mapping(x) for name, x in given.items() if x is not None})
 
     @property
     def digest(self) -> str:
@@ -370,9 +369,8 @@ class SideCar:
     @property
     def columns(self) -> tuple[str, ...]:
         """Columns of a new file; with those of clipping where the device may have limits of its own."""
-        limited = "limits" in self.protocol.get("experiment", {})
-        kind = self.device.partition(":")[0]
-        return columns_of(self.task, limited=limited or kind in ("touch", "omega", "haply", "driver"))
+        own = self.device.partition(":")[0] in ("touch", "omega", "haply", "driver")
+        return columns_of(self.task, limited=own or "limits" in self.protocol.get("experiment", {}))
 
     def differences(self, other: "SideCar") -> tuple[str, ...]:
         """Relevant changes in another run of this subject and task, in sentences; empty if none.

@@ -246,10 +246,9 @@ class Staircase(Staircased):
         for number, (level, right) in enumerate(zip(*checked_answers(levels, correct), strict=True), 1):
             expected = track.level()
             if expected is None or not math.isclose(level, expected, rel_tol=1e-6):
-                expected_text = "an end" if expected is None else f"{expected:.6g}"
                 raise ValueError(
                     f"levels must be those of this staircase, got {level:.6g} in trial {number} where it has "
-                    f"{expected_text}"
+                    f"{'an end' if expected is None else f'{expected:.6g}'}"
                 )
             track.update(right)
         return track.threshold()
@@ -292,9 +291,8 @@ class StaircaseTrack:
             self._reversals.append(self._difference)
         self._direction = direction
         factor = design.step if len(self._reversals) >= design.discard else design.coarse_step
-        exponent = -1.0 if correct else design.up_weight
         try:
-            grown = self._difference * factor**exponent
+            grown = self._difference * factor ** (-1.0 if correct else design.up_weight)
         except OverflowError:
             grown = math.inf
         self._difference = max(_SMALLEST, min(grown, self._limit))

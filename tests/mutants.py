@@ -272,8 +272,7 @@ def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | 
             return True
         core = next((build / "cpp").glob("_core*"))
         shutil.copy(core, package / core.name)
-        files = [str(TESTS / name) for name in CORE_TESTS[path.parent.name]]
-        return _pytest(files, package.parent)[0] != 0
+        return _pytest([str(TESTS / name) for name in CORE_TESTS[path.parent.name]], package.parent)[0] != 0
     finally:
         copied.write_text(kept, encoding="utf-8")
         for core in PACKAGE.glob("_core*.so"):

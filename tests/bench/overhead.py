@@ -218,10 +218,9 @@ def study(count: int, png: str | None) -> None:
 
     print("| workers | item | chunk | items/s | of N/t | messages/s | client, ms a message | scheduler |")
     print("|---" * 8 + "|")
-    naps = [overhead.Item(k, SHORT) for k in range(count)]
     cases = [
         ("descent", 0.0, run_item, [descent(k) for k in range(count)]),
-        (f"sleep {SHORT:g} s", SHORT, overhead.nothing, naps),
+        (f"sleep {SHORT:g} s", SHORT, overhead.nothing, [overhead.Item(k, SHORT) for k in range(count)]),
     ]
     runs = [run for workers in CLUSTERS for run in studies(workers, 1, cases)]
     long = [overhead.Item(k, LONG) for k in range(count)]

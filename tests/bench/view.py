@@ -70,8 +70,7 @@ def timed_updates(frames: int, rebuilds: int) -> None:
         path = np.stack([x, 0.033 + 0 * x, RADIUS - IMMERSION + 0 * x], axis=1)
         before = bone.read(low, (64, 160, SIDE))
         contact.run(path, 1.0)
-        bricks = changed_bricks(bone, low, before)
-        updates.append(1e3 * timed(scene.update, bone, bricks))
+        updates.append(1e3 * timed(scene.update, bone, changed_bricks(bone, low, before)))
         if frame % max(frames // rebuilds, 1) == 0:
             whole.append(1e3 * timed(scene.update, bone))
     update, rebuild = np.median(updates), np.median(whole)

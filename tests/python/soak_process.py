@@ -55,9 +55,8 @@ def say(**values):
 def usage():
     """Resident memory [MB] without freed memory in the allocator, open files and threads of this process."""
     ctypes.CDLL(None).malloc_trim(0)
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
     return {
-        "rss": pages * os.sysconf("SC_PAGE_SIZE") / 1e6,
+        "rss": int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6,
         "files": len(os.listdir("/proc/self/fd")),
         "threads": len(os.listdir("/proc/self/task")),
     }

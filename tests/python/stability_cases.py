@@ -42,8 +42,7 @@ def block(hole: float) -> VoxelBone:
 
 
 def executor(material: str, hole: float, period: float) -> _core.TickExecutor:
-    tools = [(Burr(RADIUS), materials[material])]
-    return _core.TickExecutor(block(hole), tools, 1, period=period)
+    return _core.TickExecutor(block(hole), [(Burr(RADIUS), materials[material])], 1, period=period)
 
 
 def high_pass(force: np.ndarray, period: float) -> np.ndarray:
@@ -98,8 +97,7 @@ class Run:
             for shift in (-0.02, 0.02)
         )
         slopes = (inner - outer) / 0.04
-        symmetric = 0.5 * (slopes[:3] + slopes[:3].T)
-        return max(np.linalg.eigvalsh(symmetric)[-1], slopes[3] @ normal)
+        return max(np.linalg.eigvalsh(0.5 * (slopes[:3] + slopes[:3].T))[-1], slopes[3] @ normal)
 
     @property
     def limit(self) -> float:

@@ -49,8 +49,7 @@ def test_as_bone_was_met_and_not_as_it_was_cut_sideways(tmp_path):
 
 def test_from_above_where_no_bone_was_touched(tmp_path):
     shown = player(tmp_path, (0.0, 0.0, 500.0), (0, 0, -1))
-    assert trace_approach(shown) is None
-    assert approach_view(shown.bone, None) == surgeon_view(shown.bone)
+    assert (trace_approach(shown), approach_view(shown.bone, None)) == (None, surgeon_view(shown.bone))
     assert approach_view(shown.bone, None, width=3.0) == surgeon_view(shown.bone, width=3.0)
 
 

@@ -15,9 +15,7 @@ def test_arrays_are_read_only_copies_that_outlive_their_bone(name: str) -> None:
     levels = np.random.default_rng(1).integers(0, 256, (40, 41, 42)).astype(np.uint8)
     bone = VoxelBone(levels, 0.1)
     array = getattr(bone, name)
-    assert array.dtype == np.uint8
-    assert array.flags.c_contiguous
-    assert not array.flags.writeable
+    assert (array.dtype, array.flags.c_contiguous, array.flags.writeable) == (np.uint8, True, False)
     with pytest.raises(ValueError, match="read-only"):
         array[0, 0, 0] = 1
     assert not np.shares_memory(array, getattr(bone, name))

@@ -19,8 +19,7 @@ Z = 4.9
 def sparse(field, n, seed, lags=(0.0, 0.0, 0.0)):
     """Occupancies at n^3 places 5 L apart (correlation 4e-6), and at these places moved by lags (x, y, z)."""
     at = 5 * field.correlation_length * np.arange(n)
-    grids = [np.concatenate([at, at + lag]) if lag else at for lag in lags]
-    values = field.levels(*grids, seed=seed) / 255
+    values = field.levels(*[np.concatenate([at, at + lag]) if lag else at for lag in lags], seed=seed) / 255
     here = values[:n, :n, :n]
     return here.ravel(), values[tuple(slice(n, None) if lag else slice(None) for lag in lags[::-1])].ravel()
 
@@ -235,9 +234,9 @@ def test_no_contrast_no_shift():
 
 def test_descents_without_a_velocity_are_left_out_and_counted():
     scatter = predict(forces=(2.0, 5.0))
-    assert scatter.status == ("ok",) * 4 + ("overloaded",) * 4
-    assert list(scatter.n_dof) == [3, 0]
-    assert scatter.pooled == scatter.sd[0]
+    assert (scatter.status, list(scatter.n_dof), scatter.pooled) == (
+        ("ok",) * 4 + ("overloaded",) * 4, [3, 0], scatter.sd[0],
+    )  # fmt: skip
     assert np.isnan([scatter.sd[1], *scatter.interval[1], scatter.shift[1], scatter.shift_error[1]]).all()
     assert "4 of 8 descents without a velocity are left out" in repr(scatter)
     scatter.plot()

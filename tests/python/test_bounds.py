@@ -254,9 +254,9 @@ def test_files_of_earlier_versions(files):
     bones = [load_bone(files / f"{old}bone.h5") for old in ("", "old_")]
     assert (bones[0][0].digest(), bones[1][1]) == (bones[1][0].digest(), 5)
     trace, old = (load_trace(files / f"{old}trace.h5") for old in ("", "old_"))
-    assert old.ticks.tobytes() == trace.ticks.tobytes()
-    assert (old.note, old.provenance, old.tools) == (trace.note, trace.provenance, trace.tools)
-    assert replay(old).equal
+    assert (old.ticks.tobytes(), old.note, old.provenance, old.tools, replay(old).equal) == (
+        trace.ticks.tobytes(), trace.note, trace.provenance, trace.tools, True,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("name", "step"), [("bone", 32), ("trace", 96)])

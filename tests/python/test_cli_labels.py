@@ -173,8 +173,7 @@ def test_wrong_input(files: Path, words: list[str], message: str, capsys: pytest
 def test_a_descent_into_labels(run: Callable[..., str], capsys: pytest.CaptureFixture[str]) -> None:
     descend = ["descend", "--force", "0.3", "--ideal", "--radius", "1", "--max-duration", "0.3", "--seed", 1]
     words = [*descend, *THERE]
-    recipe = result(capsys, *words, *BOTH)["provenance"]["volume"]["recipe"]
-    assert recipe["kind"] == "labelled volume"
+    assert result(capsys, *words, *BOTH)["provenance"]["volume"]["recipe"]["kind"] == "labelled volume"
     assert "labels are the nearest of" in run(*words, *BOTH, "--onto")
     assert "labels must overlap the volume: those of" in run(
         *words, *GREY, "--labels", "a.seg.nrrd", "--onto", status=2

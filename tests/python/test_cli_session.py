@@ -33,8 +33,7 @@ def test_hand_recorded(tmp_path, capsys):
     assert set(plain["energy"][0]) == {"given_mJ", "most_mJ"}
     assert plain["provenance"]["tools"][0]["radius_mm"] == 3.0
     trace = burrlab.load_trace(path)
-    assert (len(trace), trace.bone().spacing) == (1000, (0.4, 0.4, 0.4))
-    assert burrlab.replay(trace).equal
+    assert (len(trace), trace.bone().spacing, burrlab.replay(trace).equal) == (1000, (0.4, 0.4, 0.4), True)
 
 
 def test_script_and_two_burrs(tmp_path, capsys):
@@ -162,8 +161,7 @@ def test_interrupted_session_is_whole(start, tmp_path, name):
     assert run.returncode == 130
     assert out.startswith("interrupted: ")
     trace = burrlab.load_trace(path)
-    assert (trace.complete, trace.ended) == (True, "interrupted")
-    assert burrlab.replay(trace).equal
+    assert (trace.complete, trace.ended, burrlab.replay(trace).equal) == (True, "interrupted", True)
 
 
 def test_waiting_device_is_said(tmp_path):

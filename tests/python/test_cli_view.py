@@ -220,8 +220,7 @@ def test_picture_film_and_stereo_of_a_trace(trace, recording, tmp_path, capsys):
     assert call(capsys, "view", trace, "--pictures", alone, "--at", 0)[0] == 0
     np.testing.assert_array_equal(read(both), read(alone))
     frames = int(load_trace(trace).duration * 10 / 0.5 + 1e-9) + 1
-    assert told["frames"] == frames
-    assert frames_in(film) == frames
+    assert told["frames"] == frames_in(film) == frames
     assert result(capsys, "view", *recording, "--video", film, "--fps", 10, *SMALL)["frames"] == 5
     assert frames_in(film) == 5
 

@@ -132,5 +132,4 @@ def test_a_replica_reports_as_its_leader(tmp_path) -> None:
 
 def test_a_replica_of_a_session_without_a_watch() -> None:
     _, replica = followed(VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4)), 0.8)
-    assert replica_report(replica) is None
-    assert replica_events(replica) == []
+    assert (replica_report(replica), replica_events(replica)) == (None, [])

@@ -202,8 +202,7 @@ def test_series_frame_save_and_load(known, tmp_path, monkeypatch):
     assert list(frame.columns) == ["time_s", "immersion_mm", "force_N", "velocity_mm_s", "command_mm_s"]
     known.save(tmp_path / "run.json")
     back = burrlab.Descent.load(tmp_path / "run.json")
-    assert back.to_dict() == known.to_dict()
-    assert back == known
+    assert (back.to_dict(), back) == (known.to_dict(), known)
     assert back != burrlab.descend(BURR, BONE, 1.0, voxel=0.4, seed=2)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match="needs pandas"):

@@ -81,9 +81,9 @@ def test_a_trial_is_what_its_type_says():
     for trial in order.trials:
         shown = [interval.stimulus for interval in trial.intervals]
         assert shown == [{"A": BONE, "B": PVC}[letter] for letter in trial.trial_type]
-        assert trial.correct == ("same" if shown[0] == shown[1] else "different")
-        assert [interval.duration for interval in trial.intervals] == [5.0, 5.0]
-        assert trial.level is None
+        assert (trial.correct, [interval.duration for interval in trial.intervals], trial.level) == (
+            "same" if shown[0] == shown[1] else "different", [5.0, 5.0], None,
+        )  # fmt: skip
     assert len(set(seeds(order.trials))) == 88
     assert all(0 <= seed < 2**64 for seed in seeds(order.trials))
 
@@ -100,8 +100,7 @@ def test_the_paper_s_third_task():
         assert trial.correct == ("first", "second")[shown.index(PETTIGREW)]
     own = ABX(BONE, PVC, reference_interval=5)
     first, *pair = own.order(seed=1, subject="01").next().intervals
-    assert own.matching == BONE
-    assert (first.stimulus, first.duration) == (BONE, 5.0)
+    assert (own.matching, first.stimulus, first.duration) == (BONE, BONE, 5.0)
     assert BONE in [interval.stimulus for interval in pair]
 
 
@@ -370,9 +369,9 @@ def test_two_down_one_up_by_hand():
     assert [math.log(t.level) for t in trials] == pytest.approx([d, d, d / 2, d / 2, d / 4, up, up, d / 4])
     found = design.threshold([t.level for t in trials], answers[: len(trials)])
     # the reversals that count: down at up, up at d/4
-    assert found.complete
-    assert (found.reversals, found.trials, found.spread) == (2, 8, None)
-    assert found.difference == pytest.approx(math.sqrt(up * d / 4))
+    assert (found.complete, found.reversals, found.trials, found.spread, found.difference) == (
+        True, 2, 8, None, pytest.approx(math.sqrt(up * d / 4)),
+    )  # fmt: skip
     assert found.level == pytest.approx(math.exp(found.difference))
 
 
@@ -403,9 +402,8 @@ def test_one_reversal_is_no_threshold():
     found = staircase(start=0.5, discard=0).threshold(
         [0.5, 0.5, 0.5 ** (1 / math.sqrt(2))], [True, True, False]
     )
-    assert found.level is None
+    assert (found.level, found.complete) == (None, False)
     assert "no threshold: 1 reversals that count in 3 trials, two are needed" in str(found)
-    assert not found.complete
 
 
 def test_the_limit_holds_and_is_said():
@@ -448,9 +446,9 @@ def test_orders_and_seeds_do_not_depend_on_the_answers(design):
     right, other = run(design, [True] * 40), run(design, lambda level: level > 1.3)
     n = min(len(right), len(other))
     assert levels(right[:n]) != levels(other[:n])
-    assert kinds(right[:n]) == kinds(other[:n])
-    assert seeds(right[:n]) == seeds(other[:n])
-    assert len(set(seeds(right))) == 80
+    assert (kinds(right[:n]), seeds(right[:n]), len(set(seeds(right)))) == (
+        kinds(other[:n]), seeds(other[:n]), 80,
+    )  # fmt: skip
     for start in range(0, 40, 8):
         assert Counter(kinds(right[start : start + 8])) == {"RC": 4, "CR": 4}
     another = run(design, [True] * 40, subject="02")
@@ -502,8 +500,7 @@ def from_the_prior(draws):
 
 def test_the_function_by_hand():
     assert proportion_correct(0.1, 0.1, [0.7, 4.0], 0.0) == pytest.approx([0.75, 0.75])
-    assert proportion_correct(0.0, 0.1, 1.3, 0.1) == pytest.approx(0.5)
-    assert proportion_correct(1e6, 0.1, 1.3, 0.1) == pytest.approx(0.95)
+    assert [proportion_correct(d, 0.1, 1.3, 0.1) for d in (0.0, 1e6)] == pytest.approx([0.5, 0.95])
     x = np.geomspace(0.01, 10, 300)
     gaussian = np.array([gaussian_correct(float(d), 1.0, lapse=0.02) for d in x])
     assert np.abs(proportion_correct(x, 1.0, 1.25, 0.02) - gaussian).max() < 0.012

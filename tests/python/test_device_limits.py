@@ -104,8 +104,7 @@ def test_a_session_keeps_the_limits_of_its_model(tmp_path, monkeypatch):
     )
     assert trace.note["limits"] == [{"model": "touch", **{k: list(v) if isinstance(v, tuple) else v for k, v in
                                      device_limits["touch"].numbers().items()}}]  # fmt: skip
-    assert trace.note["ramp_s"] == 0.05
-    assert replay(trace).equal
+    assert (trace.note["ramp_s"], replay(trace).equal) == (0.05, True)
     assert re.search(
         r"burr 0: touch renders 0\.4 N/mm stably; the contact is \d+\.\d\d of that", str(run.report())
     )
@@ -193,8 +192,7 @@ def test_a_force_stops_the_session_in_its_tick(tmp_path):
     assert (run.reason, run.failed) == ("the force of burr 0 reached 1.5 N", False)
     assert wanted[-1] >= 1.5 > wanted[:-1].max()
     assert sent[-1] == 0 < sent[-2]
-    assert replay(trace).equal
-    assert trace.note["stop_at_force_N"] == 1.5
+    assert (replay(trace).equal, trace.note["stop_at_force_N"]) == (True, 1.5)
 
 
 def test_nearness_stops_the_session(tmp_path):

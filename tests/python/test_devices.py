@@ -46,8 +46,7 @@ def test_hand_moves_the_same_at_any_rate():
         play(hand, round(500 / period), period=period)
         ends.append(hand.position)
     # One period less is simulated than there are readings.
-    assert ends[1] == pytest.approx(ends[2], abs=0.02)
-    assert ends[0] == pytest.approx(ends[2], abs=0.1)
+    assert (ends[1], ends[0]) == (pytest.approx(ends[2], abs=0.02), pytest.approx(ends[2], abs=0.1))
 
 
 def test_script_is_followed_and_ends_the_session():

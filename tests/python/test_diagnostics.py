@@ -100,8 +100,7 @@ def test_parameters_that_a_window_bounds_are_not_identified(power):
 def test_influence():
     bad = fit(with_outlier(curve()))
     rows = bad.influence()
-    assert [row.row for row in rows] == list(range(1, 12))
-    assert [row.row for row in rows if row.named] == [8]
+    assert ([row.row for row in rows], [row.row for row in rows if row.named]) == (list(range(1, 12)), [8])
     assert re.fullmatch(r"Row\(8, 1.91 N, \d+ sigma, c_e 2\S+, stands out\)", repr(rows[7]))
     assert bad.status != "implausible"
     assert sum(row.leverage for row in rows) == pytest.approx(2)

@@ -79,8 +79,7 @@ def test_on_a_replica_beside_another_consumer() -> None:
     ]
     assert newest["balance"]["blood"].made > 0 < newest["balance"]["water"].made
     assert exact(companion)
-    taken = {tuple(brick) for bricks in [*seen, replica.take()["bricks"]] for brick in bricks}
-    assert taken == {
+    assert {tuple(brick) for bricks in [*seen, replica.take()["bricks"]] for brick in bricks} == {
         tuple(place)
         for place in np.unique(np.argwhere(bone.density != bone_with_tissues().density) // 8, axis=0)
     }

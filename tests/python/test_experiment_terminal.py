@@ -132,8 +132,7 @@ def test_undisturbed_alone_and_seen_by_the_experimenter(tmp_path):
             assert "another process has this run open" in other.text
         terminal.press(KEYS[subject.decided[0]])
         subject.take_part(terminal)
-        assert terminal.end() == 0
-        assert termios.tcgetattr(terminal.terminal) == terminal.before
+        assert (terminal.end(), termios.tcgetattr(terminal.terminal)) == (0, terminal.before)
     assert subject.asked == list(range(1, 11))
     subject.check()
     assert "trial 1 (practice), " in view.read_text()
@@ -211,8 +210,7 @@ def test_interrupted_then_terminal_closed(tmp_path):
         time.sleep(0.2)
         assert terminal.process.poll() is None
         terminal.press("\x03")
-        assert terminal.end() == 130
-        assert termios.tcgetattr(terminal.terminal) == terminal.before
+        assert (terminal.end(), termios.tcgetattr(terminal.terminal)) == (130, terminal.before)
         assert terminal.text.endswith("Please wait. Every answer is kept.")
     assert len(subject.rows()) == 1
     terminal = PseudoTerminal("experiment", "resume", "test.toml", "--subject", SUBJECT, cwd=tmp_path)

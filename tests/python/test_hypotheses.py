@@ -53,8 +53,7 @@ class TestLackOfFit:
         test = fit(with_sigma(DATA["wide"], 0.01), residuals="sigma").lack_of_fit
         assert test.freedom == (10,)
         assert "contradicts the given sigma" in str(test)
-        assert fit(curve_of(repeats=1)).lack_of_fit is None
-        assert fitted("wide").fall is None
+        assert (fit(curve_of(repeats=1)).lack_of_fit, fitted("wide").fall) == (None, None)
 
 
 class TestIndentation:
@@ -159,8 +158,7 @@ class TestGivenValues:
         inside, outside, excluded = (fitted("wide").test(c_e, 0.087) for c_e in (2.145, 4.0, 1.0))
         assert "lies inside the joint 95 % region" in str(inside)
         assert "lies outside the joint 95 % region" in str(outside)
-        assert inside.freedom == (2.0, 10.0)
-        assert excluded.p_value == 0
+        assert (inside.freedom, excluded.p_value) == ((2.0, 10.0), 0)
         assert "is excluded: at 2.6 N there would have been no window" in str(excluded)
         assert fitted("wide, sigma", residuals="sigma").test(2.145, 0.087).freedom == (2.0,)
         assert "the overloaded run would have had a window" in str(fitted("overloaded").test(2.4, 0.087))

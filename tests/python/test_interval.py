@@ -50,8 +50,7 @@ def test_it_ends_when_its_time_is_over():
 
 def test_only_a_burr_that_turns_in_drilling_erodes():
     found = play(drilling_hand(BURR, push=1.0), mode="probing")
-    assert found.ticks["on"].all()
-    assert found.ticks["touching"].any()
+    assert (found.ticks["on"].all(), found.ticks["touching"].any()) == (True, True)
     assert removed(found) == removed(play(probing_hand(BURR))) == 0
 
 
@@ -73,9 +72,8 @@ THROUGH = {
 def test_break_through_ends_it_at_that_very_tick():
     found = play(**THROUGH)
     tip = found.ticks["center"][:, 2] - BURR.radius
-    assert found.ended == "break-through"
+    assert (found.ended, found.duration) == ("break-through", pytest.approx(0.001 * len(found.ticks)))
     assert tip[-1] <= -0.6 < tip[-2]
-    assert found.duration == pytest.approx(0.001 * len(found.ticks))
 
 
 @pytest.mark.parametrize(("axis", "side"), [(0, 1.0), (1, -1.0)])
@@ -125,10 +123,8 @@ def test_the_trace_holds_the_interval(tmp_path):
     file = tmp_path / "interval.h5"
     found = play(**THROUGH, record=file)
     trace = load_trace(file)
-    assert trace.complete
     assert np.array_equal(trace.array("center_mm")[: len(found.ticks)], found.ticks["center"])
-    assert trace.bone().digest() == THIN.fresh().digest()
-    assert replay(trace).equal
+    assert (trace.complete, trace.bone().digest(), replay(trace).equal) == (True, THIN.fresh().digest(), True)
     refused((lambda: play(drilling_hand(BURR), record=file), "path must be a new file", FileExistsError))
 
 

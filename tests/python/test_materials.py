@@ -31,8 +31,7 @@ def test_shape_values(name: str, order: float, definition: Any) -> None:
     f, x = Shape(name), np.linspace(0, 1, 101)
     assert f.order == order
     np.testing.assert_allclose(f(x), definition(x), rtol=1e-13, atol=1e-15)
-    assert f(0.5) == f(np.array([0.5]))[0]
-    assert f(0.0) == 1.0
+    assert (f(0.5), f(0.0)) == (f(np.array([0.5]))[0], 1.0)
     assert f(1.0 + 1e-12) == f(1e6) == 0.0
 
 
@@ -64,13 +63,11 @@ def test_shapes_with_two_names() -> None:
     ids=["Shape", "Burr", "Material"],
 )
 def test_equality_hash_pickle_and_repr(value: Any, same: Any, other: Any) -> None:
-    assert value == same
-    assert hash(value) == hash(same)
+    assert (value, hash(value)) == (same, hash(same))
     assert value != other
     assert value != "something else"
     assert len({value, same, other}) == 2
-    assert pickle.loads(pickle.dumps(value)) == value
-    assert eval(repr(value), dict(NAMESPACE)) == value
+    assert (pickle.loads(pickle.dumps(value)), eval(repr(value), dict(NAMESPACE))) == (value, value)
 
 
 @pytest.mark.parametrize(
@@ -139,8 +136,7 @@ def test_materials_of_the_paper() -> None:
     """Source: Agus et al., HAPTICS 2004, section 4.2."""
     paper = {"bone": (2.145, 0.087), "pettigrew": (1.504, 0.116), "pvc": (0.462, 0.256), "expert": (1.5, 0.1)}
     for one in map(materials.__getitem__, paper):
-        assert (one.c_e, one.alpha) == paper[one.name]
-        assert one.shape == Shape("parabolic")
+        assert ((one.c_e, one.alpha), one.shape) == (paper[one.name], Shape("parabolic"))
         assert one.source.startswith("Agus et al., HAPTICS 2004, section 4.2: ")
         for words in ("f and voxel size are unknown", "one drill, burr type and speed"):
             assert words in one.source

@@ -70,8 +70,7 @@ def test_against_rings_and_time_steps(shape: str) -> None:
     expected = direct(shape, 0.1)
     duration = (1 / 3 - 0.1 ** (2 / 3)) / expected
     time, immersion = slow_descent(shape, 0.1, 1 / 3, duration / 400, 80)
-    velocity = _core.window_velocity(time, immersion, 0.1 ** (2 / 3), 1 / 3)
-    assert velocity == pytest.approx(expected, rel=0.01)
+    assert _core.window_velocity(time, immersion, 0.1 ** (2 / 3), 1 / 3) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -119,8 +118,7 @@ def test_thin_layer_law() -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_exponent_tells_the_order_of_the_zero(shape: str) -> None:
-    order = Shape(shape).order
-    assert MasterCurve(shape).local_slope(1e-5) == pytest.approx(4 * (order + 1) / 3, rel=1e-3)
+    assert MasterCurve(shape).local_slope(1e-5) == pytest.approx(4 * (Shape(shape).order + 1) / 3, rel=1e-3)
 
 
 def test_exponents_of_the_parabolic_curve() -> None:
@@ -149,8 +147,7 @@ def test_master_curve_against_single_descents(shape: str, window: tuple[float | 
 @pytest.mark.parametrize("shape", ["parabolic", "linear", "quartic"])
 def test_continuation_below_the_knots(shape: str) -> None:
     assert MasterCurve(shape).velocity_ratio(0.0015) == pytest.approx(direct(shape, 0.0015), rel=5e-4)
-    phi = np.array([1e-12, 1e-11])
-    low, high = MasterCurve(shape).velocity_ratio(phi)
+    low, high = MasterCurve(shape).velocity_ratio(np.array([1e-12, 1e-11]))
     assert math.log10(high / low) == pytest.approx(4 * (Shape(shape).order + 1) / 3, rel=1e-3)
 
 
@@ -169,8 +166,7 @@ def test_velocity_of_straight_and_of_bent_records() -> None:
 def test_no_window() -> None:
     ratio = MasterCurve("parabolic").velocity_ratio([0.19, 0.1925, 0.5])
     assert np.isnan(ratio).tolist() == [False, True, True]
-    assert np.isnan(MasterCurve("parabolic").local_slope(0.2))
-    assert np.isnan(penetration_velocity(BURR, BONE, 4.0))
+    assert np.isnan([MasterCurve("parabolic").local_slope(0.2), penetration_velocity(BURR, BONE, 4.0)]).all()
     deep = mean_field_descent(BURR, BONE, 4.0, stop=2.0)
     assert np.isnan(deep.velocity())
     assert deep.velocity(0.5, 2.0) > 0
@@ -178,14 +174,14 @@ def test_no_window() -> None:
 
 def test_descent_units_and_window() -> None:
     descent = mean_field_descent(BURR, BONE, 1.0)
-    assert descent.time[0] == 0
-    assert descent.immersion[0] == pytest.approx(3 * (1 / UNIT) ** (2 / 3))
-    assert descent.immersion[-1] == pytest.approx(1.0)
-    assert descent.window() == (0.5, 1.0)
+    assert (descent.time[0], descent.immersion[0], descent.immersion[-1], descent.window()) == (
+        0, pytest.approx(3 * (1 / UNIT) ** (2 / 3)), pytest.approx(1.0), (0.5, 1.0),
+    )  # fmt: skip
     assert descent.window(0.1)[0] == descent.immersion[0]
     assert descent.velocity() == pytest.approx(0.50, abs=0.005)  # bone at 1 N sinks at 0.50 mm/s
-    assert descent.velocity() == pytest.approx(penetration_velocity(BURR, BONE, 1.0), rel=2e-3)
-    assert descent.velocity(0.8) / descent.velocity() == pytest.approx(0.77, abs=0.01)
+    assert (descent.velocity(), descent.velocity(0.8) / descent.velocity()) == (
+        pytest.approx(penetration_velocity(BURR, BONE, 1.0), rel=2e-3), pytest.approx(0.77, abs=0.01),
+    )  # fmt: skip
     expected = penetration_velocity(BURR, BONE, [1.0], 0.6, 0.9)
     assert descent.velocity(0.6, 0.9) == pytest.approx(expected[0], rel=2e-3)
     assert "1 N" in repr(descent)

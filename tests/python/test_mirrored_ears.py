@@ -49,7 +49,6 @@ def right_ear(direction: np.ndarray = np.eye(3)) -> LabelVolume:  # noqa: B008
 def written(kind: str, folder: Path) -> list[str]:
     """Path of a file of the ear, and the options that its format needs."""
     ear, path = right_ear(), folder / f"ear.{kind}"
-    table = ["--tissues", str(folder / "t.csv")]
     write_tissues(folder / "t.csv", default_tissues(NAMES))
     if kind in ("yaml", "slices"):
         (folder / "slices").mkdir()
@@ -77,7 +76,7 @@ def written(kind: str, folder: Path) -> list[str]:
         fields = "".join(f"\nSegment{i}_Name:={n}\nSegment{i}_LabelValue:={i}" for i, n in NAMES.items())
         path.write_bytes(head + fields.encode() + b"\n\n" + values)
         return [str(path)]
-    return [str(path), *table]
+    return [str(path), "--tissues", str(folder / "t.csv")]
 
 
 #: Without plain NRRD, which the turned and the silent one include.

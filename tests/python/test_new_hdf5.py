@@ -60,10 +60,9 @@ def test_a_full_disk_leaves_the_process_whole(tmp_path: Path) -> None:
 
 
 def test_what_else_goes_wrong_is_told(tmp_path: Path) -> None:
-    with pytest.raises(KeyError, match="mine"), new_hdf5(tmp_path / "a.h5"):
-        raise KeyError("mine")
-    with pytest.raises(OSError, match="other"), new_hdf5(tmp_path / "a.h5"):
-        raise OSError("other")
+    for error in (KeyError("mine"), OSError("other")):
+        with pytest.raises(type(error), match=error.args[0]), new_hdf5(tmp_path / "a.h5"):
+            raise error
     with pytest.raises(FileNotFoundError, match="folder must exist"), new_hdf5(tmp_path / "none" / "a.h5"):
         pass
 

@@ -85,13 +85,11 @@ def test_refusals(call, told):
 def test_libopenigtlink_decodes_the_frozen_messages(build):
     """tests/golden/frozen/messages.json, whose bytes are those of the core, to the last bit."""
     frozen = json.loads((Path(__file__).parents[1] / "golden/frozen/messages.json").read_text())
-    messages = [bytes.fromhex(frozen[name]) for name in ("TRANSFORM 1", "SENSOR 1")]
     program = build(Path(__file__).with_name("openigtlink_peer.cpp"))
-    with serve(messages) as port:
+    with serve([bytes.fromhex(frozen[name]) for name in ("TRANSFORM 1", "SENSOR 1")]) as port:
         out = subprocess.run([program, "127.0.0.1", str(port)], check=True, capture_output=True, timeout=60)
     pose, force = (line.split() for line in out.stdout.decode().splitlines())
-    assert pose[:2] == ["TRANSFORM", "burr"]
-    assert float(pose[2]) == 1.75e9
+    assert (pose[:2], float(pose[2])) == (["TRANSFORM", "burr"], 1.75e9)
     rows = [(0, -1, 0, 1.5), (1, 0, 0, -2.5), (0, 0, 1, 0.1)]
     np.testing.assert_array_equal(np.float32(pose[3:]).reshape(3, 4), np.float32(rows))
     assert (force[:2], force[3:5]) == (["SENSOR", "force"], ["0", "11^1"])  # newton

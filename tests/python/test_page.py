@@ -45,12 +45,12 @@ def test_says_what_the_player_has(page, trace, moment):
     player = TracePlayer(trace)
     player.seek(moment)
     bone, said, values = player.bone, rows(page), page.state["values"]
-    assert page.source.bone.digest() == bone.digest()
-    assert page.state.time_s == pytest.approx(player.time)
-    assert said["bone removed"] == f"{bone.removed:.2f}"
+    assert (page.source.bone.digest(), page.state.time_s) == (bone.digest(), pytest.approx(player.time))
+    assert (said["bone removed"], said["centre"]) == (
+        f"{bone.removed:.2f}", ", ".join(f"{value:.2f}" for value in player.burrs.centers[0]),
+    )  # fmt: skip
     assert said["force"] == values[0][0] == f"{np.linalg.norm(player.force):.2f}"
     assert said["penetration"] == values[1][0] == f"{player.depth[0]:.3f}"
-    assert said["centre"] == ", ".join(f"{value:.2f}" for value in player.burrs.centers[0])
     assert (page.scene.move_burrs.call_args.args[0] == player.burrs.centers).all()
     (nerve,) = [row for row in page.state.tissues if row["name"] == "nerve"]
     lost = bone.removed_of("nerve")
@@ -62,14 +62,12 @@ def test_only_the_newest_wish_is_done(page):
     for moment in np.linspace(0.1, 2.9, 29):
         page.state.tell("wanted_s", moment)
     turn(page, 1.0, wanted=3.0)
-    assert page.scene.update.call_count == before + 1
-    assert page.state.time_s == pytest.approx(3.0)
+    assert (page.scene.update.call_count, page.state.time_s) == (before + 1, pytest.approx(3.0))
 
 
 def test_waits_for_the_browser_then_no_longer(page):
     number = turn(page, 10.0, shown=False, wanted=1.0)
-    assert turn(page, 11.9, shown=False, wanted=2.0) == number
-    assert turn(page, 12.1, shown=False) == number + 1
+    assert (turn(page, 11.9, shown=False, wanted=2.0), turn(page, 12.1, shown=False)) == (number, number + 1)
     page.shown()
     assert turn(page, 12.2, wanted=1.5) == number + 2
 
@@ -95,12 +93,10 @@ def test_plays_at_its_speed_to_the_end_and_again(page, monkeypatch):
     for _ in range(5):
         now[0] += 0.1
         turn(page, now[0])
-    assert page.state.time_s == pytest.approx(1.0, abs=2e-3)
-    assert page.state.wanted_s == pytest.approx(1.0)
+    assert (page.state.time_s, page.state.wanted_s) == (pytest.approx(1.0, abs=2e-3), pytest.approx(1.0))
     now[0] += 5.0
     turn(page, now[0])
-    assert page.state.time_s == page.source.span[1]
-    assert not page.state.playing
+    assert (page.state.time_s, page.state.playing) == (page.source.span[1], False)
     page.state.tell("playing", True)
     now[0] += 0.1
     turn(page, now[0])
@@ -215,9 +211,9 @@ def test_what_could_not_be_drawn_is_drawn_by_the_next_turn(page):
 
 
 def test_events_of_the_trace(page, trace):
-    said = [row["text"] for row in page.state.events]
-    due = ["approach to nerve, 0.50 mm", "touch of nerve", "injury of nerve", "away from nerve, 1.00 mm"]
-    assert said[:4] == due
+    assert [row["text"] for row in page.state.events[:4]] == [
+        "approach to nerve, 0.50 mm", "touch of nerve", "injury of nerve", "away from nerve, 1.00 mm",
+    ]  # fmt: skip
     for row, event in zip(page.state.events, trace.events, strict=True):
         assert row["time_s"] == pytest.approx(trace.time()[event["tick"]])
         assert row["x"] == pytest.approx(1000 * row["time_s"] / 4.0, abs=0.1)
@@ -261,8 +257,7 @@ def test_axis_ends(largest, end):
 def test_a_bone_that_rests():
     page = make_page(page_source(nerve_bone()))
     turn(page, 1.0)
-    assert page.state.source_state == "600 mm³ of bone"
-    assert rows(page) == {"bone removed": "0.00"}
+    assert (page.state.source_state, rows(page)) == ("600 mm³ of bone", {"bone removed": "0.00"})
     assert page.state.charts == page.state.events == []
     page.look("burr")  # there is no burr
     page.state.tell("slices", True)

@@ -32,8 +32,7 @@ def moves(*legs: tuple[tuple[float, float, float], float]) -> Floats:
     for goal, speed in legs[1:]:
         way = np.array(goal) - start
         ticks = max(2, int(np.ceil(np.linalg.norm(way) / speed * 1e3 / DT * np.pi / 2)))
-        phase = 0.5 - 0.5 * np.cos(np.pi * np.arange(ticks) / ticks)
-        points.append(start + phase[:, None] * way)
+        points.append(start + (0.5 - 0.5 * np.cos(np.pi * np.arange(ticks) / ticks))[:, None] * way)
         start = np.array(goal)
     return np.concatenate(points)
 

@@ -16,13 +16,12 @@ MOMENTS = (0, 1, 249, 250, 251, 777, 1500, 2999, 3000)  # executed ticks
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     """(trace, digest at each moment), made by contacts, independent of the player."""
-    file = tmp_path_factory.mktemp("player") / "session.h5"
     digests = {}
     for moment in MOMENTS:
         bone = small_bone()
         records = make_records(bone, moment, burrs=2, first=FIRST) if moment else None
         digests[moment] = bone.digest()
-    return recorded(file, records, burrs=2), digests
+    return recorded(tmp_path_factory.mktemp("player") / "session.h5", records, burrs=2), digests
 
 
 def play(scene, **options):
@@ -36,11 +35,9 @@ def test_every_moment_is_that_of_the_session(scene, prepared, memory):
     if prepared:
         assert player.prepare()
         assert player.done == 0
-    rng = np.random.default_rng(1)
-    for moment in [*MOMENTS, *reversed(MOMENTS), *rng.choice(MOMENTS, 30)]:
+    for moment in [*MOMENTS, *reversed(MOMENTS), *np.random.default_rng(1).choice(MOMENTS, 30)]:
         player.seek_tick(FIRST + int(moment))
-        assert (player.done, player.tick) == (moment, FIRST + moment)
-        assert player.bone.digest() == scene[1][moment]
+        assert (player.done, player.tick, player.bone.digest()) == (moment, FIRST + moment, scene[1][moment])
     states, size = player.kept
     assert size <= memory * 1e6
     assert (states > 20) == (memory > 100)
@@ -61,8 +58,7 @@ def test_changed_bricks_are_those_that_differ(scene):
 
 def test_seconds_count_whole_ticks(scene):
     player, times = play(scene), scene[0].time()
-    assert (player.time, player.done) == (0.0, 0)
-    assert player.duration == pytest.approx(times[-1])
+    assert (player.time, player.done, player.duration) == (0.0, 0, pytest.approx(times[-1]))
     for done in (1, 2, 1234, TICKS):
         for late in (0.0, 0.0009):  # a tick that has not ended is not executed
             player.seek(min(times[done - 1] + late, player.duration))
@@ -98,8 +94,7 @@ def test_prepares_beside_seeks(scene):
         player.seek_tick(FIRST + moment)
         assert player.bone.digest() == scene[1][moment]
     thread.join()
-    assert done[-1] == 1.0
-    assert player.prepared == 1.0
+    assert (done[-1], player.prepared) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("states", [1.5, 2.5, 3.5, 4.5, 100])

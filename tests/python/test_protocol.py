@@ -76,8 +76,7 @@ def test_materials_of_one_s_own(tmp_path):
 def test_the_folder_and_a_script_lie_beside_the_protocol(tmp_path):
     text = SMALL.replace("seed = 7", 'seed = 7\nfolder = "there"\ndevice = "scripted:way.csv"')
     one = protocol(tmp_path, text)
-    assert one.folder == tmp_path / "there"
-    assert one.device == f"scripted:{tmp_path / 'way.csv'}"
+    assert (one.folder, one.device) == (tmp_path / "there", f"scripted:{tmp_path / 'way.csv'}")
     # Neither path changes the digest: the protocol is the same on another machine.
     other = tmp_path / "other"
     other.mkdir()

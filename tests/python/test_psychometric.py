@@ -35,9 +35,9 @@ def test_many_trials_return_the_observer():
     levels = (*LEVELS, 2.0, 3.0)
     shares = [0.98 - 0.48 * 2.0 ** -((math.log(level) / THRESHOLD) ** 1.4) for level in levels]
     found = made(levels, [round(4000 * share) for share in shares], [4000] * 7)
-    assert math.log(found.threshold) == pytest.approx(THRESHOLD, rel=0.02)
-    assert found.slope == pytest.approx(1.4, rel=0.03)
-    assert found.lapse == pytest.approx(0.04, abs=0.005)
+    assert (math.log(found.threshold), found.slope, found.lapse) == (
+        pytest.approx(THRESHOLD, rel=0.02), pytest.approx(1.4, rel=0.03), pytest.approx(0.04, abs=0.005),
+    )  # fmt: skip
     for value, (low, high) in (
         (math.exp(THRESHOLD), found.interval),
         (1.4, found.slope_interval),
@@ -66,17 +66,17 @@ def test_what_is_said(fitted):
 
 def test_below_and_above_are_pooled_at_the_same_distance(fitted):
     below = made([1 / level for level in LEVELS], parameter="alpha", reference=0.087)
-    assert below.side == "below"
-    assert below.threshold == pytest.approx(fitted.threshold, rel=1e-6)
-    assert below.just_noticeable()[0] == pytest.approx(0.087 * (1 - 1 / fitted.threshold), rel=1e-6)
+    assert (below.side, below.threshold, below.just_noticeable()[0]) == (
+        "below",
+        pytest.approx(fitted.threshold, rel=1e-6),
+        pytest.approx(0.087 * (1 - 1 / fitted.threshold), rel=1e-6),
+    )
     assert "just-noticeable decrease of alpha" in str(below)
     levels = [*LEVELS, *(1 / level for level in LEVELS)]
     both = made(levels, [11, 14, 15, 18, 20, 10, 10, 15, 19, 20], [20] * 10)
-    assert both.side == "both"
-    assert both.ratios == pytest.approx(LEVELS)
-    assert (both.correct, both.trials) == (fitted.correct, fitted.trials)
-    assert both.threshold == pytest.approx(fitted.threshold, rel=1e-6)
-    assert both.just_noticeable() is None
+    assert (both.side, both.ratios, both.correct, both.trials, both.threshold, both.just_noticeable()) == (
+        "both", pytest.approx(LEVELS), fitted.correct, fitted.trials, pytest.approx(fitted.threshold, rel=1e-6), None,
+    )  # fmt: skip
 
 
 def test_ends_that_the_prior_sets_and_thresholds_beyond_the_levels_are_said(fitted):

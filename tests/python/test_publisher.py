@@ -132,13 +132,12 @@ def test_replica_is_told_what_the_protocol_says():
                 continue
             names.append(name)
             if name == "burrlab_tick":
-                assert message.value[0] == next_tick
-                assert message.value.shape == (21,)
+                assert (message.value[0], message.value.shape) == (next_tick, (21,))
                 next_tick += 1
             elif name == "burrlab_end":
-                tick, told, failed = struct.unpack(">Q32sI", message.value[:44])
-                assert (tick, told.decode(), failed) == (leader.tick, leader.digest, 0)
-                assert message.value[44:] == b"done"
+                assert (*struct.unpack(">Q32sI", message.value[:44]), message.value[44:]) == (
+                    leader.tick, leader.digest.encode(), 0, b"done",
+                )  # fmt: skip
                 break
         peer.shutdown(socket.SHUT_RDWR)
         ending.join()

@@ -39,20 +39,17 @@ def trace(session):
 def test_a_session_is_replayed_bit_for_bit(session, trace):
     done = []
     again = burrlab.replay(trace, progress=done.append)
-    assert again.equal
-    assert (again.ticks, again.digests, again.tick) == (TICKS, 3, 5030)
-    assert again.bone.digest() == session[1]
+    assert (again.equal, again.ticks, again.digests, again.tick, again.bone.digest()) == (
+        True, TICKS, 3, 5030, session[1],
+    )  # fmt: skip
     assert again.bone.removed > trace.bone().removed + 1.0
-    assert done[-1] == 1.0
-    assert done == sorted(done)
+    assert (done[-1], done) == (1.0, sorted(done))
     assert repr(again) == "Replay(equal, 5000 ticks, 3 digests)"
 
 
 def test_equal_on_every_cpu_path(session, trace, cpu_path):
     again = burrlab.replay(trace)
-    assert again.equal
-    assert again.cpu_path == cpu_path
-    assert again.bone.digest() == session[1]
+    assert (again.equal, again.cpu_path, again.bone.digest()) == (True, cpu_path, session[1])
 
 
 def test_until_a_tick(trace):

@@ -268,9 +268,8 @@ def test_a_reference_real_or_rendered_is_felt_to_its_end(scene, reference, match
     scene.run(task, seat)
     assert {answer.endings for answer in scene.kept} == {(ending, "time", "time")}
     shown = " ".join(seen(seat))
-    assert ("Take the real specimen." in shown) is real
+    assert ("Take the real specimen." in shown, f"{reference.name} (real), " in scene.log) == (real, real)
     assert ("Press the space bar when you have felt enough." in shown) is (length is None)
-    assert (f"{reference.name} (real), " in scene.log) is real
 
 
 def test_answer_is_kept_before_it_counts(scene):

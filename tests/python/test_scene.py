@@ -181,8 +181,7 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
     assert holds(view.scene, view.player.bone)
     assert view.scene._burrs.balls[0].GetPosition() == pytest.approx(trace.ticks["burr"]["center_mm"][-1, 0])
     frames = list(view.frames(fps=5.0, start=0.0, stop=0.4, stereo=True))
-    assert len(frames) == 3
-    assert frames[0].shape == (240, 640, 3)
+    assert (len(frames), frames[0].shape) == (3, (240, 640, 3))
     assert differing(frames[0], frames[-1]).any()
     refused(
         (lambda: next(view.frames(fps=0)), "fps must be positive and finite, got 0"),
@@ -220,8 +219,7 @@ def test_blood_outweighs_and_nothing_is_grey():
     some = parcels(4)
     some["dust"], some["blood"], some["water"] = (100, 0, 0, 100), (0, 100, 0, 100), (0, 0, 100, 0)
     colours = parcel_colours(some).astype(int)
-    assert colours[1].argmax() == 0
-    assert colours[2].argmax() == 2
+    assert (colours[1].argmax(), colours[2].argmax()) == (0, 2)
     assert np.abs(colours[3] - colours[1]).sum() < np.abs(colours[3] - colours[0]).sum()
     some["dust"] = some["blood"] = some["water"] = 0
     assert (parcel_colours(some) == parcel_colours(some)[0]).all()

@@ -96,8 +96,7 @@ class TestCallback:
         assert run.failed
         assert f"on_message failed: {kind('enough')!r}" in run.messages
         trace = load_trace(tmp_path / "a.h5")
-        assert trace.ended == run.reason
-        assert replay(trace).equal
+        assert (trace.ended, replay(trace).equal) == (run.reason, True)
 
     def test_may_stop_the_session(self, tmp_path):
         run = lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5")
@@ -176,8 +175,7 @@ class TestEnds:
         monkeypatch.setattr(run, "follower", Interrupted())
         with pytest.raises(KeyboardInterrupt):
             run.start()
-        assert run.reason == "stopped by KeyboardInterrupt"
-        assert not run.running
+        assert (run.reason, run.running) == ("stopped by KeyboardInterrupt", False)
         assert run.wait(20)
         assert load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
 
@@ -196,9 +194,7 @@ class TestEnds:
         )
         assert (done.returncode, done.stderr) == (0, "")
         trace = load_trace(tmp_path / "a.h5")
-        assert trace.complete
-        assert trace.ended == "the program ended"
-        assert replay(trace).equal
+        assert (trace.complete, trace.ended, replay(trace).equal) == (True, "the program ended", True)
 
     def test_follower_forgotten_while_the_loop_runs(self):
         loop = _core.HapticLoop(_core.TickExecutor(block(), [TOOL], 1), [HandDevice()], realtime=False)
@@ -261,8 +257,7 @@ class TestResources:
     def test_digests_that_come_often(self, tmp_path):
         run = ended(session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5"))
         trace = load_trace(tmp_path / "a.h5")
-        assert len(trace.digests) == 301
-        assert trace.digests[-1] == run.digests[-1]
+        assert (len(trace.digests), trace.digests[-1]) == (301, run.digests[-1])
 
 
 def test_numpy_numbers(tmp_path):

@@ -61,8 +61,7 @@ def test_tremor_and_pauses_are_no_strokes(tmp_path):
 
 def test_the_hysteresis_decides_what_is_a_stroke(tmp_path):
     trace = trace_of(tmp_path, stroking(10, 1.0, 0.8))
-    assert session_metrics(trace, hysteresis=1.5).strokes == 19
-    assert session_metrics(trace, hysteresis=1.7).strokes == 0
+    assert [session_metrics(trace, hysteresis=mm).strokes for mm in (1.5, 1.7)] == [19, 0]
 
 
 def test_strokes_are_counted_between_first_and_last_contact(tmp_path):
@@ -71,8 +70,7 @@ def test_strokes_are_counted_between_first_and_last_contact(tmp_path):
     touching[5000:15000] = 1
     found = session_metrics(trace_of(tmp_path, motion, touching=touching))
     assert found.strokes in (20, 21)
-    assert found.stroke_rate == pytest.approx(2.0, rel=0.06)
-    assert found.contact == pytest.approx(10.0)
+    assert (found.stroke_rate, found.contact) == (pytest.approx(2.0, rel=0.06), pytest.approx(10.0))
 
 
 def test_a_still_burr(tmp_path):
@@ -104,9 +102,9 @@ def test_removed_volume_is_the_bones_own(tmp_path):
     assert found.removed == pytest.approx(bone.removed - small_bone().removed)
     cutting = (records["k"] * (records["burr"]["removed"][:, 0] > 0)).sum() / 1000
     assert 0 < found.cutting < found.duration
-    assert found.cutting == pytest.approx(cutting)
-    assert found.removal_rate == pytest.approx(found.removed / cutting)
-    assert found.series["removed"][-1] == found.removed
+    assert (found.cutting, found.removal_rate, found.series["removed"][-1]) == (
+        pytest.approx(cutting), pytest.approx(found.removed / cutting), found.removed,
+    )  # fmt: skip
 
 
 def test_a_late_tick_moves_no_faster(tmp_path):
@@ -118,17 +116,16 @@ def test_a_late_tick_moves_no_faster(tmp_path):
         keep[at : at + 4] = False
         k[at + 4] = 5
     found = session_metrics(trace_of(tmp_path, whole[keep], k=k[keep]))
-    assert found.duration == pytest.approx(10.0)
-    assert found.peak_speed == pytest.approx(8.0 * 2 * np.pi, rel=5e-3)
-    assert found.strokes == 21
+    assert (found.duration, found.peak_speed, found.strokes) == (
+        pytest.approx(10.0), pytest.approx(8.0 * 2 * np.pi, rel=5e-3), 21,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 40])
 def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
     found = session_metrics(trace_of(tmp_path, np.zeros((ticks, 3))))
-    assert found.duration == pytest.approx(ticks / 1000)
+    assert (found.duration, found.to_dict()["path_mm"]) == (pytest.approx(ticks / 1000), None)
     assert np.isnan([found.path, found.mean_speed, found.rms_jerk]).all()
-    assert found.to_dict()["path_mm"] is None
     found.plot()
 
 

@@ -82,8 +82,7 @@ def test_hello_of_a_leader(leader):
     assert replica.fetch_hello()
     assert json.loads(replica.hello) == leader.hello
     assert replica.session == leader.publisher.session != 0
-    assert replica.first_tick == 0
-    assert replica.initial_digest == make_bone(BLOCK).digest()
+    assert (replica.first_tick, replica.initial_digest) == (0, make_bone(BLOCK).digest())
 
 
 @pytest.mark.parametrize(
@@ -211,8 +210,7 @@ def test_orientation_and_buttons_survive_the_way(tmp_path):
     np.testing.assert_array_equal(trace.array("buttons"), buttons[: len(trace)])
     assert len(seen) > 20
     for tick, burr in seen.items():
-        assert burr["orientation"].tolist() == turned[tick].tolist()
-        assert burr["buttons"] == buttons[tick]
+        assert (burr["orientation"].tolist(), burr["buttons"]) == (turned[tick].tolist(), buttons[tick])
     came, sent = (
         Rotation.from_quat(np.roll(quaternions, -1, axis=1)).as_matrix()
         for quaternions in (far.array("orientation"), turned)

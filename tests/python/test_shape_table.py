@@ -140,8 +140,7 @@ def test_trace_and_tissues_keep_it(tmp_path, cpu_path):
     assert session.provenance["tools"][0]["shape"] == COSINE.name
     assert trace.tools[0][1] == own
     again = replay(trace)
-    assert again.equal
-    assert again.bone.digest() == cut.digest()
+    assert (again.equal, again.bone.digest()) == (True, cut.digest())
     assert cut.removed > 0.1
     tissues = Tissues([Tissue("bone", label=1, c_e=2, alpha=0.1)], own)
     assert tissues_from_json(tissues_to_json(tissues)).material == own

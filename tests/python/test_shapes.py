@@ -78,8 +78,7 @@ class TestFamily:
         for level, interval in power.intervals.items():
             for end in (interval.lower, interval.upper):
                 assert family.lowest(end).minus2 - base == pytest.approx(power.limits[level], abs=0.05)
-        assert power.rise.min() == 0
-        assert list(power.grid) == sorted(power.grid)
+        assert (power.rise.min(), list(power.grid)) == (0, sorted(power.grid))
 
 
 class TestThreshold:
@@ -116,8 +115,7 @@ class TestThreshold:
 
     def test_too_few_rows(self):
         found = compare_shapes(made_of(forces=[0.3, 1.0, 3.0], repeats=1), shapes=["parabolic", "quartic"])
-        assert (found.power, found.threshold) == (None, None)
-        assert found.rejected == found.pairs == ()
+        assert (found.power, found.threshold, found.rejected, found.pairs) == (None, None, (), ())
         assert "No shape was tested" in found.report()
 
     def test_constant_is_tested_on_one_side(self):
@@ -155,9 +153,9 @@ class TestResult:
 
     def test_plain_objects(self, comparison):
         values = json.loads(json.dumps(comparison.to_dict(), allow_nan=False))
-        assert values["rejected"] == ["quartic", "constant"]
-        assert values["rows"][1]["alpha_ratio"] == comparison["linear"].alpha_ratio
-        assert values["power"]["k"] == comparison.power.k
+        assert (values["rejected"], values["rows"][1]["alpha_ratio"], values["power"]["k"]) == (
+            ["quartic", "constant"], comparison["linear"].alpha_ratio, comparison.power.k,
+        )  # fmt: skip
         assert values["pairs"][0]["told_apart"] is False
         assert values["rows"][2]["pattern"][0]["in_words"].endswith("N")
 
@@ -173,8 +171,7 @@ class TestResult:
         forces = [0.03, 0.05, 0.08, 0.13]
         found = compare_shapes(made_of(forces=forces, seed=2), shapes=["parabolic", "linear"], free=False)
         row = found["linear"]
-        assert row.alpha_ratio is None
-        assert row.combination_ratio == pytest.approx(2.0, rel=0.01)
+        assert (row.alpha_ratio, row.combination_ratio) == (None, pytest.approx(2.0, rel=0.01))
         assert "is open above" in found.report()
 
     def test_without_the_family(self):

@@ -93,8 +93,7 @@ def test_modes_of_colour_give_the_same_labels(tmp_path: Path, mode: str) -> None
         image = Image.fromarray(plane).convert("RGB" if mode == "P" else mode)
         (image.quantize(8) if mode == "P" else image).save(tmp_path / f"p{k}.png")
     found = read_labels(tmp_path)
-    assert np.count_nonzero(found.labels) == 21
-    assert seen(found, (0, 0, 0), (1, 1, 3)) == [1, 10]
+    assert (np.count_nonzero(found.labels), seen(found, (0, 0, 0), (1, 1, 3))) == (21, [1, 10])
 
 
 def test_grey_written_as_colours_is_grey(tmp_path: Path) -> None:
@@ -113,8 +112,7 @@ def test_palettes_of_names_and_of_tissues(tmp_path: Path) -> None:
         for n, label, c in (("bone", 300, BONE), ("nerve", 7, NERVE))
     ]
     table = read_labels(folder, palette=Tissues(rows, materials["bone"]))
-    assert table.labels.dtype == np.uint16
-    assert seen(table, (1, 1, 3), (0, 0, 0), (2, 0, 0)) == [7, 300, 0]
+    assert (table.labels.dtype, seen(table, (1, 1, 3), (0, 0, 0), (2, 0, 0))) == (np.uint16, [7, 300, 0])
 
 
 @pytest.mark.parametrize(
@@ -181,10 +179,9 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
     assert nearest.labels[1, 2, :4].tolist() == [1, 1, 1, 0]
     assert nearest.labels[2, 0, 4] == 1  # nearest is the stapes (63, 0, 255), which is never guessed
     silent, taken, spared = nearest.notes
-    assert silent == SILENT
+    assert (silent, [row["pixels"] for row in nearest.unknown_colours]) == (SILENT, [3, 1])
     assert "4 pixels of 2 colours that are in no table were taken as the nearest colour: (2" in taken
     assert "or of what is empty, were taken as Bone (Stapes 1)" in spared
-    assert [row["pixels"] for row in nearest.unknown_colours] == [3, 1]
     given = read_labels(folder, unknown=2)
     assert seen(given, (1, 2, 0), (2, 0, 4)) == [2, 2]
     assert "taken as label 2" in given.notes[-1]

@@ -90,9 +90,8 @@ def test_what_is_the_same_has_the_same_key():
     assert key_of(run_item, np.float64(0.1)) == key_of(run_item, 0.1)
     assert key_of(run_item, Item(1.0, note="x")) == key_of(run_item, Item(1.0, note="y")), "not compared"
     bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)
-    other = burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254)
     assert key_of(run_item, bone) == key_of(run_item, bone.copy())
-    assert key_of(run_item, bone) != key_of(run_item, other)
+    assert key_of(run_item, bone) != key_of(run_item, burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254))
 
 
 VALUES = st.recursive(
@@ -160,8 +159,7 @@ def test_a_store_is_appended_to(tmp_path):
     assert path.read_bytes().startswith(before)
     assert "a" in again
     assert "c" not in again
-    assert len(again) == 2
-    assert repr(again) == f"Store({str(path)!r}, 2 results)"
+    assert (len(again), repr(again)) == (2, f"Store({str(path)!r}, 2 results)")
     with pytest.raises(KeyError, match="c"):
         again.get("c")
 

@@ -63,9 +63,8 @@ def test_a_plane_and_a_sphere(spacing) -> None:
     top = np.ceil(2 / spacing[2] - 1e-9) * spacing[2] - spacing[2] / 2
     plane, sphere = structure_distances(labelled(numbers, spacing), [1, 2])
     at = np.random.default_rng(1).uniform([2, 2, top], [7, 7, top + 7], (300, 3))
-    want = at[:, 2] - top - 1.0
     np.testing.assert_allclose(
-        plane.of_sphere(at, 1.0), want, rtol=0, atol=1e-6
+        plane.of_sphere(at, 1.0), at[:, 2] - top - 1.0, rtol=0, atol=1e-6
     )  # a field is exact on planes
     far = np.linalg.norm(at - (4.5, 4.5, 6), axis=1)
     off = sphere.of_sphere(at, 0.5) - np.maximum(far - 1.5, 0.0) + 0.5
@@ -84,9 +83,8 @@ def test_the_field_errs_within_its_bounds_and_is_exact_near(spacing) -> None:
         numbers[tuple(slice(c, c + 4) for c in corner)] = 1
     bone = labelled(numbers, spacing)
     (distance,) = structure_distances(bone, [1])
-    search = StructureSearch(bone, 1)
     points = np.array(spacing) * shape[::-1] * random.uniform(-0.3, 1.3, (20_000, 3))
-    exact, field = search.distance(points), distance.field(points)
+    exact, field = StructureSearch(bone, 1).distance(points), distance.field(points)
     near = exact < 7.0
     assert near.sum() > 5000
     assert (exact - field)[near].max() < 0.8661 * 0.4

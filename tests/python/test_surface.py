@@ -149,8 +149,7 @@ def test_blocks_that_were_not_touched_are_not_made_again():
 def test_removed_bone_leaves_no_block():
     surface = Surface(burrlab.VoxelBone.block((3.2, 3.2, 3.2), 0.1))
     gone = burrlab.VoxelBone(np.zeros((32, 32, 32), np.uint8), 0.1)
-    assert surface.update(gone, [[1, 1, 1]]) == [(0, 0, 0)]
-    assert surface.blocks == {}
+    assert (surface.update(gone, [[1, 1, 1]]), surface.blocks) == ([(0, 0, 0)], {})
     merged = surface.merged()
     assert len(merged.points) == len(merged.triangles) == 0
     assert repr(merged) == "SurfaceBlock(0 vertices, 0 triangles)"

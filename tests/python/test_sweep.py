@@ -128,8 +128,7 @@ def test_each_descent_draws_a_specimen_of_its_own(tmp_path):
     curve = sweep(repeats=3, specimen=source)
     assert set(curve.status) == {"ok"}
     drawn = [line.split() for line in (tmp_path / "here").read_text().splitlines()]
-    assert len({seed for seed, _, _ in drawn}) == 9
-    assert {tuple(rest) for _, *rest in drawn} == {("1.0", "0.4")}
+    assert (len({seed for seed, _, _ in drawn}), {tuple(rest) for _, *rest in drawn}) == (9, {("1.0", "0.4")})
     assert "Fuller(lowest=120" in curve.provenance["specimen"]
     one = SweepItem(BURR, BONE, 1.5, item_seed(7, 1.5, 2), 0.4, 1.0, "layer", True, source, None, 120.0)
     assert run_item(one)[0] == curve.velocity[5], "one can be rerun by itself"

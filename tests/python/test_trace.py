@@ -51,8 +51,7 @@ def test_every_column_comes_back_to_the_bit(file, records):
     assert (made.recorded, made.ended, made.complete, made.warning) == (1500, "stopped", True, "")
     trace = burrlab.load_trace(file)
     assert_holds(trace, records)
-    assert trace.complete
-    assert trace.ended == "stopped"
+    assert (trace.complete, trace.ended) == (True, "stopped")
 
 
 @pytest.mark.parametrize("burrs", [1, 2])
@@ -78,15 +77,13 @@ def test_the_header_comes_back(file):
     made.stop("the device is lost")
     trace = burrlab.load_trace(file)
     burr, material = trace.tools[0]
-    assert (burr.radius, material.name, material.c_e, material.alpha) == (2.0, "wax", 0.1, 0.2)
-    assert (material.shape.name, material.source) == ("power(1.5)", "me")
+    assert (material.name, material.c_e, material.alpha, material.shape.name, material.source, burr.radius) == (
+        "wax", 0.1, 0.2, "power(1.5)", "me", 2.0,
+    )  # fmt: skip
     assert (trace.seed, trace.period, trace.scheme, trace.first_tick) == (11, 0.25, "cell", 99)
-    assert (trace.devices, trace.source, trace.note) == (
-        ("hand",),
-        "ct.nrrd",
-        {"force_limit_N": 5.0, "coupling": None},
-    )
-    assert (trace.ended, trace.complete) == ("the device is lost", True)
+    assert (trace.devices, trace.source, trace.note, trace.ended, trace.complete) == (
+        ("hand",), "ct.nrrd", {"force_limit_N": 5.0, "coupling": None}, "the device is lost", True,
+    )  # fmt: skip
     assert trace.digests == ((99, start.digest()),)
     assert trace.initial_digest == trace.bone().digest() == start.digest()
     np.testing.assert_array_equal(trace.bone().pristine, start.pristine)
@@ -94,8 +91,7 @@ def test_the_header_comes_back(file):
     assert before <= trace.provenance["started_unix_s"] <= time.time()
     with h5py.File(file) as plain:
         assert plain.attrs["loop_rate_Hz"] == 4000.0
-    assert len(trace) == 0
-    assert trace.duration == 0
+    assert (len(trace), trace.duration) == (0, 0)
 
 
 def test_a_session_that_still_runs_is_read_and_plain_h5py_reads_it_too(file, records):
@@ -285,8 +281,7 @@ def test_frames_and_columns(file, monkeypatch):
         (lambda: trace.array("burr"), r"name must be one of index, k, .*, got 'burr'"),
         (lambda: trace.array("force_N").fill(0.0), "read-only"),
     )
-    assert trace.time()[-1] == pytest.approx(trace.duration)
-    assert trace.duration == records["k"].sum() / 1000.0
+    assert (trace.time()[-1], trace.duration) == (pytest.approx(trace.duration), records["k"].sum() / 1000.0)
     assert trace.duration is trace.duration, "summed over all ticks at each look"
     assert trace.initial_digest is trace.initial_digest, "hashed at each look"
     assert dataclasses.replace(trace, ticks=trace.ticks[:10]).duration < trace.duration
@@ -345,8 +340,7 @@ def test_a_file_that_comes_between(file, monkeypatch):
     monkeypatch.setattr(trace_writer, "create", slow)
     with pytest.raises(FileExistsError, match="path must be a new file"):
         writer(file)
-    assert file.read_text() == "theirs"
-    assert list(file.parent.iterdir()) == [file]
+    assert (file.read_text(), list(file.parent.iterdir())) == ("theirs", [file])
 
 
 def test_without_hard_links(file, monkeypatch):

@@ -143,10 +143,8 @@ def test_a_kill_between_any_two_writes(tmp_path, monkeypatch):
         return done
 
     monkeypatch.setattr(trace_writer, "_write", write)
-    batches = [records[i : i + 60] for i in range(0, 300, 60)]
-    made = writer(file, *batches, duration=0.5)
+    made = writer(file, *[records[i : i + 60] for i in range(0, 300, 60)], duration=0.5)
     made.add_digest(0, small_bone().digest())
     made.stop()
     assert made.complete
-    assert sorted(set(counts)) == [0, 60, 120, 180, 240, 300]
-    assert counts == sorted(counts)
+    assert (sorted(set(counts)), counts) == ([0, 60, 120, 180, 240, 300], sorted(counts))

@@ -26,16 +26,14 @@ from burrlab import (
 
 def two_hands(folder, seconds, voxel):
     """(trace, digest of the loop's bone) of two simulated hands that cut one block, on the virtual clock."""
-    bone = VoxelBone.block((30, 30, 10), voxel, origin=(-14.9, -14.9, -9.9))
-    tools = [(Burr(3.0), materials["bone"]), (Burr(2.0), materials["bone"])]
     devices = [
         HandDevice(start=(0.0, -1.5, 3.5)),
         HandDevice(start=(0.0, 1.5, 2.5), along=(0.0, 1.0, 0.0), amplitude=4.0, strokes=2.0, push=0.5),
     ]
     run = ended(
         Session(
-            bone,
-            tools,
+            VoxelBone.block((30, 30, 10), voxel, origin=(-14.9, -14.9, -9.9)),
+            [(Burr(3.0), materials["bone"]), (Burr(2.0), materials["bone"])],
             devices,
             seed=3,
             clock=Clock(wall_clock=False),
@@ -51,8 +49,7 @@ def two_hands(folder, seconds, voxel):
 def assert_replays(trace, digest):
     again = replay(trace)
     assert again.equal, again
-    assert again.digests == len(trace.digests)
-    assert again.bone.digest() == digest
+    assert (again.digests, again.bone.digest()) == (len(trace.digests), digest)
 
 
 def test_two_devices_on_one_bone(tmp_path, cpu_path):
@@ -113,6 +110,5 @@ def test_a_disk_that_hangs_ends_recording_and_not_the_session(tmp_path, monkeypa
     trace = load_trace(writer.path)
     assert trace.ended.startswith(f"recording ended before tick {len(trace)}: the ring was overrun")
     assert 50 <= len(trace) < 600
-    assert not trace.complete
-    assert replay(trace).equal
+    assert (trace.complete, replay(trace).equal) == (False, True)
     np.testing.assert_array_equal(trace.array("index"), np.arange(len(trace)))

@@ -1,9 +1,7 @@
 """Volumes on the command line: resampling, crops, refusals, and a real CT."""
 
-import json
-
 import pytest
-from command_line import call, said
+from command_line import result, said
 
 import burrlab
 from burrlab.session.network import make_bone
@@ -20,19 +18,18 @@ def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
     assert small in said(capsys, *ask, status=2)
     low, high = volume.patient_point((5, 5, 0)), volume.patient_point((15, 15, 12))
     crop = ":".join(",".join(map(repr, (volume.origin + corner).tolist())) for corner in (low, high))
-    status, out, _ = call(capsys, *ask, "--voxel", "0.13", "--crop", crop, "--json", "-")
-    result = json.loads(out)
-    assert (status, result["status"]) == (0, "ok")
-    made = result["provenance"]["volume"]
-    assert (made["voxel_mm"], made["recipe"]["map"]) == ([0.13] * 3, [-1000, 1000])
-    assert make_bone(made["recipe"]).spacing == (0.13,) * 3
+    sunk = result(capsys, *ask, "--voxel", "0.13", "--crop", crop)
+    made = sunk["provenance"]["volume"]
+    assert (sunk["status"], made["voxel_mm"], made["recipe"]["map"], make_bone(made["recipe"]).spacing) == (
+        "ok", [0.13] * 3, [-1000, 1000], (0.13,) * 3,
+    )  # fmt: skip
     fine, _ = slab(tmp_path / "fine.nrrd", 0.1)
     direct = burrlab.descend(
         burrlab.Burr(1.0), burrlab.materials["bone"], 0.3, specimen=fine.specimen(burrlab.OccupancyMap.two_point(-1000, 1000), entry=fine.origin + ASKEW @ (10, 10, 11.5),
         axis=-ASKEW[:, 2]), seed=1, ideal=True,
     )  # fmt: skip
     # The interpolated rim is 0.4 mm wide and the burr meets less bone at first: velocities are only similar.
-    assert result["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
+    assert sunk["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
 
 
 def test_an_assumed_orientation_is_printed(tmp_path, capsys):

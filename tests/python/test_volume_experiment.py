@@ -107,8 +107,7 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume):
     # Another volume and map change the digest; another folder does not.
     (elsewhere := tmp_path / "elsewhere").mkdir()
     for values, alike in ((volume.values, True), (volume.values // 2, False)):
-        made = Volume(values, volume.spacing, volume.origin, ASKEW, "made")
-        write_volume(elsewhere / "ct.nrrd", made)
+        write_volume(elsewhere / "ct.nrrd", Volume(values, volume.spacing, volume.origin, ASKEW, "made"))
         other = protocol(elsewhere, volume, '"0:1000"', '"0:1000"' if alike else '"0:900"')
         assert (Protocol.read(other).digest == one.digest) is alike
 

@@ -210,8 +210,7 @@ def test_default_handshake_and_udp():
             hello = peer.recv(64, socket.MSG_WAITALL)
             assert hello[:24] == COOKIE
             udp = struct.unpack_from(">i", hello, 36)[0]
-            assert hello[40:44] == struct.pack(">i", -3)
-            assert hello[48:58] == b"127.0.0.1\0"
+            assert (hello[40:44], hello[48:58]) == (struct.pack(">i", -3), b"127.0.0.1\0")
             peer.sendall(HELLO_3)
             assert soon(lambda: one.connected)
             time.sleep(0.1)
@@ -283,8 +282,7 @@ def test_every_tick_over_tcp():
             messages = received(peer, wire.VrpnStream(), 1000)
         leader.loop.stop()
         every = _core.RecordReader(leader.loop).take()[0]
-    assert publisher.port == 0
-    assert (publisher.status["dropped"], publisher.status["vrpn_others"]) == ({}, 1)
+    assert (publisher.port, publisher.status["dropped"], publisher.status["vrpn_others"]) == (0, {}, 1)
     assert messages[0] == ("cookie", "", COOKIE)
     senders = [name for kind, name, _ in messages if kind == "sender"]
     assert senders == ["burrlab_burr_0", "burrlab_burr_1"]

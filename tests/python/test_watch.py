@@ -153,9 +153,7 @@ def test_a_killed_session_keeps_its_events(tmp_path) -> None:
                 break
         early.write_bytes(path.read_bytes())  # the file as a kill would leave it
     trace = load_trace(early)
-    assert trace.watched is None
-    assert AnatomyReport.recorded(trace) is None
-    assert len(trace.events) == 1
+    assert (trace.watched, AnatomyReport.recorded(trace), len(trace.events)) == (None, None, 1)
     assert trace.events["tick"][0] < trace.first_tick + len(trace)
     assert anatomy_report(trace).watched.events.tobytes() == trace.events.tobytes()
     assert load_trace(path).watched is not None

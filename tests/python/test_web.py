@@ -45,8 +45,7 @@ def test_beside_a_session_to_its_end():
     final, ticks = session.snapshot()
     assert page.source.bone.digest() == final.digest()
     assert page.source.bone.removed == final.removed > 0
-    assert page.state.time_s == pytest.approx(ticks / 1000)
-    assert page.state.source_state == session.reason
+    assert (page.state.time_s, page.state.source_state) == (pytest.approx(ticks / 1000), session.reason)
     events = session.anatomy().events
     said = [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events]
     assert said == [(event.kind, event.structure) for event in events]
@@ -93,8 +92,7 @@ def test_parcels_of_a_companion():
 
 def test_parcels_of_a_trace(trace):
     past = ParcelHistory(trace, Effects(trace.bone(), seed=1))
-    assert past.at(2.0) is None
-    assert (past.make(), past.made, past.at(0.0)) == (True, 1.0, None)
+    assert (past.at(2.0), past.make(), past.made, past.at(0.0)) == (None, True, 1.0, None)
     other, some = Effects(trace.bone(), seed=1), 0
     for time in effects_of(burrlab.view.TracePlayer(trace), other):
         frame, parcels = past.at(time), other.parcels

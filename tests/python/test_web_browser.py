@@ -171,9 +171,8 @@ def test_orbit_scrub_and_play(page, trace):
 
 
 def test_events_slices_wheel_and_presets(page, trace):
-    events = burrlab.load_trace(trace).events
     shown = page.value("[...document.querySelectorAll('.burrlab-event')].map(row => row.innerText)")
-    assert len(shown) == len(events) >= 3
+    assert len(shown) == len(burrlab.load_trace(trace).events) >= 3
     assert "approach to nerve, 0.50 mm" in shown[0]
     page.wait("document.querySelector('.burrlab-side').innerText.includes(\"burr's surface to structure\")")
     page.value("document.querySelector('.burrlab-event').click()")

@@ -170,8 +170,7 @@ def assert_same_sums(bone: Any, numbers: NDArray[np.uint8]) -> None:
     for number in range(len(bone.tissues)):
         here = numbers == number
         left, all_ = (int(levels[here].sum(dtype=np.int64)) for levels in (bone.density, bone.pristine))
-        assert bone.mass_of(number) == left * dv
-        assert bone.removed_of(number) == (all_ - left) * dv
+        assert (bone.mass_of(number), bone.removed_of(number)) == (left * dv, (all_ - left) * dv)
 
 
 def check_scene(scene: Scene, tissues: ReferenceTissues | None = None) -> float:

@@ -183,8 +183,7 @@ class Oracle:
     def minimum(self, points: int = 60) -> tuple[float, float, float]:
         """c_e, alpha and -2 log L of the lowest point: of a dense grid, then between its neighbours."""
         low = math.log(self.low * (1 + 1e-4))
-        high = math.log(min(self.high, 30 * self.entry))
-        grid = np.linspace(low, high, points)
+        grid = np.linspace(low, math.log(min(self.high, 30 * self.entry)), points)
         heights = [self.profile(x) for x in grid]
         i = int(np.argmin(heights))
         found = minimize_scalar(

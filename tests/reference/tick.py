@@ -452,14 +452,12 @@ class ReferenceContact:
             table = self.depth_table
             if table is None or table.dtype != f32 or table.shape != (25, 41):
                 raise ValueError("depth_table must be a (25, 41) float32 array")
-            delta = depth_fraction(at, self.q, self.p, m256, self.radius, table)
-            f = shape.at_depth(delta, at.deep, x2)
+            f = shape.at_depth(depth_fraction(at, self.q, self.p, m256, self.radius, table), at.deep, x2)
         e256 = np.where(m256 > 0, 256 * self.q.astype(np.int64), 0) if self.scheme == "cell" else m256
         if self.tissues is None:
             fraction = eroded_fraction(f, self.alpha * dt)
         else:
-            rates = [alpha * dt for alpha in self.tissues.alpha]
-            fraction = eroded_by_tissue(f, rates, self.tissues.number)
+            fraction = eroded_by_tissue(f, [alpha * dt for alpha in self.tissues.alpha], self.tissues.number)
         lam = (e256.astype(f32) * f32(2.0**8)) * fraction
         if lam.dtype != f32:
             raise AssertionError("a Python float or a double has slipped into the single-precision part")

@@ -89,13 +89,13 @@ def read_dicom(
     turn = np.reshape(slices[0].turn, (2, 3))
     direction = checked_direction(np.column_stack([*turn, np.cross(*turn)]), where, _FOUR_DIGITS)
     slices.sort(key=lambda s: float(s.position @ direction[:, 2]))
-    along = np.array([s.position @ direction[:, 2] for s in slices])
-    spacing = np.array([*slices[0].spacing, _distance(slices, along, where)])
+    apart = _distance(slices, np.array([s.position @ direction[:, 2] for s in slices]), where)
     _check_straight(slices, direction, where)
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
     values = np.stack([_values(s) for s in slices])
     return Header(
-        values.shape, spacing, slices[0].position, direction, _notes(slices, others), files=tuple(s.name for s in slices)
+        values.shape, np.array([*slices[0].spacing, apart]), slices[0].position, direction, _notes(slices, others),
+        files=tuple(s.name for s in slices),
     ), values  # fmt: skip
 
 

@@ -467,11 +467,10 @@ def segment_fields(
     }  # fmt: skip
     for i, label in enumerate(described):
         far = scipy.ndimage.find_objects((labels == label).view(np.uint8)) if label >= 1 << 16 else []
-        box = next(iter(far or boxes[label - 1 : label]), None)
-        ends = [(0, -1)] * 3 if box is None else [(along.start, along.stop - 1) for along in box[::-1]]
+        box = next(iter(far or boxes[label - 1 : label]), None) or (slice(0, 0),) * 3
         fields |= {
             f"Segment{i}_ID": f"Segment_{label}", f"Segment{i}_LabelValue": str(label), f"Segment{i}_Layer": "0",
-            f"Segment{i}_Extent": " ".join(f"{low} {high}" for low, high in ends),
+            f"Segment{i}_Extent": " ".join(f"{along.start} {along.stop - 1}" for along in box[::-1]),
         }  # fmt: skip
         if label in names:
             fields[f"Segment{i}_Name"] = names[label]

@@ -215,8 +215,7 @@ def _value_files(statement: str, name: str) -> list[Path]:
         names = [line.strip() for line in names if line.strip()]
     elif len(words) >= 4 and re.fullmatch(r"[^%]*%0?\d?d[^%]*", words[0]):
         low, high, step = (_count(word, "pattern of the data file", name) for word in words[1:4])
-        numbers = range(low, high + (1 if step > 0 else -1), step or 1)
-        names = [words[0] % n for n in numbers[: 1 << 16]]
+        names = [words[0] % n for n in range(low, high + (1 if step > 0 else -1), step or 1)[: 1 << 16]]
     else:
         names = [first]
     return [Path(name).parent / part for part in names or [""]]
@@ -573,10 +572,10 @@ def nifti_header(name: str) -> tuple[Header, Storage]:
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
         slope, inter = 1.0, 0.0
     place = pair + ".img" if pair is not None and apart else name
-    encoding = "gzip" if _is_packed(place) else "raw"
     layout = Storage(
-        np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
-    )
+        np.dtype(order + kind), "gzip" if _is_packed(place) else "raw", [Path(place)], skip=at["offset"], slope=slope,
+        inter=inter,
+    )  # fmt: skip
     texts = {  # ITK refuses to write a text that does not end in a zero byte
         key: at[field][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore")
         for key, field in _KEPT_NIFTI.items()

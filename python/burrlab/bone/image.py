@@ -401,11 +401,9 @@ def slabs(shape: tuple[int, ...], axis: int) -> Iterator[tuple[slice, slice, sli
 
     The work needs little memory besides, and Ctrl-C does not wait for it.
     """
-    every = slice(None)
     across = 1 if axis == 0 else 0
     for k in range(0, shape[across], SLAB):
-        rows = slice(k, k + SLAB)
-        yield (every, rows, every) if across else (rows, every, every)
+        yield np.s_[:, k : k + SLAB, :] if across else np.s_[k : k + SLAB, :, :]
 
 
 def empty_bone(shape: tuple[int, ...], spacing: Array, origin: Array) -> VoxelBone:
@@ -632,11 +630,10 @@ class Volume(OnGrid):
             for k in range(0, len(self.values), SLAB):
                 bone.write(mapping.levels(self.values[k : k + SLAB]), (k, 0, 0))
             return bone
-        levels = resample_linear(
+        return VoxelBone(resample_linear(
             mapping.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8,
             store=lambda plane: np.rint(255.0 * plane.astype(np.float64)).astype(np.uint8),
-        )  # fmt: skip
-        return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
+        ), spacing=new, origin=self.bone_point(self._origin_at(new)))  # fmt: skip
 
     def specimen(
         self,
@@ -682,11 +679,10 @@ def grey_specimen(
 
     Errors as `Volume.specimen`.
     """
-    provenance = {
+    return specimen_in(grid, bone, entry, axis, {
         "path": grid.path, "map": mapping.text, "volume_spacing_mm": grid.spacing.tolist(), "voxel_mm": list(bone.spacing),
         "origin_mm": grid.origin.tolist(), "direction": grid.direction.tolist(), "notes": list(grid.notes),
-    }  # fmt: skip
-    return specimen_in(grid, bone, entry, axis, provenance, f"map {mapping.text}", whole)
+    }, f"map {mapping.text}", whole)  # fmt: skip
 
 
 def specimen_in(

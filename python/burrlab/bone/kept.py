@@ -61,7 +61,7 @@ from burrlab.bone.slices import (
 )
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
 from burrlab.common.check import refuse
-from burrlab.common.files import attributes, check_folder, new_folder, write_synced
+from burrlab.common.files import attributes, check_folder, hash_of, new_folder, write_synced
 from burrlab.common.progress import doing
 from burrlab.common.records import UNREADABLE
 
@@ -72,8 +72,7 @@ _LONGEST = 255 - len(".0123456789abcdef.bone.h5.part")
 def content_digest(target: Path) -> str:
     """SHA-256 of a file, or of the names and contents of a folder's slices."""
     if target.is_file():
-        with target.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        return hash_of(target)
     if holds_dicom(target):
         slices = [Path(name) for name in dicom_files(target)[0]]
     else:

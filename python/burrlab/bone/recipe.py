@@ -636,8 +636,7 @@ def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **sett
     ], [absolute(path)])  # fmt: skip
     with contextlib.suppress(*UNREADABLE):
         if (cached := entry.find()) is not None:
-            tissues = tissues_from_json(cached.header["tissues"])
-            return LabelledRecipe(path, tissues, **stack, **settings)
+            return LabelledRecipe(path, tissues_from_json(cached.header["tissues"]), **stack, **settings)
     labels = labels_of(path, usual=True, **stack)
     tissues = default_tissues(labels, material=material)
     if labels.labels.size >= WORTH_SMOOTHED:

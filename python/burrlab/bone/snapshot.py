@@ -303,12 +303,11 @@ def tissues_to_json(tissues: Tissues) -> str:
     """A table of tissues as text that `tissues_from_json` reads."""
     m = tissues.material
     material = {"name": m.name, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name, "source": m.source}  # fmt: skip
-    rows = [
+    return json.dumps({"material": material, "tissues": [
         {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
          "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
         for t in tissues
-    ]  # fmt: skip
-    return json.dumps({"material": material, "tissues": rows})
+    ]})  # fmt: skip
 
 
 def material_of(m: dict[str, Any]) -> Material:

@@ -241,10 +241,10 @@ def surface_along(
     first, last = points[inside].min(axis=0), points[inside].max(axis=0)  # box of the ray
     low = np.maximum(np.floor(first) - 1, 0).astype(int)
     high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
-    levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())
     occupancy = scipy.ndimage.map_coordinates(
-        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
-    )
+        bone.read(low[::-1].tolist(), (high - low)[::-1].tolist()), (points - low)[:, ::-1].T, output=float, order=1,
+        mode="grid-constant", cval=0.0,
+    )  # fmt: skip
     solid = np.flatnonzero(occupancy >= scalar(level, "level"))
     if solid.size == 0:
         return None

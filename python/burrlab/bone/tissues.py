@@ -373,8 +373,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
             waiting.append(f"{line} ({tissue_name!r})" if tissue_name else line)
             continue
         for column in ("label", "name"):
-            before = lines.setdefault(f"{column} {texts[column]}", line)
-            if before != line:
+            if (before := lines.setdefault(f"{column} {texts[column]}", line)) != line:
                 faults.append(f"{where}, column {column}: {shown(texts[column])} is in {before} already")
         row = TABLE.values(where, texts, faults)
         if not faults:
@@ -665,10 +664,10 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
     """The table, with a row for label 0 if the labels need one; ValueError if it lacks another label."""
     known = {tissue.label for tissue in tissues}
     strange = [f"{label} ({counts[label]} voxels)" for label in counts if label not in known | {0}]
-    more = f" and {len(strange) - 10} more" if len(strange) > 10 else ""
     refuse(
         strange,
-        f"{path}: labels that are not in the table: {', '.join(strange[:10])}{more}; the table has "
+        f"{path}: labels that are not in the table: {', '.join(strange[:10])}"
+        f"{f' and {len(strange) - 10} more' if len(strange) > 10 else ''}; the table has "
         f"{', '.join(f'{tissue.label} {tissue.name}' for tissue in tissues)}",
     )
     if 0 in known or 0 not in counts:
@@ -734,10 +733,9 @@ def _smoothed(
         after += np.bincount(nearest.ravel(), plane.ravel(), len(tissues))
     change = 100 * (after - before) / np.maximum(before, 255)
     most = int(np.argmax(np.abs(change)))
-    whole = 100 * (after.sum() / max(before.sum(), 1.0) - 1)
     return levels, owner, (
-        f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by "
-        f"{change[most]:.2g} %"
+        f", smoothed by {width:g} mm: the volume changes by {100 * (after.sum() / max(before.sum(), 1.0) - 1):.2g} "
+        f"%, that of {tissues[most].name} most, by {change[most]:.2g} %"
     )  # fmt: skip
 
 

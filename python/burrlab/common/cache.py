@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from burrlab.common.check import refuse
-from burrlab.common.files import new_part
+from burrlab.common.files import hash_of, new_part
 from burrlab.common.progress import LOG
 from burrlab.common.records import UNREADABLE
 
@@ -84,7 +84,7 @@ class Entry:
         with contextlib.suppress(OSError):
             if (path := self._path) is None:
                 return
-            files = {name: [*state, _digest(name)] for name, state in self._files.items()}
+            files = {name: [*state, hash_of(name)] for name, state in self._files.items()}
             latest = time.time_ns() - 1e9 * _SETTLED
             if not all(
                 state and state == _state(name) and state[-1] < latest for name, state in self._files.items()
@@ -103,7 +103,7 @@ class Entry:
             _make_room(path.parent)
 
     def _same(self, name: str, known: Sequence[Any]) -> bool:
-        return (os.name == "posix" and list(self._files[name]) == known[:-1]) or _digest(name) == known[-1]
+        return (os.name == "posix" and list(self._files[name]) == known[:-1]) or hash_of(name) == known[-1]
 
 
 def _folder() -> Path | None:
@@ -143,11 +143,6 @@ def _state(name: str) -> tuple[int, ...]:
         status = os.stat(name)
         return status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
     return ()
-
-
-def _digest(name: str) -> str:
-    with open(name, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _make_room(folder: Path) -> None:

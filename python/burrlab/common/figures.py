@@ -66,12 +66,11 @@ def paper(width: str = "single") -> AbstractContextManager[None]:
     """
     refuse(width not in WIDTHS, f"width must be one of {', '.join(WIDTHS)}: got {width!r}")
     across = WIDTHS[width]
-    style: Any = {
+    return rc_context({
         "figure.figsize": (across, min(0.75 * across, 3.5)), "figure.constrained_layout.use": True, "savefig.dpi": 300,
         "font.size": 8, "axes.titlesize": 8, "axes.labelsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8,
         "legend.fontsize": 8, "figure.titlesize": 8, "axes.linewidth": 0.6, "lines.markersize": 4, "pdf.fonttype": 42, "ps.fonttype": 42,
-    }  # fmt: skip
-    return rc_context(style)
+    })  # fmt: skip
 
 
 def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
@@ -90,12 +89,11 @@ def _size(width: float, height: float) -> tuple[float, float]:
 
 def axes_or_new(axes: Axes | None) -> Axes:
     """The given axes, or axes of a new pyplot figure of the usual size."""
-    if axes is not None:
-        return axes
-    from matplotlib import pyplot
+    if axes is None:
+        from matplotlib import pyplot
 
-    ax: Axes = pyplot.subplots(figsize=_size(4.8, 3.6), layout="constrained")[1]
-    return ax
+        axes = pyplot.subplots(figsize=_size(4.8, 3.6), layout="constrained")[1]
+    return axes
 
 
 def panels(ax: Panels, count: tuple[int, int], size: tuple[float, float], **how: Any) -> list[Axes]:
@@ -316,8 +314,7 @@ def _legend_below(figure: Figure, axes: Axes, handles: dict[str, Any], look: dic
         legend.remove()
     fit = int(max(map(len, handles)) * (room.width / width - 0.1))  # a tenth is for the handles
     fill = textwrap.TextWrapper(max(fit, 10)).fill
-    broken = {
+    return _put_legend(axes, {
         label if "\n" in label else fill(label.replace(" = ", "\u00a0=\u00a0")).replace("\u00a0", " "): handle
         for label, handle in handles.items()
-    }
-    return _put_legend(axes, broken, 1, **look)
+    }, 1, **look)  # fmt: skip

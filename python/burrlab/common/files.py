@@ -5,6 +5,7 @@ As a script, this module makes libhdf5 read a file: a damaged file hangs or cras
 
 import contextlib
 import errno
+import hashlib
 import io
 import itertools
 import os
@@ -135,6 +136,12 @@ def new_folder(target: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(part, ignore_errors=True)
         raise
+
+
+def hash_of(path: str | os.PathLike[str]) -> str:
+    """SHA-256 of a file's content, in hexadecimal digits."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_synced(path: Path, content: bytes) -> None:

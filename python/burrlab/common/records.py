@@ -59,10 +59,10 @@ def in_one_line(error: object, most: int = 200) -> str:
 
 def check_texts(value: object) -> None:
     """ValueError if a text in a JSON value holds control characters or a lone surrogate."""
-    control = re.search(
-        r"[\x7f\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)
+    refuse(
+        re.search(r"[\x7f\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)),
+        "a text has control characters",
     )
-    refuse(control, "a text has control characters")
 
 
 def _whole(text: str) -> int:

@@ -552,8 +552,8 @@ class TableData(Tabular):
 
     def _columns(self) -> dict[str, Any]:
         """Columns that are not None, by their names."""
-        names = (column.name for column in self._TABLE.columns)
-        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        columns = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
+        return {name: values for name, values in columns.items() if values is not None}
 
     def _check_rows(self) -> None:
         """ValueError unless there is a row and every row obeys the table's rules."""

@@ -130,8 +130,9 @@ def descend(
     seed, dt, scheme, max_duration = seed_or_new(seed), settings.dt, settings.scheme, settings.max_duration
     stop = burr.radius / 3 if settings.stop is None else float(settings.stop)
 
-    about = f"descent at dt = {dt:g} ms, voxel = {voxel} mm"
-    report = reporter(progress, about if progress is None else "descent")
+    report = reporter(
+        progress, f"descent at dt = {dt:g} ms, voxel = {voxel} mm" if progress is None else "descent"
+    )
 
     def interrupted(immersion: float) -> bool:
         report(min(max(immersion / stop, 0.0), 1.0))
@@ -164,23 +165,20 @@ def descend(
         "stop_mm": stop,
     }
     cut = 0
-    if contact is not None:
+    if contact is not None and specimen is not None:
         parameters |= {
             "scheme": contact.scheme,
             "spacing_mm": list(contact.bone.spacing),
             "digest": contact.bone.digest(),
-        }
-    if specimen is not None:
-        parameters |= {
             "specimen": specimen.source,
             "surface_mm": specimen.surface.tolist(),
             "axis": specimen.axis.tolist(),
         }
         if specimen.made:
             parameters["volume"] = dict(specimen.made)
-    if contact is not None and specimen is not None and len(series.immersion):
-        way = np.append(0.0, series.immersion)[:, None] * specimen.axis + specimen.center(0.0, burr)
-        cut = Border(contact.bone).count_cut(way, burr.radius)
+        if len(series.immersion):
+            way = np.append(0.0, series.immersion)[:, None] * specimen.axis + specimen.center(0.0, burr)
+            cut = Border(contact.bone).count_cut(way, burr.radius)
     return evaluate(burr, material, force, stop, series, ending, provenance(**parameters), cut=cut)
 
 

@@ -126,8 +126,7 @@ class Descent(Tabular):
 
     def to_dict(self) -> dict[str, Any]:
         """The result without its series, ready for JSON."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return dict(_CODEC.plain(self))
 
     def save(self, path: str | Path) -> None:
         """Writes result and series as JSON, without loss."""
@@ -212,12 +211,12 @@ class Descent(Tabular):
         return [top, middle, bottom]
 
     def _repr_html_(self) -> str:
-        rows = [(key, value) for key, value in self.to_dict().items() if key != "provenance"]
-        return (
-            "<table>"
-            + "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows)
-            + "</table>"
+        rows = (
+            f"<tr><th>{key}</th><td>{value}</td></tr>"
+            for key, value in self.to_dict().items()
+            if key != "provenance"
         )
+        return f"<table>{''.join(rows)}</table>"
 
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name
@@ -272,7 +271,6 @@ def evaluate(
 ) -> Descent:
     """Window, velocity and status of a recorded descent; `cut` by `Border.count_cut`."""
     h, force = series.immersion, series.force
-    settled: float | None
     if series.exact:
         settled = float(h[0]) if len(h) else None
     else:
@@ -324,15 +322,14 @@ def _status(
             f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm{bound}"
         )
     if ending == "stalled":
-        deepest = f"{h[-1]:.3f}" if len(h) else "no"
-        time = series.time[-1] if len(h) else 0.0
+        deepest, time = (f"{h[-1]:.3f}", series.time[-1]) if len(h) else ("no", 0.0)
         return ending, f"at {deepest} mm of {stop:.3f} mm after {time:.4g} s, when the run was given up"
     if ending == "never-touched":
         return ending, "the burr met no bone on its way"
     if settled is None:
-        span = _samples_of_settling(series, setpoint)
         return "never-settled", (
-            f"up to the stop the mean of {span} samples of the force was off {setpoint:g} N by over 5 %"
+            f"up to the stop the mean of {_samples_of_settling(series, setpoint)} samples of the force was off "
+            f"{setpoint:g} N by over 5 %"
         )
     start = max(burr.radius / 6, settled)
     ticks = len(h[samples_between(h, start, stop)])

@@ -90,12 +90,13 @@ class VirtualRig:
     ) -> None:
         require_type("contact", contact, BurrContact, "BurrContact(bone, burr, material, seed=1)")
         require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
-        named = {"lag": lag, "encoder_step": encoder_step, "noise": noise, "force_filter": force_filter}
-        for name, value in named.items():
+        for name, value in (
+            ("lag", lag), ("encoder_step", encoder_step), ("noise", noise), ("force_filter", force_filter)
+        ):  # fmt: skip
             refuse(not 0 <= value < np.inf, f"{name} must be zero or positive and finite, got {value}")
-        positive = {"period": period, "velocity_limit": velocity_limit, "force_limit": force_limit}
-        for name, value in positive.items():
-            check_positive(name, value)
+        check_positive("period", period)
+        check_positive("velocity_limit", velocity_limit)
+        check_positive("force_limit", force_limit)
         refuse(not np.isfinite(clearance), f"clearance must be finite, got {clearance}")
         self.contact, self.specimen = contact, specimen
         self.period, self.velocity_limit, self.force_limit = period, velocity_limit, force_limit
@@ -104,8 +105,7 @@ class VirtualRig:
         self.velocity = 0.0  #: true velocity [mm/s]
         self.touched = False  #: whether the burr met bone
         self.ambiguous = self.faint = 0  #: ticks flagged so (see `Contact`)
-        self._command = 0.0
-        self._filtered = 0.0
+        self._command = self._filtered = 0.0
         self._random = np.random.default_rng([contact.seed & 0xFFFFFFFF, contact.seed >> 32, contact.index])
 
     def command(self, velocity: float) -> None:

@@ -211,8 +211,7 @@ class Scatter:
 
     def to_dict(self) -> dict[str, Any]:
         """The result, ready for JSON."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return dict(_CODEC.plain(self))
 
     def _pooled_text(self) -> str:
         low, high = self.pooled_interval

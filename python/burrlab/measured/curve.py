@@ -133,12 +133,11 @@ class VelocityCurve(TableData):
         limit: ArrayLike | None = None,
     ) -> None:
         refuse(isinstance(status, str), f"status must be a list of texts, one a force, got {status!r}")
-        columns = {
+        self._keep({
             "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
             "limit": limit,
-        }  # fmt: skip
-        self._keep(columns, source, provenance, groups, specimen, radius=radius)
+        }, source, provenance, groups, specimen, radius=radius)  # fmt: skip
         refuse(
             (self.window_start is None) != (self.window_end is None),
             "window_start and window_end go together: one of them is missing",
@@ -279,11 +278,10 @@ class VelocityCurve(TableData):
         curves = {}
         for label in dict.fromkeys(self.groups[name]):
             rows = [row for row, other in enumerate(self.groups[name]) if other == label]
-            columns = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
-            columns = {key: None if x is None else [x[row] for row in rows] for key, x in columns.items()}
-            others = {key: [x[row] for row in rows] for key, x in self.groups.items() if key != name}
+            columns = {key: [x[row] for row in rows] for key, x in self._columns().items()}
             curves[label] = VelocityCurve(
-                **columns, groups=others, radius=self.radius, provenance=self.provenance,
+                **columns, radius=self.radius, provenance=self.provenance,
+                groups={key: [x[row] for row in rows] for key, x in self.groups.items() if key != name},
                 source=f"{self.source}, {name} {label}".removeprefix(", "),
             )  # fmt: skip
         return curves

@@ -312,17 +312,12 @@ class DepthTrace(TableData):
         return f"DepthTrace({len(self)} samples, {set_up}{self._origin()})"
 
     def _repr_html_(self) -> str:
-        rows = samples_between(self.immersion, self.start_mm, self.end_mm)
-        summary = {
-            "force_N": self.force,
-            "radius_mm": self.radius,
-            "window_start_mm": self.start_mm,
-            "window_end_mm": self.end_mm,
-            "duration_s": float(self.time[-1] - self.time[0]),
-            "samples": len(self),
-            "samples in window": len(self.time[rows]),
-        }
-        return table.html_table(repr(self), {name: [value] for name, value in summary.items()})
+        return table.html_table(repr(self), {
+            "force_N": [self.force], "radius_mm": [self.radius], "window_start_mm": [self.start_mm],
+            "window_end_mm": [self.end_mm], "duration_s": [float(self.time[-1] - self.time[0])],
+            "samples": [len(self)],
+            "samples in window": [len(self.time[samples_between(self.immersion, self.start_mm, self.end_mm)])],
+        })  # fmt: skip
 
 
 Counts: TypeAlias = NDArray[np.int64]
@@ -363,10 +358,9 @@ class TraceSegments:
         return len(self.velocity)
 
     def __repr__(self) -> str:
-        velocities = ", ".join(f"{v:.3g}" for v in self.velocity)
         return (
             f"TraceSegments({len(self)} between {self.start_mm[0]:.3f} and {self.end_mm[-1]:.3f} mm: "
-            f"{velocities} mm/s)"
+            f"{', '.join(f'{v:.3g}' for v in self.velocity)} mm/s)"
         )
 
 

@@ -130,16 +130,16 @@ class TableLayout:
             return self
         decoded = isinstance(file, io.TextIOBase)
         refuse(decoded and self.encoding, "encoding must be left out for a file that is open as text")
-        windows = f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
-        self.name, content = text_of(file, self.encoding or "utf-8-sig", windows)
+        self.name, content = text_of(
+            file, self.encoding or "utf-8-sig", f"; if Windows wrote it, {_give('encoding', 'cp1252')}"
+        )
         lines = list(io.StringIO(content.removeprefix("\ufeff"), newline=None))
         head, start, sep, headings = self.headings_of(lines)
         for line in lines[:head]:
             key, colon, text = line[1:].partition(":")
             if line.startswith("#") and colon:
                 self.comments[key.strip()] = text.strip()
-        above = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
-        self.skipped["lines above the headings"] = above
+        self.skipped["lines above the headings"] = sum(bool(line.strip(f"\n{sep} ")) for line in lines[:head])
         self.read(self.name, "line", headings, _records(lines, start, sep), f"{self.name}, line {head + 1}")
         return self.noted(f"; separated by {_SEPARATORS[sep]}" if not self.sep else "")
 
@@ -161,8 +161,7 @@ class TableLayout:
             sizes = {np.shape(column)[:1] for column in frame.values()}
             refuse(len(sizes) > 1 or () in sizes, f"{kind}: columns must be lists of one length")
             rows = zip(*frame.values(), strict=True)
-        texts = enumerate(([_cell(field) for field in row] for row in rows), start=1)
-        self.read(kind, "row", headings, texts, kind)
+        self.read(kind, "row", headings, enumerate((list(map(_cell, row)) for row in rows), start=1), kind)
         return self.noted("")
 
     def data(self, kind: type[DataSet], needed: Collection[str] = (), **numbers: Any) -> DataSet:
@@ -285,8 +284,7 @@ class TableLayout:
             yield f"unit must be one that a column can have ({used}): got {unit!r}"
         for column, indices in places.items():
             if len(indices) != repeats and (len(indices) > 1 or self.table.named[column].optional):
-                texts = ", ".join(headings[i] for i in indices)
-                yield f"columns of {column} must be {repeats} or none: got {texts}"
+                yield f"columns of {column} must be {repeats} or none: got {', '.join(headings[i] for i in indices)}"
             for i in indices:
                 if keys.count(keys[i]) > 1:
                     yield f"column {headings[i]} is there twice"

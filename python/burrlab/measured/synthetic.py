@@ -66,13 +66,12 @@ def synthetic_curve(
     )
     seed = seed_or_new(seed)
 
-    mean = np.asarray(penetration_velocity(burr, material, force))
-    velocity = _scattered(mean, repeats, scatter, seed)
-    status = ["ok" if np.isfinite(v) else "overloaded" for v in velocity]
+    velocity = _scattered(np.asarray(penetration_velocity(burr, material, force)), repeats, scatter, seed)
+    finite = np.isfinite(velocity)
     return VelocityCurve(
         np.repeat(force, repeats),
         velocity,
-        status=None if np.isfinite(velocity).all() else status,
+        status=None if finite.all() else ["ok" if known else "overloaded" for known in finite],
         source=f"synthetic, seed {seed}: {material.name}, mean-field, scatter {100 * scatter:g} %",
         radius=burr.radius,
         provenance=_provenance(burr, material, seed, repeats=repeats, scatter=scatter),
@@ -221,8 +220,8 @@ def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Float
     _check_not_negative("scatter", scatter)
     if scatter > 1:
         warnings.warn(f"scatter = {scatter:g} is {100 * scatter:g} %; 8 % is 0.08", stacklevel=3)
-    rows = [(i, k) for i in range(len(values)) for k in range(repeats)]
-    z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])
+    places = np.ndindex(len(values), repeats)
+    z = np.array([np.random.default_rng([seed, *place]).standard_normal() for place in places])
     return np.repeat(values, repeats) * np.exp(scatter * z)
 
 

@@ -444,5 +444,4 @@ def _log_thin_ratio(shape: str, phi: Floats, low: float, y: float, start: float,
     excess = np.exp(y) / _core.window_velocity(time, H, start, stop) - 1
     u, u_low = phi ** (2 / 3), low ** (2 / 3)
     mass = u**2 * (1 - u / 3) / (u_low**2 * (1 - u_low / 3))
-    log_ratio: Floats = (f.order + 1) * np.log(mass) + np.log((1 + excess * (u / u_low) ** 2) / (1 + excess))
-    return log_ratio
+    return np.asarray((f.order + 1) * np.log(mass) + np.log((1 + excess * (u / u_low) ** 2) / (1 + excess)))

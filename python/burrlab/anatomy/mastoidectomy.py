@@ -186,18 +186,17 @@ class _Plan:
 
     def approach(self, here: Floats | None, goal: Floats) -> list[tuple[Floats, bool]]:
         """Rows that bring the burr to a stroke: straight if the way is clear, else lifted and not turning."""
-        if here is not None:  # straight, if all of the way is clear
-            count = int(np.max(np.abs(goal - here) / self.spacing)) + 2
-            way = here + np.linspace(0.0, 1.0, count)[:, None] * (goal - here)
-            at = np.rint((way - self.origin) / self.spacing).astype(int)
-            x, y, z = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1).T
-            if (self.room[z, y, x] > 0).all():
-                return [(here, True)]
         top = self.first - self.radius - LIFT
-        over = [np.array([top, goal[1], goal[2]])]
-        if here is not None:
-            over = [here, np.array([top, here[1], here[2]]), *over]
-        return [(place, False) for place in over]
+        over = np.array([top, goal[1], goal[2]]), False
+        if here is None:
+            return [over]
+        count = int(np.max(np.abs(goal - here) / self.spacing)) + 2
+        way = here + np.linspace(0.0, 1.0, count)[:, None] * (goal - here)
+        at = np.rint((way - self.origin) / self.spacing).astype(int)
+        x, y, z = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1).T
+        if (self.room[z, y, x] > 0).all():
+            return [(here, True)]
+        return [(here, False), (np.array([top, here[1], here[2]]), False), over]
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:

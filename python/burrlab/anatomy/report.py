@@ -6,14 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import Any, cast
 
 import numpy as np
 from matplotlib.axes import Axes
 
-import burrlab._core as _core
-from burrlab._core import Tissues
+from burrlab._core import Tissues, dose_edges, dose_near
 from burrlab.anatomy.events import EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
@@ -21,8 +19,8 @@ from burrlab.common.figures import VELOCITY, Panels, drawing, panels, styled
 from burrlab.common.records import Codec
 
 #: Distances within which time is counted [mm], and within which force is looked at [mm].
-WITHIN: tuple[float, ...] = tuple(_core.dose_edges)
-NEAR: tuple[float, ...] = tuple(_core.dose_near)
+WITHIN: tuple[float, ...] = tuple(dose_edges)
+NEAR: tuple[float, ...] = tuple(dose_near)
 
 
 @dataclass(frozen=True)
@@ -104,14 +102,14 @@ def dose_table(doses: Sequence[Dose]) -> str:
             for edge in NEAR
         )
         lines.append(f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{force}")
-    lines += [
+    return "\n".join([
+        *lines,
         f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in edges),
         *(
             f"{d.burr:<5}{d.structure:<{width}}" + "".join(f"{d.time_within[edge]:9.2f}" for edge in edges)
             for d in doses
         ),
-    ]
-    return "\n".join(lines)
+    ])  # fmt: skip
 
 
 #: Least time that the report calls a touch [s], and least volume for an injury [mm^3]; ours. A hand does not
@@ -191,8 +189,8 @@ class AnatomyReport:
     @property
     def removed(self) -> dict[str, float]:
         """Volume removed of each tissue in the session [mm^3]."""
-        levels = self.watched.removed.tolist()
-        return {name: n * (self.voxel_volume / 255.0) for name, n in zip(self.tissues, levels, strict=True)}
+        volumes = self.watched.removed * (self.voxel_volume / 255.0)
+        return dict(zip(self.tissues, volumes.tolist(), strict=True))
 
     @property
     def touched(self) -> dict[str, float]:
@@ -278,14 +276,12 @@ class AnatomyReport:
                 *[f"  {event}" for event in self.events if event.kind in ("touch", "injury")][:20],
             ]
         w = self.watched
-        if w.events_lost:
-            lines.append(f"  ! {w.events_lost} further events were counted, not kept")
-        if w.gaps:
-            lines.append(
-                f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is "
-                "whole, a closer approach may have been missed"
-            )
-        return "\n".join(lines)
+        lost = f"  ! {w.events_lost} further events were counted, not kept"
+        passed_over = (
+            f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is "
+            "whole, a closer approach may have been missed"
+        )
+        return "\n".join([*lines, *[lost] * bool(w.events_lost), *[passed_over] * bool(w.gaps)])
 
     def __repr__(self) -> str:
         near = ", ".join(f"{name} {d:.3g} mm" for name, d in self.closest.items())
@@ -357,7 +353,9 @@ _CODEC = Codec(
             "removed_mm3": "removed", "watch": "settings", "touched_s": "touched",
             "touched_from_s": lambda report: TOUCH_TIME, "injured_mm3": "injured",
             "injured_from_mm3": "_injury_volumes", "closest_mm": "closest", "doses": "doses", "events": "events",
-            **{name: attrgetter(f"watched.{name}") for name in ("gaps", "ticks_passed_over", "events_lost")},
+            "gaps": lambda report: report.watched.gaps,
+            "ticks_passed_over": lambda report: report.watched.ticks_passed_over,
+            "events_lost": lambda report: report.watched.events_lost,
         },
         **EVENT_KEYS,
     }

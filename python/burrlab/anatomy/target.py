@@ -17,8 +17,6 @@ from burrlab.common.progress import doing
 from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table
 
-Floats = NDArray[np.float64]
-
 #: Voxels read at a time, to bound the memory.
 AT_A_TIME = 4_000_000
 _PARTS = ("overlap", "missed", "excess")
@@ -45,9 +43,9 @@ class TargetComparison:
     """
 
     tissues: tuple[str, ...]
-    overlap: Floats
-    missed: Floats
-    excess: Floats
+    overlap: NDArray[np.float64]
+    missed: NDArray[np.float64]
+    excess: NDArray[np.float64]
     volume: float
 
     @property
@@ -81,12 +79,11 @@ class TargetComparison:
             *zip(self.tissues, self.overlap, self.missed, self.excess, strict=True),
             ("all", self.overlap.sum(), self.missed.sum(), self.excess.sum()),
         ]
-        lines = [
+        return "\n".join([
             f"{'tissue':<{wide}}  overlap [mm^3]  missed [mm^3]  excess [mm^3]",
             *(f"{name:<{wide}}  {a:>14.2f}  {b:>13.2f}  {c:>13.2f}" for name, a, b, c in rows),
             f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice {self.dice:.3f}",
-        ]
-        return "\n".join(lines)
+        ])  # fmt: skip
 
     def __repr__(self) -> str:
         return self.table()

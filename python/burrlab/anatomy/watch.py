@@ -1,6 +1,5 @@
 """The watch of a session: critical structures, distance fields, and the limits for events."""
 
-import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
@@ -83,7 +82,7 @@ def _field(
         nodes.append(nearest[starts])
     empty = np.ones(count[::-1], bool)
     empty[np.ix_(*nodes)] = ~mask
-    error = math.sqrt(3) / 2 * SPACING + float(np.linalg.norm(bone.spacing)) / 2 + 1e-4  # rounded to float32
+    error = float(np.sqrt(3) / 2 * SPACING + np.linalg.norm(bone.spacing) / 2 + 1e-4)  # rounded to float32
     return StructureDistance(search, _estimate(empty), SPACING, low, error)
 
 
@@ -210,9 +209,9 @@ class Watch:
     ) -> "Watch":
         """A watch with these settings, on an equal bone. ValueError, KeyError or TypeError if invalid."""
         rows = {row["name"]: row for row in settings["structures"]}
-        keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
         limits: dict[str, Any] = {
-            limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()
+            limit: {n: row[f"{limit}_{unit}"] for n, row in rows.items()}
+            for limit, unit in (("approach", "mm"), ("touch", "mm"), ("injury", "mm3"))
         }
         names = [row["name"] for row in settings["structures"]]
         return cls(bone, hysteresis=settings["hysteresis_mm"], structures=names, progress=progress, **limits)

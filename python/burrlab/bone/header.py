@@ -5,7 +5,6 @@ nifti2.h.
 """
 
 import gzip
-import importlib
 import json
 import math
 import re
@@ -21,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab.bone.image import Array, LabelVolume, Volume, point_text
 from burrlab.bone.specimen import checked_spacing
-from burrlab.common.check import refuse, shown
+from burrlab.common.check import extra, refuse, shown
 
 Choice = TypeVar("Choice")
 
@@ -114,10 +113,7 @@ def plain_name(name: str) -> str:
 
 def medical(module: str, what: str, usual_name: str = "") -> Any:
     """A library of the extra `medical`; ImportError if it is not installed."""
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise ImportError(f"{what} needs {usual_name or module}: pip install 'burrlab[medical]'") from error
+    return extra(module, what, "medical", usual_name)
 
 
 def itk_image(

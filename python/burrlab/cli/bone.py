@@ -1,8 +1,5 @@
 """The bone of a session, how it is kept at the end, and the labels of a file: burrlab tissues."""
 
-from __future__ import annotations
-
-import argparse
 import itertools
 import json
 import math
@@ -98,7 +95,7 @@ def rescued(path: str, bone: VoxelBone, tick: int) -> AbstractContextManager[Non
     )  # fmt: skip
 
 
-def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> BoneStart:
+def chosen_start(options: Options, burr: Burr, material: Material) -> BoneStart:
     """The start that the options describe; ValueError if they do not fit or the bone could not be saved."""
     recipe = _recipe(options, material)
     if recipe is None:
@@ -123,7 +120,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)
 
 
-def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:
+def _recipe(options: Options, material: Material) -> Recipe | DrilledRecipe | None:
     if options.bone is None:
         if options.volume is not None and options.map is None and "hand" in options.device:
             require_options(options, ("map", *PLACE), "--device hand with --volume")
@@ -143,7 +140,7 @@ def _block(voxel: float) -> dict[str, Any]:
 
 
 def _placed(
-    options: argparse.Namespace, recipe: Recipe | DrilledRecipe, burr: Burr
+    options: Options, recipe: Recipe | DrilledRecipe, burr: Burr
 ) -> tuple[VoxelBone, Mapping[str, Any]]:
     """The bone, and where a simulated hand begins."""
     if "hand" not in options.device:
@@ -310,8 +307,9 @@ def do_tissues(options: Options) -> None:
             options, ("tissues", "template", "spacing", "unit", "unknown", "transpose"), "goes with a file of labels"
         )  # fmt: skip
         rows = _tissue_rows(options.file)
-        deliver(options, ({"file": options.file} if options.file else {}) | {"tissues": rows}, _text(rows))
-        return
+        return deliver(
+            options, ({"file": options.file} if options.file else {}) | {"tissues": rows}, _text(rows)
+        )
     table = None if options.tissues is None else read_tissues(options.tissues)
     listed = options.unknown is None and is_stack(options.file)  # listed here, refused when a bone is made
     labels = labels_of(
@@ -338,17 +336,15 @@ def do_tissues(options: Options) -> None:
         lines.append("colours in no table are refused where a bone is made: --unknown says what they are")
     if options.template is not None:
         lines.append(_write_template(options.template, labels))
-    result = {
+    deliver(options, {
         "file": options.file, "labels": label_rows, "ear": ear or None, "notes": list(labels.notes),
         "unknown_colours": [dict(colour) for colour in labels.unknown_colours],
-    }  # fmt: skip
-    deliver(options, result, "\n".join(lines))
+    }, "\n".join(lines))  # fmt: skip
 
 
 def _write_template(file: str, labels: LabelVolume) -> str:
     """Writes a table to fill in for the labels; returns what to do with it."""
-    if os.path.exists(file):
-        raise FileExistsError(f"--template: {file} is there already")
+    refuse(os.path.exists(file), f"--template: {file} is there already", FileExistsError)
     rows = template(labels)
     unnamed = [t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None]
     write_text(file, tissues_text(rows, unnamed))

@@ -4,7 +4,6 @@ No room is imported here: help and the name of a mistyped option come at once.
 """
 
 import importlib
-import math
 import re
 from typing import Any, NamedTuple
 
@@ -51,7 +50,7 @@ class Command(NamedTuple):
 @parsed_by
 def _not_negative(text: str) -> float:
     (value,) = floats(text, 1, "zero or positive", text)
-    refuse(not 0 <= value < math.inf, f"must be zero or positive, got '{text}'")
+    refuse(not 0 <= value < np.inf, f"must be zero or positive, got '{text}'")
     return value
 
 

@@ -31,11 +31,11 @@ def _experiment(options: Options) -> tuple[Burr, Material, dict[str, Any]]:
     specimen = chosen_specimen(options, burr, material)
     if specimen is None and options.axis is not None:
         specimen = burrlab.half_space(burr, voxel, depth=options.stop, axis=options.axis)
-    settings = burrlab.DescentSettings(
-        dt=options.dt, scheme=options.scheme, stop=options.stop, max_duration=options.max_duration
-    )
     return burr, material, {
-        "voxel": voxel, "seed": options.seed, "specimen": specimen, "settings": settings, "progress": on_terminal(),
+        "voxel": voxel, "seed": options.seed, "specimen": specimen, "progress": on_terminal(),
+        "settings": burrlab.DescentSettings(
+            dt=options.dt, scheme=options.scheme, stop=options.stop, max_duration=options.max_duration
+        ),
     }  # fmt: skip
 
 

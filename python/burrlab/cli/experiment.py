@@ -7,7 +7,6 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -40,8 +39,7 @@ from burrlab.psychophysics.trial import MODES
 
 def do_new(options: Options) -> None:
     path = Path(options.config)
-    if os.path.lexists(path):
-        raise FileExistsError(f"{path} exists and is not replaced")
+    refuse(os.path.lexists(path), f"{path} exists and is not replaced", FileExistsError)
     write_text(path, template())
     print(
         f"{path} is written: a protocol to be changed. Its designs can show what follows; "
@@ -173,7 +171,7 @@ def _sittings(options: Options) -> list[Sitting]:
 def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
     at = sittings[0]
     try:
-        with ended_by_signals(), ExitStack() as stack:
+        with ended_by_signals(), contextlib.ExitStack() as stack:
             if not options.simulated:
                 return _sit_down(stack, at)
             for at in sittings:
@@ -189,7 +187,7 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
     return 0
 
 
-def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
+def _sit_down(stack: contextlib.ExitStack, sitting: Sitting) -> int:
     seat = stack.enter_context(TerminalSeat())
     stack.callback(LOG.setLevel, LOG.level)
     LOG.setLevel(logging.ERROR)  # the log would go to the subject's screen
@@ -225,10 +223,8 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
 
 def _command(action: str, options: Options, subject: str) -> str:
     """The command line for an action."""
-    words = ["burrlab", "experiment", action, str(options.config)]
-    words += ["--all"] if options.all else ["--subject", subject]
-    for name in ("task", "device", "experimenter", "weber", "decision"):
-        if getattr(options, name) is not None:
-            words += [f"--{name}", str(getattr(options, name))]
-    words += [f"--{name}" for name in ("simulated", "fast") if getattr(options, name)]
-    return " ".join(words)
+    who = "--all" if options.all else f"--subject {subject}"
+    given = {name: getattr(options, name) for name in ("task", "device", "experimenter", "weber", "decision")}
+    values = [f"--{name} {value}" for name, value in given.items() if value is not None]
+    flags = [f"--{name}" for name in ("simulated", "fast") if getattr(options, name)]
+    return " ".join(["burrlab experiment", action, str(options.config), who, *values, *flags])

@@ -107,8 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         check_outputs(options, words)
         with contextlib.ExitStack() as quiet:
             if words != texts:
-                nowhere = quiet.enter_context(open(os.devnull, "w"))
-                quiet.enter_context(contextlib.redirect_stderr(nowhere))
+                quiet.enter_context(contextlib.redirect_stderr(quiet.enter_context(open(os.devnull, "w"))))
             status = int(run(options) or 0)
         print(end="", flush=True)
         return status

@@ -71,17 +71,17 @@ def _labelled(
     sizeless = stack and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
     settings: dict[str, Any] = {
         "grey": grey, "fill": dict(options.fill), "onto": options.onto, "smooth": options.smooth,
+        **({} if grey is not None else {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}),
     }  # fmt: skip
-    if grey is None:
-        settings |= {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
     of_labels: dict[str, Any] = {
         "spacing": options.spacing if grey is None or sizeless else None, "unknown": unknown_colours(options),
         "unit": options.unit, "transpose": transpose if stack else None,
     }  # fmt: skip
     if options.tissues is None:
         return usual_recipe(options.labels, material, of_labels, **settings)
-    table = read_tissues(options.tissues, material=material)
-    return LabelledRecipe(options.labels, table, **of_labels, **settings)
+    return LabelledRecipe(
+        options.labels, read_tissues(options.tissues, material=material), **of_labels, **settings
+    )
 
 
 def chosen_specimen(options: Options, burr: Burr, material: Material) -> Specimen | None:

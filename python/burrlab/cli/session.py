@@ -1,6 +1,5 @@
 """Live sessions and the use of their traces: session | devices | replica | replay | metrics | export."""
 
-import argparse
 import contextlib
 import json
 import os
@@ -129,12 +128,12 @@ def _placed(
     ]
 
 
-def watch_asked_for(options: argparse.Namespace) -> bool:
+def watch_asked_for(options: Options) -> bool:
     """Whether an option of the watch was given."""
     return any(getattr(options, name) is not None for name in ("watch", *LIMITS))
 
 
-def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
+def chosen_watch(options: Options, bone: VoxelBone) -> Watch | None:
     """The watch that the options describe, None without anything to watch; ValueError if they do not fit the
     bone."""
     limits: dict[str, Any] = {name: value for name in LIMITS if (value := getattr(options, name)) is not None}
@@ -268,11 +267,10 @@ def _device(text: str, options: Options, burr: Burr, start: BoneStart, number: i
 @contextlib.contextmanager
 def _opening(text: str) -> Iterator[None]:
     """Says what is done. Ctrl-C ends the program at once, as a vendor's library may hang."""
-    here, usual = threading.current_thread() is threading.main_thread(), signal.default_int_handler
+    here = threading.current_thread() is threading.main_thread()
     with contextlib.ExitStack() as after:
-        if here and signal.getsignal(signal.SIGINT) is usual:
-            signal.signal(signal.SIGINT, signal.SIG_DFL)
-            after.callback(signal.signal, signal.SIGINT, usual)
+        if here and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            after.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.SIG_DFL))
         after.enter_context(working(text))
         yield
 

@@ -52,11 +52,10 @@ def do_view(options: Options) -> None:
     if isinstance(player, TracePlayer) and options.effects:
         effects = Effects(player.trace.bone(), seed=player.trace.seed, nozzle=Nozzle())
     if options.web:
-        serve(
+        return serve(
             player or bone, port=options.port or 0, size=options.size or (1024, 768), effects=effects,
             viewpoint=_viewpoint(options, bone, player), stereo=bool(options.stereo), note=note,
         )  # fmt: skip
-        return
     if player is not None:
         refuse(not 0 <= at <= player.duration, f"--at must be from 0 to {player.duration:g} s, got {at:g}")
     result.update(written=[], notes=notes)

@@ -2,6 +2,7 @@
 
 import contextlib
 import difflib
+import importlib
 import math
 import operator
 import os
@@ -10,7 +11,7 @@ import reprlib
 import zlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -161,6 +162,15 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
             return values[:have], rest
         stream = zlib.decompressobj(32 + zlib.MAX_WBITS)
     raise ValueError(f"{name}: the compressed data must hold {size} bytes, as the header says, got far more")
+
+
+def extra(module: str, what: str, name: str, usual_name: str = "") -> Any:
+    """A module of an extra of this package; ImportError, which says how to get it, if it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        needed = usual_name or module.partition(".")[0]
+        raise ImportError(f"{what} needs {needed}: pip install 'burrlab[{name}]'") from None
 
 
 def refuse(broken: object, sentence: str, error: type[BaseException] = ValueError) -> None:

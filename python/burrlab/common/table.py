@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.common.check import real, refuse, scalar, shown
+from burrlab.common.check import extra, real, refuse, scalar, shown
 from burrlab.common.files import write_text
 
 if TYPE_CHECKING:
@@ -612,11 +612,8 @@ def _label(label: object) -> str:
 
 def dataframe(columns: Mapping[str, Any]) -> "pandas.DataFrame":
     """The columns as a pandas DataFrame; ImportError without pandas."""
-    try:
-        import pandas
-    except ImportError:
-        raise ImportError("to_dataframe needs pandas: pip install 'burrlab[pandas]'") from None
-    return pandas.DataFrame(dict(columns))
+    frame: pandas.DataFrame = extra("pandas", "to_dataframe", "pandas").DataFrame(dict(columns))
+    return frame
 
 
 class Tabulated(ABC):

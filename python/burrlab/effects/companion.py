@@ -172,9 +172,8 @@ class Companion:
         """Values of the newest frame: frame (made so far), tick, parcels, balance, removed (levels by tissue
         number), bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
         raw = self._core.newest()
-        raw["balance"] = SubstanceBalance.of(raw["balance"], self.quantum)
         del raw["report"]
-        return raw
+        return raw | {"balance": SubstanceBalance.of(raw["balance"], self.quantum)}
 
     @property
     def parcels(self) -> NDArray[np.void]:
@@ -195,8 +194,7 @@ class Companion:
         return EffectsReport(budget=self.budget, **self._core.newest()["report"])
 
     def __repr__(self) -> str:
-        state = "running" if self.running else "not running"
-        return f"Companion({state}, {self.report().frames} frames)"
+        return f"Companion({'' if self.running else 'not '}running, {self.report().frames} frames)"
 
 
 def _nobody_starts(loop: HapticLoop, follower: Follower) -> None:

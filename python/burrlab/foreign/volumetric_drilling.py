@@ -1,7 +1,6 @@
 """Sessions in the layouts of the simulator volumetric_drilling: the export of a trace, and its recordings read."""
 
 import json
-import math
 import os
 import re
 import warnings
@@ -355,7 +354,7 @@ class DrillingRecording:
         return places
 
     def drilled(
-        self, bone: VoxelBone, source: str | Mapping[str, Any] = "", *, until: float = math.inf
+        self, bone: VoxelBone, source: str | Mapping[str, Any] = "", *, until: float = np.inf
     ) -> VoxelBone:
         """A copy of a bone without the voxels removed up to a time [s], for the view and for comparisons.
 
@@ -415,7 +414,7 @@ class DrillingRecording:
         return to_bone, position, note * (scale != 1.0)
 
     def _scale_on(
-        self, bone: VoxelBone, source: str | Mapping[str, Any], *, least: float = math.inf
+        self, bone: VoxelBone, source: str | Mapping[str, Any], *, least: float = np.inf
     ) -> float:  # fmt: skip
         """By what the recorder multiplied lengths, as the sizes of the voxels tell. Where nothing known fits, 1 for
         voxels of at least this share of the bone's, else ValueError."""

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 from scipy.special import entr
 
-from burrlab.common.check import refuse
+from burrlab.common.check import extra, refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, drawing, styled
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_level
@@ -458,12 +458,7 @@ def _ends(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
 
 def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
     """psignifit's result for rows (ln difference, correct, trials), and the ends that its prior sets."""
-    try:
-        from psignifit import psignifit
-    except ImportError as error:
-        raise ImportError(
-            "a psychometric function needs psignifit (GPL): pip install 'burrlab[psychometric]'"
-        ) from error
+    psignifit = extra("psignifit", "a psychometric function", "psychometric", "psignifit (GPL)").psignifit
     adaptive = len(data) >= _MANY_LEVELS or data[:, 2].max() <= _FEW_TRIALS
     options: dict[str, Any] = {"stimulus_range": (data[0, 0], data[-1, 0])} if adaptive else {}
     with warnings.catch_warnings(record=True) as caught:

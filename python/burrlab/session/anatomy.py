@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import burrlab._core as _core
-from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
+from burrlab._core import Burr, Follower, Material, Replica, VoxelBone, tissue_levels
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch, critical_structures
@@ -50,7 +49,7 @@ class SessionAnatomy:
         self.watch = watch
         self._follower, self._burrs, self._period = follower, len(tools), period
         self._tissues, self._voxel_volume = bone.tissues, float(np.prod(bone.spacing))
-        self._before = _core.tissue_levels(bone)
+        self._before = tissue_levels(bone)
         self._told = 0
         if watch is not None:
             follower.set_watch(watch.core([burr.radius for burr, _ in tools]))
@@ -58,8 +57,7 @@ class SessionAnatomy:
     def watched(self, known: int = 0) -> Watched:
         """All that was seen so far, without the first `known` events."""
         removed = self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64)
-        seen = None if self.watch is None else self._follower.watched(known)
-        return Watched.of(seen, removed, self._burrs)
+        return Watched.of(None if self.watch is None else self._follower.watched(known), removed, self._burrs)
 
     def closest(self, structure: str) -> NDArray[np.float64]:
         """(burrs,) least distance of each burr's surface to a watched structure so far [mm]."""
@@ -97,24 +95,24 @@ def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
     interrupted : bool
         Whether its user interrupted it.
     """
-    how = "interrupted" if interrupted else "failed" if status["failed"] else "ended"
-    why = "" if interrupted else f" ({status['reason']})"
+    how = "failed" if status["failed"] else "ended"
+    end = "interrupted" if interrupted else f"{how} ({status['reason']})"
+    dropped = [f"{count} {reason}" for reason, count in status["dropped"].items() if count]
     lines = [
-        f"{how}{why}: tick {status['tick']}, digest {status['digest']}",
+        f"{end}: tick {status['tick']}, digest {status['digest']}",
         f"the leader's digests: {status['digests_equal']} equal, {status['digests_different']} different; "
         f"ticks with another result: {status['differing_ticks']}",
         f"connections: {status['connections']} made, {status['faults']} given up; went on by missing ticks "
         f"{status['by_ticks']}, by bricks {status['by_bricks']} times",
-    ]
-    if dropped := [f"{count} {reason}" for reason, count in status["dropped"].items() if count]:
-        lines.append(f"messages dropped: {', '.join(dropped)}")
-    lines += [
-        f"  connection given up at tick {tick}: {reason}"
-        for tick, _, reason in status["last_faults"][-_TOLD:]
-    ]
-    lines += [
-        f"  bone not the leader's at tick {bone['tick']}: {bone['what']}, {len(bone['bricks'])} bricks replaced"
-        for bone in status["divergences"][-_TOLD:]
+        *[f"messages dropped: {', '.join(dropped)}"] * bool(dropped),
+        *(
+            f"  connection given up at tick {tick}: {reason}"
+            for tick, _, reason in status["last_faults"][-_TOLD:]
+        ),
+        *(
+            f"  bone not the leader's at tick {bone['tick']}: {bone['what']}, {len(bone['bricks'])} bricks replaced"
+            for bone in status["divergences"][-_TOLD:]
+        ),
     ]
     return "\n".join(lines)
 
@@ -214,11 +212,11 @@ def anatomy_report(
     executor = executor_of(trace, bone)
     core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
     executor.set_watch(core)
-    before = _core.tissue_levels(bone)
+    before = tissue_levels(bone)
     for start in range(0, len(trace), _BATCH):
         executor.execute(inputs(trace.ticks[start : start + _BATCH]))
         report(min(start + _BATCH, len(trace)) / len(trace))
-    seen = None if core is None else core.seen()
-    watched = Watched.of(seen, before - _core.tissue_levels(bone), trace.burrs)
-    settings = {} if watch is None else watch.settings
-    return AnatomyReport.of(watched, bone.tissues, settings, trace.period, trace.voxel_volume)
+    watched = Watched.of(None if core is None else core.seen(), before - tissue_levels(bone), trace.burrs)
+    return AnatomyReport.of(
+        watched, bone.tissues, {} if watch is None else watch.settings, trace.period, trace.voxel_volume
+    )

@@ -150,9 +150,8 @@ class DeviceLimits:
     def __post_init__(self) -> None:
         for name in _UNITS:
             value = getattr(self, name)
-            if value is None and name != "window":
-                continue
-            for number in value if isinstance(value, tuple) else (value,):
+            numbers = value if isinstance(value, tuple) else (value,)
+            for number in () if value is None and name != "window" else numbers:
                 refuse(
                     not isinstance(number, int | float)
                     or isinstance(number, bool)

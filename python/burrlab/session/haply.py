@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from burrlab._core import ForceWatchdog, MailboxDevice, ServoDevice
-from burrlab.common.check import refuse, shown, whole
+from burrlab.common.check import extra, refuse, shown, whole
 
 if TYPE_CHECKING:
     from websockets.sync.client import ClientConnection
@@ -84,10 +84,7 @@ class HaplyDevice(MailboxDevice):
     def __init__(
         self, host: str = "localhost", port: int = PORT, *, lost_after: float = 100.0, on_button: int | None = None
     ) -> None:  # fmt: skip
-        try:
-            import websockets.sync.client  # noqa: F401
-        except ImportError:
-            raise ImportError("a Haply device needs websockets: pip install 'burrlab[haply]'") from None
+        extra("websockets.sync.client", "a Haply device", "haply")
         refuse(not host or set(host) & set("/?#@[] "), f"host must be a name or an address, got {host!r}")
         self._on_button = None if on_button is None else whole("on_button", on_button, 8, "8")
         self._place = host, port

@@ -128,13 +128,12 @@ class SessionMetrics:
         ]
 
     def __repr__(self) -> str:
-        lines = [
+        return "\n".join([
             f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N",
             *(f"{text:<42} {value:>12.5g}" for text, value in self._rows()),
             *([] if self.anatomy is None else [str(self.anatomy)]),
             *self.notes,
-        ]
-        return "\n".join(lines)
+        ])  # fmt: skip
 
     def _repr_html_(self) -> str:
         figures, values = zip(*self._rows(), strict=True)
@@ -150,9 +149,8 @@ class SessionMetrics:
         and other properties of the lines.
         """
         near = self.anatomy is not None and bool(self.anatomy.structures)
-        drawn = panels(ax, (5 if near else 3, 1), (6.4, 11.2 if near else 6.4))
-        all_axes, lower = drawn[:3], drawn[3:]
-        top, middle, bottom = all_axes
+        top, middle, bottom, *lower = panels(ax, (5 if near else 3, 1), (6.4, 11.2 if near else 6.4))
+        all_axes = [top, middle, bottom]
         s, unlabelled = self.series, {"label": None} | style
         top.plot(s["time"], s["force"], **styled(unlabelled, color=FORCE, linewidth=0.6))
         if self.peak_force > 0.5 * self.threshold:

@@ -11,8 +11,7 @@ from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Rep
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.recipe import block_recipe, make_bone, volume_recipe, whole_number
 from burrlab.common.check import refuse, scalar, whole
-from burrlab.common.records import UNREADABLE as _UNREADABLE
-from burrlab.common.records import check_texts, in_one_line
+from burrlab.common.records import UNREADABLE, check_texts, in_one_line
 from burrlab.session.settings import Publish
 from burrlab.session.trace import json_text, tool_of
 
@@ -120,7 +119,7 @@ def follow(
         if bone is None:  # file names, which error messages quote
             check_texts(recipe)
             check_texts(json.loads(recipe.get("tissues", "null")))  # JSON in a text
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise ValueError(
             f"hello of the leader at {host}:{port} cannot be read: {in_one_line(repr(error))}"
         ) from None
@@ -148,7 +147,7 @@ def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]
         return None
     try:
         return Watch.of_settings(bone, settings).core([burr.radius for burr, _ in tools])
-    except _UNREADABLE as error:
+    except UNREADABLE as error:
         raise ValueError(f"watch of the leader cannot be set up here: {in_one_line(error)}") from None
 
 

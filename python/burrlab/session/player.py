@@ -1,7 +1,6 @@
 """A session at any moment: bone, burrs, force and depth; of a trace, or as another simulator recorded it."""
 
 import bisect
-import operator
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +16,6 @@ from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Recording, Trace, check_trace
 
 _State = tuple[int, NDArray[np.uint32], NDArray[np.uint8]]  # tick, bricks that changed, their levels
-_tick = operator.itemgetter(0)
 
 
 class BrickHistory:
@@ -78,7 +76,7 @@ class BrickHistory:
         """Sorted bricks that may differ between the bone at two ticks, up to the newest state."""
         low, high = min(first, second), max(first, second)
         with self.lock:
-            last = bisect.bisect_left(self._states, high, key=_tick) + 1
+            last = bisect.bisect_left(self._states, high, key=lambda state: state[0]) + 1
             return _union([bricks for _, bricks, _ in self._states[self._behind(low) : last]])
 
     def levels(self, bricks: NDArray[np.uint32], tick: int) -> NDArray[np.uint8]:
@@ -101,7 +99,7 @@ class BrickHistory:
 
     def _behind(self, tick: int) -> int:
         """Index of the first state after a tick."""
-        return bisect.bisect_right(self._states, tick, key=_tick)
+        return bisect.bisect_right(self._states, tick, key=lambda state: state[0])
 
     def _thin(self) -> None:
         """Drops every second state, but never the newest: later changes refer to it."""

@@ -184,10 +184,7 @@ class TraceWriter:
         if self._stopping is None:
             self._stopping = reason
             self._wake.set()
-            if self._thread.ident is not None:
-                self._thread.join()
-            else:
-                self._run()
+            (self._run if self._thread.ident is None else self._thread.join)()
             self._finish_file()
             self._on_end = None  # a session's method: this cycle would keep two bones alive
 
@@ -278,15 +275,12 @@ class TraceWriter:
             return
         parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
         for name, numbers in {**parts, "summed": np.uint8(1)}.items():
-            _, why = self._put(numbers.tobytes(), self._places[name])
-            if why:
-                self._end(why)
-                return
+            if why := self._put(numbers.tobytes(), self._places[name])[1]:
+                return self._end(why)
 
     def _end(self, reason: str, *, complete: bool = False) -> None:
         self.complete = complete
-        before = "" if complete else f"recording ended before tick {self._first + self.recorded}: "
-        text = before + reason
+        text = reason if complete else f"recording ended before tick {self._first + self.recorded}: {reason}"
         # The file has these pages already. If the file system wants room even so, `ended` still tells it.
         with contextlib.suppress(OSError):
             _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places["ended"])
@@ -311,9 +305,9 @@ class TraceWriter:
                 self.complete = False
                 if damage not in _BROKEN:
                     self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
-                fate = f"kept as {self.rescued}" if self.rescued else "lost"
                 self.ended = self.warning = (
-                    f"{self.path} {damage} during the session: what was recorded is {fate}"
+                    f"{self.path} {damage} during the session: what was recorded is "
+                    f"{f'kept as {self.rescued}' if self.rescued else 'lost'}"
                 )
             else:
                 with new_part(self.path) as part:

@@ -6,8 +6,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-import burrlab._core as _core
-from burrlab._core import TickExecutor, VoxelBone
+from burrlab._core import TickExecutor, VoxelBone, cpu_path, record_dtype
 from burrlab.common.check import refuse
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.records import Codec
@@ -31,11 +30,9 @@ class Difference:
     replayed: Any
 
     def __str__(self) -> str:
-        if self.burr is None:
-            return f"after {self.tick} ticks the digest is {self.replayed}, recorded {self.recorded}"
-        return (
-            f"tick {self.tick}, burr {self.burr}: {self.field} is {self.replayed}, recorded {self.recorded}"
-        )
+        of_burr = f"tick {self.tick}, burr {self.burr}: {self.field}"
+        what = f"after {self.tick} ticks the digest" if self.burr is None else of_burr
+        return f"{what} is {self.replayed}, recorded {self.recorded}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -75,9 +72,8 @@ class Replay:
         return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __repr__(self) -> str:
-        if self.difference is not None:
-            return f"Replay(different: {self.difference})"
-        return f"Replay(equal, {self.ticks} ticks, {self.digests} digests)"
+        equal = f"equal, {self.ticks} ticks, {self.digests} digests"
+        return f"Replay({equal if self.equal else f'different: {self.difference}'})"
 
 
 _CODEC = Codec(
@@ -125,16 +121,14 @@ def replay(trace: Trace, *, progress: Progress | None = None, until: int | None 
         not 0 <= end <= len(trace),
         f"until must be from {trace.first_tick} to {trace.first_tick + len(trace)}, got {until}",
     )
-    executor, path, first = executor_of(trace), _core.cpu_path(), trace.first_tick
+    executor, path, first = executor_of(trace), cpu_path(), trace.first_tick
     digests = {tick - first: digest for tick, digest in trace.digests if first <= tick <= first + end}
-    marks = sorted({*digests, *range(0, end, _BATCH), end})
     done = compared = 0
     difference = None
-    for mark in marks:
+    for mark in sorted({*digests, *range(0, end, _BATCH), end}):
         if mark > done:
             rows = trace.ticks[done:mark]
-            again = to_rows(executor.execute(inputs(rows)), trace.burrs)
-            difference = _first_difference(rows, again)
+            difference = _first_difference(rows, to_rows(executor.execute(inputs(rows)), trace.burrs))
             done = mark
         if difference is None and mark in digests:
             compared += 1
@@ -159,7 +153,7 @@ def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
     blank = np.zeros_like(rows)
     blank[["index", "k"]] = rows[["index", "k"]]
     blank["burr"][["center_mm", "on"]] = rows["burr"][["center_mm", "on"]]
-    return to_records(blank, _core.record_dtype)
+    return to_records(blank, record_dtype)
 
 
 def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Difference | None:

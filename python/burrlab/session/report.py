@@ -172,12 +172,10 @@ class SessionReport:
                 for key, value in part.items()
                 if value not in (0, "", {}) or key == "complete"
             ]
-            if parts:
-                lines.append(f"  {name}: {', '.join(parts)}")
+            lines += [f"  {name}: {', '.join(parts)}"] * bool(parts)
         anatomy = "" if self.anatomy is None else str(self.anatomy)
         lines += [f"  {line}" for line in (*anatomy.splitlines(), *self.notes)]
-        lines += [f"  ! {message}" for message in self.messages if message not in self.notes]
-        return "\n".join(lines)
+        return "\n".join([*lines, *(f"  ! {text}" for text in self.messages if text not in self.notes)])
 
     def __repr__(self) -> str:
         return f"SessionReport({self.state}, {self.ticks} ticks, {self.late} late, {self.dropped} periods dropped)"

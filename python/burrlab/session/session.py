@@ -3,7 +3,6 @@
 import atexit
 import contextlib
 import json
-import math
 import os
 import signal
 import threading
@@ -193,9 +192,9 @@ class Session:
             TypeError,
         )
         safety.check_structures(watch, clock.wall_clock)
-        clutches = [frame.clutch for frame in self._frames if frame.clutch is not None]
         refuse(
-            safety.stop_button in clutches,
+            safety.stop_button is not None
+            and any(frame.clutch == safety.stop_button for frame in self._frames),
             f"stop_button must be another button than the clutch, got {safety.stop_button}",
         )
         refuse(
@@ -206,17 +205,17 @@ class Session:
     def _make_loop(
         self, clock: Clock, safety: Safety, ticks: int, frames: Sequence[DeviceFrame]
     ) -> HapticLoop:
-        unknown = math.nan
         return HapticLoop(
             self._executor, self.devices, wall_clock=clock.wall_clock, realtime=clock.realtime,
             cpu=-1 if clock.cpu is None else clock.cpu, ticks=ticks,
             force_limit=safety.force_limit, slew_limit=safety.slew_limit, coupling=safety.coupling,
             guards=self._limits.guards,
             models=[
-                DeviceModel(damping=x.damping or unknown, encoder_step=x.encoder_step or unknown, friction=x.friction or unknown)
+                DeviceModel(**{name: getattr(x, name) or np.nan for name in ("damping", "encoder_step", "friction")})
                 for x in self._limits.models
             ],
-            stop_force=safety.stop_at_force or math.inf, stop_buttons=0 if safety.stop_button is None else 1 << safety.stop_button,
+            stop_force=safety.stop_at_force or np.inf,
+            stop_buttons=0 if safety.stop_button is None else 1 << safety.stop_button,
             frames=[
                 LoopFrame(scale=x.scale, rotation=x.rotation, offset=x.offset, clutch=-1 if x.clutch is None else x.clutch)
                 for x in frames
@@ -593,9 +592,8 @@ def _is_tool(tool: object) -> bool:
 
 
 def _is_device(device: object) -> bool:
-    if isinstance(device, tuple) and len(device) == 2:
-        return isinstance(device[0], Device) and isinstance(device[1], DeviceFrame)
-    return isinstance(device, Device)
+    pair = device if isinstance(device, tuple) and len(device) == 2 else (device, DeviceFrame())
+    return isinstance(pair[0], Device) and isinstance(pair[1], DeviceFrame)
 
 
 def _placed(devices: Any) -> tuple[list[Device], list[DeviceFrame], list[DeviceFrame]]:

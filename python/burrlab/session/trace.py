@@ -2,7 +2,6 @@
 
 import html
 import json
-import math
 import os
 import re
 import time
@@ -131,7 +130,7 @@ class TraceHeader:
             not 0 <= self.seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {self.seed}"
         )
         check_tick(self.first_tick)
-        refuse(not 0 < self.period < math.inf, f"period must be positive, got {self.period}")
+        refuse(not 0 < self.period < np.inf, f"period must be positive, got {self.period}")
         json_text("note", self.note)
         json_text("watch", self.watch)
 
@@ -174,8 +173,7 @@ def create(
             "complete": file.create_dataset("complete", data=np.uint8(0)),
         }
         if header.watch:
-            settings = json_text("watch", header.watch)
-            parts |= create_watch(file, settings, len(tools), len(bone.tissues or ()))
+            parts |= create_watch(file, json_text("watch", header.watch), len(tools), len(bone.tissues or ()))
             parts["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
         parts |= {
             "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),
@@ -192,9 +190,9 @@ def _table(file: "h5py.File", name: str, dtype: np.dtype[Any], length: int) -> "
     properties.set_layout(h5py.h5d.CONTIGUOUS)
     properties.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     properties.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
-    kind = h5py.h5t.py_create(dtype, logical=True)
-    space = h5py.h5s.create_simple((length,))
-    return h5py.Dataset(h5py.h5d.create(file.id, name.encode(), kind, space, properties))
+    return h5py.Dataset(h5py.h5d.create(
+        file.id, name.encode(), h5py.h5t.py_create(dtype, logical=True), h5py.h5s.create_simple((length,)), properties
+    ))  # fmt: skip
 
 
 def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
@@ -399,11 +397,11 @@ class Trace:
             return self.ticks[name]
         if name in (self.ticks["burr"].dtype.names or ()):
             return self.ticks["burr"][name][:, burr]
-        if name in BURR_COLUMNS:  # recorded before there were orientation and buttons
-            missing = np.zeros(len(self), BURR_DTYPE[name])
-            missing[..., :1] = name == "orientation"
-            return read_only(missing)
-        raise ValueError(f"name must be one of {', '.join(TICK_COLUMNS + BURR_COLUMNS)}, got '{name}'")
+        known = TICK_COLUMNS + BURR_COLUMNS
+        refuse(name not in known, f"name must be one of {', '.join(known)}, got '{name}'")
+        missing = np.zeros(len(self), BURR_DTYPE[name])  # recorded before there were orientation and buttons
+        missing[..., :1] = name == "orientation"
+        return read_only(missing)
 
     def handling(self, burr: int) -> Handling:
         """What `session_metrics` reads of a burr."""

@@ -308,14 +308,11 @@ class Legend:
         for tissue in shown_tissues(bone, surface):
             colour = tuple(part / 255 for part in tissue.colour)
             # a box: the letter has the colour of its background
-            row = (
-                new("vtkTextActor", Input="M"),
-                new("vtkTextActor", Input=tissue.name + (" (critical)" if tissue.critical else "")),
-            )
+            texts = "M", tissue.name + (" (critical)" if tissue.critical else "")
+            row = [in_all([renderer], new("vtkTextActor", Input=text)) for text in texts]
             configure(row[0].GetTextProperty(), BackgroundColor=colour, BackgroundOpacity=1.0)
             for actor, tone in zip(row, (colour, _TEXT), strict=True):
                 configure(actor.GetTextProperty(), Color=tone, VerticalJustificationToCentered=())
-                renderer.AddViewProp(actor)
             self.rows.append(row)
 
     def fit(self) -> None:
@@ -359,9 +356,8 @@ class ScaleBar:
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note
         self.lines = Lines([(0, 1), (2, 4), (3, 5)]).place(np.zeros((6, 2)))
         self.bar = flat_actor(renderer, self.lines.mesh, Color=_TEXT, LineWidth=2.0)
-        self.text = new("vtkTextActor")
+        self.text = in_all([renderer], new("vtkTextActor"))
         configure(self.text.GetTextProperty(), Color=_TEXT, JustificationToCentered=())
-        renderer.AddViewProp(self.text)
 
     def fit(self, plotter: Any) -> None:
         """Follows the camera."""

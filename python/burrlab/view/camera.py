@@ -114,8 +114,7 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     aspect : float
         Width over height of the picture.
     """
-    sight = _unit("sight", np.subtract(view.focus, view.position))
-    right = _unit("right", np.cross(sight, view.up))
+    right = _unit("right", np.cross(_unit("sight", np.subtract(view.focus, view.position)), view.up))
     half = 0.5 * separation * view.distance / _VIEWER
     half_width = view.distance * np.tan(np.deg2rad(view.angle) / 2) * aspect
     return [

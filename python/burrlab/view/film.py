@@ -157,9 +157,8 @@ def write_video(
     """
     file = Path(path)
     check_film(file, fps)
-    write = _write_mp4 if file.suffix.lower() == ".mp4" else _write_gif
     with new_file(file, file.suffix) as part:
-        count = write(part, _of_one_size(frames), fps)
+        count = (_write_mp4 if file.suffix.lower() == ".mp4" else _write_gif)(part, _of_one_size(frames), fps)
         refuse(count == 0, "a film needs at least one frame")
     return count
 

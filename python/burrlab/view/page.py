@@ -4,7 +4,6 @@ import asyncio
 import base64
 import contextlib
 import io
-import math
 import time
 from collections.abc import Callable
 from importlib.resources import files
@@ -331,7 +330,7 @@ class Page:
 
     def _wish(self, wanted_s: float, **_: Any) -> None:
         value = float(wanted_s)
-        if value != self._sent and math.isfinite(value):
+        if value != self._sent and np.isfinite(value):
             self._wanted, self._clock = value, time.monotonic()
 
     def _play(self, **_: Any) -> None:

@@ -340,8 +340,7 @@ class LiveSource(PageSource):
         else:
             raise TypeError(f"source must be a Session or a Replica, got {type(source).__name__}")
         bone, self.tick = source.snapshot()  # after the view is made: nothing is missed
-        watch = about.get("watch")
-        super().__init__(bone, [float(tool["radius_mm"]) for tool in about["tools"]], watch)
+        super().__init__(bone, [float(tool["radius_mm"]) for tool in about["tools"]], about.get("watch"))
         self._source, self._effects, self.has_effects = source, effects, effects is not None
         self.title = "session" if isinstance(source, Session) else "replica"
         self.note = assumed(told_notes(about.get("source")))

@@ -2,25 +2,21 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
-import burrlab._core as _core
-from burrlab._core import VoxelBone
+from burrlab._core import VoxelBone, tissue_box
 from burrlab.common.check import refuse
 from burrlab.common.figures import Panels, axes_or_new, drawing, panels, styled
 from burrlab.view.camera import finite_point
 from burrlab.view.surface import BONE, tissue_palette
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 #: Plane -> (axis across it, axis to the right, axis upwards) of (x, y, z).
 PLANES = {"xy": (2, 0, 1), "xz": (1, 0, 2), "yz": (0, 1, 2)}
@@ -92,7 +88,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     levels, pristine, numbers = (
         None if box is None else box.squeeze(axis=2 - across)
         for box in (
-            bone.read(start, size), bone.read(start, size, pristine=True), _core.tissue_box(bone, start, size)
+            bone.read(start, size), bone.read(start, size, pristine=True), tissue_box(bone, start, size)
         )
     )  # fmt: skip
     assert levels is not None
@@ -124,7 +120,7 @@ def plot_slices(
     note: str = "",
     ax: Panels = None,
     **style: Any,
-) -> "list[Axes]":
+) -> list[Axes]:
     """Slices through a point along the three planes of the voxels, with the tissues' colours.
 
     Parameters
@@ -181,7 +177,7 @@ def plot_slices(
 
 
 def _draw_slice(
-    axes: "Axes",
+    axes: Axes,
     image: SliceImage,
     point: NDArray[np.float64],
     radii: Sequence[float],
@@ -196,8 +192,8 @@ def _draw_slice(
     axes.axvline(point[right], color="white", linewidth=0.5, alpha=0.55)
     axes.axhline(point[up], color="white", linewidth=0.5, alpha=0.55)
     axes.set(
-        xlim=image.extent[:2], ylim=image.extent[2:], xlabel=f"{_NAMES[right]} [mm]", ylabel=f"{_NAMES[up]} [mm]",
-        title=f"{_NAMES[across]} = {image.position:.2f} mm",
+        xlim=image.extent[:2], ylim=image.extent[2:], xlabel=f"{'xyz'[right]} [mm]", ylabel=f"{'xyz'[up]} [mm]",
+        title=f"{'xyz'[across]} = {image.position:.2f} mm",
     )  # fmt: skip
 
 
@@ -301,7 +297,7 @@ def _axis(axis: str) -> int:
         axis not in ("x", "-x", "y", "-y", "z", "-z"),
         f"axis must be one of x, -x, y, -y, z, -z, got '{axis}'",
     )
-    return _NAMES.index(axis[-1])
+    return "xyz".index(axis[-1])
 
 
 @drawing

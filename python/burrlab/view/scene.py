@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.common.check import check_positive, refuse
+from burrlab.common.check import check_positive, extra, refuse
 from burrlab.common.files import new_file
 from burrlab.view.actors import (
     BlockActors,
@@ -42,11 +42,7 @@ def pyvista() -> Any:
     ImportError
         If it is not installed; the message says how to get it.
     """
-    try:
-        import pyvista as module
-    except ImportError:
-        raise ImportError("the view needs pyvista: pip install 'burrlab[viz3d]'") from None
-    return module
+    return extra("pyvista", "the view", "viz3d")
 
 
 def prepare_off_screen() -> None:
@@ -60,21 +56,20 @@ def prepare_off_screen() -> None:
     chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or os.environ.get("DISPLAY")
     if chosen or not sys.platform.startswith("linux"):
         return
-    for library, kind in (("EGL", "vtkEGLRenderWindow"), ("OSMesa", "vtkOSOpenGLRenderWindow")):
-        if ctypes.util.find_library(library):
-            os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = kind
-            return
-    raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
+    kinds = {"EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
+    kind = next((kinds[library] for library in kinds if ctypes.util.find_library(library)), "")
+    refuse(not kind, f"drawing without a screen needs the Debian packages {PACKAGES}", OSError)
+    os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = kind
 
 
 def check_screen() -> None:
     """OSError if a window would have no screen to open on."""
-    if sys.platform.startswith("linux") and not (
-        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    ):
-        raise OSError(
-            "a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)"
-        )
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    refuse(
+        sys.platform.startswith("linux") and not screen,
+        "a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)",
+        OSError,
+    )
 
 
 SIZE = (1536, 768)  # of a window for both eyes, unless asked for [pixel]
@@ -153,13 +148,12 @@ def held_back() -> Iterator[list[int]]:
     """Raises the KeyboardInterrupt of Ctrl-C and other signals only at the end: raised in a function of pyvista
     that VTK calls, it would be printed and forgotten. Yields the signals that came."""
     came: list[int] = []
-    usual = signal.default_int_handler
     with contextlib.ExitStack() as after:
         if threading.current_thread() is threading.main_thread():
             for name in ("SIGINT", "SIGTERM", "SIGHUP"):
                 number = getattr(signal, name, None)
-                if number is not None and signal.getsignal(number) is usual:
-                    signal.signal(number, lambda number, _: came.append(number))
+                if number is not None and signal.getsignal(number) is signal.default_int_handler:
+                    usual = signal.signal(number, lambda number, _: came.append(number))
                     after.callback(signal.signal, number, usual)
         yield came
     if came:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import burrlab._core as _core
-from burrlab._core import VoxelBone
+from burrlab._core import VoxelBone, extract_surface
 from burrlab.common.check import refuse
 from burrlab.view.camera import Viewpoint
 
@@ -62,8 +61,7 @@ class SurfaceBlock:
 
 def tissue_palette(bone: VoxelBone) -> NDArray[np.uint8]:
     """Red, green, blue by tissue number, (tissues, 3)."""
-    colours = [BONE] if bone.tissues is None else [tissue.colour for tissue in bone.tissues]
-    return np.array(colours, np.uint8)
+    return np.array([BONE] if bone.tissues is None else [tissue.colour for tissue in bone.tissues], np.uint8)
 
 
 def block_counts(bone: VoxelBone) -> BlockPlace:
@@ -117,7 +115,7 @@ def surface_blocks(
     by_block = {}
     for k in range(0, len(wanted), _AT_A_TIME):
         some = wanted[k : k + _AT_A_TIME]
-        extracted = _core.extract_surface(bone, np.array(some, np.int64).reshape(-1, 3), level)
+        extracted = extract_surface(bone, np.array(some, np.int64).reshape(-1, 3), level)
         by_block.update({block: SurfaceBlock(*arrays) for block, arrays in zip(some, extracted, strict=True)})
     return {block: surface for block, surface in by_block.items() if len(surface.points)}
 

@@ -12,7 +12,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from burrlab.common.check import refuse
+from burrlab.common.check import extra, refuse
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects
 from burrlab.view.camera import Viewpoint
@@ -100,11 +100,8 @@ def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
         raise RuntimeError(
             "serve blocks until the page ends, and an event loop runs here: use a script or a terminal"
         )
-    try:
-        import trame.ui.vuetify3
-        import trame.widgets.vuetify3  # noqa: F401
-    except ImportError:
-        raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
+    for module in ("trame.ui.vuetify3", "trame.widgets.vuetify3"):
+        extra(module, "the page", "viz3d")
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:

@@ -92,7 +92,7 @@ def material(**changes: Any) -> Material:
     return Material("a", **{"c_e": 1.0, "alpha": 0.1, **changes})
 
 
-SHAPE = r"shape must be parabolic, linear, quartic, constant or power\(k\), got '"
+SHAPE = rf"shape must be {', '.join(_core.shape_names)} or power\(k\), got '"
 UNKNOWN = ("", "cubic", "Linear", "power", "power(one)", "power(15", "power(1) ", "power(0x1p0)", "power( 1.5)", "power()", "power(nan)")  # fmt: skip
 
 

@@ -171,7 +171,7 @@ class MixedCalibration:
     of_variances: Floats  #: covariance of the estimated variances, shape (m, m)
     monte_carlo: float = 0.0  #: as in `Calibration`
     inflation: float = 1.0
-    #: those estimated, shape (m,), beside one effect; else empty; None in files that know Satterthwaite's nu alone
+    #: those estimated, shape (m,), beside one effect; None beside others, and in files that know Satterthwaite's nu alone
     variances: Floats | None = None
 
     @property
@@ -189,7 +189,7 @@ class MixedCalibration:
         change = np.einsum("i,kij,j->k", direction, self.changes, direction) + weights
         spread = float(change @ self.of_variances @ change)
         variance = float(direction @ self.covariance @ direction) + added
-        if self.variances is not None and len(self.variances):
+        if self.variances is not None:
             L = np.linalg.cholesky(self.of_variances)
             sizes = np.linalg.solve(L, self.variances)
             parts = (L.T @ change) * sizes / variance

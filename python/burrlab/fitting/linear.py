@@ -396,7 +396,7 @@ class MixedEquations:
         estimated = np.append(self.scatter2[self.free], self.effect2[self.model.estimated])
         return MixedCalibration(
             Phi, (adjusted + adjusted.T) / 2, np.array(changes), covariance,
-            variances=estimated if len(blocks) == 1 else estimated[:0],
+            variances=estimated if len(blocks) == 1 else None,
         )  # fmt: skip
 
 

@@ -230,6 +230,10 @@ class TestOffsets:
         off_by_far = burrlab.fit(laboratory(1, 3), known={"c_e": (2.9, 0.05)})
         assert off_by_far.status == "poor-fit"
         assert "c_e was given as 2.9, to 1.7 %: the data alone contradict it, F(1, 2" in off_by_far.verdict
+        voxels = burrlab.VoxelEngine(voxel=0.4, replicates=2)
+        voxel = burrlab.fit(curve, known={"c_e": (2.145, 0.1)}, engine=voxels, seed=1)
+        assert "c_e was given as 2.145, to 4.7 %: the data alone do not contradict it" in voxel.verdict
+        assert voxel.to_dataframe()["quantity"][3] == "c_e as given"
 
     def test_a_wide_surface_is_taken_where_it_is_likeliest(self):
         """The fit's residuals are about it, also where the best of surface and constants together lies elsewhere."""

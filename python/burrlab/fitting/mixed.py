@@ -352,12 +352,13 @@ class MixedLikelihood(Likelihood):
         )  # fmt: skip
 
     def belief_errors(self) -> list[tuple[float, float]]:
-        """See `Likelihood`."""
+        """See `Likelihood`; of the mean field with the voxel engine too, whose table ends near its fit."""
         errors = []
-        for name, value, deviation in self.beliefs if isinstance(self.plain.model, MeanFieldModel) else ():
+        for name, value, deviation in self.beliefs:
             rows = moved_by(self.plain, self.components, -self.shifts)
             others = tuple(other for other in self.beliefs if other[0] != name)
-            alone = Likelihood(rows.observations, self.kind, rows.model, others)
+            model = MeanFieldModel(rows.observations, self.model.shape)
+            alone = Likelihood(rows.observations, self.kind, model, others)
             hard = float(rows.observations.c_e_bounds().max())
             ends = (hard * (1 + EDGE), hard * C_E_RANGE)
             fitted, point = at_best_variances(alone, self.components, self.point, ends)

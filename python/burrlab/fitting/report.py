@@ -138,15 +138,19 @@ def parameter_columns(fit: FitRecord) -> dict[str, list[Any]]:
     if fit.identified is not None:
         unit = f"(1/ms)/(N/mm^2)^{p}"
         rows.append((f"alpha/c_e^{p}", unit, fit.identified.value, *_ends(fit.identified.interval)))
+    for name, (value, deviation) in fit.provenance.get("known", {}).items():
+        ends = (value * np.exp(1.96 * deviation * side) for side in (-1, 1))
+        rows.append((f"{name} as given", _UNITS[name], value, *ends))
     for x in fit.effects:
         if x.interval is not None and x.deviation is not None:
             rows.append((f"sd of ln {x.quantity} between {x.group}s", "1", x.deviation, *_ends(x.interval)))
-        for k, label in enumerate(x.levels if x.deviation is None else ()):
+        for k, label in enumerate(x.levels if x.interval is None else ()):
             own = x.quantity in ("c_e", "alpha")
             of = (
                 f"ln {x.quantity}, data set {label} over 1"
                 if own
                 else f"offset of {x.quantity}".replace("offset of order", "drift of ln v")
+                + (f", {x.group} {label}" if len(x.levels) > 1 else "")
             )
             rows.append((of, OFFSETS.get(x.quantity, "1"), x.values[k], *x.level(k).ends))
     for s in fit.evidence.scatters if fit.evidence else ():

@@ -184,16 +184,20 @@ name : str
 c_e : float
     Elastic constant of Eq. 3 [N/mm^2].
 alpha : float
-    Erosion rate of Eq. 4 [1/ms], for one `shape`, drill, burr type and speed.
+    Erosion rate of Eq. 4 [1/ms], for one `shape`, drill, burr type and speed; at 1 N.
 shape : Shape or str
     Erosion shape function f.
 source : str
     Source of the numbers.
+force_exponent : float
+    q >= 1 of the law F = c_e R^2 (h/R)^q; 3/2 in Eq. 3.
+rate_exponent : float
+    m >= 0 of the rate alpha (F/1 N)^m; 0 in Eq. 4.
 
 Raises
 ------
 ValueError
-    If c_e is not positive, alpha negative, either not finite, or the shape unknown.
+    If c_e is not positive, alpha or m negative, q below 1, one not finite, or the shape unknown.
 
 Warns
 -----
@@ -202,7 +206,7 @@ UserWarning
 
 Notes
 -----
-The unit of c_e follows from F = c_e R^2 (h/R)^(3/2). alpha is read per millisecond, the
+The unit of c_e follows from F = c_e R^2 (h/R)^q. alpha is read per millisecond, the
 haptic period. Both units are our decisions: the paper prints none.
 
 Examples
@@ -212,33 +216,49 @@ Examples
 Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
 )")
       .def(py::init([](const py::object& name, const py::object& c_e, const py::object& alpha,
-                       const py::object& shape, const py::object& source) {
+                       const py::object& shape, const py::object& source, const py::object& force_exponent,
+                       const py::object& rate_exponent) {
              Material material(argument<py::str>("name", "text", name),
                                argument<double>("c_e", "a number [N/mm^2]", c_e),
                                argument<double>("alpha", "a number [1/ms]", alpha), to_shape(shape),
-                               argument<py::str>("source", "text", source));
+                               argument<py::str>("source", "text", source),
+                               argument<double>("force_exponent", "a number", force_exponent),
+                               argument<double>("rate_exponent", "a number", rate_exponent));
              doubt(material.c_e, material.alpha);
              return material;
            }),
-           "name"_a = "unnamed", py::kw_only(), "c_e"_a, "alpha"_a, "shape"_a = "parabolic", "source"_a = "")
+           "name"_a = "unnamed", py::kw_only(), "c_e"_a, "alpha"_a, "shape"_a = "parabolic", "source"_a = "",
+           "force_exponent"_a = Material::paper_force_exponent, "rate_exponent"_a = 0.0)
       .def_readonly("name", &Material::name)
       .def_readonly("c_e", &Material::c_e, "Elastic constant [N/mm^2]")
       .def_readonly("alpha", &Material::alpha, "Erosion rate [1/ms]")
       .def_readonly("shape", &Material::shape, "Erosion shape function")
       .def_readonly("source", &Material::source, "Source of the numbers")
+      .def_readonly("force_exponent", &Material::force_exponent, "q of F = c_e R^2 (h/R)^q")
+      .def_readonly("rate_exponent", &Material::rate_exponent, "m of the rate alpha (F/1 N)^m")
       .def(
           "__eq__", [](const Material& a, const Material& b) { return a == b; }, py::is_operator())
       .def("__hash__",
-           [](const Material& a) { return py::hash(py::make_tuple(a.name, a.c_e, a.alpha, a.shape.name())); })
+           [](const Material& a) { 
+             return py::hash(
+                 py::make_tuple(a.name, a.c_e, a.alpha, a.shape.name(), a.force_exponent, a.rate_exponent));
+           })
       .def("__repr__",
            [](const Material& a) {
-             return format("Material({!r}, c_e={!r}, alpha={!r}, shape={!r}, source={!r})", a.name, a.c_e,
-                           a.alpha, a.shape.label(), a.source);
+             std::string law;  // where it is not the paper's
+             if (a.force_exponent != Material::paper_force_exponent)
+               law += format(", force_exponent={!r}", a.force_exponent);
+             if (a.rate_exponent != 0.0) law += format(", rate_exponent={!r}", a.rate_exponent);
+             return format("Material({!r}, c_e={!r}, alpha={!r}, shape={!r}, source={!r}{})", a.name, a.c_e,
+                           a.alpha, a.shape.label(), a.source, law);
            })
       .def(py::pickle(
-          [](const Material& a) { return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source); },
+          [](const Material& a) {
+            return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source, a.force_exponent, a.rate_exponent);
+          },
           [](const py::tuple& t) {
             return Material(t[0].cast<std::string>(), t[1].cast<double>(), t[2].cast<double>(),
-                            t[3].cast<Shape>(), t[4].cast<std::string>());
+                            t[3].cast<Shape>(), t[4].cast<std::string>(), t[5].cast<double>(),
+                            t[6].cast<double>());
           }));
 }

@@ -16,14 +16,20 @@ struct Burr {
 };
 
 struct Material {
-  std::string name;
-  double c_e;          ///< elastic constant [N/mm^2], Eq. 3
-  double alpha;        ///< erosion rate [1/ms], Eq. 4; for one f, drill, burr type and speed
-  Shape shape;         ///< erosion shape function f of Eq. 4
-  std::string source;  ///< source of the numbers
+  static constexpr double paper_force_exponent = 1.5;
 
-  /// Throws unless c_e is positive and alpha zero or positive, both finite.
-  Material(std::string name, double c_e, double alpha, Shape shape, std::string source);
+  std::string name;
+  double c_e;             ///< elastic constant [N/mm^2], Eq. 3
+  double alpha;           ///< erosion rate [1/ms] at 1 N, Eq. 4; for one f, drill, burr type and speed
+  Shape shape;            ///< erosion shape function f of Eq. 4
+  std::string source;     ///< source of the numbers
+  double force_exponent;  ///< q of |F| = c_e R^2 (h/R)^q; 3/2 in Eq. 3
+  double rate_exponent;   ///< m of the rate alpha (|F|/1 N)^m; 0 in Eq. 4
+
+  /// Throws unless c_e is positive, alpha and the rate's exponent zero or positive, the force's at least 1, and
+  /// all finite.
+  Material(std::string name, double c_e, double alpha, Shape shape, std::string source,
+           double force_exponent = paper_force_exponent, double rate_exponent = 0.0);
   bool operator==(const Material& other) const;
 };
 

@@ -253,12 +253,16 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
                            a.alpha, a.shape.label(), a.source, law);
            })
       .def(py::pickle(
-          [](const Material& a) {
+          [](const Material& a) -> py::tuple {  // the keys of stores follow from it: the paper's law adds nothing
+            if (a.force_exponent == Material::paper_force_exponent && a.rate_exponent == 0.0)
+              return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source);
             return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source, a.force_exponent, a.rate_exponent);
           },
           [](const py::tuple& t) {
+            const bool paper = t.size() == 5;
             return Material(t[0].cast<std::string>(), t[1].cast<double>(), t[2].cast<double>(),
-                            t[3].cast<Shape>(), t[4].cast<std::string>(), t[5].cast<double>(),
-                            t[6].cast<double>());
+                            t[3].cast<Shape>(), t[4].cast<std::string>(),
+                            paper ? Material::paper_force_exponent : t[5].cast<double>(),
+                            paper ? 0.0 : t[6].cast<double>());
           }));
 }

@@ -90,6 +90,7 @@ from burrlab.session.settings import StartingBone as StartingBone
 from burrlab.session.trace import Trace as Trace
 from burrlab.session.trace import TraceHeader as TraceHeader
 from burrlab.session.trace import load_trace as load_trace
+from burrlab.theory.continuum import Law as Law
 from burrlab.theory.continuum import MasterCurve as MasterCurve
 from burrlab.theory.continuum import MeanFieldDescent as MeanFieldDescent
 from burrlab.theory.continuum import mean_field_descent as mean_field_descent

@@ -218,7 +218,7 @@ def fits(_: Path) -> Any:
         "curve": burrlab.fit(data, BURR, seed=1), "close forces": burrlab.fit(flat, BURR, seed=1),
         "with indentation": burrlab.fit([data, presses], BURR, seed=1),
         **{f"residual {kind}": burrlab.fit(data, BURR, residuals=kind, seed=1) for kind in ("relative", "absolute")},
-        "quartic": burrlab.fit(data, BURR, shape="quartic", seed=1),
+        "quartic": burrlab.fit(data, BURR, law="quartic", seed=1),
         "traces": burrlab.fit(sinking, BURR, seed=1),
     }  # fmt: skip
     kept = (

@@ -196,7 +196,7 @@ def test_report_figure_and_json():
     [
         (lambda: compare(A.curve, B), TypeError, "compare takes fits, such as"),
         (lambda: compare(A), ValueError, "two fits or more: got 1"),
-        (lambda: compare(A, fitted("wide", shape="linear")), ValueError, "with the same shape"),
+        (lambda: compare(A, fitted("wide", law="linear")), ValueError, "of one law"),
         (lambda: compare(A, fit(B.curve, bounds={"c_e": (1, 9)})), ValueError, "needs fits without bounds"),
         (lambda: compare(A, B, margin=20), ValueError, "at most 1, where 0.2 is 20 %: got 20"),
         (lambda: compare(A, B, names=["x", "x"]), ValueError, "names must be 2 different texts"),

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from burrlab import (
     Burr,
     Fit,
+    Law,
     Material,
     VelocityCurve,
     VoxelEngine,
@@ -32,22 +33,30 @@ ACROSS = np.geomspace(0.015, 0.15, 8) * 9  # phi = 0.015 to 0.15 at c_e = 1: acr
 EXACT = {"seed": 1, "scatter": 0.0, "repeats": 1}
 CURVE, NOISY = (curve_of(BONE.c_e * ACROSS, **options) for options in (EXACT, {"seed": 1, "repeats": 3}))
 STEEP = Material("m", c_e=1.2, alpha=0.15, shape="quartic")
+PRESTON, KOBRA, SOFT = (
+    law.material(1.2, 0.15) for law in (Law("constant", 2), Law("parabolic", 2, 1), Law("linear", 1.2, 0.5))
+)
 
 
 class TestRecovery:
     @pytest.mark.parametrize(
         ("material", "radius", "residuals"),
-        [(BONE, 3.0, "relative"), (BONE, 1.5, "relative"), (materials["pvc"], 3.0, "absolute"), (STEEP, 3.0, "relative")],
+        [(BONE, 3.0, "relative"), (BONE, 1.5, "relative"), (materials["pvc"], 3.0, "absolute"), (STEEP, 3.0, "relative"),
+         (PRESTON, 3.0, "relative"), (KOBRA, 1.5, "relative"), (SOFT, 3.0, "absolute")],
     )  # fmt: skip
     def test_own_curve(self, material, radius, residuals):
         burr = Burr(radius)
-        curve = curve_of(material.c_e * ACROSS * (radius / 3) ** 2, burr=burr, material=material, **EXACT)
-        result = fit(curve, burr, residuals=residuals, shape=material.shape)
-        assert (result.status, result.shape) == ("ok", material.shape)
+        law = Law.of(material)
+        forces = material.c_e * radius**2 * (ACROSS / 9) ** (law.force_exponent / 1.5)
+        curve = curve_of(forces, burr=burr, material=material, **EXACT)
+        result = fit(curve, burr, residuals=residuals, law=law)
+        assert (result.status, result.law) == ("ok", law)
         assert (result.c_e, result.alpha) == pytest.approx((material.c_e, material.alpha), rel=1e-3)
         assert result.residual_norm < 1e-6
-        other = "linear" if material.shape.name == "quartic" else "quartic"
-        assert fit(curve, residuals="relative", shape=other).residual_norm > 0.1
+        assert result.velocity(forces) == pytest.approx(curve.velocity, rel=1e-6)
+        assert Fit.from_dict(result.to_dict()).law == law
+        other = "linear" if law.slope > 3.5 else "quartic"
+        assert fit(curve, residuals="relative", law=other).residual_norm > 0.1
 
     def test_by_sigma(self):
         curve = curve_of(BONE.c_e * ACROSS, scatter=0.05, repeats=4, seed=2)
@@ -141,7 +150,7 @@ class TestHonesty:
             ({"bounds": {"beta": (1, 2)}}, "bounds may hold 'c_e' and 'alpha' alone: got 'beta'"),
             ({"bounds": {"alpha": (2, 1)}}, "bounds of alpha must be two finite numbers 0 < low < high"),
             ({"bounds": {"c_e": (0.1, 0.2)}}, r"bounds of c_e end at 0.2 N/mm\^2, but the window at"),
-            ({"shape": "cubic"}, "cubic"),
+            ({"law": "cubic"}, "cubic"),
             ({"seed": 1.5}, "seed must be a whole number from 0 and below 2\\^64, got 1.5"),
             ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
         ]),
@@ -193,8 +202,8 @@ class TestHonesty:
             "must be positive and finite, got") for values in ((0.0, 0.1), (2.0, NAN))),
         (lambda: fitted("wide").plot_profile("R"), ValueError, "name must be 'c_e' or 'alpha': got 'R'"),
         (lambda: fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)]).curve, ValueError, "hold no velocity curve"),
-        (lambda: compare(fitted("wide"), fitted("wide", shape="linear")), ValueError,
-         "all fits must be mean-field ones with the same shape"),
+        (lambda: compare(fitted("wide"), fitted("wide", law="linear")), ValueError,
+         "all fits must be mean-field ones of one law"),
     ],
 )  # fmt: skip
 def test_what_is_refused(call, error, match):
@@ -306,7 +315,7 @@ class TestWhatItSays:
         ("names", "options"),
         [
             (["ridge"], {}), (["wide", "pressed", "trace"], {}), (["wide, sigma", "pressed"], {"residuals": "sigma"}),
-            (["wide"], {"residuals": "absolute", "shape": "quartic"}), (["wide"], {"bounds": {"c_e": (1.7, 2.2), "alpha": (0.05, 0.2)}}),
+            (["wide"], {"residuals": "absolute", "law": "quartic"}), (["wide"], {"bounds": {"c_e": (1.7, 2.2), "alpha": (0.05, 0.2)}}),
         ],
     )  # fmt: skip
     def test_comes_back_from_json(self, names, options):

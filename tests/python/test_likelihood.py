@@ -68,7 +68,7 @@ def pair(name: str) -> tuple[Fit, Oracle, tuple[float, float, float]]:
     bounds = options.get("bounds")
     found = fit(
         data,
-        shape=options.get("shape", "parabolic"),
+        law=options.get("shape", "parabolic"),
         residuals=options.get("kind", "relative"),
         bounds=None if bounds is None else {"c_e": bounds},
     )

@@ -268,6 +268,21 @@ class TestOffsets:
         ):
             assert text in report
 
+    def test_another_law(self):
+        """Offsets, days and sets of another c_e, where the force drives the rate too."""
+        law = burrlab.Law("parabolic", 2, 1)
+        soft, hard = (law.material(c_e, 0.1) for c_e in (2.0, 3.0))
+        tare, day = 0.03, np.repeat([0, 1, 2], 8)
+        F = np.tile(np.geomspace(0.2, 1.5, 8), 3)
+        v = burrlab.penetration_velocity(BURR, soft, F + tare) * np.exp([0.1, 0, -0.1])[day]
+        fit = burrlab.fit(VelocityCurve(F, v, radius=3.0, groups={"day": day}), law=law, estimate=("force",))
+        assert (fit.c_e, fit.alpha) == pytest.approx((2.0, 0.1), rel=0.01)
+        assert [x.values[0] for x in fit.effects] == pytest.approx([0.1, tare], abs=2e-3)
+        curves = [burrlab.synthetic_curve(BURR, m, F[:8], scatter=0.0, seed=1) for m in (soft, hard)]
+        fit = burrlab.fit(curves, law=law, share=("alpha",))
+        assert (fit.c_e, fit.alpha) == pytest.approx((2.0, 0.1), rel=0.01)
+        assert fit.effects[0].values[0] == pytest.approx(np.log(1.5), abs=2e-3)
+
     def test_two_drills_in_one_bone(self, tmp_path):
         """One c_e and an alpha each, also with burrs of different radius."""
         faster = burrlab.Material("faster", c_e=BONE.c_e, alpha=2.5 * BONE.alpha)

@@ -106,7 +106,7 @@ def test_descent_with_a_table_is_that_with_its_shape(name, scheme):
 def test_fit_json_and_bootstrap():
     own = Material("own", c_e=2.145, alpha=0.087, shape=COSINE)
     curve = curve_of(material=own, scatter=0.03, seed=2)
-    found = fit(curve, BURR, shape=COSINE)
+    found = fit(curve, BURR, law=COSINE)
     assert found.status == "ok"
     assert found.intervals["c_e"]["95"].lower < own.c_e < found.intervals["c_e"]["95"].upper
     assert found.provenance["shape"] == curve.provenance["shape"] == COSINE.name
@@ -125,7 +125,7 @@ def test_fit_json_and_bootstrap():
 
 def test_fit_with_a_table_of_parabolic():
     curve = curve_of()
-    exact, own = (fit(curve, BURR, shape=f) for f in ("parabolic", table_of("parabolic")))
+    exact, own = (fit(curve, BURR, law=f) for f in ("parabolic", table_of("parabolic")))
     assert (own.c_e, own.alpha) == pytest.approx((exact.c_e, exact.alpha), rel=1e-3)
 
 

@@ -44,7 +44,7 @@ def data_sets(seeds: range) -> dict[str, tuple[list, dict]]:
         made[f"bounds of alpha {seed}"] = [wide], {"bounds": {"alpha": (alpha, 1.5 * alpha)}}
         made[f"another shape {seed}"] = (
             [wide],
-            {"shape": str(random.choice(["linear", "quartic", "constant"]))},
+            {"law": str(random.choice(["linear", "quartic", "constant"]))},
         )
         made[f"shuffled {seed}"] = [replace(wide, velocity=random.permutation(wide.velocity))], {}
         made[f"falling {seed}"] = [VelocityCurve([0.5, 1, 1.5, 2], np.sort(random.uniform(0.1, 3, 4))[::-1], radius=3)], {}  # fmt: skip
@@ -149,10 +149,10 @@ def test_rounding_does_not_move_the_exponent(shape):
     """quartic: c_e ends at its hard bound, where the width is flat over a range of exponents."""
     curve = synthetic_curve(BURR, BONE, np.linspace(0.4, 2.6, 10), scatter=0.08, repeats=3, seed=2004)
     data = [synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1)] if shape == "parabolic" else []
-    exponents = [fit([curve, *data], shape=shape).identified.exponent]
+    exponents = [fit([curve, *data], law=shape).identified.exponent]
     for seed in range(5):
         noise = 1 + 1e-13 * np.random.default_rng(seed).standard_normal(len(curve))
-        again = fit([replace(curve, velocity=curve.velocity * noise), *data], shape=shape)
+        again = fit([replace(curve, velocity=curve.velocity * noise), *data], law=shape)
         exponents.append(again.identified.exponent)
     assert exponents == pytest.approx([exponents[0]] * 6, rel=1e-7)
 

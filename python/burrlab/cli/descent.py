@@ -121,7 +121,7 @@ def do_fit(options: Options) -> None:
         refuse_options(options, ("voxel", "store"), "goes with --engine voxel")
     result = burrlab.fit(
         _data(options),
-        shape=options.shape,
+        law=options.shape,
         engine=engine,
         residuals=options.residuals,
         seed=options.seed,
@@ -160,7 +160,7 @@ def do_compare(options: Options) -> None:
         fits.append(
             burrlab.fit(
                 curve,
-                shape=options.shape,
+                law=options.shape,
                 residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
                 **_effects(options),
             )

@@ -38,6 +38,8 @@ Thing = TypeVar("Thing")
 FORMAT = 1
 #: The version of burrlab whose numbers are still those of today: results of stores since then are taken up.
 SAME_NUMBERS_SINCE = "0.1.0"
+#: Metadata of a dataclass's field that came later: at its default it enters no key, so stores from before are taken up.
+LATER = {"later": True}
 _NAME = "burrlab store, format"
 _STORED_AS = "_stored_as"
 _HEADER = json.dumps({_NAME: FORMAT}).encode()
@@ -75,8 +77,9 @@ def _identity(value: Any) -> Any:
     if is_of_core(type(value)) and (identity := _identity_in_core(value)) is not None:
         return identity
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = [f.name for f in dataclasses.fields(value) if f.compare]
-        return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]
+        fields = [(f, getattr(value, f.name)) for f in dataclasses.fields(value) if f.compare]
+        counted = [(f.name, part) for f, part in fields if "later" not in f.metadata or part != f.default]
+        return [_name(type(value)), [[name, _identity(part)] for name, part in counted]]
     raise TypeError(
         "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers "
         f"and arrays, burrs, materials, shapes, bones and dataclasses of these, got {value!r}"

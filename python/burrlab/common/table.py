@@ -666,7 +666,15 @@ def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
 # What the table of an object shows: its attributes, and their units.
 _OBJECTS = {
     "Burr": {"radius": "mm"},
-    "Material": {"name": "", "c_e": "N/mm²", "alpha": "1/ms", "shape": "", "source": "", "force_exponent": "", "rate_exponent": ""},
+    "Material": {
+        "name": "",
+        "c_e": "N/mm²",
+        "alpha": "1/ms",
+        "shape": "",
+        "source": "",
+        "force_exponent": "",
+        "rate_exponent": "",
+    },
     "VoxelBone": {"shape": "z, y, x", "spacing": "mm", "origin": "mm", "mass": "mm³", "removed": "mm³"},
     "Volume": {"values": "z, y, x", "spacing": "mm", "origin": "mm", "path": ""},
 }

@@ -24,7 +24,7 @@ from burrlab.fitting.profile import ALPHA, C_E, ENDLESS, Domain, Interval, close
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.report import columns, in_blocks
 from burrlab.fitting.verdict import span
-from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
+from burrlab.theory.continuum import WINDOW_STOP
 
 LEVEL = 0.95  # of the intervals of ratios, all pairs together
 _FORCES = 15  # at which velocities are compared
@@ -269,7 +269,7 @@ def compare(
     Parameters
     ----------
     *fits : Fit
-        Mean-field fits under one erosion shape, one a data set, without given bounds. They may differ in kind
+        Mean-field fits under one law, one a data set, without given bounds. They may differ in kind
         of residuals, scatter, forces and burr.
     margin : float, optional
         Relative difference of velocity, set before the data are seen, within which two sets count as
@@ -321,7 +321,7 @@ def compare(
     of_c_e = [_ratio(_LogRatio(sides[i].ends_of_c_e, sides[k].ends_of_c_e), level) for i, k in places]
     on_ridge = not all(ratio.interval.closed for ratio in of_c_e)
     on_ridge |= any(fit.intervals["c_e"]["95"].upper is None for fit in fits)
-    exponent = 4 * (fits[0].shape.order + 1) / 3
+    exponent = fits[0].law.ridge_exponent
     if not on_ridge:  # the p of the smallest summed variance of log alpha - p log c_e
         variance = np.sum([side.variance for side in sides], axis=0)
         exponent = float(np.clip(variance[0, 1] / variance[0, 0], 0.0, 3 * exponent))
@@ -373,7 +373,7 @@ def compare(
         on_ridge=on_ridge,
         margin=margin,
         pairs=tuple(pairs),
-        provenance=provenance(shape=fits[0].shape.name, margin=margin),
+        provenance=provenance(shape=fits[0].shape.name, **fits[0].law.exponents, margin=margin),
     )
 
 
@@ -395,9 +395,9 @@ def _checked_names(fits: Sequence[FitRecord], margin: float | None, names: Seque
     for fit in fits:
         if not isinstance(fit, FitRecord):
             raise TypeError(f"compare takes fits, such as fit(curve, burr): got {shown(fit)}")
-    alike = len({fit.shape for fit in fits}) == 1 and {fit.engine for fit in fits} == {"mean-field"}
+    alike = len({fit.law for fit in fits}) == 1 and {fit.engine for fit in fits} == {"mean-field"}
     refuse(len(fits) < 2, f"compare needs two fits or more: got {len(fits)}")
-    refuse(not alike, "all fits must be mean-field ones with the same shape")
+    refuse(not alike, "all fits must be mean-field ones of one law")
     refuse(
         any(fit.given_bounds for fit in fits), "compare needs fits without bounds, for these cut intervals"
     )
@@ -606,18 +606,19 @@ def _velocities(
     a: _Side, b: _Side, margin: float | None, level: float, pair: Paired | None
 ) -> VelocityRatio | None:
     """The velocities that both fits predict over the forces that both sets share, in the default window."""
-    rows, middles, curve = [], [], MasterCurve(a.fit.shape)
+    rows, middles, law = [], [], a.fit.law
     of_a, of_b = a.likelihood.observations, b.likelihood.observations
     for R in np.intersect1d(of_a.radius, of_b.radius).tolist():
         used = [o.force[o.radius == R] for o in (of_a, of_b)]
-        largest = WINDOW_STOP**1.5 * R**2 * min(a.domain.low, b.domain.low)  # with a window at every c_e
+        largest = (
+            WINDOW_STOP**law.force_exponent * R**2 * min(a.domain.low, b.domain.low)
+        )  # with a window at every c_e
         low, high = max(forces.min() for forces in used), min([largest, *(forces.max() for forces in used)])
         if low > high:
             continue
         force = np.unique(np.geomspace(low, high, _FORCES))
         force[-1] = min(force[-1], high)
-        pressure = force / R**2
-        unit = [np.log(PER_SECOND * R * curve.velocity_ratio(pressure / s.walk.c_e[:, None])) for s in (a, b)]
+        unit = [np.log(law.velocity(force, s.walk.c_e[:, None], 1.0, R)) for s in (a, b)]
         for k, F in enumerate(force.tolist()):
             slopes = [float(np.gradient(h[:, k], s.x)[s.best]) for s, h in zip((a, b), unit, strict=True)]
             ends = (

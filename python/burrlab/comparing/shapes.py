@@ -357,7 +357,7 @@ def compare_shapes(
     report_progress, fits = counter(progress, "shapes"), {}
     steps = len(names) + (len(NODES) if free else 0)
     for name in names:
-        fits[name] = fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed)
+        fits[name] = fit(data, burr, law=name, residuals=residuals, bounds=bounds, seed=seed)
         report_progress(len(fits), steps)
     first = fits[names[0]]
     observations = first.observations

@@ -291,7 +291,7 @@ def evaluate(
         )
         fall = early / late if early and late else None
         if velocity and material is not None and velocity > 0 and "spacing_mm" in provenance:
-            thickness = layer_thickness(burr, material, velocity)
+            thickness = layer_thickness(burr, material, velocity, setpoint)
             resolution = None if thickness is None else thickness / max(provenance["spacing_mm"])
     return Descent(
         burr, material, float(setpoint), float(stop), status, reason, velocity, window, fall, resolution,

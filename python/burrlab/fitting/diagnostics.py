@@ -17,6 +17,7 @@ from burrlab.fitting.observations import Bounds, Data, Floats, Observations, Row
 from burrlab.fitting.profile import Domain, Interval, Walk, lowest, ranges
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, Law
 
 Point: TypeAlias = tuple[float, float]
 ORDER = 0.01  # level of the tests of order and scatter together, by Holm (ours)
@@ -176,10 +177,10 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     if n > 3 and depths.any():
         above = float(bend @ r) ** 2 / float(bend @ bend)
         F = above / max((S - above) / (n - 2), 1e-300)
-        power = 1.5 * (1 + float(np.cov(x, log)[0, 1] / np.var(x, ddof=1)))
-        text = (
-            f"The force of the indentation goes with depth^{power:.3g}, by Eq. 3 with depth^1.5: {{outcome}}."
-        )
+        q = o.force_exponent
+        power = q * (1 + float(np.cov(x, log)[0, 1] / np.var(x, ddof=1)))
+        law = "Eq. 3" if q == PAPER_FORCE_EXPONENT else "the law"
+        text = f"The force of the indentation goes with depth^{power:.3g}, by {law} with depth^{q:.4g}: {{outcome}}."
         tests.append(concluded("indentation, power", F, (1, n - 2), text))
     return tests
 
@@ -643,7 +644,7 @@ def _without(likelihood: Likelihood, row: int, bounds: Bounds) -> tuple[float, f
         few = (
             MeanFieldModel(o, model.shape)
             if isinstance(model, MeanFieldModel)
-            else _RemainingRows(model, keep, model.shape)
+            else _RemainingRows(model, keep, model.shape, model.law)
         )
         rest = likelihood.of_rows(o, few)
         domain = Domain.of(rest, bounds_of(o, bounds), bounds)
@@ -661,6 +662,7 @@ class _RemainingRows:
     model: Model
     keep: NDArray[np.bool_]
     shape: Shape
+    law: Law
 
     def unit(self, c_e: ArrayLike) -> Floats:
         """See `burrlab.fitting.likelihood.Model`."""

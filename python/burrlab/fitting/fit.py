@@ -60,6 +60,7 @@ from burrlab.fitting.verdict import (
 from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel, VoxelTable, monte_carlo_share
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
+from burrlab.theory.continuum import Law
 
 __all__ = ["Fit", "fit"]
 
@@ -79,7 +80,7 @@ def fit(
     data: Data | Sequence[Data],
     burr: Burr | None = None,
     *,
-    shape: Shape | str = "parabolic",
+    law: Law | Shape | str = "parabolic",
     engine: Engine | VoxelEngine = "mean-field",
     residuals: ResidualKind = "relative",
     groups: Sequence[str] | None = None,
@@ -111,8 +112,9 @@ def fit(
         all traces, share one scatter; indentations have another.
     burr : Burr, optional
         The burr of data sets without a radius.
-    shape : Shape or str
-        Erosion shape function f; alpha holds for this f alone.
+    law : Law, Shape or str
+        Exponents of force and rate, and the erosion shape function f; a shape, or its name, is the paper's law with
+        that f. c_e and alpha hold for this law alone.
     engine : {"mean-field", "voxel"} or VoxelEngine
         What predicts the velocity: the scaling law of the axisymmetric mean-field descent, or descents into
         voxels; ``"voxel"`` is `VoxelEngine` with its defaults. The voxel engine begins at the mean-field fit.
@@ -213,14 +215,15 @@ def fit(
     """
     begin = time.perf_counter()
     # parse
-    sets, shape, voxels = _sets(data), Shape(shape), _engine(engine)
+    sets, law, voxels = _sets(data), Law.of(law), _engine(engine)
+    shape = law.shape
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
     check_offsets(uncertain, estimate)
     check_names("groups", groups or (), "day")
     apart = _apart(share, sets)
-    observations, beliefs = Observations.of(sets, burr, groups), _beliefs(known)
+    observations, beliefs = Observations.of(sets, burr, groups, law), _beliefs(known)
     given_bounds, bounds = tuple(bounds or {}), _around(beliefs) | (bounds or {})
     components = components_of(observations, uncertain, (*estimate, *apart))
     mixed = bool(components or beliefs)
@@ -268,6 +271,7 @@ def fit(
         c_e=best.end[0],
         alpha=best.end[1],
         shape=shape,
+        **law.exponents,
         radius=radii[0] if len(radii) == 1 else None,
         residual_kind=residuals,
         status=status,
@@ -287,6 +291,7 @@ def fit(
         data=sets,
         provenance=provenance(
             shape=shape.name,
+            **law.exponents,
             radius_mm=radii,
             engine=name,
             residuals=residuals,
@@ -561,7 +566,7 @@ def _weighed(
         The test of lack of fit.
     """
     o = likelihood.observations
-    exponent = 4 * (shape.order + 1) / 3
+    exponent = likelihood.model.law.ridge_exponent
     total, scatters, shares = likelihood.information(*best)
     calibration = likelihood.calibration(*best)
     profiled = profile(likelihood, calibration, domain, best, exponent)
@@ -578,7 +583,7 @@ def _weighed(
     if profiled.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
         lowest = int(np.argmin(profiled.c_e_rise))
         better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
-    if plausible is not None:
+    if plausible is not None and (likelihood.model.law.is_paper or plausible is not PLAUSIBLE):
         guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
         likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
     rows = influence(likelihood, best, data, bounds, every=False)

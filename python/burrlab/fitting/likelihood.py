@@ -23,7 +23,7 @@ from burrlab.common.check import refuse
 from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows
 from burrlab.fitting.slices import FLATTER, FREEDOM, AlphaSlices, StudentSlices, TobitSlices, best_scale
-from burrlab.theory.continuum import PER_SECOND, MasterCurve
+from burrlab.theory.continuum import PER_SECOND, Law, MasterCurve
 
 LikelihoodKind: TypeAlias = ResidualKind | Literal["log-sigma"]
 Beliefs: TypeAlias = tuple[tuple[str, float, float], ...]  # see `Likelihood`
@@ -36,6 +36,10 @@ class Model(Protocol):
     def shape(self) -> Shape:
         """The erosion shape."""
 
+    @property
+    def law(self) -> Law:
+        """The erosion shape and the exponents of the rows' law."""
+
     def unit(self, c_e: ArrayLike) -> Floats:
         """Velocity [mm/s] at alpha = 1 /ms, shape (*c_e.shape, n); NaN where static contact passes the window."""
 
@@ -44,9 +48,10 @@ class Model(Protocol):
 
 
 class MeanFieldModel:
-    """Predictions by the scaling law v = alpha R Psi(phi, window; f) (docs/model.md, section 5).
+    """Predictions by the scaling law v = alpha (F/1 N)^m R Psi(phi, window; f) (docs/model.md, section 5).
 
-    Rows are grouped by window, and each distinct F/R^2 and R is looked up once.
+    The observations hold the exponents of the law. Rows are grouped by window, and each distinct F/R^2 and R is
+    looked up once.
     """
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
@@ -61,14 +66,16 @@ class MeanFieldModel:
 
     def _arrange(self, observations: Observations) -> None:
         self._n = len(observations.force)
+        self.law = Law(self.shape, observations.force_exponent, observations.rate_exponent)
         self._groups: list[tuple[float | None, float | None, Floats, Floats, Rows, Rows]] = []
         #: index of each row's prediction in `log_predictions`; equal rows share one
         self.prediction: Rows = np.empty(self._n, np.intp)
         n_groups = 0
-        both = np.stack([observations.force / observations.radius**2, observations.radius])
+        scale = PER_SECOND * observations.radius * observations.rate_factor  # v over Psi, at alpha = 1
+        both = np.stack([observations.force / observations.radius**2, scale])
         for (start, end), rows in observations.by_window().items():
-            (pressure, radius), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
-            self._groups.append((start, end, pressure, radius, rows, inverse))
+            (pressure, scales), inverse = np.unique(both[:, rows], axis=1, return_inverse=True)
+            self._groups.append((start, end, pressure, scales, rows, inverse))
             self.prediction[rows] = n_groups + inverse
             n_groups += len(pressure)
 
@@ -83,19 +90,20 @@ class MeanFieldModel:
     def log_predictions(self, c_e: Floats) -> Floats:
         """`log_unit` of each distinct prediction, shape (len(c_e), predictions)."""
         tables = []
-        for start, end, pressure, radius, _, _ in self._groups:
-            log_phi = np.log(pressure) - np.log(c_e)[:, None]
+        for start, end, pressure, scales, _, _ in self._groups:
+            log_phi = (np.log(pressure) - np.log(c_e)[:, None]) * self.law.stretch
             tables.append(self._curve.log_velocity_ratio(log_phi, start, end))
-            tables[-1] += np.log(PER_SECOND * radius)
+            tables[-1] += np.log(scales)
         return np.concatenate(tables, axis=1) if len(tables) > 1 else tables[0]
 
     def _rows(self, c_e: ArrayLike, function: Callable[[Floats], Floats]) -> Floats:
         """A function of the velocity of each row, made once for equal rows; row after row in memory."""
         stiffness = np.asarray(c_e, dtype=np.float64)
         velocities = np.empty((self._n, stiffness.size))
-        for start, end, pressure, radius, rows, inverse in self._groups:
-            ratio = self._curve.velocity_ratio(pressure[:, None] / stiffness.ravel(), start, end)
-            velocities[rows] = function(PER_SECOND * radius[:, None] * ratio)[inverse]
+        for start, end, pressure, scales, rows, inverse in self._groups:
+            phi = self.law.master_phi(pressure[:, None] / stiffness.ravel())
+            ratio = self._curve.velocity_ratio(phi, start, end)
+            velocities[rows] = function(scales[:, None] * ratio)[inverse]
         return velocities.T.reshape(*stiffness.shape, self._n)
 
 

@@ -39,6 +39,7 @@ from burrlab.fitting.slices import AlphaSlices, CurvedSlices
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 _ROUNDS = 30  # of linearising and REML, at most; 4 are usual
+_OFF_BOUND = 1.5  # c_e over its bound where a walk begins that an unknown offset would keep there
 _CLOSE = 1e-8  # step in log c_e and log alpha that ends them
 _WIDEST = 1e3  # standard deviation of a logarithm beyond which an interval is open
 _PER_CENT = 0.5  # standard deviation of a logarithm above which it is said as a factor
@@ -73,6 +74,9 @@ def at_best_variances(
     if moved is not likelihood:
         eased = float(moved.observations.c_e_bounds().max() / o.c_e_bounds().max())
         c_e, point = (c_e[0] * eased, c_e[1] * eased), (point[0] * eased, point[1])
+    if point[0] < c_e[0] * (1 + EDGE) and any(x.moves for x in components):
+        # an offset that is still unknown drives c_e to the bound of a window, where the rows are not linear
+        point = _OFF_BOUND * point[0], point[1] * _OFF_BOUND**likelihood.model.law.ridge_exponent
     for _ in range(_ROUNDS):
         equations = reml(LinearModel(moved, components, point, shifts))
         last, step = point, np.clip(-equations.solution[-2:], -0.5, 0.5)
@@ -101,7 +105,7 @@ def _first_shifts(
     for component, u in zip(components, shifts, strict=True):
         if component.moves and component.quantity not in OFFSETS:
             faster = np.log(likelihood.observations.velocity) - likelihood.model.log_unit(point[0])
-            softer = -0.75 * faster / (likelihood.model.shape.order + 1)
+            softer = -faster / likelihood.model.law.ridge_exponent
             for level in range(len(u)):
                 own, first = (softer[component.group.velocity == k] for k in (level, -1))
                 u[level] = own.mean() - first.mean() if len(own) and len(first) else 0.0
@@ -220,7 +224,12 @@ class MixedLikelihood(Likelihood):
         o = plain.observations
         row = int(np.argmax(o.c_e_bounds()))
         end = o.window_end[row] if np.isfinite(o.window_end[row]) else WINDOW_STOP * o.radius[row]
-        relative = {"force": 1 / o.force[row], "surface": -1.5 / end, "radius": -0.5 / o.radius[row]}
+        q, R = o.force_exponent, o.radius[row]
+        relative = {
+            "force": 1 / o.force[row],
+            "surface": -q / end,
+            "radius": (q - 2) / R,
+        }  # of c_e's lower bound
         sizes = np.array([float(self.components[k].deviation or 0.0) for k in given])
         along = sizes * [relative[self.components[k].quantity] for k in given]
         apart = float(np.clip(_APART / np.linalg.norm(along), 0.25, 1.0))

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
+from burrlab.common.study import LATER
 from burrlab.measured.curve import TOO_SLOW, Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, WINDOW_START, WINDOW_STOP, Law, rate_factor
 
 Floats: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = NDArray[np.intp]
@@ -40,7 +41,9 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """The rows that a fit uses, in the order of the data; a NaN window is the default one.
+    """The rows that a fit uses, in the order of the data, and the exponents of the law that they are compared with.
+
+    A NaN window is the default one.
 
     A velocity row is a row of a curve or one segment of a trace; `run` numbers the traces and is -1 for a
     curve's row. A pressed row is a pair of a static indentation.
@@ -71,10 +74,20 @@ class Observations:
     groups: tuple[Group, ...] = field(default=(), compare=False)
     #: F [N], smallest measurable velocity [mm/s], window [mm] and R [mm] of runs that were too slow, shape (5, k)
     slow: Floats = field(default_factory=lambda: np.empty((5, 0)), compare=False)
+    force_exponent: float = field(default=PAPER_FORCE_EXPONENT, metadata=LATER)  # see `Law`, as the next
+    rate_exponent: float = field(default=0.0, metadata=LATER)
+    #: ln c_e of each velocity row over that of others, by which `force` is less; the rate is that of the whole force
+    log_c_e: Floats | float = field(default=0.0, compare=False)
 
     @classmethod
-    def of(cls, data: Sequence[Data], burr: Burr | None, groups: Sequence[str] | None = ()) -> "Observations":
-        """The usable rows of data sets, with some of their groups; None is for all.
+    def of(
+        cls,
+        data: Sequence[Data],
+        burr: Burr | None,
+        groups: Sequence[str] | None = (),
+        law: Law | None = None,
+    ) -> "Observations":
+        """The usable rows of data sets, with some of their groups; None is for all, and for the paper's law.
 
         Raises
         ------
@@ -127,7 +140,7 @@ class Observations:
         return cls(
             **tables, rows=tuple(rows), overloaded=np.concatenate(overloaded, axis=1),
             slow=np.concatenate(slow, axis=1), n_skipped=n_skipped, n_censored=n_censored, sets=sets,
-            groups=_groups(data, rows, groups),
+            groups=_groups(data, rows, groups), **(law.exponents if law else {}),
         )._checked()  # fmt: skip
 
     def _checked(self) -> "Observations":
@@ -189,8 +202,15 @@ class Observations:
 
     @property
     def pressed_unit(self) -> Floats:
-        """R^2 (h/R)^(3/2) [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3)."""
-        return np.asarray(self.pressed_radius**2 * (self.pressed_depth / self.pressed_radius) ** 1.5)
+        """R^2 (h/R)^q [mm^2] of pressed rows, the force at c_e = 1 N/mm^2 (Eq. 3: q = 3/2)."""
+        relative = self.pressed_depth / self.pressed_radius
+        return np.asarray(self.pressed_radius**2 * relative**self.force_exponent)
+
+    @property
+    def rate_factor(self) -> Floats | float:
+        """(F/1 N)^m of each velocity row, by which the rate grows with the force."""
+        whole = self.force * np.exp(self.log_c_e) if self.rate_exponent else self.force
+        return rate_factor(whole, self.rate_exponent)
 
     def moved(self, offset: str, velocity: Floats | float, pressed: Floats | float) -> "Observations":
         """The rows corrected for an offset of what was measured.
@@ -216,7 +236,8 @@ class Observations:
         if offset == "c_e":
             return replace(
                 self, force=self.force * np.exp(-velocity), measured_force=self.recorded_force,
-                pressed_depth=self.pressed_depth * np.exp(pressed / 1.5),
+                log_c_e=self.log_c_e + velocity,
+                pressed_depth=self.pressed_depth * np.exp(pressed / self.force_exponent),
             )  # fmt: skip
         if offset == "force":
             return replace(
@@ -243,6 +264,7 @@ class Observations:
         """Some rows, which may come more than once, with other runs and groups; `rows` stays."""
         columns: dict[str, Any] = {name: getattr(self, name)[velocity] for name in _VELOCITY}
         columns |= {name: getattr(self, name)[pressed] for name in _PRESSED} | {"run": run, "groups": groups}
+        columns["log_c_e"] = np.broadcast_to(self.log_c_e, self.force.shape)[velocity]
         sets = Group(
             self.sets.name, self.sets.levels, self.sets.velocity[velocity], self.sets.pressed[pressed]
         )
@@ -271,15 +293,17 @@ class Observations:
         """Lower bound of c_e [N/mm^2] that each velocity row's window implies.
 
         Static contact alone sinks the burr to H = R phi^(2/3). A window needs a deeper end H_end, so
-        c_e > F/(R^2 (H_end/R)^(3/2)): F/(0.1925 R^2) for the default end R/3 (docs/model.md, section 5 iv).
+        c_e > F/(R^2 (H_end/R)^q): F/(0.1925 R^2) for q = 3/2 and the default end R/3 (docs/model.md, section 5 iv).
         """
-        return self.eased * _static_c_e(self.force, self.window_end, self.radius)
+        return self.eased * _static_c_e(self.force, self.window_end, self.radius, self.force_exponent)
 
     @property
     def ceiling(self) -> float:
         """Upper bound of c_e [N/mm^2] that the overloaded rows imply."""
         return (
-            float(_static_c_e(*self.overloaded).min(initial=np.inf)) if self.raised is None else self.raised
+            float(_static_c_e(*self.overloaded, force_exponent=self.force_exponent).min(initial=np.inf))
+            if self.raised is None
+            else self.raised
         )
 
     def ridge_entries(self) -> Floats:
@@ -289,7 +313,7 @@ class Observations:
         """
         start = np.where(np.isnan(self.window_start), WINDOW_START * self.radius, self.window_start)
         with np.errstate(divide="ignore"):
-            return self.force / (self.radius**2 * (start / self.radius) ** 1.5)
+            return self.force / (self.radius**2 * (start / self.radius) ** self.force_exponent)
 
 
 def _groups(
@@ -333,10 +357,10 @@ def _groups(
     return tuple(groups)
 
 
-def _static_c_e(force: Floats, end: Floats, radius: Floats | float) -> Floats:
+def _static_c_e(force: Floats, end: Floats, radius: Floats | float, force_exponent: float) -> Floats:
     """c_e [N/mm^2] at which static contact alone ends at `end` [mm], NaN for R/3."""
     relative = np.where(np.isnan(end), WINDOW_STOP, end / radius)
-    return np.asarray(force / (radius**2 * relative**1.5))
+    return np.asarray(force / (radius**2 * relative**force_exponent))
 
 
 def _radius(data: Data, burr: Burr | None) -> float:

@@ -23,6 +23,7 @@ from burrlab.fitting.verdict import Ridge, Start, obstacle
 from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, Law
 
 _OPEN = Interval(None, None)
 
@@ -87,6 +88,8 @@ class FitRecord(InJson):
         The data sets.
     provenance : dict
         Package version, parameters and platform.
+    force_exponent, rate_exponent : float
+        Exponents of the law, 3/2 and 0 in the paper's.
     """
 
     c_e: float
@@ -117,6 +120,13 @@ class FitRecord(InJson):
     record: tuple[tuple[float, float], ...]
     data: tuple[Data, ...]
     provenance: Mapping[str, Any]
+    force_exponent: float = PAPER_FORCE_EXPONENT
+    rate_exponent: float = 0.0
+
+    @property
+    def law(self) -> Law:
+        """Erosion shape and exponents."""
+        return Law(self.shape, self.force_exponent, self.rate_exponent)
 
     @property
     def curve(self) -> VelocityCurve:
@@ -231,7 +241,7 @@ class FitRecord(InJson):
             if any(data_set.radius is None for data_set in self.data) and self.radius
             else None
         )
-        return Observations.of(self.data, burr, tuple(self.provenance.get("groups", ())))
+        return Observations.of(self.data, burr, tuple(self.provenance.get("groups", ())), self.law)
 
     @cached_property
     def likelihood(self) -> Likelihood:

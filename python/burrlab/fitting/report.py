@@ -84,7 +84,7 @@ def statistics(fit: FitRecord) -> dict[str, str]:
         points += f", {len(o.pressed)} pairs of an indentation"
     rows = {
         "data": "; ".join(data_set.source or "unnamed" for data_set in fit.data),
-        "engine": f"{fit.engine}, shape {fit.shape.label}, burr radius {radius} mm",
+        "engine": f"{fit.engine}, {'shape ' if fit.law.is_paper else 'law '}{fit.law}, burr radius {radius} mm",
         "likelihood": _RESIDUALS[fit.residual_kind],
         "data points": f"{points}; rows skipped: {fit.n_skipped}, of these censored: {fit.n_censored}",
         "variables": f"{fit.n_parameters}, scatters included",

@@ -42,7 +42,7 @@ from burrlab.fitting.record import FitRecord
 from burrlab.fitting.repairs import LevelLeftOut, without_levels
 from burrlab.fitting.verdict import span
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import PER_SECOND, WINDOW_START, MasterCurve, positive
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP, Law, MasterCurve, positive
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +138,7 @@ class Fit(FitRecord, Tabulated):
             or "a velocity-force curve"
         )
         source = f"fit to {data} ({self.engine}, status {self.status})"
-        return Material(name, c_e=self.c_e, alpha=self.alpha, shape=self.shape, source=source)
+        return self.law.material(self.c_e, self.alpha, name, source)
 
     def levels(self, group: str) -> dict[str, tuple[float, float]]:
         """c_e [N/mm^2] and alpha [1/ms] of each level of a group, by its label; `effects` has their errors.
@@ -206,8 +206,7 @@ class Fit(FitRecord, Tabulated):
         check_positive("radius", R)
         ends = (("start_mm", start_mm), ("end_mm", end_mm))
         window = [None if end is None else scalar(end, name) / R for name, end in ends]
-        phi = positive("force", force) / (self.c_e * R**2)
-        return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
+        return self.law.velocity(positive("force", force), self.c_e, self.alpha, R, *window)
 
     def velocity_interval(
         self, force: ArrayLike, *, level: str | float = "95", new: str = "", radius: float | None = None
@@ -252,14 +251,14 @@ class Fit(FitRecord, Tabulated):
         )
         v, R = np.atleast_1d(self.velocity(force, radius=radius)), self.radius if radius is None else radius
         assert R is not None
-        phi = np.atleast_1d(np.asarray(force, np.float64)) / (self.c_e * R**2)
+        phi = self.law.master_phi(np.atleast_1d(np.asarray(force, np.float64)) / (self.c_e * R**2))
         half = np.full(v.shape, np.nan)
         estimated = [x for x in self.effects if x.interval is not None]
         scatters = [x for x in evidence.scatters if not x.known]
         variances = np.square([x.value for x in scatters] + [x.deviation or 0.0 for x in estimated])
         for i in np.ndindex(v.shape):
             if np.isfinite(v[i]):
-                n = float(MasterCurve(self.shape).local_slope(phi[i]))
+                n = self.law.stretch * float(MasterCurve(self.shape).local_slope(phi[i]))
                 direction = np.array([-n, 1.0])
                 weights = [
                     *(float(new == "run" and x.name == "velocity") for x in scatters),
@@ -375,12 +374,10 @@ class Fit(FitRecord, Tabulated):
             text = text if len(levels) <= _NAMED else "_"
             ax.plot(o.force[rows], o.velocity[rows], label=text, markersize=4, zorder=3, **dress)
             for R in sorted(set(o.radius[rows & np.isnan(o.window_start)].tolist())):
-                force = _span_of(o.force[rows & (o.radius == R)], c_e, R, log)
-                phi = force / (c_e * R**2)
-                ax.plot(force, PER_SECOND * alpha * R * MasterCurve(self.shape).velocity_ratio(phi),
-                        color=look["color"], linewidth=0.6, alpha=0.8)  # fmt: skip
+                force = _span_of(o.force[rows & (o.radius == R)], self.law, c_e, R, log)
+                ax.plot(force, self.law.velocity(force, c_e, alpha, R), color=look["color"], linewidth=0.6, alpha=0.8)  # fmt: skip
         if self.radius is not None and name != "data set" and np.isnan(o.window_start).any():
-            force = _span_of(o.force, self.c_e, self.radius, log)
+            force = _span_of(o.force, self.law, self.c_e, self.radius, log)
             ax.fill_between(
                 force, *self.velocity_interval(force, new=name), color=FORCE, alpha=0.1, linewidth=0,
                 label=f"95 %, mean of a new {name}",
@@ -428,7 +425,7 @@ class Fit(FitRecord, Tabulated):
     ) -> None:
         """The line and band of one radius over its forces in the default window, and alpha plus and minus."""
         o = self.observations
-        force = _span_of(o.force[np.isnan(o.window_start) & (o.radius == R)], self.c_e, R, log)
+        force = _span_of(o.force[np.isnan(o.window_start) & (o.radius == R)], self.law, self.c_e, R, log)
         velocity = self.velocity(force, radius=R)
         ax.fill_between(force, *band(self, force, R), zorder=1, linewidth=0, alpha=0.2, **shade)
         ax.plot(force, velocity, **look)
@@ -583,7 +580,7 @@ class Fit(FitRecord, Tabulated):
             p = f"{ridge.exponent:.4g}"
             parameters = f"ridge: alpha/c_e^{p} = {span(ridge.interval)} (1/ms)/(N/mm^2)^{p} at 95 %"
         return (
-            f"Fit({parameters}, shape={self.shape.label!r}, "
+            f"Fit({parameters}, {'shape' if self.law.is_paper else 'law'}={str(self.law)!r}, "
             f"{self.n_points} points, {self.residual_kind} residual {self.residual_norm:.3g}, {self.status})"
         )
 
@@ -645,7 +642,7 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
         material.plot(ax, log=log, **dress)
         o = material.observations
         for R in sorted(set(o.radius[np.isnan(o.window_start)].tolist())):
-            force, kink = o.force[o.radius == R], material.c_e * R**2 * WINDOW_START**1.5
+            force, kink = o.force[o.radius == R], material.c_e * R**2 * WINDOW_START**material.force_exponent
             if force.min() < kink < force.max():
                 ax.plot(kink, material.velocity(kink, radius=R), color=dress["color"], ms=18, zorder=5, **bar)
                 kinks.append(kink)
@@ -654,9 +651,9 @@ def plot_curves(items: Items, ax: Axes | None = None, *, log: bool = True, **sty
     return ax
 
 
-def _span_of(force: Floats, c_e: float, R: float, log: bool) -> Floats:
+def _span_of(force: Floats, law: Law, c_e: float, R: float, log: bool) -> Floats:
     """Forces that a line is drawn over, about those of some rows."""
-    high = min(1.04 * force.max(), 0.999 * c_e * R**2 / 27**0.5)
+    high = min(1.04 * force.max(), 0.999 * c_e * R**2 * WINDOW_STOP**law.force_exponent)
     return np.geomspace((0.85 if log else 0.3) * force.min(), high, 300)
 
 
@@ -666,8 +663,7 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
         return np.full(len(force), np.nan), np.full(len(force), np.nan)
     region = fit.evidence.profile.regions["95"]
     picked = np.unique(np.linspace(0, len(region.c_e) - 1, _BAND).round().astype(int))
-    curve = MasterCurve(fit.shape)
-    unit = PER_SECOND * radius * curve.velocity_ratio(force / (region.c_e[picked, None] * radius**2))
+    unit = fit.law.velocity(force, region.c_e[picked, None], 1.0, radius)
     with np.errstate(invalid="ignore"):
         low = np.nanmin(np.where(np.isnan(unit), np.inf, unit * region.lower[picked, None]), axis=0)
         high = np.nanmax(np.where(np.isnan(unit), -np.inf, unit * region.upper[picked, None]), axis=0)

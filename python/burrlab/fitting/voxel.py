@@ -204,6 +204,7 @@ class VoxelModel:
         self, observations: Observations, shape: Shape, table: VoxelTable, replicate: int | None = None
     ) -> None:
         self.shape, self._mean_field, self._table = shape, MeanFieldModel(observations, shape), table
+        self.law = self._mean_field.law
         part = table.coefficients if replicate is None else table.coefficients[[replicate]]
         self._coefficients = part.mean(axis=0).T
 
@@ -253,8 +254,9 @@ class Descents:
         """
         items: list[VoxelDescent] = []
         places: list[tuple[int, int, list[Rows]]] = []
+        law = MeanFieldModel(self._observations, self._shape).law
         for i, (c_e, alpha) in enumerate(points.tolist()):
-            material = Material("trial", c_e=c_e, alpha=alpha, shape=self._shape)
+            material = law.material(c_e, alpha, "trial")
             for (radius, force), windows in self._rows.items():
                 for k in range(self._settings.replicates):
                     seed = item_seed(self._seed, force, k)

@@ -12,7 +12,7 @@ from burrlab.common.provenance import provenance
 from burrlab.common.table import Floats
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.theory.continuum import mean_field_descent, penetration_velocity
+from burrlab.theory.continuum import Law, mean_field_descent, penetration_velocity
 from burrlab.theory.tool import require_tool
 
 
@@ -128,7 +128,7 @@ def synthetic_indentation(
     )
     seed = seed_or_new(seed)
 
-    force = material.c_e * burr.radius**2 * (depth / burr.radius) ** 1.5  # Eq. 3
+    force = material.c_e * burr.radius**2 * (depth / burr.radius) ** material.force_exponent  # Eq. 3
     return Indentation(
         _scattered(force, repeats, scatter, seed),
         np.repeat(depth, repeats),
@@ -231,6 +231,7 @@ def _provenance(burr: Burr, material: Material, seed: int, **parameters: float) 
         c_e=material.c_e,
         alpha=material.alpha,
         shape=material.shape.name,
+        **Law.of(material).exponents,
         radius_mm=burr.radius,
         **parameters,
         seed=seed,

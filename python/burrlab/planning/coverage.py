@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from html import escape
 from typing import Any, TypeAlias
@@ -18,7 +18,7 @@ from burrlab._core import Material, Shape
 from burrlab.common.check import real, refuse, require_type, scalar, seed_or_new, shown, whole
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
-from burrlab.common.study import StorePath, run_items, stored_as
+from burrlab.common.study import LATER, StorePath, run_items, stored_as
 from burrlab.fitting.bootstrap import redrawn_effects
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import check_offsets, components_of
@@ -28,6 +28,7 @@ from burrlab.fitting.profile import LEVELS, Domain, lowest, ranges
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import obstacle
 from burrlab.measured.curve import Indentation, VelocityCurve
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, WINDOW_STOP, Law
 
 Series: TypeAlias = tuple[float, tuple[float, ...], int]  # radius [mm], forces [N] or depths [mm], repeats
 
@@ -75,7 +76,7 @@ class ExperimentPlan:
         parts += [f"static R = {R:g} mm: {_range(h, 'depth', 'mm')} x {k}" for R, h, k in self.static]
         return f"ExperimentPlan({'; '.join(parts)})"
 
-    def observations(self, levels: Mapping[str, int] | None = None) -> Observations:
+    def observations(self, levels: Mapping[str, int] | None = None, law: Law | None = None) -> Observations:
         """The rows of a fit, every outcome 1 [mm/s] or [N]; repeats are dealt over the levels of groups."""
 
         def groups(values: tuple[float, ...], k: int) -> dict[str, list[int]]:
@@ -93,7 +94,7 @@ class ExperimentPlan:
             Indentation(np.ones(len(h) * k), np.repeat(h, k), R, groups=groups(h, k))
             for R, h, k in self.static
         ]
-        return Observations.of(sets, None, None)
+        return Observations.of(sets, None, None, law)
 
 
 def _series(name: str, what: str, radius: float, values: Sequence[float], repeats: int) -> Series:
@@ -307,13 +308,19 @@ class CoverageItem:
     static_scatter: float
     seed: int
     replicate: int
+    exponents: tuple[float, float] = field(default=(PAPER_FORCE_EXPONENT, 0.0), metadata=LATER)
+
+    @property
+    def law(self) -> Law:
+        """The law of the data and of their fit."""
+        return Law(Shape(self.shape), *self.exponents)
 
 
 @lru_cache(maxsize=8)
-def _template(experiment: ExperimentPlan, shape: str, c_e: float) -> tuple[Likelihood, Domain, Floats]:
+def _template(experiment: ExperimentPlan, law: Law, c_e: float) -> tuple[Likelihood, Domain, Floats]:
     """The likelihood of every data set, its outcomes 1; its domain, and the velocities at c_e and alpha = 1 /ms."""
-    o = experiment.observations()
-    likelihood = Likelihood(o, "relative", MeanFieldModel(o, Shape(shape)))
+    o = experiment.observations(law=law)
+    likelihood = Likelihood(o, "relative", MeanFieldModel(o, law.shape))
     return likelihood, Domain.of(likelihood, bounds_of(o, None), {}), likelihood.model.unit(c_e)
 
 
@@ -328,7 +335,7 @@ def replicate(item: CoverageItem) -> Floats:
         rises of -2 log L at the true c_e and at the true (c_e, alpha); the joint region's limits by level; 1
         if separately identified.
     """
-    template, domain, unit = _template(item.experiment, item.shape, item.c_e)
+    template, domain, unit = _template(item.experiment, item.law, item.c_e)
     o = template.observations
     z = np.random.default_rng([item.seed, item.replicate]).standard_normal(len(o))
     n = len(o.force)
@@ -350,7 +357,7 @@ class MixedCoverageItem:
 def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
     """As `replicate`; effects and offsets are drawn, and the fit is told of them."""
     item = mixed.plain
-    o = mixed_rows(item.experiment, mixed.between)
+    o = mixed_rows(item.experiment, mixed.between, item.law)
     components = components_of(o, dict(mixed.uncertain))
     sizes = {name: size for name, _, size in mixed.between}
     effect2 = np.array(
@@ -359,7 +366,7 @@ def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
     scatter2 = np.array([item.scatter**2, *([item.static_scatter**2] if len(o.pressed) else [])])
 
     def likelihood(rows: Observations) -> Likelihood:
-        return Likelihood(rows, "relative", MeanFieldModel(rows, Shape(item.shape)))
+        return Likelihood(rows, "relative", MeanFieldModel(rows, item.law.shape))
 
     point, random = (item.c_e, item.alpha), np.random.default_rng([item.seed, item.replicate])
     true = MixedLikelihood(
@@ -378,16 +385,18 @@ def mixed_replicate(mixed: MixedCoverageItem) -> Floats:
 
 
 @lru_cache(maxsize=8)
-def mixed_rows(experiment: ExperimentPlan, between: tuple[tuple[str, int, float], ...]) -> Observations:
+def mixed_rows(
+    experiment: ExperimentPlan, between: tuple[tuple[str, int, float], ...], law: Law
+) -> Observations:
     """The rows of an experiment, its repeats dealt over the levels of groups."""
-    return experiment.observations({name: levels for name, levels, _ in between})
+    return experiment.observations({name: levels for name, levels, _ in between}, law)
 
 
 def _judged(likelihood: Likelihood, domain: Domain, item: CoverageItem) -> Floats:
     """Intervals and rises of one data set, as `replicate` returns them."""
     best = lowest(likelihood, domain).point
     calibration, o = likelihood.calibration(*best), likelihood.observations
-    evidence = ranges(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
+    evidence = ranges(likelihood, calibration, domain, best, item.law.ridge_exponent)
     tables = (evidence.intervals["c_e"], evidence.intervals["alpha"], evidence.identified.intervals)
     ends = [
         (
@@ -488,13 +497,14 @@ def coverage_study(
         f"between must be of 1 or more, 0 or more: got {between!r}",
     )
     seed = seed_or_new(seed)
-    template, _, unit = _template(experiment, material.shape.name, material.c_e)
+    law = Law.of(material)
+    template, _, unit = _template(experiment, law, material.c_e)
     o, lost = template.observations, ~np.isfinite(unit)
     first = int(np.argmax(lost))
     refuse(
         lost.any(),
-        f"every force must leave a window, below 0.1925 c_e R^2 = "
-        f"{material.c_e * o.radius[first] ** 2 / 27**0.5:.3g} N: got {o.force[first]:g} N",
+        f"every force must leave a window, below {WINDOW_STOP**law.force_exponent:.4g} c_e R^2 = "
+        f"{material.c_e * o.radius[first] ** 2 * WINDOW_STOP**law.force_exponent:.3g} N: got {o.force[first]:g} N",
     )
     items = [
         CoverageItem(
@@ -506,6 +516,7 @@ def coverage_study(
             float(static_scatter),
             seed,
             k,
+            (law.force_exponent, law.rate_exponent),
         )
         for k in range(n)
     ]
@@ -513,7 +524,7 @@ def coverage_study(
     studied: Any = items
     if groups or uncertain:
         told = tuple((uncertain or {}).items())
-        components_of(mixed_rows(experiment, groups), dict(told))  # refuses what no window allows
+        components_of(mixed_rows(experiment, groups, law), dict(told))  # refuses what no window allows
         function, studied = mixed_replicate, [MixedCoverageItem(item, groups, told) for item in items]
     # a fit holds the interpreter: more threads than one only wait
     with nullcontext(executor) if executor is not None else ThreadPoolExecutor(1) as workers:
@@ -539,6 +550,7 @@ def coverage_study(
             c_e=material.c_e,
             alpha=material.alpha,
             shape=material.shape.name,
+            **law.exponents,
             scatter=float(scatter),
             static_scatter=float(static_scatter),
             n=n,

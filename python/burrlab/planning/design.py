@@ -19,7 +19,7 @@ from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
 from burrlab.planning.region import NewData, NewRegion, RegionGrid
-from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
+from burrlab.theory.continuum import WINDOW_STOP, MasterCurve
 
 _SHOWN = 8  # rows of the repr
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito's palette
@@ -309,7 +309,7 @@ def design(
     grid = RegionGrid.of(fit)
     truth = grid.truths(truths, np.random.default_rng(seed))
     c_e = np.exp(grid.log_c_e)
-    curve = MasterCurve(fit.shape)
+    law, curve = fit.law, MasterCurve(fit.shape)
     candidates = []
     between = {
         name: sum(float(x.deviation or 0.0) ** 2 for x in fit.effects if x.quantity == name)
@@ -317,12 +317,11 @@ def design(
     }
     for R in radius.tolist():
         for F in force.tolist():
-            log_unit = np.log(PER_SECOND * R * curve.velocity_ratio(F / (c_e * R**2)))
-            slope = float(
-                np.nan_to_num(curve.local_slope(F / (fit.c_e * R**2)))
-            )  # of ln v by ln F: less that by ln c_e
+            log_unit = np.log(law.velocity(F, c_e, 1.0, R))
+            phi = law.master_phi(F / (fit.c_e * R**2))
+            slope = law.stretch * float(np.nan_to_num(curve.local_slope(phi)))  # of ln v by ln c_e, negated
             new = NewData(n, scatter, between=(between["alpha"] + slope**2 * between["c_e"]) ** 0.5)
-            ceiling = F / (R**2 * WINDOW_STOP**1.5)
+            ceiling = F / (R**2 * WINDOW_STOP**law.force_exponent)
             after, overloaded = _expected(grid, truth, log_unit[:, None] + grid.log_alpha, new, ceiling)
             candidates.append(_candidate(grid, after, overloaded, n, R, force=F))
             report_progress(len(candidates), total)

@@ -238,7 +238,7 @@ def compare_power(
         report_progress(number, total)
     return ComparisonPower(
         float(ratio), sizes[0], sizes[1], power, float(aim), unit, deviations, float(scatter), force,
-        provenance(fit=repr(fit), radius_mm=R, shape=fit.shape.name), up_to,
+        provenance(fit=repr(fit), radius_mm=R, shape=fit.shape.name, **fit.law.exponents), up_to,
     )  # fmt: skip
 
 
@@ -294,7 +294,7 @@ def _power(
         curve = VelocityCurve(
             np.tile(force, n), np.ones(n * len(force)), radius=fit.radius, groups={unit: names}
         )
-        o = Observations.of([curve], None, None)
+        o = Observations.of([curve], None, None, fit.law)
         likelihoods.append(Likelihood(o, "relative", MeanFieldModel(o, fit.shape)))
     points = [(fit.c_e, fit.alpha), (fit.c_e, fit.alpha * ratio)]
     models = [JointModel(likelihoods, points, (), varies) for varies in (False, True)]

@@ -10,7 +10,7 @@ from burrlab._core import Burr, Material, shape_kappa
 
 
 def static_immersion(burr: Burr, material: Material, force: float) -> float:
-    """Depth of the tip where intact bone alone carries the force, R phi^(2/3) (Eqs. 2, 3) [mm].
+    """Depth of the tip where intact bone alone carries the force, R phi^(1/q); q = 3/2 in Eq. 3 [mm].
 
     Examples
     --------
@@ -18,13 +18,16 @@ def static_immersion(burr: Burr, material: Material, force: float) -> float:
     >>> round(static_immersion(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0), 4)
     0.4169
     """
-    return float(burr.radius * (force / (material.c_e * burr.radius**2)) ** (2 / 3))
+    return float(burr.radius * (force / (material.c_e * burr.radius**2)) ** (1 / material.force_exponent))
 
 
-def contact_stiffness(c_e: float, radius: float, force: float, immersion: float) -> float:
+def contact_stiffness(
+    c_e: float, radius: float, force: float, immersion: float, force_exponent: float = 1.5
+) -> float:
     """Stiffness k = dF/dH at force F in a hole of depth H [N/mm].
 
-    k = 1.5 c_e sqrt(u) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(2/3). k grows as F falls in a hole.
+    k = q c_e u^(q - 1) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(1/q). For q below 2 k grows as F falls in
+    a hole.
 
     Parameters
     ----------
@@ -34,14 +37,17 @@ def contact_stiffness(c_e: float, radius: float, force: float, immersion: float)
         R, H [mm]; an H below the static immersion is raised to it.
     force : float
         F [N]
+    force_exponent : float
+        q; 3/2 in Eq. 3.
     """
-    u = min((force / (c_e * radius**2)) ** (2 / 3), 1.0)
+    u = min((force / (c_e * radius**2)) ** (1 / force_exponent), 1.0)
     depth = min(max(immersion, u * radius), radius)
     area = 2 * radius * depth - depth**2  # contact area projected on the axis, over pi
-    return float(1.5 * c_e * math.sqrt(u) * area / (radius * (2 * u - u * u)))
+    steepness = math.sqrt(u) if force_exponent == 1.5 else u ** (force_exponent - 1)
+    return float(force_exponent * c_e * steepness * area / (radius * (2 * u - u * u)))
 
 
-def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | None:
+def layer_thickness(burr: Burr, material: Material, velocity: float, force: float = 1.0) -> float | None:
     """Thickness of the cut layer, delta_0 = sqrt(2 pi R v/(kappa alpha))/2 [mm].
 
     kappa = -f'(1): 2 for the parabolic, 1 for the linear shape. None if the zero of f is not simple, or alpha
@@ -51,11 +57,13 @@ def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | 
     ----------
     velocity : float
         v [mm/s]
+    force : float
+        F [N], where the rate grows with it: alpha is the rate at 1 N.
     """
     if material.shape.order != 1.0 or material.alpha == 0.0:
         return None
-    kappa = shape_kappa(material.shape)
-    return float(0.5 * np.sqrt(2 * np.pi * burr.radius * velocity / (kappa * 1e3 * material.alpha)))
+    kappa, alpha = shape_kappa(material.shape), material.alpha * force**material.rate_exponent
+    return float(0.5 * np.sqrt(2 * np.pi * burr.radius * velocity / (kappa * 1e3 * alpha)))
 
 
 Array = NDArray[np.float64]

@@ -1,15 +1,16 @@
 """The descent in the continuum: Eqs. 2 to 4 without voxels, and the master curve of all descents.
 
-v = alpha R Psi(phi, window; f) with phi = F/(c_e R^2): one curve for each erosion shape f and window.
+v = alpha R Psi(phi, window; f) with phi = F/(c_e R^2): one curve for each erosion shape f and window. It serves every
+`Law`, as force and rate are constant in a descent.
 
 References
 ----------
 Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import scipy
@@ -26,9 +27,114 @@ if TYPE_CHECKING:
 
 
 Floats: TypeAlias = NDArray[np.float64]
+Number = TypeVar("Number", Floats, float, Floats | float)
 
 WINDOW_START, WINDOW_STOP = 1 / 6, 1 / 3  # default window [R]; it starts at static contact if that is deeper
 PER_SECOND = 1e3  # alpha is per ms
+PAPER_FORCE_EXPONENT = 1.5  # q of Eq. 3
+
+
+@dataclass(frozen=True)
+class Law:
+    """How force and erosion grow: F = c_e R^2 u^q and d rho/dt = -alpha (F/1 N)^m f rho, with u = h/R.
+
+    The paper's law has q = 3/2 and m = 0 (Eqs. 3, 4). At small forces v ~ F^slope, and velocities tell
+    alpha/c_e^ridge_exponent (docs/model.md, "Other laws").
+
+    Parameters
+    ----------
+    shape : Shape or str
+        Erosion shape function f.
+    force_exponent, rate_exponent : float
+        q >= 1 and m >= 0; `Material` has both too.
+
+    Raises
+    ------
+    ValueError
+        If an exponent is out of range or the shape unknown.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> paper, kobra = burrlab.Law(), burrlab.Law("parabolic", 2, 1)
+    >>> str(paper), str(kobra), round(paper.slope, 3), kobra.slope
+    ('parabolic', 'parabolic, F ~ h^2, rate ~ F^1', 2.667, 3.0)
+    """
+
+    shape: Shape = field(default_factory=lambda: Shape("parabolic"))
+    force_exponent: float = PAPER_FORCE_EXPONENT
+    rate_exponent: float = 0.0
+
+    def __post_init__(self) -> None:
+        material = self.material(1.0, 0.1)  # which checks all three
+        object.__setattr__(self, "shape", material.shape)
+        object.__setattr__(self, "force_exponent", material.force_exponent)
+        object.__setattr__(self, "rate_exponent", material.rate_exponent)
+
+    @classmethod
+    def of(cls, law: "Law | Material | Shape | str") -> "Law":
+        """A law, that of a material, or the paper's with another f."""
+        if isinstance(law, Material):
+            return cls(law.shape, law.force_exponent, law.rate_exponent)
+        return law if isinstance(law, Law) else cls(Shape(law))
+
+    def material(self, c_e: float, alpha: float, name: str = "unnamed", source: str = "") -> Material:
+        """A material of this law."""
+        return Material(
+            name, c_e=c_e, alpha=alpha, shape=self.shape, source=source, force_exponent=self.force_exponent,
+            rate_exponent=self.rate_exponent,
+        )  # fmt: skip
+
+    def velocity(
+        self, force: Floats | float, c_e: Floats | float, alpha: Floats | float, radius: float,
+        start: float | None = None, stop: float | None = None,
+    ) -> np.float64 | Floats:  # fmt: skip
+        """v = alpha (F/1 N)^m R Psi((F/(c_e R^2))^(3/(2q))) [mm/s], over a window [R]; see `MasterCurve`."""
+        ratio = MasterCurve(self.shape).velocity_ratio(
+            self.master_phi(force / (c_e * radius**2)), start, stop
+        )
+        return np.asarray(PER_SECOND * alpha * radius * ratio * rate_factor(force, self.rate_exponent))[()]
+
+    def master_phi(self, phi: Number) -> Number:
+        """phi^(3/(2q)), at which the master curve, made with q = 3/2, has the same depth u = phi^(1/q)."""
+        return phi if self.force_exponent == PAPER_FORCE_EXPONENT else phi**self.stretch
+
+    @property
+    def stretch(self) -> float:
+        """3/(2q), by which log phi is stretched on the master curve."""
+        return PAPER_FORCE_EXPONENT / self.force_exponent
+
+    @property
+    def is_paper(self) -> bool:
+        """Whether both exponents are the paper's."""
+        return (self.force_exponent, self.rate_exponent) == (PAPER_FORCE_EXPONENT, 0.0)
+
+    @property
+    def exponents(self) -> dict[str, Any]:
+        """The exponents by their names where they are not the paper's, for files and provenance; else empty."""
+        own = {"force_exponent": self.force_exponent, "rate_exponent": self.rate_exponent}
+        return {} if self.is_paper else own
+
+    @property
+    def ridge_exponent(self) -> float:
+        """p = 2 (k + 1)/q of alpha/c_e^p, which small forces determine; k is the order of f's zero at r = R."""
+        return 2 * (self.shape.order + 1) / self.force_exponent
+
+    @property
+    def slope(self) -> float:
+        """s = p + m of v ~ F^s at small forces."""
+        return self.ridge_exponent + self.rate_exponent
+
+    def __str__(self) -> str:
+        force = f", F ~ h^{self.force_exponent:.4g}" if self.force_exponent != PAPER_FORCE_EXPONENT else ""
+        return (
+            self.shape.label + force + (f", rate ~ F^{self.rate_exponent:.4g}" if self.rate_exponent else "")
+        )
+
+
+def rate_factor(force: Floats | float, rate_exponent: float) -> Floats | float:
+    """(F/1 N)^m, by which the rate grows with the force."""
+    return force**rate_exponent if rate_exponent else 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,7 +225,7 @@ def mean_field_descent(
     burr : Burr
     material : Material
     force : float
-        F [N], below c_e R^2 (stop/R)^1.5.
+        F [N], below c_e R^2 (stop/R)^q; q = 1.5 in Eq. 3.
     stop : float, optional
         Immersion at the end of the descent [mm], up to R; default R/3.
     resolution : float
@@ -154,15 +260,17 @@ def mean_field_descent(
     force = scalar(positive("force", force), "force")
     positive("alpha of the material", material.alpha)
     refuse(not 0 < stop_mm <= R, f"stop must be above 0 and at most R = {R:g} mm, got {stop_mm:g}")
-    unit = material.c_e * R**2
-    limit = unit * (stop_mm / R) ** 1.5
+    unit, q = material.c_e * R**2, material.force_exponent
+    limit = unit * (stop_mm / R) ** q
     refuse(
         not force < limit,
-        f"force must be below c_e R^2 (stop/R)^1.5 = {limit:.4g} N, or static contact alone reaches the "
+        f"force must be below c_e R^2 (stop/R)^{q:.4g} = {limit:.4g} N, or static contact alone reaches the "
         f"stop, got {force:g}",
     )
-    time, immersion = _core.mean_field_descent(material.shape, force / unit, stop_mm / R, resolution)
-    time, immersion = time / (PER_SECOND * material.alpha), immersion * R
+    phi = Law.of(material).master_phi(force / unit)
+    rate = material.alpha * rate_factor(force, material.rate_exponent)
+    time, immersion = _core.mean_field_descent(material.shape, phi, stop_mm / R, resolution)
+    time, immersion = time / (PER_SECOND * rate), immersion * R
     time.flags.writeable = immersion.flags.writeable = False
     return MeanFieldDescent(time, immersion, burr, material, force, float(resolution))
 
@@ -172,11 +280,11 @@ def thin_layer_velocity(
 ) -> np.float64 | Floats:
     """Velocity at an immersion for a thin eroding layer: the limit of small forces.
 
-    With f = kappa ((R - r)/R)^k + ... near r = R, q = (k + 2)/(k + 1) and u = phi^(2/3),
+    With f = kappa ((R - r)/R)^k + ... near r = R, b = (k + 2)/(k + 1) and u = phi^(1/q),
 
-        v = kappa alpha R/(k + 1) [q u^2 (1 - u/3)/(2 Gamma(q) (1 - (1 - H/R)^q))]^(k + 1),
+        v = kappa alpha (F/1 N)^m R/(k + 1) [b u^2 (1 - u/3)/(2 Gamma(b) (1 - (1 - H/R)^b))]^(k + 1),
 
-    so v ~ F^(4(k+1)/3). k = 1 is the law of a parabolic (kappa = 2) or linear (kappa = 1) f; power(k) has
+    so v ~ F^(2(k+1)/q + m): F^(4(k+1)/3) by Eqs. 3 and 4, q = 3/2 and m = 0. k = 1 is the law of a parabolic (kappa = 2) or linear (kappa = 1) f; power(k) has
     kappa = 2^k. For constant f, k = 0, the law is exact.
 
     Parameters
@@ -213,13 +321,13 @@ def thin_layer_velocity(
     array([0.00257, 0.00071])
     """
     require_tool(burr, material)
-    R = burr.radius
-    phi = positive("force", force) / (material.c_e * R**2)
+    R, force = burr.radius, positive("force", force)
+    phi = Law.of(material).master_phi(force / (material.c_e * R**2))
     depth = real(immersion, "immersion")
     inside = (depth > 0) & (depth <= R)
     refuse(not inside.all(), f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}")
     velocity: Floats = np.asarray(_core.thin_layer_velocity(material.shape, phi, depth / R))
-    return PER_SECOND * material.alpha * R * velocity
+    return PER_SECOND * material.alpha * R * velocity * rate_factor(force, material.rate_exponent)
 
 
 def positive(name: str, values: ArrayLike) -> Floats:
@@ -339,6 +447,8 @@ def penetration_velocity(
 ) -> np.float64 | Floats:
     """Penetration velocity v = alpha R Psi(F/(c_e R^2)) from the master curve of the material's shape.
 
+    Of another `Law` it is v = alpha (F/1 N)^m R Psi((F/(c_e R^2))^(3/(2q))).
+
     Parameters
     ----------
     burr : Burr
@@ -367,10 +477,9 @@ def penetration_velocity(
     array([0.0203, 0.0787, 0.4994, 2.8161])
     """
     require_tool(burr, material)
-    R = burr.radius
-    phi = positive("force", force) / (material.c_e * R**2)
-    window = [None if end is None else end / R for end in (start_mm, stop_mm)]
-    return PER_SECOND * material.alpha * R * MasterCurve(material.shape).velocity_ratio(phi, *window)
+    window = [None if end is None else end / burr.radius for end in (start_mm, stop_mm)]
+    constants = material.c_e, material.alpha, burr.radius
+    return Law.of(material).velocity(positive("force", force), *constants, *window)
 
 
 @dataclass(frozen=True)

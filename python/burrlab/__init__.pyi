@@ -39,8 +39,8 @@ from burrlab.common.study import Store as Store
 from burrlab.common.study import StudyInterrupted as StudyInterrupted
 from burrlab.comparing.comparison import Comparison as Comparison
 from burrlab.comparing.comparison import compare as compare
-from burrlab.comparing.shape_comparison import ShapeComparison as ShapeComparison
-from burrlab.comparing.shapes import compare_shapes as compare_shapes
+from burrlab.comparing.law_comparison import LawComparison as LawComparison
+from burrlab.comparing.laws import compare_laws as compare_laws
 from burrlab.descent.descent import DescentSettings as DescentSettings
 from burrlab.descent.descent import descend as descend
 from burrlab.descent.result import Descent as Descent

@@ -23,6 +23,7 @@ from burrlab.fitting.diagnostics import (
     goodness,
     influence,
     lack_of_fit,
+    next_law,
     order_tests,
     plausibility,
 )
@@ -619,6 +620,7 @@ def _weighed(
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),
+        next_law(likelihood) if evidence.doubt else "",
     )
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 

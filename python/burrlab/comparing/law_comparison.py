@@ -1,0 +1,293 @@
+"""The result of a comparison of laws: what the data tell of the exponents, and which laws they contradict."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from burrlab.common.check import refuse
+from burrlab.common.figures import FORCE, REFERENCE, SERIES, axes_or_new, drawing, panels, plot_points, styled
+from burrlab.common.records import Codec
+from burrlab.common.table import Tabulated
+from burrlab.fitting.diagnostics import HypothesisTest, p_text
+from burrlab.fitting.observations import Floats, Observations
+from burrlab.fitting.profile import Interval, plain_ends
+from burrlab.fitting.report import columns, html_table, in_blocks
+from burrlab.fitting.result import Fit
+from burrlab.fitting.verdict import span
+from burrlab.theory.continuum import Law
+
+_CLOSE = 4.0  # difference of AIC below which laws are not told apart
+_MANY = 3.0  # velocities that are off by a larger factor are left out of the figure
+_MEANS = {
+    "s": "Velocities determine s = 2 (k + 1)/q + m, with v ~ F^s at small forces",
+    "q": "The stopped burr determines q of F ~ h^q",
+    "m": "With f = {shape}, m of the rate ~ F^m is",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Exponent:
+    """An exponent of the law, and how well the data tell it.
+
+    Attributes
+    ----------
+    name : str
+        ``"s"`` of v ~ F^s, ``"q"`` of F ~ h^q, ``"m"`` of the rate ~ F^m.
+    value : float
+    intervals : mapping
+        Level ``68``, ``95``, ``99.7`` -> Interval; None is open.
+    grid, rise : ndarray, shape (m,)
+        Values, and the rise of -2 log L there.
+    limits : mapping
+        Level -> rise that bounds the interval.
+    """
+
+    name: str
+    value: float
+    intervals: Mapping[str, Interval]
+    grid: Floats
+    rise: Floats
+    limits: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Parting:
+    """The force at which a law parts most from the best, and about how many more runs there would tell them apart."""
+
+    name: str
+    force: float  #: [N]
+    ratio: float  #: its velocity over that of the best law
+    runs: int
+
+
+@dataclass(frozen=True, eq=False)
+class LawRow:
+    """One law, and how it stands among the others.
+
+    Attributes
+    ----------
+    name : str
+    law : Law or None
+        None of v = K F.
+    c_e, alpha : float
+        The best point, [N/mm^2] and [1/ms]; for v = K F NaN and K [mm/(s N)]. For drawing: `fit` has the intervals.
+    delta_aic, delta_error : float
+        AIC over that of the best law, and its standard error.
+    tests : tuple of HypothesisTest
+        Against laws with one exponent more.
+    p_value : float
+        The smallest of the tests, by Holm.
+    contradicted : bool
+    fit : Fit or None
+        None of a law that the data contradict, and of v = K F.
+    """
+
+    name: str
+    law: Law | None
+    c_e: float
+    alpha: float
+    delta_aic: float
+    delta_error: float
+    tests: tuple[HypothesisTest, ...]
+    p_value: float
+    contradicted: bool
+    fit: Fit | None = field(repr=False)
+
+    def velocity(self, force: Floats, radius: float) -> Floats:
+        """Velocity at the best point [mm/s], in the default window."""
+        if self.law is None:
+            return self.alpha * force
+        return np.asarray(self.law.velocity(force, self.c_e, self.alpha, radius))
+
+    @property
+    def constants(self) -> str:
+        """c_e and alpha in words; empty where the data contradict the law."""
+        if self.contradicted:
+            return ""
+        if self.law is None:
+            return f"K = {self.alpha:.4g} mm/(s N)"
+        if self.fit is None or self.fit.identified is None:
+            return ""
+        if self.fit._on_ridge:
+            low = self.fit.intervals["c_e"]["95"].lower
+            p = f"{self.fit.identified.exponent:.4g}"
+            above = "c_e open" if low is None else f"c_e above {low:.3g}, set by the largest force"
+            return f"{above}; alpha/c_e^{p} = {self.fit.identified.value:.3g}"
+        return f"c_e = {self.fit.c_e:.4g} N/mm^2, alpha = {self.fit.alpha:.4g} /ms"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LawComparison(Tabulated):
+    """Which laws the data follow. Made by `burrlab.compare_laws`.
+
+    Attributes
+    ----------
+    rows : tuple of LawRow
+        Laws that the data do not contradict, by AIC; then the others.
+    exponents : mapping
+        ``"s"``; with an indentation of three depths ``"q"`` and ``"m"``.
+    shape : str
+        The f that m holds for.
+    level : float
+        Of the tests.
+    residual_kind : str
+    observations : Observations
+    partings : tuple of Parting
+        Of the laws that are not told apart from the best.
+    provenance : dict
+    """
+
+    rows: tuple[LawRow, ...]
+    exponents: Mapping[str, Exponent]
+    shape: str
+    level: float
+    residual_kind: str
+    observations: Observations
+    partings: tuple[Parting, ...]
+    provenance: Mapping[str, Any]
+
+    @property
+    def best(self) -> LawRow:
+        """The law of the lowest AIC among those that the data do not contradict; of all, if they contradict each."""
+        return self.rows[0]
+
+    def __getitem__(self, name: str) -> LawRow:
+        names = [row.name for row in self.rows]
+        refuse(name not in names, f"this comparison holds {', '.join(names)}: got {name!r}", KeyError)
+        return self.rows[names.index(name)]
+
+    @property
+    def contradicted(self) -> tuple[str, ...]:
+        """Laws that the data contradict."""
+        return tuple(row.name for row in self.rows if row.contradicted)
+
+    @property
+    def close(self) -> tuple[LawRow, ...]:
+        """The best law and those that are not told apart from it: their AIC lies within 4."""
+        return tuple(row for row in self.rows if not row.contradicted and row.delta_aic < _CLOSE)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What the data tell, in plain words."""
+        lines = []
+        for name, exponent in self.exponents.items():
+            about = _MEANS[name].format(shape=self.shape)
+            lines.append(f"{about}: {exponent.value:.3g} ({span(exponent.intervals['95'])}).")
+        if "q" not in self.exponents:
+            lines.append("Pressing the stopped burr at three depths or more would tell q.")
+        for row in self.rows:
+            if row.contradicted:
+                worst = min(row.tests, key=lambda test: test.p_value)
+                lines.append(f"The data contradict {row.name}. {worst.sentence}")
+        close = self.close
+        if len(close) > 1:
+            names = f"{', '.join(row.name for row in close[:-1])} and {close[-1].name}"
+            lines.append(
+                f"{names[0].upper()}{names[1:]} are not told apart: their AIC lies within {_CLOSE:g}."
+            )
+        elif close:
+            lines.append(f"{close[0].name[0].upper()}{close[0].name[1:]} alone is left.")
+        else:
+            lines.append("The data contradict every law here.")
+        for parting in self.partings:
+            lines.append(
+                f"{parting.name} parts most from {self.best.name} at {parting.force:.3g} N (velocity {parting.ratio:.2f} "
+                f"times): about {parting.runs} more {'run' if parting.runs == 1 else 'runs'} there would tell them apart."
+            )
+        return tuple(lines)
+
+    def _columns(self) -> dict[str, list[Any]]:
+        rows = self.rows
+        return {
+            "law": [row.name for row in rows],
+            "what": [str(row.law) if row.law else "v = K F" for row in rows],
+            "slope": [row.law.slope if row.law else 1.0 for row in rows],
+            "delta_aic": [row.delta_aic for row in rows],
+            "delta_error": [row.delta_error for row in rows],
+            "p_value": [row.p_value for row in rows],
+            "contradicted": [row.contradicted for row in rows],
+            "constants": [row.constants for row in rows],
+        }
+
+    def _cells(self) -> list[list[str]]:
+        table = [["law", "f and exponents", "s", "delta AIC", "tests", "constants"]]
+        for row in self.rows:
+            verdict = f"{p_text(row.p_value)}{', contradicted' if row.contradicted else ''}"
+            what, slope = (str(row.law), row.law.slope) if row.law else ("v = K F", 1.0)
+            delta = f"{row.delta_aic:.3g} ± {row.delta_error:.2g}" if row.delta_aic else "0"
+            table.append([row.name, what, f"{slope:.3g}", delta, verdict, row.constants])
+        return table
+
+    def report(self) -> str:
+        """Table and sentences as text."""
+        notes = [f"- {sentence}" for sentence in self.sentences]
+        return in_blocks({"Laws": columns(self._cells()), "Notes": notes})
+
+    @drawing
+    def plot(self, ax: "Axes | Sequence[Axes] | None" = None, **style: Any) -> Sequence[Axes]:
+        """Velocities and laws over force, and what the data tell of s; laws that are contradicted are dashed.
+
+        `style` is that of the points.
+        """
+        left, right = panels(ax, (1, 2), (9.6, 4.2))
+        o, R = self.observations, float(np.median(self.observations.radius))
+        force = np.geomspace(0.8 * o.force.min(), 1.25 * o.force.max(), 200)
+        plot_points(left, o.force, o.velocity, None, {"ms": 3.5, "zorder": 4} | style, "data")
+        for look, row in zip(SERIES[1:], self.rows, strict=False):
+            with np.errstate(invalid="ignore"):
+                label = row.name + (", contradicted" if row.contradicted else "")
+                left.plot(force, row.velocity(force, R), color=look["color"], linewidth=1.2, label=label,
+                          linestyle="--" if row.contradicted else "-")  # fmt: skip
+        low, high = o.velocity.min() / _MANY, o.velocity.max() * _MANY
+        left.set(xscale="log", yscale="log", xlabel="force [N]", ylabel="velocity [mm/s]", ylim=(low, high))
+        self.plot_exponent(ax=right)
+        return [left, right]
+
+    @drawing
+    def plot_exponent(self, name: str = "s", ax: Axes | None = None, **style: Any) -> Axes:
+        """The rise of -2 log L over an exponent, with the limits of three levels and the laws' own values."""
+        refuse(name not in self.exponents, f"the data tell {', '.join(self.exponents)}: got {name!r}")
+        exponent, ax = self.exponents[name], axes_or_new(ax)
+        largest = max(exponent.limits.values())
+        ax.plot(exponent.grid, exponent.rise, **styled(style, color=FORCE, linewidth=1.4))
+        for level, limit in exponent.limits.items():
+            ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
+            ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
+                        textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
+        ax.set(xlabel=_AXES[name], ylabel="rise of $-2 \\log L$", ylim=(0, 1.25 * largest))
+        ax.set_xlim(exponent.grid[0], exponent.grid[-1])
+        ends = span(exponent.intervals["95"])
+        ax.set_title(f"{name} = {exponent.value:.3g}, 95 %: {ends}")
+        return ax
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the data as plain Python objects, ready for JSON; infinities and NaN are None."""
+        exponents = {
+            name: {"value": x.value, "intervals": plain_ends({name: x.intervals})[name]}
+            for name, x in self.exponents.items()
+        }
+        plain: dict[str, Any] = Codec().plain({
+            "rows": [dict(zip(self._columns(), cells, strict=True)) | {"tests": row.tests}
+                     for row, cells in zip(self.rows, zip(*self._columns().values(), strict=True), strict=True)],
+            "exponents": exponents, "shape": self.shape, "level": self.level, "residuals": self.residual_kind,
+            "partings": self.partings, "sentences": self.sentences, "provenance": self.provenance,
+        })  # fmt: skip
+        return plain
+
+    def __repr__(self) -> str:
+        return "\n".join(columns(self._cells()))
+
+    def _repr_html_(self) -> str:
+        items = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences)
+        return f"{html_table(self._cells())}<ul>{items}</ul>"
+
+
+_AXES = {
+    "s": "$s$ of $v \\sim F^s$ at small forces",
+    "q": "$q$ of $F \\sim h^q$",
+    "m": "$m$ of the rate $\\sim F^m$",
+}

@@ -1,0 +1,509 @@
+"""Which law the data follow: exponents of force and rate, and the erosion shape, tested against one another."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Literal, TypeAlias
+
+import numpy as np
+import scipy
+
+from burrlab._core import Burr, Shape, shape_names
+from burrlab.common.check import nearest, refuse
+from burrlab.common.progress import Progress, counter
+from burrlab.common.provenance import provenance
+from burrlab.comparing.law_comparison import Exponent, LawComparison, LawRow, Parting
+from burrlab.fitting.diagnostics import HypothesisTest, concluded
+from burrlab.fitting.fit import fit
+from burrlab.fitting.likelihood import MODEL_ERROR
+from burrlab.fitting.mixed import MixedLikelihood
+from burrlab.fitting.observations import Data, Floats, Observations
+from burrlab.fitting.profile import LEVELS, Interval
+from burrlab.fitting.result import Fit
+from burrlab.theory.continuum import PAPER_FORCE_EXPONENT, PER_SECOND, Law, MasterCurve
+
+NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that others are interpolated from
+PRESTON = "preston"  #: v = K F, without constants of the bone
+LAWS: Mapping[str, Law | None] = {
+    "paper": Law(), **{name: Law(Shape(name)) for name in shape_names if name != "parabolic"},
+    "kobra": Law("parabolic", 2.0, 1.0), "preston-bone": Law("constant", 2.0), PRESTON: None,
+}  # fmt: skip
+_K = np.linspace(0.0, 3.0, 25)  # k of the family that is walked over
+_Q = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)  # q, where no indentation tells it
+_COARSE, _FINE, _REACH = 48, 80, 6.0  # points of c_e, and ln of the largest over the bound that a window sets
+_NEAR = 12.0  # rise of -2 log L over the best up to which points of c_e are close
+_STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
+_CLOSE = 4.0  # difference of AIC below which laws are not told apart
+_REASONABLE = (0.5, 2.0)  # forces of a further measurement, over the smallest and largest of the data
+
+
+def member(k: float) -> Shape:
+    """(1 - x^2)^k; k = 0 is `constant`."""
+    return Shape("constant" if k == 0 else f"power({k:.17g})")
+
+
+@lru_cache(maxsize=8)
+def _weights(k: tuple[float, ...]) -> Floats:
+    """Weights of the nodes' log Psi for each k: the polynomial through them, within 0.02 % of a curve of that k."""
+    nodes, others = np.array(NODES), ~np.eye(len(NODES), dtype=bool)
+    return np.array(
+        [
+            [np.prod((x - nodes[o]) / (node - nodes[o])) for node, o in zip(nodes, others, strict=True)]
+            for x in k
+        ]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """-2 log L over shapes and c_e at one q, with the best alpha and, at it or at a given m, scatter."""
+
+    q: float
+    orders: Floats  # of each shape
+    c_e: Floats  # [N/mm^2]
+    squares: Floats  # of the velocities' residuals at the best m, shape (shapes, c_e)
+    m: Floats  # the best
+    pressed: Floats  # -2 log L of the indentation's rows, shape (c_e,)
+    n: int
+    lever: float  # by which (m - best m)^2 adds to the squares
+    known: bool
+
+    def heights(self, m: float | Floats | None = None) -> Floats:
+        """-2 log L, shape (shapes, c_e)."""
+        squares = self.squares if m is None else self.squares + self.lever * (m - self.m) ** 2
+        return self.pressed + (squares if self.known else self.n * np.log(squares / self.n + MODEL_ERROR**2))
+
+    def at_slope(self, s: float) -> Floats:
+        """-2 log L where s = 2 (k + 1)/q + m is given."""
+        return self.heights(s - 2 * (self.orders[:, None] + 1) / self.q)
+
+
+@dataclass(frozen=True, eq=False)
+class BestPoint:
+    """The best constants of a law, and how each row likes them."""
+
+    height: float  # -2 log L, without constants
+    n_parameters: int
+    c_e: float  # [N/mm^2]; NaN of v = K F
+    alpha: float  # [1/ms]; K [mm/(s N)] of v = K F
+    rows: Floats  # 2 log L of each row
+    scatter: float
+
+    @property
+    def aic(self) -> float:
+        """Without constants that all laws share."""
+        return self.height + 2 * self.n_parameters
+
+
+class LawLikelihood:
+    """-2 log L of data over q, m, f and c_e, where ln alpha and m are linear and so in closed form.
+
+    Rows of a trace count by their run's mean. With groups, rows are whitened by the effects' variances of a fit.
+    """
+
+    def __init__(self, observations: Observations, known: bool = False, effects: Fit | None = None) -> None:
+        o = self.observations = observations
+        runs = np.unique(o.run_number, return_inverse=True)[1]
+        mean = np.equal.outer(np.arange(runs.max() + 1), runs) / np.bincount(runs)[:, None]
+        self.n, self.known, white = len(mean), known, np.eye(len(mean))
+        if known:
+            white = np.diag(mean @ (o.velocity / o.sigma))
+        if effects is not None and isinstance(effects.likelihood, MixedLikelihood):
+            mixed = effects.likelihood
+            Z = mixed.linear.columns[0][: self.n, :-3]
+            variance = np.eye(self.n) + (Z * np.concatenate(
+                [np.full(block.stop - block.start, e) for block, e in zip(mixed.linear.blocks, mixed.equations.effect2, strict=True)]
+            )) @ Z.T / mixed.equations.scatter2[0]  # fmt: skip
+            white = np.linalg.inv(np.linalg.cholesky(variance))
+        self.transform = white @ mean
+        self.log_velocity = np.log(o.velocity) @ self.transform.T
+        level = self.transform @ np.ones(len(o.force))
+        self._level = level / np.linalg.norm(level)
+        slope = self.transform @ np.log(o.force)
+        slope = slope - self._level * (self._level @ slope)
+        self._lever = float(slope @ slope)
+        self._slope = slope / self._lever
+        #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
+        self.freedom = max(self.n - 3 - sum(len(group.levels) - 1 for group in o.groups), 1)
+
+    def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
+        """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
+        r = self.log_velocity - log_unit @ self.transform.T
+        r = r - (r @ self._level)[..., None] * self._level
+        best = r @ self._slope
+        return r - np.asarray(best if m is None else m)[..., None] * (self._slope * self._lever), best
+
+    def log_unit(self, shapes: Sequence[Shape], q: float, c_e: Floats) -> Floats:
+        """ln velocity at alpha = 1 /ms and m = 0, shape (shapes, c_e, rows)."""
+        o = self.observations
+        logs = np.empty((len(shapes), len(c_e), len(o.force)))
+        log_phi = (np.log(o.force / o.radius**2) - np.log(c_e)[:, None]) * (PAPER_FORCE_EXPONENT / q)
+        for (start, end), rows in o.by_window().items():
+            for k, shape in enumerate(shapes):
+                logs[k][:, rows] = MasterCurve(shape).log_velocity_ratio(log_phi[:, rows], start, end)
+        return logs + np.log(PER_SECOND * o.radius)
+
+    def scan(self, q: float, shape: Shape | None = None) -> Scan:
+        """Over c_e, for a shape or for the family (1 - x^2)^k; closer points where the likelihood is high."""
+        o = replace(self.observations, force_exponent=q)
+        low, high = np.log(float(o.c_e_bounds().max())), np.log(o.ceiling)
+        coarse = np.geomspace(1e-4, min(_REACH, 0.999 * (high - low)), _COARSE)
+        first = self._scan(q, shape, np.exp(low + coarse))
+        near = np.flatnonzero((first.heights() < first.heights().min() + _NEAR).any(axis=0))
+        ends = coarse[max(near[0] - 1, 0)], coarse[min(near[-1] + 1, _COARSE - 1)]
+        points = np.unique(np.concatenate([coarse, np.geomspace(*ends, _FINE)]))
+        return self._scan(q, shape, np.exp(low + points))
+
+    def _scan(self, q: float, shape: Shape | None, c_e: Floats) -> Scan:
+        log_unit = self.log_unit([member(k) for k in NODES] if shape is None else [shape], q, c_e)
+        if shape is None:
+            log_unit = np.tensordot(_weights(tuple(_K.tolist())), log_unit, axes=1)
+        orders = _K if shape is None else np.array([shape.order])
+        r, m = self.unexplained(log_unit)
+        squares = np.einsum("...i,...i->...", r, r)
+        return Scan(q, orders, c_e, squares, m, self._pressed(q, c_e), self.n, self._lever, self.known)
+
+    def _pressed(self, q: float, c_e: Floats) -> Floats:
+        o = replace(self.observations, force_exponent=q)
+        n = len(o.pressed)
+        if not n:
+            return np.zeros(len(c_e))
+        if self.known and np.isfinite(o.pressed_sigma).all():
+            r = (o.pressed - c_e[:, None] * o.pressed_unit) / o.pressed_sigma
+            return np.asarray((r**2).sum(axis=1))
+        r = np.log(o.pressed / o.pressed_unit) - np.log(c_e)[:, None]
+        return np.asarray(n * np.log((r**2).mean(axis=1) + MODEL_ERROR**2))
+
+    def pressed_exponent(self) -> tuple[float, float]:
+        """q by the indentation alone, and its standard error."""
+        o = self.observations
+        x, y = np.log(o.pressed_depth / o.pressed_radius), np.log(o.pressed / o.pressed_radius**2)
+        x = x - x.mean()
+        q = float(x @ y / (x @ x))
+        scatter = np.sqrt(np.sum((y - y.mean() - q * x) ** 2) / max(len(y) - 2, 1))
+        return q, float(max(scatter, MODEL_ERROR) / np.sqrt(x @ x))
+
+    def limit(self, level: float, freedom: float | None = None) -> float:
+        """Rise of -2 log L that bounds an exponent's interval."""
+        if self.known:
+            return float(scipy.stats.chi2.ppf(level, 1))
+        nu, n = (max(self.freedom - 1, 1), self.n) if freedom is None else (freedom, freedom + 2)
+        return float(n * np.log1p(scipy.stats.f.ppf(level, 1, nu) / nu))
+
+    def test(self, name: str, rise: float, sentence: str, freedom: float | None = None) -> HypothesisTest:
+        """Test of one more exponent by the rise without it."""
+        if self.known:
+            return concluded(name, max(rise, 0.0), (1,), sentence, "does not fit better", "fits better")
+        nu, n = (self.freedom, self.n) if freedom is None else (freedom, freedom + 2)
+        F = nu * float(np.expm1(max(rise, 0.0) / n))
+        return concluded(name, F, (1, nu), sentence, "does not fit better", "fits better")
+
+    def best(self, law: Law | None) -> "BestPoint":
+        """The best point of a law, or of v = K F, whose indentation has Eq. 3 and a c_e of its own."""
+        o, m, log_unit = self.observations, 1.0, np.zeros(len(self.observations.force))
+        q, c_e = PAPER_FORCE_EXPONENT, np.nan
+        if law is not None:
+            q, m = law.force_exponent, law.rate_exponent
+            scan = self.scan(q, law.shape)
+            c_e = float(scan.c_e[int(np.argmin(scan.heights(m)))])
+            log_unit = self.log_unit([law.shape], q, np.array([c_e]))[0, 0]
+        r, _ = self.unexplained(log_unit, m)
+        ones = self.transform @ np.ones(len(o.force))
+        rest = self.log_velocity - self.transform @ (log_unit + m * np.log(o.force))
+        pressed = replace(o, force_exponent=q)
+        unit = (
+            c_e
+            if law is not None
+            else np.exp(np.mean(np.log(o.pressed / o.pressed_unit)))
+            if len(o.pressed)
+            else 1.0
+        )
+        known = self.known and bool(np.isfinite(o.pressed_sigma).all())
+        errors = [(r, self.known)]
+        if len(o.pressed):
+            predicted = unit * pressed.pressed_unit
+            of_press = (o.pressed - predicted) / o.pressed_sigma if known else np.log(o.pressed / predicted)
+            errors.append((of_press, known))
+        rows, height = [], 0.0
+        for residuals, is_known in errors:
+            variance = 1.0 if is_known else float(np.mean(residuals**2)) + MODEL_ERROR**2
+            rows.append(-(residuals**2) / variance - np.log(variance))
+            height += float(residuals @ residuals) if is_known else len(residuals) * float(np.log(variance))
+        n_parameters = (1 if law is None else 2) + (len(o.pressed) > 0 and law is None)
+        n_parameters += sum(not is_known for _, is_known in errors)
+        log_alpha = float(rest @ self._level / (ones @ self._level))
+        return BestPoint(
+            height, n_parameters, c_e, float(np.exp(log_alpha)), np.concatenate(rows), float(np.std(r))
+        )
+
+    def free_slope(self) -> float:
+        """-2 log L of v = K F^s at the best s, with the indentation of `best(None)`."""
+        r, _ = self.unexplained(np.zeros(len(self.observations.force)))
+        least = self.unexplained(np.zeros(len(self.observations.force)), 1.0)[0]
+        squares = [float(x @ x) for x in (r, least)]
+        if self.known:
+            return self.best(None).height + squares[0] - squares[1]
+        logs = [self.n * np.log(x / self.n + MODEL_ERROR**2) for x in squares]
+        return self.best(None).height + float(logs[0] - logs[1])
+
+    @property
+    def tells_q(self) -> bool:
+        """Whether an indentation of three depths or more tells q."""
+        return len(np.unique(self.observations.pressed_depth)) > 2 and len(self.observations.pressed) > 3
+
+    @property
+    def pressed_freedom(self) -> int:
+        """Degrees of freedom of q."""
+        return max(len(self.observations.pressed) - 2, 1)
+
+
+def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]) -> Exponent:
+    """The best exponent and its intervals, from the rise of -2 log L over a grid; an end at the grid's end is open."""
+    best = int(np.argmin(rise))
+    value = float(grid[best])
+    if 0 < best < len(grid) - 1:  # the parabola through three points
+        a, b, c = rise[best - 1 : best + 2]
+        value += float(0.5 * (a - c) / max(a - 2 * b + c, 1e-300) * (grid[best + 1] - grid[best]))
+    intervals = {}
+    for level, limit in limits.items():
+        inside = np.flatnonzero(rise - rise[best] <= limit)
+        ends: list[float | None] = []
+        for at, beyond in ((inside[0], inside[0] - 1), (inside[-1], inside[-1] + 1)):
+            if not 0 <= beyond < len(grid):
+                ends.append(None)
+                continue
+            part = (limit - (rise[at] - rise[best])) / (rise[beyond] - rise[at])
+            ends.append(float(grid[at] + part * (grid[beyond] - grid[at])))
+        intervals[level] = Interval(*ends)
+    return Exponent(name, value, intervals, grid, rise - rise[best], dict(limits))
+
+
+Height: TypeAlias = Callable[[float], float]
+
+
+def _profiled(
+    name: str, about: tuple[float, float], low: float, height: Height, limits: Mapping[str, float]
+) -> Exponent:
+    """An exponent over a grid about a value and its rough error, made wider until it holds the widest limit."""
+    value, half = about
+    for _ in range(8):
+        grid = np.unique(np.maximum(np.linspace(value - half, value + half, _STEPS), low))
+        rise = np.array([height(float(x)) for x in grid])
+        rise, inside = rise - rise.min(), rise - rise.min() < max(limits.values())
+        if not (inside[0] and grid[0] > low) and not inside[-1]:
+            break
+        half *= 2
+    held = grid[inside]
+    if np.ptp(held) < 0.3 * np.ptp(grid):  # too coarse: once more, closer
+        margin = 0.2 * float(np.ptp(held)) + 2 * float(grid[1] - grid[0])
+        grid = np.unique(np.maximum(np.linspace(held[0] - margin, held[-1] + margin, _STEPS), low))
+        rise = np.array([height(float(x)) for x in grid])
+    return _exponent(name, grid, rise, limits)
+
+
+def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
+    """s of the velocities, whatever k and q are; and with an indentation q, and m for one shape."""
+    found: dict[str, Exponent] = {}
+    limits = {name: likelihood.limit(level) for name, level in LEVELS.items()}
+    scans = [likelihood.scan(q) for q in (_q_grid(likelihood, 9) if likelihood.tells_q else _Q)]
+    best = min(scans, key=lambda scan: scan.heights().min())
+    k, c = np.unravel_index(np.argmin(best.heights()), best.squares.shape)
+    slope = 2 * (best.orders[k] + 1) / best.q + best.m[k, c]
+    error = np.sqrt(best.squares[k, c] / max(likelihood.freedom, 1) / best.lever)
+    found["s"] = _profiled(
+        "s", (float(slope), _SIDE * float(max(error, MODEL_ERROR))), -np.inf,
+        lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits,
+    )  # fmt: skip
+    if likelihood.tells_q:
+        grid = _q_grid(likelihood, 65)
+        by_q = [likelihood.scan(q, shape) for q in grid]
+        of_pressed = {
+            name: likelihood.limit(level, likelihood.pressed_freedom) for name, level in LEVELS.items()
+        }
+        found["q"] = _exponent(
+            "q", np.array(grid), np.array([scan.heights().min() for scan in by_q]), of_pressed
+        )
+        q = by_q[int(np.argmin([scan.heights().min() for scan in by_q]))]
+        m = float(q.m.ravel()[np.argmin(q.heights())])
+        found["m"] = _profiled(
+            "m", (m, 4 * _SIDE * float(max(error, MODEL_ERROR))), -np.inf,
+            lambda m: min(float(scan.heights(m).min()) for scan in by_q), limits,
+        )  # fmt: skip
+    return found
+
+
+def _q_grid(likelihood: LawLikelihood, points: int) -> list[float]:
+    """q within five standard errors of what the indentation tells."""
+    q, error = likelihood.pressed_exponent()
+    return np.unique(np.maximum(q + 5 * error * np.linspace(-1, 1, points), 1.0)).tolist()
+
+
+def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
+    """A law against those with one more free exponent: m, k of (1 - x^2)^k, and q where an indentation tells it."""
+    if law is None:
+        rise = height - likelihood.free_slope()
+        return (likelihood.test("s free", rise, "v ~ F^s {so} than v ~ F: {outcome}."),)
+    scan, tests = likelihood.scan(law.force_exponent, law.shape), []
+    rise = height - float(scan.heights().min())
+    tests.append(likelihood.test("m free", rise, "Another m {so}: {outcome}."))
+    if law.shape == member(law.shape.order):
+        family = likelihood.scan(law.force_exponent)
+        heights = family.heights(law.rate_exponent).min(axis=1)
+        text = f"Another k ({_K[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
+        tests.append(likelihood.test("k free", height - float(heights.min()), text))
+    if likelihood.tells_q:
+        heights = np.array([
+            likelihood.scan(q, law.shape).heights(law.rate_exponent).min() for q in _q_grid(likelihood, 33)
+        ])  # fmt: skip
+        text = f"Another q ({_q_grid(likelihood, 33)[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
+        tests.append(
+            likelihood.test("q free", height - float(heights.min()), text, likelihood.pressed_freedom)
+        )
+    return tuple(tests)
+
+
+def compare_laws(
+    data: Data | Sequence[Data],
+    burr: Burr | None = None,
+    *,
+    laws: Iterable[Law | str] = tuple(LAWS),
+    level: float = 0.95,
+    residuals: Literal["relative", "sigma"] = "relative",
+    groups: Sequence[str] | None = None,
+    progress: Progress | None = None,
+) -> LawComparison:
+    """Which law of force and rate the data follow: F ~ h^q, a rate ~ F^m, and f = (1 - x^2)^k or another shape.
+
+    Each law is tested against those with one exponent more: m, k, and q where an indentation of the stopped burr
+    tells it. A law that is contradicted at `level`, by Holm, or whose lack of fit is clear, gets no constants. The
+    rest are compared by AIC.
+
+    Parameters
+    ----------
+    data : VelocityCurve, Indentation, DepthTrace or a sequence of them
+        As for `fit`. Runs that were too slow are left out; overloaded ones bound c_e.
+    burr : Burr, optional
+        The burr of data sets without a radius.
+    laws : sequence of Law or str
+        ``"paper"``, its other shapes ``"linear"``, ``"quartic"``, ``"constant"``; ``"kobra"``, q = 2 and m = 1, as in
+        the open simulator forsslund/kobra; ``"preston"``, v = K F without constants of the bone; ``"preston-bone"``,
+        the law with these that is nearest to it, constant f and q = 2; or your own.
+    level : float
+        Level at which a law is contradicted.
+    residuals : {"relative", "sigma"}
+        Log-normal velocities of one scatter, or of scatter sigma/v.
+    groups : sequence of str, optional
+        As for `fit`; their variances are those of the best law's fit.
+    progress : callable or True, optional
+        Called with the fraction done, 0 to 1; True shows a bar on standard error.
+
+    Returns
+    -------
+    LawComparison
+
+    Raises
+    ------
+    TypeError
+        If data or burr has another type.
+    ValueError
+        If laws is empty or names one twice or an unknown one, level is not between 0 and 1, sigma is missing, or
+        `fit` refuses the data.
+
+    Notes
+    -----
+    Velocities tell s = 2 (k + 1)/q + m, with v ~ F^s at small forces, and hardly more: s is profiled over k, q and
+    c_e. An indentation tells q, and with it m for one f (docs/model.md, "Other laws").
+
+    References
+    ----------
+    Vuong, Likelihood ratio tests for model selection and non-nested hypotheses, Econometrica 57 (1989): the standard
+    error of a difference in AIC. Holm, Scand. J. Statistics 6 (1979).
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> forces = [0.5, 0.7, 1.0, 1.4, 2.0, 2.8]
+    >>> curve = burrlab.VelocityCurve(forces, [0.26, 0.34, 0.51, 0.69, 1.03, 1.38], radius=3.0)
+    >>> compared = burrlab.compare_laws(curve)
+    >>> compared.best.name, round(compared.exponents["s"].value, 1)
+    ('preston', 1.0)
+    """
+    named = _named(laws)
+    refuse(not 0 < level < 1, f"level must be between 0 and 1: got {level!r}")
+    refuse(
+        residuals not in ("relative", "sigma"), f"residuals must be 'relative' or 'sigma': got {residuals!r}"
+    )
+    report_progress, steps = counter(progress, "laws"), 2 * len(named) + 1
+    first = fit(data, burr, residuals=residuals, groups=groups)
+    fits: dict[str, Fit] = {}
+    if first.observations.groups:  # the best law's effects
+        fits = {
+            name: fit(data, burr, law=law, residuals=residuals, groups=groups)
+            for name, law in named.items()
+            if law
+        }
+    effects = min(fits.values(), key=lambda x: x.aic) if fits else None
+    likelihood = LawLikelihood(first.observations, residuals == "sigma", effects)
+    report_progress(1, steps)
+    points, tests = {}, {}
+    for name, law in named.items():
+        points[name] = likelihood.best(law)
+        tests[name] = _tests(likelihood, law, points[name].height)
+        report_progress(1 + len(points), steps)
+    least = min(points, key=lambda name: points[name].aic)
+    rows = []
+    for name, law in named.items():
+        p = min(test.p_value for test in tests[name]) * len(tests[name])
+        if law is not None and p >= 1 - level and name not in fits:
+            fits[name] = fit(data, burr, law=law, residuals=residuals, groups=groups)
+        contradicted = p < 1 - level or (name in fits and fits[name].status == "poor-fit")
+        apart = points[name].rows - points[least].rows
+        rows.append(LawRow(
+            name, law, points[name].c_e, points[name].alpha, points[name].aic - points[least].aic,
+            float(np.sqrt(len(apart)) * np.std(apart)), tests[name], min(p, 1.0), contradicted,
+            None if contradicted else fits.get(name),
+        ))  # fmt: skip
+        report_progress(1 + len(points) + len(rows), steps)
+    rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
+    shape = next((row.law.shape for row in rows if row.law), Shape("parabolic"))
+    return LawComparison(
+        tuple(rows), exponents(likelihood, shape), str(shape), level, residuals, first.observations,
+        _partings(rows, first.observations, points[rows[0].name].scatter),
+        provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
+    )  # fmt: skip
+
+
+def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
+    """The laws by their names; ValueError unless each is known and there once."""
+    listed = [laws] if isinstance(laws, str | Law) else list(laws)
+    named: dict[str, Law | None] = {}
+    for law in listed:
+        name = law if isinstance(law, str) else str(law)
+        unknown = isinstance(law, str) and name not in LAWS
+        refuse(unknown, f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}")
+        refuse(name in named, f"laws must be given once each: got {name!r} twice")
+        named[name] = LAWS[law] if isinstance(law, str) else law
+    refuse(not named, "laws must hold one law or more: got none")
+    return named
+
+
+def _partings(rows: Sequence[LawRow], o: Observations, scatter: float) -> tuple[Parting, ...]:
+    """Where the best law and each other that lies close part most, and how many more runs there would tell."""
+    R, partings = float(np.median(o.radius)), []
+    force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
+    x = np.log(force) - np.log(o.force).mean()
+    leverage = 1 / len(o.force) + x**2 / np.sum((np.log(o.force) - np.log(o.force).mean()) ** 2)
+    for row in rows[1:]:
+        if row.contradicted or row.delta_aic >= _CLOSE:
+            continue
+        with np.errstate(invalid="ignore"):
+            ratio = np.log(row.velocity(force, R) / rows[0].velocity(force, R))
+        # n runs raise -2 log L by n d^2/(1 + n leverage), in standard deviations: the law is fitted again
+        room = (ratio / max(scatter, MODEL_ERROR)) ** 2 - _CLOSE * leverage
+        if not (room > 0).any():
+            continue
+        at = int(np.nanargmax(room))
+        partings.append(
+            Parting(row.name, float(force[at]), float(np.exp(ratio[at])), int(np.ceil(_CLOSE / room[at])))
+        )
+    return tuple(partings)

@@ -1,6 +1,6 @@
 """The result of a comparison of laws: what the data tell of the exponents, and which laws they contradict."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
@@ -9,7 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import FORCE, REFERENCE, SERIES, axes_or_new, drawing, panels, plot_points, styled
+from burrlab.common.figures import (
+    FORCE,
+    REFERENCE,
+    SERIES,
+    Panels,
+    axes_or_new,
+    drawing,
+    panels,
+    plot_points,
+    styled,
+)
 from burrlab.common.records import Codec
 from burrlab.common.table import Tabulated
 from burrlab.fitting.diagnostics import HypothesisTest, p_text
@@ -228,7 +238,7 @@ class LawComparison(Tabulated):
         return in_blocks({"Laws": columns(self._cells()), "Notes": notes})
 
     @drawing
-    def plot(self, ax: "Axes | Sequence[Axes] | None" = None, **style: Any) -> Sequence[Axes]:
+    def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
         """Velocities and laws over force, and what the data tell of s; laws that are contradicted are dashed.
 
         `style` is that of the points.

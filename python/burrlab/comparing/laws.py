@@ -205,7 +205,14 @@ class LawLikelihood:
         if law is not None:
             q, m = law.force_exponent, law.rate_exponent
             scan = self.scan(q, law.shape)
-            c_e = float(scan.c_e[int(np.argmin(scan.heights(m)))])
+            at = int(np.argmin(scan.heights(m)))
+            ends = np.log(scan.c_e[[max(at - 1, 0), min(at + 1, len(scan.c_e) - 1)]])
+            optimum = scipy.optimize.minimize_scalar(
+                lambda x: self._scan(q, law.shape, np.exp([x])).heights(m).min(),
+                bounds=ends,
+                method="bounded",
+            )
+            c_e = float(np.exp(optimum.x))
             log_unit = self.log_unit([law.shape], q, np.array([c_e]))[0, 0]
         r, _ = self.unexplained(log_unit, m)
         ones = self.transform @ np.ones(len(o.force))
@@ -335,7 +342,8 @@ def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
 def _q_grid(likelihood: LawLikelihood, points: int) -> list[float]:
     """q within five standard errors of what the indentation tells."""
     q, error = likelihood.pressed_exponent()
-    return np.unique(np.maximum(q + 5 * error * np.linspace(-1, 1, points), 1.0)).tolist()
+    grid: list[float] = np.unique(np.maximum(q + 5 * error * np.linspace(-1, 1, points), 1.0)).tolist()
+    return grid
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:

@@ -300,11 +300,9 @@ class Observations:
     @property
     def ceiling(self) -> float:
         """Upper bound of c_e [N/mm^2] that the overloaded rows imply."""
-        return (
-            float(_static_c_e(*self.overloaded, force_exponent=self.force_exponent).min(initial=np.inf))
-            if self.raised is None
-            else self.raised
-        )
+        F, end, R = self.overloaded
+        bounds = _static_c_e(F, end, R, self.force_exponent)
+        return float(bounds.min(initial=np.inf)) if self.raised is None else self.raised
 
     def ridge_entries(self) -> Floats:
         """c_e [N/mm^2] above which each window starts deeper than static contact (default: phi < 0.068).

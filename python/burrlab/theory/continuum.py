@@ -8,7 +8,7 @@ References
 Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -61,22 +61,28 @@ class Law:
     ('parabolic', 'parabolic, F ~ h^2, rate ~ F^1', 2.667, 3.0)
     """
 
-    shape: Shape = field(default_factory=lambda: Shape("parabolic"))
-    force_exponent: float = PAPER_FORCE_EXPONENT
-    rate_exponent: float = 0.0
+    shape: Shape
+    force_exponent: float
+    rate_exponent: float
 
-    def __post_init__(self) -> None:
-        material = self.material(1.0, 0.1)  # which checks all three
-        object.__setattr__(self, "shape", material.shape)
-        object.__setattr__(self, "force_exponent", material.force_exponent)
-        object.__setattr__(self, "rate_exponent", material.rate_exponent)
+    def __init__(
+        self,
+        shape: Shape | str = "parabolic",
+        force_exponent: float = PAPER_FORCE_EXPONENT,
+        rate_exponent: float = 0.0,
+    ) -> None:
+        material = Material(  # which checks all three
+            c_e=1.0, alpha=0.1, shape=shape, force_exponent=force_exponent, rate_exponent=rate_exponent
+        )
+        for name in ("shape", "force_exponent", "rate_exponent"):
+            object.__setattr__(self, name, getattr(material, name))
 
     @classmethod
     def of(cls, law: "Law | Material | Shape | str") -> "Law":
         """A law, that of a material, or the paper's with another f."""
         if isinstance(law, Material):
             return cls(law.shape, law.force_exponent, law.rate_exponent)
-        return law if isinstance(law, Law) else cls(Shape(law))
+        return law if isinstance(law, Law) else cls(law)
 
     def material(self, c_e: float, alpha: float, name: str = "unnamed", source: str = "") -> Material:
         """A material of this law."""

@@ -2,7 +2,7 @@
 
     make golden CASE=fits      # shows how a case differs, and freezes it anew: say why in the commit
 
-The same version wrote `files/`: a trace, kept bones, volumes of each format with their drilled pairs, a
+Earlier versions wrote `files/`: traces, kept bones, volumes of each format with their drilled pairs, a
 store, an experiment with answers. Later versions read them.
 """
 
@@ -342,10 +342,13 @@ def written(folder: Path) -> Any:
 @case
 def read(_: Path) -> Any:
     """Contents of the frozen files: values, digests, replays, answers."""
-    trace = burrlab.load_trace(FILES / "trace.h5")
     bone, tick = burrlab.load_bone(FILES / "bone.h5")
+    traces = {
+        name: burrlab.load_trace(FILES / f"{name}.h5") for name in ("trace", "trace3")
+    }  # formats 2 and 3
     found: dict[str, Any] = {
-        "trace": [_digest(trace.ticks), trace.digests, trace.seed, trace.scheme, plain(trace.watch), burrlab.replay(trace).equal],
+        **{name: [_digest(t.ticks), t.digests, t.seed, t.scheme, plain(t.watch), burrlab.replay(t).equal] for name, t in traces.items()},
+        "metrics": burrlab.session_metrics(traces["trace3"]).to_dict(),
         "bone": [bone.digest(), tick, plain(np.array([bone.spacing, bone.origin]))],
         "answers": [plain(vars(row)) for one in read_folder(FILES / "experiment") for row in one.rows],
         "store": len(burrlab.Store(FILES / "store.jsonl")), "fit": plain(burrlab.Fit.from_json(FILES / "fit.json").intervals),

@@ -152,7 +152,7 @@ def test_command_line(session, tmp_path, capsys):
     other.write_bytes(session[0].read_bytes())
     with h5py.File(other, "a") as file:
         row = file["ticks"][777]
-        row["burr"]["removed_levels"][1] += 1
+        row["burr1_removed_levels"] += 1
         file["ticks"][777] = row
     text.write_text("text")
     code, out, _ = call(capsys, "replay", other)

@@ -105,7 +105,7 @@ def test_a_session_that_still_runs_is_read_and_plain_h5py_reads_it_too(file, rec
     assert (trace.ended, trace.complete) == ("", False)
     with h5py.File(file) as plain:
         rows = plain["ticks"][: plain["recorded"][()]]
-        assert rows["burr"]["force_N"][:, 0].tobytes() == records["burr"]["force"][:600, 0].tobytes()
+        assert rows["force_z_N"].tobytes() == records["burr"]["force"][:600, 0, 2].tobytes()
     assert "still recorded" in repr(trace)
     reader.feed(records[600:])
     made.stop()
@@ -267,9 +267,11 @@ def test_frames_and_columns(file, monkeypatch):
     pandas = pytest.importorskip("pandas")
     records = make_records(small_bone(), 200, burrs=2)
     trace = recorded(file, records, burrs=2)
-    table = trace.to_dataframe(1)
-    assert isinstance(table, pandas.DataFrame)
-    assert table.index.name == "index"
+    first, table = (trace.to_dataframe(burr) for burr in (0, 1))
+    with h5py.File(file) as plain:
+        raw = pandas.DataFrame(plain["ticks"][:]).set_index("index")
+    second = table.drop(columns=["k", "time_s", "cpu_time_us"]).add_prefix("burr1_")
+    pandas.testing.assert_frame_equal(raw, first.join(second))
     np.testing.assert_array_equal(table["sent_force_y_N"], records["burr"]["sent"][:, 1, 1])
     np.testing.assert_array_equal(
         table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]

@@ -50,8 +50,8 @@ def _replace(name, data):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (_set("format_version", 4),
-         "of format 4, and this version reads up to 3"), (lambda file: file.__delitem__("ticks"), "is damaged"),
+        (_set("format_version", 5),
+         "of format 5, and this version reads up to 4"), (lambda file: file.__delitem__("ticks"), "is damaged"),
         (lambda file: file.attrs.__delitem__("seed"), "is damaged"), (_replace("recorded", np.uint64(1501)),
          "1501 ticks are counted, and there is room for 1500"),
         (blank(700, index=0), "is damaged: the row of tick 740 holds something else"),

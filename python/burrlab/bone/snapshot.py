@@ -215,9 +215,10 @@ def read_dataset(group: "h5py.Group", name: str, rows: int | None = None) -> Any
     plan, whole, chunks = dataset.id.get_create_plist(), 0, list[Any]()
     filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
     dataset.id.chunk_iter(chunks.append)
+    plain_rows = values.view(f"V{dataset.dtype.itemsize}")  # NumPy copies a compound field by field
     with open(group.file.filename, "rb") as file:
         for place, at in {chunk.chunk_offset: chunk for chunk in chunks}.items():
-            part = values[tuple(slice(k, k + n) for k, n in zip(place, dataset.chunks, strict=True))]
+            part = plain_rows[tuple(slice(k, k + n) for k, n in zip(place, dataset.chunks, strict=True))]
             if not part.size:
                 continue
             file.seek(at.byte_offset)
@@ -246,7 +247,7 @@ def _unfiltered(content: bytes, filters: list[int], dataset: "h5py.Dataset", whe
             for k in range(width):  # three times as fast as a transposed copy
                 chunk[k::width] = shuffled[k]
     refuse(len(chunk) != size, f"{where} must have chunks of {size} bytes, got {len(chunk)} or more")
-    return np.asarray(chunk.view(dataset.dtype).reshape(dataset.chunks))
+    return np.asarray(chunk.view(f"V{width}").reshape(dataset.chunks))
 
 
 def write_bone(group: "h5py.Group", bone: VoxelBone, tick: int, *, source: str = "") -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     import pandas
 
 
-FORMAT, FORMAT_VERSION = "burrlab trace", 3  # 2: with tissues; 3: with orientation and buttons
+FORMAT, FORMAT_VERSION = "burrlab trace", 4  # 2: tissues; 3: orientation and buttons; 4: columns of scalars
 ENDED_LENGTH = 400  # bytes of the sentence that says why recording ended
 
 #: Name and type of a column of the file, and field of a record.
@@ -52,12 +52,29 @@ DIGEST_DTYPE = np.dtype([("tick", "<u8"), ("digest", "S32")])
 
 
 def row_dtype(burrs: int, burr: np.dtype[Any] = BURR_DTYPE) -> np.dtype[Any]:
-    """Type of a row of `ticks`: a tick, and a compound for each of its burrs."""
+    """Type of a row of `Trace.ticks`, and of files before format 4: a tick, and a compound for each of its burrs."""
     return np.dtype([(name, kind) for name, kind, _ in _TICK] + [("burr", burr, (burrs,))])
 
 
+def file_dtype(burrs: int) -> np.dtype[Any]:
+    """Type of a row of the file: the bytes of `row_dtype` as scalars. Columns of burr 1 begin with burr1_."""
+    columns = [
+        (f"{prefix}{column}", kind)
+        for prefix in ("", "burr1_")[:burrs]
+        for name, kind, shape, _ in _BURR
+        for column in _components(name, shape)
+    ]
+    return np.dtype([(name, kind) for name, kind, _ in _TICK] + columns)
+
+
+def _components(name: str, shape: tuple[int, ...]) -> list[str]:
+    """Names of a column's scalars: _x, _y, _z before the unit, _w before these in the orientation."""
+    stem, unit = re.fullmatch("(.*?)(_mm|_mm_s|_N|)", name).groups()  # type: ignore[union-attr]
+    return [f"{stem}_{part}{unit}" for count in shape for part in "wxyz"[-count:]] or [name]
+
+
 def to_rows(records: NDArray[np.void], burrs: int) -> NDArray[np.void]:
-    """Tick records as rows of the file, bit for bit."""
+    """Tick records as rows of a trace, bit for bit."""
     rows = np.zeros(len(records), row_dtype(burrs))
     rows[list(TICK_COLUMNS)] = records[_TICK_FIELDS]
     rows["burr"][list(BURR_COLUMNS)] = records["burr"][_BURR_FIELDS][:, :burrs]
@@ -65,7 +82,7 @@ def to_rows(records: NDArray[np.void], burrs: int) -> NDArray[np.void]:
 
 
 def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]:
-    """Rows of the file as tick records, bit for bit."""
+    """Rows of a trace as tick records, bit for bit."""
     burrs = rows.dtype["burr"].shape[0]
     records = np.zeros(len(rows), dtype)
     records["burrs"] = burrs
@@ -145,7 +162,7 @@ def create(
     page.
     """
     tools, period = header.tools, header.period
-    row = row_dtype(len(tools))
+    row = file_dtype(len(tools))
     check_folder(path)
     path.touch()
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
@@ -281,7 +298,8 @@ class Trace:
     ----------
     path : Path
     ticks : ndarray, shape (n,)
-        A row a tick, with one compound `burr` a burr; read-only. `docs/trace_format.md` lists the columns.
+        A row a tick, with one compound `burr` a burr; read-only. `Trace.array` names their columns; those of
+        the file, in `docs/trace_format.md`, hold the same bytes as scalars.
     tools : tuple of (Burr, Material)
         One a burr, in index order.
     devices : tuple of str
@@ -425,13 +443,8 @@ class Trace:
         """
         columns: dict[str, Any] = {name: self.array(name, burr) for name in TICK_COLUMNS}
         for name in BURR_COLUMNS:
-            values = self.array(name, burr)
-            if values.ndim == 1:
-                columns[name] = values
-            else:
-                stem, unit = re.fullmatch("(.*?)(_mm|_mm_s|_N|)", name).groups()  # type: ignore[union-attr]
-                parts = zip("wxyz"[-values.shape[1] :], values.T, strict=True)
-                columns |= {f"{stem}_{part}{unit}": column for part, column in parts}
+            scalars = np.atleast_2d(self.array(name, burr).T)
+            columns |= zip(_components(name, BURR_DTYPE[name].shape), scalars, strict=True)
         return dataframe(columns).set_index("index")
 
     def __repr__(self) -> str:
@@ -524,17 +537,18 @@ def _read(file: "h5py.File", path: Path) -> Trace:
 
 def _ticks(file: "h5py.File", path: Path, first: int, burrs: int) -> NDArray[np.void]:
     table, recorded = file["ticks"], int(read_dataset(file, "recorded"))
+    row = row_dtype(burrs)
     refuse(
         recorded > len(table),
         f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}",
     )
     refuse(
-        table.dtype not in (row_dtype(burrs), row_dtype(burrs, _BEFORE_3)),
+        table.dtype not in (file_dtype(burrs), row, row_dtype(burrs, _BEFORE_3)),
         f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has",
     )
     ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)
     _check_rows(ticks, first)
-    return read_only(ticks)
+    return read_only(ticks.view(row) if table.dtype == file_dtype(burrs) else ticks)
 
 
 def _check_rows(ticks: NDArray[np.void], first: int) -> None:

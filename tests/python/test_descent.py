@@ -203,6 +203,15 @@ def test_series_frame_save_and_load(known, tmp_path, monkeypatch):
     known.save(tmp_path / "run.json")
     back = burrlab.Descent.load(tmp_path / "run.json")
     assert (back.to_dict(), back) == (known.to_dict(), known)
+    assert "force_exponent" not in known.to_dict()["material"]
+    law = burrlab.Material("wax", c_e=2.0, alpha=0.1, force_exponent=2.0, rate_exponent=0.5)
+    dataclasses.replace(known, material=law).save(tmp_path / "law.json")
+    assert burrlab.Descent.load(tmp_path / "law.json").material == law
+    (tmp_path / "law.json").write_text(
+        (tmp_path / "law.json").read_text().replace('exponent": 2.0', 'exponent": 0.5')
+    )
+    with pytest.raises(ValueError, match=r"law.json: .*force_exponent must be 1 or more, got 0.5"):
+        burrlab.Descent.load(tmp_path / "law.json")
     assert back != burrlab.descend(BURR, BONE, 1.0, voxel=0.4, seed=2)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match="needs pandas"):

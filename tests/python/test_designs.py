@@ -308,6 +308,11 @@ def test_what_is_held():
     two = constant("alpha", mode="drilling").comparison(1.3).material
     assert (two.c_e, two.alpha) == (bone.c_e, pytest.approx(1.3 * bone.alpha))
     assert "both change" in constant(mode="drilling").held
+    law = Material("x", c_e=2.0, alpha=0.1, force_exponent=2.0, rate_exponent=0.5)
+    task = ConstantStimuli(Stimulus("x", law), "c_e", [1.3], mode="drilling", hold="sinking speed")
+    assert "alpha/c_e^2 is held, and with it the sinking speed at forces below 0.028 c_e R^2" in task.held
+    three = task.comparison(1.3).material
+    assert (three.force_exponent, three.rate_exponent, three.alpha) == (2.0, 0.5, pytest.approx(0.169))
 
 
 @pytest.mark.parametrize(("shape", "exponent"), [("parabolic", 8 / 3), ("quartic", 4.0)])

@@ -13,7 +13,7 @@ import burrlab
 from burrlab.psychophysics.designs import ABX, SameDifferent
 from burrlab.psychophysics.protocol import AnalysisSettings, Protocol, template
 from burrlab.psychophysics.side_car import columns_of
-from burrlab.psychophysics.staircase import DESIGNS
+from burrlab.psychophysics.staircase import DESIGNS, design_of_dict
 from burrlab.psychophysics.trial import Stimulus, key_of
 from burrlab.session.exchange import DeviceText, parse_address, parse_device
 
@@ -68,9 +68,10 @@ def test_names_of_subjects(tmp_path):
 
 def test_materials_of_one_s_own(tmp_path):
     text = SMALL.replace('foil = "pvc"', 'foil = "soft_1"')
-    text += '[materials.soft_1]\nc_e = 1\nalpha = 0.2\nshape = "linear"\n'
-    foil = protocol(tmp_path, text).tasks["match"].foil
-    assert foil == Stimulus("soft_1", burrlab.Material("soft_1", c_e=1.0, alpha=0.2, shape="linear"))
+    text += '[materials.soft_1]\nc_e = 1\nalpha = 0.2\nshape = "linear"\nforce_exponent = 2\n'
+    task = protocol(tmp_path, text).tasks["match"]
+    soft = burrlab.Material("soft_1", c_e=1.0, alpha=0.2, shape="linear", force_exponent=2.0)
+    assert task.foil == design_of_dict(task.to_dict()).foil == Stimulus("soft_1", soft)
 
 
 def test_the_folder_and_a_script_lie_beside_the_protocol(tmp_path):
@@ -198,6 +199,7 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
          r", [materials]: a material's name must be of letters"),
         ("[burr]", "[materials.a]\nalpha = 1\n[burr]", r", [materials.a]: c_e is missing"),
         ("[burr]", "[materials.a]\nc_e = -1\nalpha = 1\n[burr]", r", [materials.a]: c_e must be"),
+        ("[burr]", "[materials.a]\nc_e = 1\nalpha = 1\nforce_exponent = 0\n[burr]", r", [materials.a]: force_exponent must be 1 or more, got 0"),
         ("[burr]",
          "[materials.a]\nc_e = 1\nalpha = 1\nshape = 'x'\n[burr]", r", [materials.a]: shape must be"),
         ("[burr]",

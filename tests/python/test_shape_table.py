@@ -31,6 +31,7 @@ from burrlab import (
 from burrlab._core import shape_kappa
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.study import key_of
+from burrlab.session.trace import tool_of
 
 X = 1 - np.linspace(1, 0, 33) ** 2
 PHI = np.geomspace(1e-4, 0.19, 30)
@@ -130,14 +131,14 @@ def test_fit_with_a_table_of_parabolic():
 
 
 def test_trace_and_tissues_keep_it(tmp_path, cpu_path):
-    own = Material("own", c_e=2.145, alpha=0.087, shape=COSINE)
+    own = Material("own", c_e=2.145, alpha=0.087, shape=COSINE, force_exponent=2.0)
     bone = VoxelBone.block((10, 8, 4), 0.2, origin=(-5, -4, -4))
     device = ScriptedDevice([0.0, 0.5], [(-1, 0, 2.8), (1, 0, 2.7)])
     file = tmp_path / "own.h5"
     session = Session(bone, (BURR, own), device, seed=1, clock=Clock(wall_clock=False), record=file)
     cut = ended(session).snapshot()[0]
     trace = load_trace(file)
-    assert session.provenance["tools"][0]["shape"] == COSINE.name
+    assert tool_of(session.provenance["tools"][0], "own", "") == (BURR, own)
     assert trace.tools[0][1] == own
     again = replay(trace)
     assert (again.equal, again.bone.digest()) == (True, cut.digest())

@@ -9,6 +9,7 @@ from session_scenes import refused, small_bone
 
 import burrlab
 import burrlab.common.files as files
+from burrlab._core import Tissue, Tissues
 
 
 def test_levels_geometry_and_tick_come_back(tmp_path):
@@ -28,6 +29,24 @@ def test_pristine_levels_are_kept_only_where_they_differ(tmp_path):
     with h5py.File(tmp_path / "bone.h5") as file:
         assert "pristine" not in file
     assert burrlab.load_bone(tmp_path / "bone.h5")[0].digest() == bone.digest()
+
+
+@pytest.mark.parametrize(("law", "version"), [({}, 2), ({"rate_exponent": 0.5}, 3)])
+def test_the_law_of_tissues_comes_back(tmp_path, law, version):
+    """Versions before the exponents read format 2, the paper's law, and refuse another law."""
+    wax, path = burrlab.Material("wax", c_e=2.0, alpha=0.1, **law), tmp_path / "bone.h5"
+    bone = small_bone()
+    bone.set_tissues(
+        Tissues([Tissue("bone", label=1, c_e=2.0, alpha=0.1)], wax), np.zeros(bone.shape, np.uint8)
+    )
+    burrlab.save_bone(path, bone)
+    assert burrlab.load_bone(path)[0].tissues.material == wax
+    with h5py.File(path, "a") as file:
+        text = file.attrs["tissues"].decode()
+        assert (file.attrs["format_version"], "exponent" in text) == (version, version == 3)
+        file.attrs["tissues"] = text.replace('"shape"', '"force_exponent": 0.5, "shape"')
+    with pytest.raises(ValueError, match=rf"^{path} is damaged: force_exponent must be 1 or more, got 0.5"):
+        burrlab.load_bone(path)
 
 
 def test_a_failed_save_leaves_the_older_file(tmp_path, monkeypatch):
@@ -100,7 +119,7 @@ def elsewhere(path):
         (lambda path: path.write_bytes(path.read_bytes()[:-1000]), ValueError, "is damaged: it was cut short"),
         (changed(lambda file: file.__delitem__("density")), ValueError, "is damaged"),
         (attribute("format", "something"), ValueError, r"is not a burrlab bone$"),
-        (attribute("format_version", 3), ValueError, "of format 3, and this version reads up to 2"),
+        (attribute("format_version", 4), ValueError, "of format 4, and this version reads up to 3"),
         (voxel("density", lambda level: level - 1), ValueError, "is damaged: the bone has digest"),
         (attribute("tick", -1), ValueError, "tick must be a whole number"), (attribute("tick", 1.5), ValueError, "tick must be a whole number"),
         (changed(lambda file: file.__setitem__("more", h5py.SoftLink("/density"))), ValueError, "its more is a link"),

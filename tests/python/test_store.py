@@ -56,13 +56,16 @@ def through(folder, value):
 CHANGES = {
     "burr": burrlab.Burr(math.nextafter(3.0, 4.0)), "force": math.nextafter(1.0, 2.0), "seed": 8, "voxel": (0.2, 0.2, 0.2),
     "dt": 0.5, "scheme": "cell", "ideal": False, "stop": 1.0, "max_duration": 121.0,
-    "material": burrlab.Material("bone", c_e=2.145, alpha=0.087, shape="linear", source=ITEM.material.source),
 }  # fmt: skip
+LAWS = ({"shape": "linear"}, {"force_exponent": 2.0}, {"rate_exponent": 0.5})
+MATERIALS = [
+    burrlab.Material("bone", c_e=2.145, alpha=0.087, source=ITEM.material.source, **law) for law in LAWS
+]
 
 
-@pytest.mark.parametrize("name", CHANGES)
-def test_every_parameter_of_a_descent_is_in_its_key(name):
-    assert key_of(run_item, replace(ITEM, **{name: CHANGES[name]})) != key_of(run_item, ITEM)
+@pytest.mark.parametrize(("name", "change"), [*CHANGES.items(), *(("material", m) for m in MATERIALS)])
+def test_every_parameter_of_a_descent_is_in_its_key(name, change):
+    assert key_of(run_item, replace(ITEM, **{name: change})) != key_of(run_item, ITEM)
 
 
 def test_a_key_says_function_item_and_version(monkeypatch):

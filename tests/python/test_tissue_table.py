@@ -93,7 +93,9 @@ def test_counts_of_labels(kind: type) -> None:
 
 
 def test_a_file_gives_the_table_back(tmp_path: Path) -> None:
-    own = Material("own, with a comma", c_e=3.0, alpha=0.2, shape="quartic", source='a "source"')
+    own = Material(
+        "own, with a comma", c_e=3.0, alpha=0.2, shape="quartic", source='a "source"', rate_exponent=0.5
+    )
     rows = [
         Tissue("a, b", label=3, c_e=1.5, alpha=0.1, colour=(1, 2, 255), bleeds=True),
         Tissue("bone", label=1, c_e=3.0, alpha=0.2, assumed=False),

@@ -100,6 +100,7 @@ def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
         _replace("volume/density", np.zeros(5, np.uint8)), _replace("volume/density", np.zeros((2, 2, 2))),
         lambda trace: trace.__delitem__("tools/0"), lambda trace: trace["tools/0"].attrs.__setitem__("shape", "odd"),
         lambda trace: trace["tools/0"].attrs.__setitem__("radius_mm", np.nan),
+        lambda trace: trace["tools/0"].attrs.__setitem__("force_exponent", 0.5),
         lambda trace: trace["volume"].attrs.__setitem__("spacing_mm", [0.0, 1.0, 1.0]),
         lambda trace: trace["volume"].attrs.__setitem__("tick", "late"),
     ],

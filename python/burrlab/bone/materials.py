@@ -5,6 +5,7 @@ from typing import Any
 
 from burrlab._core import Material
 from burrlab.common.check import nearest
+from burrlab.common.records import PAPER_LAW, law_of
 
 _PAPER = "Agus et al., HAPTICS 2004, section 4.2"
 _UNKNOWN = "the paper's f and voxel size are unknown; alpha holds for one drill, burr type and speed"
@@ -42,6 +43,23 @@ class Materials(Mapping[str, Material]):
         return "\n".join(
             [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source", *rows]
         )
+
+
+def constants_of(material: Material) -> dict[str, Any]:
+    """The constants and the law of a material, as files hold them."""
+    return {
+        "c_e_N_per_mm2": material.c_e,
+        "alpha_per_ms": material.alpha,
+        "shape": material.shape.name,
+        **law_of(material),
+    }
+
+
+def material_of(constants: Mapping[str, Any], name: str, source: str = "") -> Material:
+    """The material of `constants_of`; KeyError, TypeError or ValueError if they make none."""
+    c_e, alpha, shape = (constants[key] for key in ("c_e_N_per_mm2", "alpha_per_ms", "shape"))
+    law = {exponent: constants[exponent] for exponent in PAPER_LAW if exponent in constants}
+    return Material(name, c_e=c_e, alpha=alpha, shape=shape, source=source, **law)
 
 
 #: The paper's four materials, read-only. The units [N/mm^2] and [1/ms] and the parabolic f are our choices:

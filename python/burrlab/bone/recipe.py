@@ -40,7 +40,7 @@ from burrlab.bone.tissues import EMPTY, LabelledBone, default_tissues, labelled_
 from burrlab.common.cache import CachedParts, Entry
 from burrlab.common.check import refuse, require_type, scalar
 from burrlab.common.progress import doing
-from burrlab.common.records import UNREADABLE
+from burrlab.common.records import UNREADABLE, law_of
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # voxels per radius of a burr, as in the tick
 
@@ -632,7 +632,7 @@ def usual_recipe(path: str, material: Material, stack: Mapping[str, Any], **sett
     """
     entry = _entry_of([
         "tissues", absolute(path), material.name, material.c_e, material.alpha, material.source, material.shape.name,
-        dict(stack),
+        *law_of(material).items(), dict(stack),
     ], [absolute(path)])  # fmt: skip
     with contextlib.suppress(*UNREADABLE):
         if (cached := entry.find()) is not None:

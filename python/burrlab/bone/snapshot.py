@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Material, Tissue, Tissues, VoxelBone, __version__
+from burrlab._core import Tissue, Tissues, VoxelBone, __version__
+from burrlab.bone.materials import constants_of, material_of
 from burrlab.common.check import DEFLATE, check_memory, check_packed, refuse, require_type, shown, whole
 from burrlab.common.files import (
     attributes,
@@ -28,13 +29,14 @@ from burrlab.common.files import (
     put_attributes,
 )
 from burrlab.common.progress import doing
-from burrlab.common.records import in_one_line
+from burrlab.common.records import in_one_line, law_of
 
 if TYPE_CHECKING:
     import h5py
 
 
-FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; without tissues a bone is written as 1
+# 2: with tissues; 3: of a law that is not the paper's. A bone without is written as 1 or 2.
+FORMAT, FORMAT_VERSION = "burrlab bone", 3
 
 
 @doing("writing a bone")
@@ -83,7 +85,7 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     check_tick(tick)
     check_bone_file(path)
     with new_file(Path(path)) as part, new_hdf5(part) as file:
-        version = 1 if bone.tissues is None else FORMAT_VERSION
+        version = 1 if bone.tissues is None else 3 if law_of(bone.tissues.material) else 2
         put_attributes(file, {"format": FORMAT, "format_version": version, "burrlab": __version__})
         write_bone(file, bone, tick, source=source)
 
@@ -303,7 +305,7 @@ def read_bone(group: "h5py.Group") -> tuple[VoxelBone, int]:
 def tissues_to_json(tissues: Tissues) -> str:
     """A table of tissues as text that `tissues_from_json` reads."""
     m = tissues.material
-    material = {"name": m.name, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name, "source": m.source}  # fmt: skip
+    material = {"name": m.name, **constants_of(m), "source": m.source}
     return json.dumps({"material": material, "tissues": [
         {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
          "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
@@ -311,23 +313,17 @@ def tissues_to_json(tissues: Tissues) -> str:
     ]})  # fmt: skip
 
 
-def material_of(m: dict[str, Any]) -> Material:
-    """A material from the JSON of a table; KeyError or TypeError if it is none."""
-    return Material(
-        m["name"], c_e=m["c_e_N_per_mm2"], alpha=m["alpha_per_ms"], shape=m["shape"], source=m["source"]
-    )
-
-
 def tissues_from_json(text: str) -> Tissues:
     """A table of tissues from text; ValueError, KeyError or TypeError if the text holds none."""
     content = json.loads(text)
+    material = content["material"]
     return Tissues(
         [
             Tissue(t["name"], label=t["label"], c_e=t["c_e_N_per_mm2"], alpha=t["alpha_per_ms"], colour=t["colour"],
                    critical=t["critical"], bleeds=t["bleeds"], assumed=t["assumed"])
             for t in content["tissues"]
         ],
-        material_of(content["material"]),
+        material_of(material, material["name"], material["source"]),
     )  # fmt: skip
 
 

@@ -30,8 +30,8 @@ from burrlab.bone.image import (
     empty_bone,
     slabs,
 )
-from burrlab.bone.materials import materials
-from burrlab.bone.snapshot import material_of, tissues_to_json
+from burrlab.bone.materials import material_of, materials
+from burrlab.bone.snapshot import tissues_to_json
 from burrlab.common.check import refuse, require_type, shown
 from burrlab.common.files import write_text
 from burrlab.common.progress import doing
@@ -453,8 +453,8 @@ def _material(name: str, text: str) -> Material:
     for line in text.splitlines():
         if line.startswith("# material:"):
             try:
-                table_text = f'{{"material": {line.partition(":")[2].strip()}, "tissues": []}}'
-                return material_of(json.loads(table_text)["material"])
+                constants = json.loads(line.partition(":")[2])
+                return material_of(constants, constants["name"], constants["source"])
             except UNREADABLE as error:
                 raise ValueError(
                     f"{name}: the material in the comments is none: {in_one_line(error)}"

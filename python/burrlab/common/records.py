@@ -18,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeAlias, T
 
 import numpy as np
 
+from burrlab._core import Material
 from burrlab.common.check import refuse, shown
 from burrlab.common.files import write_text
 
@@ -75,6 +76,16 @@ def _real(text: str) -> float:
     number = float(text)
     refuse(not math.isfinite(number), f"{text} is not finite")
     return number
+
+
+#: Exponents of the paper's law (Eq. 3 and 4). Files and keys of stores hold those of another law only.
+PAPER_LAW = {"force_exponent": 1.5, "rate_exponent": 0.0}
+
+
+def law_of(material: Material) -> dict[str, float]:
+    """The exponents of a material that are not the paper's."""
+    law = {name: getattr(material, name) for name in PAPER_LAW}
+    return {name: exponent for name, exponent in law.items() if exponent != PAPER_LAW[name]}
 
 
 #: Key in JSON -> name of its field, or the function that derives its value.
@@ -174,6 +185,8 @@ class Codec:
     def _state(self, value: Any) -> Any:
         """What the core makes the object of again."""
         parts = {key: getattr(value, str(name)) for key, name in self._known(type(value)).items()}
+        if parts and isinstance(value, Material):
+            parts |= law_of(value)
         return self.plain(parts or value.__getstate__())
 
     def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:

@@ -16,7 +16,7 @@ from burrlab.common.check import check_positive, refuse, require_type, seed_or_n
 from burrlab.common.figures import REFERENCE, VELOCITY, drawing, new_figure, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
-from burrlab.common.records import Codec
+from burrlab.common.records import Codec, law_of
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.descent.sweep import item_seed
@@ -344,7 +344,7 @@ def predicted_scatter(
         provenance(
             seed=seed, voxel_mm=voxel, dt_ms=dt, repeats=repeats, radius_mm=burr.radius, mean=field.mean,
             contrast=field.contrast, correlation_length_mm=field.correlation_length, c_e=material.c_e,
-            alpha=material.alpha, shape=material.shape.name,
+            alpha=material.alpha, shape=material.shape.name, **law_of(material),
         ),
     )  # fmt: skip
 

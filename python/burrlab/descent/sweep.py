@@ -16,6 +16,7 @@ from burrlab.bone.specimen import Specimen, Vector
 from burrlab.common.check import real, refuse, seed_or_new, whole
 from burrlab.common.progress import Progress, reporter
 from burrlab.common.provenance import provenance
+from burrlab.common.records import law_of
 from burrlab.common.study import StorePath, Study, cancel_event, stored_as
 from burrlab.descent.descent import DescentSettings, descend
 from burrlab.measured.curve import VelocityCurve
@@ -205,7 +206,7 @@ def force_sweep(
             seed=seed, voxel_mm=list(specimen.bone.spacing) if isinstance(specimen, Specimen) else spacing,
             specimen=about,
             warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=settings.dt, scheme=settings.scheme, rig=not ideal, radius_mm=burr.radius, repeats=repeats,
-            c_e=material.c_e, alpha=material.alpha, shape=material.shape.name, **volume,
+            c_e=material.c_e, alpha=material.alpha, shape=material.shape.name, **law_of(material), **volume,
         ),
     )  # fmt: skip
 

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 from burrlab._core import Burr, Material
 from burrlab.common.check import real, refuse, scalar, seed_or_new, whole
 from burrlab.common.provenance import provenance
+from burrlab.common.records import law_of
 from burrlab.common.table import Floats
 from burrlab.measured.curve import Indentation, VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
-from burrlab.theory.continuum import Law, mean_field_descent, penetration_velocity
+from burrlab.theory.continuum import mean_field_descent, penetration_velocity
 from burrlab.theory.tool import require_tool
 
 
@@ -231,7 +232,7 @@ def _provenance(burr: Burr, material: Material, seed: int, **parameters: float) 
         c_e=material.c_e,
         alpha=material.alpha,
         shape=material.shape.name,
-        **Law.of(material).exponents,
+        **law_of(material),
         radius_mm=burr.radius,
         **parameters,
         seed=seed,

@@ -16,6 +16,7 @@ import numpy as np
 
 from burrlab._core import Material
 from burrlab.common.check import refuse, require_type
+from burrlab.common.records import law_of
 from burrlab.psychophysics.power import design_power
 from burrlab.psychophysics.rules import one_of, whole
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Order, Phase, Stimulus, TaskDesign, Trial
@@ -351,7 +352,7 @@ class ComparisonDesign(TaskDesign):
         if self.parameter == "alpha":
             return f"c_e is held at {material.c_e:g} N/mm^2"
         if self.hold == "sinking speed":
-            return f"alpha/c_e^{self._exponent:.3g} is held, and with it the sinking speed at forces below 0.068 c_e R^2"
+            return f"alpha/c_e^{self._exponent:.3g} is held, and with it the sinking speed at forces below {6.0**-material.force_exponent:.2g} c_e R^2"
         held = f"alpha is held at {material.alpha:g} /ms"
         return held if self.mode == "probing" else f"{held}; stiffness and sinking speed both change"
 
@@ -362,8 +363,8 @@ class ComparisonDesign(TaskDesign):
 
     @property
     def _exponent(self) -> float:
-        """p of v ~ alpha/c_e^p at small forces: 4 (k + 1)/3 for an f with a zero of order k at r = R."""
-        return 4.0 * (self._material.shape.order + 1.0) / 3.0
+        """p of v ~ alpha/c_e^p at small forces: 2 (k + 1)/q for an f with a zero of order k at r = R."""
+        return 2.0 * (self._material.shape.order + 1.0) / self._material.force_exponent
 
     def comparison(self, level: float) -> Stimulus:
         """The stimulus of a level."""
@@ -377,7 +378,8 @@ class ComparisonDesign(TaskDesign):
                 alpha *= level**self._exponent
         name = f"{self.reference.name} {self.parameter} x{level:.6g}"
         source = f"{self._material.name} with {self.parameter} times {level:.17g}; {self.held}"
-        return Stimulus(name, Material(name, c_e=c_e, alpha=alpha, shape=self._material.shape, source=source))
+        shape, law = self._material.shape, law_of(self._material)
+        return Stimulus(name, Material(name, c_e=c_e, alpha=alpha, shape=shape, source=source, **law))
 
     def _trial(self, draws: Draws, kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
         """A trial with reference and comparison in the order of RC or CR, at a level."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Device, Material, RecordReader, VoxelBone
 from burrlab.bone.recipe import VolumeBlockRecipe, VolumeRecipe, block_recipe
 from burrlab.common.check import check_positive, refuse
+from burrlab.common.records import law_of
 from burrlab.psychophysics.trial import MODES, Interval, Mode
 from burrlab.session.session import Session
 from burrlab.session.settings import Clock, Safety, StartingBone
@@ -382,7 +383,14 @@ def _material(interval: Interval, mode: Mode) -> Material:
         )
     if mode == "drilling":
         return material
-    return Material(material.name, c_e=material.c_e, alpha=0.0, shape=material.shape, source=material.source)
+    return Material(
+        material.name,
+        c_e=material.c_e,
+        alpha=0.0,
+        shape=material.shape,
+        source=material.source,
+        **law_of(material),
+    )
 
 
 class _Watch:

@@ -19,6 +19,7 @@ from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
 from burrlab.common.check import refuse, shown
+from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import decoded, json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import counterbalanced
@@ -189,9 +190,12 @@ def stimuli_of(table: TomlTable) -> dict[str, Stimulus]:
         material = None
         if not stimulus.get("real", _FLAG, default=False):
             numbers = {key: stimulus.get(key, _NUMBER) for key in ("c_e", "alpha")}
-            texts = {key: stimulus.get(key, _TEXT, default=None) for key in ("shape", "source")}
+            options = {key: stimulus.get(key, _TEXT, default=None) or None for key in ("shape", "source")}
+            options |= {key: stimulus.get(key, _NUMBER, default=None) for key in PAPER_LAW}
             with stimulus.errors():
-                material = Material(name, **numbers, **{key: text for key, text in texts.items() if text})
+                material = Material(
+                    name, **numbers, **{key: x for key, x in options.items() if x is not None}
+                )
         stimuli[name] = Stimulus(name, material)
         stimulus.done()
     return stimuli
@@ -683,6 +687,8 @@ voxel_mm = 0.1
 #c_e = 1.9                  # [N/mm^2]
 #alpha = 0.087              # [1/ms], for the shape
 #shape = "parabolic"
+#force_exponent = 1.5       # q of the force c_e R^2 (h/R)^q
+#rate_exponent = 0.0        # m of the rate alpha (F/1 N)^m
 
 # A real specimen, outside the program:
 #[materials.specimen]

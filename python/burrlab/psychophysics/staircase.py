@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from burrlab._core import Material
+from burrlab.bone.materials import material_of
 from burrlab.common.check import refuse, shown
 from burrlab.psychophysics.designs import (
     ABX,
@@ -659,5 +659,4 @@ def design_of_dict(values: Mapping[str, Any]) -> TaskDesign:
 def _stimulus(values: Mapping[str, Any]) -> Stimulus:
     if values.get("real"):
         return Stimulus(values["name"])
-    c_e, alpha = values["c_e_N_per_mm2"], values["alpha_per_ms"]
-    return Stimulus(values["name"], Material(values["material"], c_e=c_e, alpha=alpha, shape=values["shape"]))
+    return Stimulus(values["name"], material_of(values, values["material"]))

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, TypeAlias
 
 from burrlab._core import Material
+from burrlab.bone.materials import constants_of
 from burrlab.psychophysics.rules import TaskName, one_of
 
 Mode: TypeAlias = Literal["probing", "drilling"]
@@ -89,9 +90,10 @@ def _plain(value: Any) -> Any:
     if (material := value.material) is None:
         return {"name": value.name, "real": True}
     return {
-        "name": value.name, "material": material.name, "c_e_N_per_mm2": material.c_e,
-        "alpha_per_ms": material.alpha, "shape": material.shape.name,
-    }  # fmt: skip
+        "name": value.name,
+        "material": material.name,
+        **constants_of(material),
+    }
 
 
 class TaskDesign(ABC):

@@ -9,6 +9,7 @@ from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.anatomy.watch import Watch
+from burrlab.bone.materials import constants_of
 from burrlab.bone.recipe import block_recipe, make_bone, volume_recipe, whole_number
 from burrlab.common.check import refuse, scalar, whole
 from burrlab.common.records import UNREADABLE, check_texts, in_one_line
@@ -30,7 +31,7 @@ def open_publisher(
     follower : Follower
     hello : mapping
         Data for replicas: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
-        shape), and source, the bone's recipe. The provenance of a session holds them. Of a file in the recipe
+        shape, and the exponents of a law that is not the paper's), and source, the bone's recipe. The provenance of a session holds them. Of a file in the recipe
         only its name is sent.
     publish : Publish
     options
@@ -130,7 +131,7 @@ def follow(
     copy = make_bone(recipe, volume=volume) if bone is None else bone.copy()
     if copy.tissues is not None:  # a hello does not say where a material's values are from
         known = copy.tissues.material
-        described = [(m.name, m.c_e, m.alpha, m.shape) for m in (known, *(m for _, m in tools))]
+        described = [(m.name, constants_of(m)) for m in (known, *(m for _, m in tools))]
         tools = [
             (b, known if described[0] == description else m)
             for (b, m), description in zip(tools, described[1:], strict=True)
@@ -154,4 +155,4 @@ def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]
 def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
     name = str(tool["material"])
     refuse(not name.isprintable(), f"material must have a name that can be printed, got {name!r}")
-    return tool_of(tool, name=name, source="from the leader of a session")
+    return tool_of(tool, name, "from the leader of a session")

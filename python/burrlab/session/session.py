@@ -29,6 +29,7 @@ from burrlab._core import (
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import told_notes
+from burrlab.bone.materials import constants_of
 from burrlab.bone.specimen import CUT, Border
 from burrlab.common.check import refuse, scalar, seed_or_new
 from burrlab.common.provenance import provenance
@@ -238,8 +239,7 @@ class Session:
         }  # fmt: skip
         return provenance(
             seed=self.seed, rate_Hz=clock.rate, scheme=start.scheme, first_tick=start.tick, digest=self._executor.bone.digest(), source=start.source,
-            tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
-                    "material": m.name} for b, m in self.tools],
+            tools=[{"radius_mm": b.radius, **constants_of(m), "material": m.name} for b, m in self.tools],
             devices=[device.name for device in self.devices],
             force_limit_N=safety.force_limit, slew_limit_N_per_ms=safety.slew_limit, coupling_N_per_mm=safety.coupling,
             wall_clock=clock.wall_clock, **{name: rule for name, rule in rules.items() if rule is not None},

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, Tissues, VoxelBone, most_watch_events
 from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, read_only, read_watch
 from burrlab.bone.header import told_notes
+from burrlab.bone.materials import constants_of, material_of
 from burrlab.bone.snapshot import check_tick, open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
 from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
@@ -178,8 +179,7 @@ def create(
         write_bone(file.create_group("volume"), bone, header.first_tick, source=header.source)
         for i, (burr, material) in enumerate(tools):
             put_attributes(file.create_group(f"tools/{i}"), {
-                "radius_mm": burr.radius, "material": material.name, "c_e_N_per_mm2": material.c_e,
-                "alpha_per_ms": material.alpha, "shape": material.shape.name, "source": material.source,
+                "radius_mm": burr.radius, "material": material.name, **constants_of(material), "source": material.source,
                 "device": header.devices[i] if i < len(header.devices) else "",
             })  # fmt: skip
         file.create_dataset("note", data=np.bytes_(json_text("note", header.note).encode()))
@@ -492,17 +492,15 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
         return _read(file, Path(path))
 
 
-def tool_of(row: Mapping[str, Any], **others: str) -> tuple[Burr, Material]:
-    """The tool that a trace or a hello describes; `others` are of the material."""
-    return Burr(float(row["radius_mm"])), Material(
-        c_e=float(row["c_e_N_per_mm2"]), alpha=float(row["alpha_per_ms"]), shape=str(row["shape"]), **others
-    )
+def tool_of(row: Mapping[str, Any], name: str, source: str) -> tuple[Burr, Material]:
+    """The tool that a trace or a hello describes; name and source are of the material."""
+    return Burr(float(row["radius_mm"])), material_of(row, name, source)
 
 
 def _read(file: "h5py.File", path: Path) -> Trace:
     about, volume = attributes(file), attributes(file["volume"])
     rows = [attributes(file[f"tools/{i}"]) for i in range(int(about["burrs"]))]
-    tools = tuple(tool_of(row, name=row["material"], source=row["source"]) for row in rows)
+    tools = tuple(tool_of(row, row["material"], row["source"]) for row in rows)
     devices = tuple(row["device"] for row in rows)
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
     names = (*devices, *(material.name for _, material in tools))

@@ -51,7 +51,7 @@ def test_overrides_and_figure(capsys, tmp_path):
     figure, file = tmp_path / "run.png", tmp_path / "run.json"
     code, out, _ = call(
         capsys, "descend", "--force", 1.0, "--c-e", 1.5, "--alpha", 0.1, "--shape", "quartic", "--voxel", 0.6, "--ideal",
-        "--seed", 2, "--plot", figure, "--json", file,
+        "--force-exponent", 2, "--rate-exponent", 0.5, "--seed", 2, "--plot", figure, "--json", file,
     )  # fmt: skip
     assert code == 0
     for words in ("mm/s", "coarse", "seed 2"):
@@ -59,6 +59,7 @@ def test_overrides_and_figure(capsys, tmp_path):
     assert figure.stat().st_size > 10_000
     made = json.loads(file.read_text())["material"]
     assert (made["c_e"], made["alpha"], made["shape"]) == (1.5, 0.1, "quartic")
+    assert (made["force_exponent"], made["rate_exponent"]) == (2.0, 0.5)
 
 
 CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
@@ -73,6 +74,7 @@ CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
         (["descend", "--force", "1", "--dt", "-1"], "--dt: must be positive"),
         (["descend", "--force", "25"], "force must be within the rig's range"),
         (["descend", "--force", "1", "--shape", "round"], "--shape"),
+        (["descend", "--force", "1", "--force-exponent", "0.5"], "force_exponent must be 1 or more, got 0.5"),
         (["descend", "--force", "1", "--volume", "none.nrrd"], "--volume needs --map and --entry and --axis"),
         (["descend", "--force", "1", "--map", "1:2"], "--map goes with --volume"),
         (["descend", "--force", "1", "--map", "2:1"], "LO below HI"),

@@ -23,6 +23,7 @@ from burrlab._core import Material, Shape, shape_names
 from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_file, write_text
 from burrlab.common.progress import Progress, doing
+from burrlab.common.records import PAPER_LAW
 from burrlab.common.table import Column, Problem, Table, not_negative
 
 if TYPE_CHECKING:
@@ -145,6 +146,16 @@ MATERIAL = (
         f"erosion shape f: {', '.join(shape_names)}, power(k), or a FILE.csv of x and f",
         type=shape,
     ),
+    option(
+        "--force-exponent",
+        "q of the force c_e R^2 (h/R)^q, from 1, without unit; default the material's, 1.5",
+        type=number,
+    ),
+    option(
+        "--rate-exponent",
+        "m of the rate alpha (F/1 N)^m, from 0, without unit; default the material's, 0; alpha is the rate at 1 N",
+        type=number,
+    ),
     option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
 )
 
@@ -152,7 +163,7 @@ MATERIAL = (
 def chosen_material(options: Options) -> Material:
     """The material of the options: a named one, possibly with changes."""
     named = burrlab.materials[options.material]
-    constants = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
+    constants = {key: getattr(options, key) for key in ("c_e", "alpha", "shape", *PAPER_LAW)}
     if set(constants.values()) == {None}:
         return named
     chosen = {key: getattr(named, key) if value is None else value for key, value in constants.items()}

@@ -82,9 +82,9 @@ def _real(text: str) -> float:
 PAPER_LAW = {"force_exponent": 1.5, "rate_exponent": 0.0}
 
 
-def law_of(material: Material) -> dict[str, float]:
-    """The exponents of a material that are not the paper's."""
-    law = {name: getattr(material, name) for name in PAPER_LAW}
+def law_of(owner: Any) -> dict[str, float]:
+    """The exponents of a material or law that are not the paper's."""
+    law = {name: getattr(owner, name) for name in PAPER_LAW}
     return {name: exponent for name, exponent in law.items() if exponent != PAPER_LAW[name]}
 
 

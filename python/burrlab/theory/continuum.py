@@ -20,6 +20,7 @@ import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
 from burrlab.common.check import real, refuse, scalar
 from burrlab.common.figures import POSITION, axes_or_new, drawing, styled
+from burrlab.common.records import PAPER_LAW, law_of
 from burrlab.theory.tool import require_tool
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ Number = TypeVar("Number", Floats, float, Floats | float)
 
 WINDOW_START, WINDOW_STOP = 1 / 6, 1 / 3  # default window [R]; it starts at static contact if that is deeper
 PER_SECOND = 1e3  # alpha is per ms
-PAPER_FORCE_EXPONENT = 1.5  # q of Eq. 3
+PAPER_FORCE_EXPONENT = PAPER_LAW["force_exponent"]  # q of Eq. 3
 
 
 @dataclass(frozen=True)
@@ -113,13 +114,12 @@ class Law:
     @property
     def is_paper(self) -> bool:
         """Whether both exponents are the paper's."""
-        return (self.force_exponent, self.rate_exponent) == (PAPER_FORCE_EXPONENT, 0.0)
+        return not self.exponents
 
     @property
     def exponents(self) -> dict[str, Any]:
-        """The exponents by their names where they are not the paper's, for files and provenance; else empty."""
-        own = {"force_exponent": self.force_exponent, "rate_exponent": self.rate_exponent}
-        return {} if self.is_paper else own
+        """The exponents that are not the paper's, by their names, as files and provenance hold them."""
+        return law_of(self)
 
     @property
     def ridge_exponent(self) -> float:

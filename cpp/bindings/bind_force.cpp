@@ -71,11 +71,11 @@ Examples
 )");
   m.def(
       "elastic_force",
-      [](double m0, const Vec3& m1, double radius, double c_e) {
-        return elastic_force({m0, m1}, radius, c_e).force;
+      [](double m0, const Vec3& m1, double radius, double c_e, double force_exponent) {
+        return elastic_force({m0, m1}, radius, c_e, force_exponent).force;
       },
-      "m0"_a, "m1"_a, py::kw_only(), "radius"_a, "c_e"_a,
-      R"(Elastic force F = c_e R^2 (h/R)^(3/2) n, Eq. 3.
+      "m0"_a, "m1"_a, py::kw_only(), "radius"_a, "c_e"_a, "force_exponent"_a = Material::paper_force_exponent,
+      R"(Elastic force F = c_e R^2 (h/R)^q n, Eq. 3.
 
 Parameters
 ----------
@@ -87,6 +87,8 @@ radius : float
     R [mm]
 c_e : float
     [N/mm^2]
+force_exponent : float
+    q, 1 to 8; 3/2 in Eq. 3.
 
 Returns
 -------
@@ -96,7 +98,7 @@ ndarray, shape (3,)
 Raises
 ------
 ValueError
-    If an argument is not finite, m0 negative, or radius or c_e not positive.
+    If an argument is not finite, m0 negative, radius or c_e not positive, or q not 1 to 8.
 
 Notes
 -----
@@ -104,21 +106,18 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: the force fades where its directio
 )");
   m.def(
       "erode",
-      [](VoxelBone& bone, const Burr& burr, const Vec3& center, const Material& material, double dt,
-         std::uint64_t seed, std::uint64_t tick, std::uint32_t index, const std::string& scheme) {
-        require_positive("dt", dt);
-        const Tick sphere(bone, burr.radius, parse_scheme(scheme), material.shape, seed, index);
-        const VoxelBone::Changing changing(bone);
-        TickSums sums;
-        sphere.erode(bone, center, ErosionSteps(bone, material, dt), tick, &sums);
-        return static_cast<double>(sums.lost) * (bone.voxel_volume() / 255.0);
+      [](std::shared_ptr<VoxelBone> bone, const Burr& burr, const Vec3& center, const Material& material,
+         double dt, std::uint64_t seed, std::uint64_t tick, std::uint32_t index, const std::string& scheme) {
+        BurrContact contact(std::move(bone), burr, material, seed, index, parse_scheme(scheme));
+        contact.tick = tick;
+        return contact.erode(center, dt);
       },
       "bone"_a, "burr"_a, "center"_a, "material"_a, py::kw_only(), "dt"_a, "seed"_a, "tick"_a, "index"_a = 0,
       "scheme"_a = "layer",
       R"(Erodes the bone inside the burr for one tick, Eq. 4.
 
-A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha f dt)) on average: floor(lambda) levels,
-and one more with probability frac(lambda).
+A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha (F/1 N)^m f dt)) on average: floor(lambda)
+levels, and one more with probability frac(lambda). F is the force at `center` before fading.
 
 Parameters
 ----------
@@ -144,7 +143,7 @@ float
 Raises
 ------
 ValueError
-    If dt is not positive, the centre not finite, the radius below 4 voxels, or the material not that of the
-    bone's tissues.
+    If dt is not positive, the centre not finite, the radius below 4 voxels, the material not that of the
+    bone's tissues, or the burr too large for their c_e.
 )");
 }

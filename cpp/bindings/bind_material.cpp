@@ -190,14 +190,14 @@ shape : Shape or str
 source : str
     Source of the numbers.
 force_exponent : float
-    q >= 1 of the law F = c_e R^2 (h/R)^q; 3/2 in Eq. 3.
+    q, 1 to 8, of the law F = c_e R^2 (h/R)^q; 3/2 in Eq. 3.
 rate_exponent : float
-    m >= 0 of the rate alpha (F/1 N)^m; 0 in Eq. 4.
+    m, 0 to 8, of the rate alpha (F/1 N)^m; 0 in Eq. 4.
 
 Raises
 ------
 ValueError
-    If c_e is not positive, alpha or m negative, q below 1, one not finite, or the shape unknown.
+    If c_e is not positive, alpha negative, one not finite, q not 1 to 8, m not 0 to 8, or the shape unknown.
 
 Warns
 -----
@@ -239,7 +239,7 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
       .def(
           "__eq__", [](const Material& a, const Material& b) { return a == b; }, py::is_operator())
       .def("__hash__",
-           [](const Material& a) { 
+           [](const Material& a) {
              return py::hash(
                  py::make_tuple(a.name, a.c_e, a.alpha, a.shape.name(), a.force_exponent, a.rate_exponent));
            })
@@ -253,10 +253,12 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
                            a.alpha, a.shape.label(), a.source, law);
            })
       .def(py::pickle(
-          [](const Material& a) -> py::tuple {  // the keys of stores follow from it: the paper's law adds nothing
+          [](const Material& a)
+              -> py::tuple {  // the keys of stores follow from it: the paper's law adds nothing
             if (a.force_exponent == Material::paper_force_exponent && a.rate_exponent == 0.0)
               return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source);
-            return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source, a.force_exponent, a.rate_exponent);
+            return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source, a.force_exponent,
+                                  a.rate_exponent);
           },
           [](const py::tuple& t) {
             const bool paper = t.size() == 5;

@@ -95,7 +95,8 @@ Parameters
 tissues : list of Tissue
     1 to 64, with different names and labels; c_e from 1/4096 to 1000 N/mm^2, alpha zero or positive.
 material : Material
-    Gives c_e and alpha to tissues without their own, and f to all; every burr in the bone has this material.
+    Gives c_e and alpha to tissues without their own, and f and both exponents to all; every burr in the bone
+    has this material.
 
 Raises
 ------

@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "erosion_steps.hpp"
+#include "portable_math.hpp"
 #include "require.hpp"
 #include "tick.hpp"
 
@@ -52,6 +54,11 @@ const ErosionSteps& BurrContact::steps_of(double dt) {
   return *steps_;
 }
 
+// Solid bone [mm^3] of a number of levels.
+double BurrContact::volume_of(std::int64_t levels) const {
+  return static_cast<double>(levels) * (bone_->voxel_volume() / 255.0);
+}
+
 Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) const {
   Contact contact;
   contact.c_e = material_.c_e;
@@ -59,13 +66,14 @@ Contact BurrContact::to_contact(const Moments& moments, const TickSums& sums) co
     const std::int64_t whole = sums.stiffness / sums.mass, rest = sums.stiffness % sums.mass;
     contact.c_e = (double(whole) + double(rest) / double(sums.mass)) / Tissues::quanta;
   }
-  const ElasticForce elastic = elastic_force(moments, burr_.radius, contact.c_e);
+  const ElasticForce elastic = elastic_force(moments, burr_.radius, contact.c_e, material_.force_exponent);
   contact.force = elastic.force;
+  contact.magnitude = elastic.magnitude;
   contact.normal = elastic.normal;
   contact.penetration = elastic.penetration;
   contact.m0 = moments.m0;
   contact.m1 = moments.m1;
-  contact.removed = static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
+  contact.removed = volume_of(sums.lost);
   contact.lost = sums.lost;
   contact.tick = tick;
   contact.touching = sums.mass > 0;
@@ -87,7 +95,27 @@ Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
   return step(center, burr_on ? &steps_of(dt) : nullptr);
 }
 
+// The erosion of a tick where |F| is `force`: alpha (|F|/1 N)^m of Eq. 4. Returns the levels removed.
+std::int64_t BurrContact::erode_at_force(double force, const Vec3& center, const ErosionSteps& steps) {
+  const double m = material_.rate_exponent;
+  TickSums sums;
+  if (m == 0.0) {
+    tick_->erode(*bone_, center, steps, tick, &sums);
+  } else if (force > 0.0) {
+    const double factor = std::min(portable::pow(force, m), std::numeric_limits<double>::max());
+    tick_->erode(*bone_, center, steps.times(factor), tick, &sums);
+  }
+  ++tick;
+  return sums.lost;
+}
+
 Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
+  if (steps && material_.rate_exponent != 0.0) {  // the rate needs the force first
+    Contact contact = probe(center);
+    contact.lost = erode_at_force(contact.magnitude, center, *steps);
+    contact.removed = volume_of(contact.lost);
+    return contact;
+  }
   TickSums sums;
   const Moments moments = steps ? tick_->moments_and_erode(*bone_, center, *steps, tick, &sums)
                                 : tick_->moments(*bone_, center, &sums);
@@ -99,10 +127,8 @@ Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
 double BurrContact::erode(const Vec3& center, double dt) {
   require_positive("dt", dt);
   const VoxelBone::Changing changing(*bone_);
-  TickSums sums;
-  tick_->erode(*bone_, center, steps_of(dt), tick, &sums);
-  ++tick;
-  return static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
+  const double force = material_.rate_exponent == 0.0 ? 0.0 : probe(center).magnitude;
+  return volume_of(erode_at_force(force, center, steps_of(dt)));
 }
 
 HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis, double from, double travel,
@@ -168,12 +194,12 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
       descent.reached = true;
       return descent;
     }
-    TickSums sums;  // of the erosion alone: s was probed last
-    tick_->erode(*bone_, start + s * axis, steps_of(dt), tick++, &sums);
+    const std::int64_t lost =
+        erode_at_force(contact.magnitude, start + s * axis, steps_of(dt));  // s was probed last
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
     descent.force.push_back(-contact.force.dot(axis));
-    descent.removed.push_back(static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0));
+    descent.removed.push_back(volume_of(lost));
     descent.ambiguous += contact.ambiguous;
     descent.faint += contact.faint;
   }

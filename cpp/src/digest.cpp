@@ -37,6 +37,9 @@ void of_text(Hash128& hash, const std::string& text) {
 void of_table(Hash128& hash, const Tissues& table) {
   mix(hash, table.size());
   of_text(hash, table.material().shape.name());
+  const double exponents[] = {table.material().force_exponent, table.material().rate_exponent};
+  if (exponents[0] != Material::paper_force_exponent || exponents[1] != 0.0)
+    for (const double& exponent : exponents) mix(hash, bits(&exponent));
   for (std::size_t i = 0; i < table.size(); ++i) {
     const Tissue& tissue = table[i];
     of_text(hash, tissue.name);

@@ -15,18 +15,23 @@ void check_material(const VoxelBone& bone, const Material& material);
 struct ErosionSteps {
   static constexpr double largest = 1000.0;  ///< alpha dt above which a tick is refused
 
-  float scale[Tissues::most];             ///< a_k by tissue
-  std::int32_t doublings[Tissues::most];  ///< k by tissue
+  double a[Tissues::most] = {};                ///< alpha dt by tissue
+  float scale[Tissues::most] = {};             ///< a_k by tissue
+  std::int32_t doublings[Tissues::most] = {};  ///< k by tissue
   std::int32_t most_doublings = 0;
+  std::size_t count = 1;  ///< of tissues; 1 without
 
-  /// The same a = alpha dt for every tissue; throws if `a` is above `largest`.
+  /// a = alpha dt of a bone without tissues; throws if `a` is above `largest`.
   explicit ErosionSteps(double a);
   /// The constants for dt [ms], from the bone's tissues, or from the material in a bone without tissues.
   /// Throws if an alpha dt is above `largest`, or if the tissues have another material.
   ErosionSteps(const VoxelBone& bone, const Material& material, double dt);
 
+  /// Each alpha dt times `factor` >= 0, at most `largest`. For a tick: no allocation or exception.
+  ErosionSteps times(double factor) const noexcept;
+
  private:
-  void set(std::size_t first, std::size_t end, double a);
+  void set(std::size_t number, double alpha_dt) noexcept;
 };
 
 }  // namespace burrlab

@@ -19,9 +19,10 @@ Material::Material(std::string name_, double c_e_, double alpha_, Shape shape_, 
       rate_exponent(rate_exponent_) {
   require_positive("c_e", c_e);
   require_not_negative("alpha", alpha);
-  if (!(force_exponent >= 1.0)) refuse("force_exponent", "1 or more", force_exponent);
-  require_finite("force_exponent", force_exponent);
-  require_not_negative("rate_exponent", rate_exponent);
+  if (!(force_exponent >= 1.0 && force_exponent <= largest_exponent))
+    refuse("force_exponent", "1 to 8", force_exponent);
+  if (!(rate_exponent >= 0.0 && rate_exponent <= largest_exponent))
+    refuse("rate_exponent", "0 to 8", rate_exponent);
 }
 
 bool Material::operator==(const Material& o) const {

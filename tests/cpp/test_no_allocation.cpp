@@ -64,9 +64,10 @@ void allocates_nothing(Work work) {
   CHECK(allocations == before);
 }
 
-void check_contact(const VoxelBone& fresh, Scheme scheme, const Shape& shape, bool tissues) {
+void check_contact(const VoxelBone& fresh, Scheme scheme, const Shape& shape, bool tissues,
+                   double rate_exponent) {
   const auto bone = std::make_shared<VoxelBone>(fresh);
-  const Material material("any", 2.0, 0.4, shape, "");
+  const Material material("any", 2.0, 0.4, shape, "", 1.5 + rate_exponent, rate_exponent);
   if (tissues) give_tissues(*bone, material);
   BurrContact contact(bone, Burr(1.5), material, 1, 0, scheme);
   const auto center = [](int i) { return Vec3(2.0 + 0.01 * i, 2.1, 2.9 - 0.02 * i); };
@@ -130,7 +131,8 @@ int main() {
     for (const Scheme scheme : {Scheme::layer, Scheme::cell})
       for (const char* shape : {"parabolic", "linear", "constant", "power(0.5)", "power(7.3)"})
         for (const VoxelBone& bone : all)
-          for (const bool tissues : {false, true}) check_contact(bone, scheme, Shape::parse(shape), tissues);
+          for (const bool tissues : {false, true})
+            for (const double m : {0.0, 0.5}) check_contact(bone, scheme, Shape::parse(shape), tissues, m);
   }
   return check::report();
 }

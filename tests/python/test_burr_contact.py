@@ -153,6 +153,16 @@ def test_tick_seed_and_index_change_the_draws() -> None:
     assert len({digest(), digest(tick=1), digest(tick=2**64 - 1), digest(seed=4), digest(index=1)}) == 5
 
 
+@pytest.mark.parametrize("rate_exponent", [0.0, 0.5])
+def test_a_held_descent_erodes_as_steps_do(rate_exponent: float) -> None:
+    material = Material("any", c_e=2.0, alpha=0.1, force_exponent=2.0, rate_exponent=rate_exponent)
+    held, stepped = (BurrContact(block(), Burr(1.5), material, seed=3) for _ in range(2))
+    descent = held.hold(0.8, (0, 0, 1.6), (0, 0, -1), from_=0.0, travel=1.5, dt=1.0, ticks=50)
+    run = stepped.run([(0.0, 0.0, 1.6 - s) for s in descent.position], 1.0)
+    np.testing.assert_array_equal(run.removed, descent.removed)
+    np.testing.assert_array_equal(run.force[:, 2], descent.force)
+
+
 def test_hold_keeps_the_force() -> None:
     contact = contact_on(block())
     descent = contact.hold(0.8, (0, 0, 1.6), (0, 0, -1), from_=0.0, travel=1.5, dt=1.0, ticks=100)

@@ -15,7 +15,8 @@ def test_probe_and_erode_are_a_step(
     cpu_path: str, scheme: str, shape: str, fill: str, spacing: tuple[float, float, float]
 ) -> None:
     """Contacts, removed volume, tick and bone are equal to the last bit."""
-    scene = scene_of(scheme, shape, fill=fill, spacing=spacing)
+    rate_exponent = 0.5 if fill == "random" else 0.0
+    scene = scene_of(scheme, shape, fill=fill, spacing=spacing, rate_exponent=rate_exponent)
     whole, halves = (make_pair(scene)[0] for _ in range(2))
     removed = 0.0
     for center in scene.centers():
@@ -32,10 +33,13 @@ def test_probe_and_erode_are_a_step(
     assert halves.bone.removed == whole.bone.removed
 
 
+@pytest.mark.parametrize("rate_exponent", [0.0, 1.0])
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_force_and_erosion_may_act_in_different_places(cpu_path: str, scheme: str) -> None:
+def test_force_and_erosion_may_act_in_different_places(
+    cpu_path: str, scheme: str, rate_exponent: float
+) -> None:
     """`erode` does not depend on the probe before it."""
-    scene = scene_of(scheme, "quartic")
+    scene = scene_of(scheme, "quartic", rate_exponent=rate_exponent)
     first, second = scene.centers()[:2]
     found = set()
     for probed in ([], [first], [second]):

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from tick_scenes import (
     ALL_SHAPES,
     FLAGS,
+    LAWS,
     SCHEMES,
     SHAPES,
+    SKEW,
     Scene,
     assert_same_sums,
     check_scene,
@@ -148,6 +150,8 @@ def scenes(draw: st.DrawFn) -> Scene:
         seed=draw(st.one_of(st.integers(0, 10), st.integers(0, 2**64 - 1))),
         tick=draw(st.one_of(st.integers(0, 10), st.integers(2**32 - 3, 2**64 - 100))),
         index=draw(st.one_of(st.integers(0, 7), st.integers(0, 2**31 - 1))),
+        force_exponent=draw(st.sampled_from([1.5, 1.5, 1.0, 2.0, 1.7])),
+        rate_exponent=draw(st.sampled_from([0.0, 0.0, 0.5, 1.0, 8.0])),
     )
 
 
@@ -160,6 +164,24 @@ def test_tick_equals_reference(
 ) -> None:
     """Scheme, shape, spacing and fill vary; the tick passes 2^32."""
     assert check_scene(scene_of(scheme, shape, spacing=spacing, fill=fill)) > 0.0
+
+
+@pytest.mark.parametrize("law", [*LAWS, (8.0, 8.0)], ids=str)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_tick_equals_reference_under_every_law(scheme: str, law: tuple[float, float]) -> None:
+    """The force of the same tick sets the rate, in a plain bone and in tissues; at 8 alpha dt reaches 1000."""
+    force_exponent, rate_exponent = law
+    for shape, spacing in (("parabolic", (0.2, 0.2, 0.2)), ("power(1.5)", SKEW), ("constant", SKEW)):
+        scene = scene_of(
+            scheme,
+            shape,
+            spacing=spacing,
+            alpha=0.09,
+            force_exponent=force_exponent,
+            rate_exponent=rate_exponent,
+        )
+        assert check_scene(scene) > 0.0
+        assert check_scene(scene, tissues_of("random", scene.size, 16, (0.087, 0.0, 2.0))) > 0.0
 
 
 @pytest.mark.parametrize("product", [1e-5, 1e-3, 0.125, 0.1250001, 0.25, 1.0, 5.0])
@@ -217,13 +239,15 @@ def test_many_scenes_equal_reference(scene: Scene) -> None:
     check_scene(scene)
 
 
+@pytest.mark.parametrize("law", [(1.5, 0.0), (1.0, 0.5), (1.7, 1.0), (2.0, 1.0)], ids=str)
 @pytest.mark.parametrize("several", [False, True], ids=["one material", "tissues"])
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_two_burrs_on_one_bone(scheme: str, several: bool) -> None:
+def test_two_burrs_on_one_bone(scheme: str, several: bool, law: tuple[float, float]) -> None:
     """Burrs act in the order of their steps, each with draws of its own, on the same tissues."""
     p = np.random.default_rng(5).integers(0, 256, (20, 21, 25)).astype(np.uint8)
     tissues = tissues_of("random", p.shape, 16) if several else None
-    bone, q, material = burrlab.VoxelBone(p, 0.2), p.copy(), burrlab.Material("any", c_e=1.5, alpha=0.2)
+    bone, q = burrlab.VoxelBone(p, 0.2), p.copy()
+    material = burrlab.Material("any", c_e=1.5, alpha=0.2, force_exponent=law[0], rate_exponent=law[1])
     if tissues is not None:
         bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
     cores = [

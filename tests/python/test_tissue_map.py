@@ -63,10 +63,12 @@ def test_digest_tells_numbers_and_table_apart() -> None:
         (table(), other),
         (Tissues([*rows[:2], critical], BONE), numbers),
         (Tissues(rows, Material("b", c_e=2.145, alpha=0.087, shape="linear")), numbers),
+        (Tissues(rows, Material("b", c_e=2.145, alpha=0.087, force_exponent=2.0)), numbers),
+        (Tissues(rows, Material("b", c_e=2.145, alpha=0.087, rate_exponent=1.0)), numbers),
     ):
         plain.set_tissues(tissues, given)
         digests.add(plain.digest())
-    assert len(digests) == 5
+    assert len(digests) == 7
 
 
 def row(name: str = "a", label: int = 0, c_e: float = 1, alpha: float = 0) -> Tissue:

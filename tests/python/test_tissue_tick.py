@@ -202,6 +202,7 @@ def enamel(radius: float, dt: float = 1.0) -> BurrContact:
     return contact if dt == 1.0 else contact.step((0, 0, 0), dt)
 
 
+GROWING = Material("bone", c_e=2.145, alpha=0.087, force_exponent=2.0, rate_exponent=1.0)
 OTHER_MATERIAL = (
     r"material must be that of the bone's tissues, 'bone' \(c_e 2.145, alpha 0.087, parabolic\), got 'pvc'"
 )
@@ -211,6 +212,7 @@ OTHER_MATERIAL = (
     ("make", "text"),
     [
         (lambda: BurrContact(two_tissues(), Burr(1.5), PVC, seed=1), OTHER_MATERIAL),
+        (lambda: BurrContact(two_tissues(), Burr(1.5), GROWING, seed=1), r"got 'bone' \(.*, force_exponent 2, rate_exponent 1\)"),
         (lambda: erode(two_tissues(), Burr(1.5), (2, 2, 2), PVC, dt=1.0, seed=1, tick=0), OTHER_MATERIAL),
         (lambda: enamel(2.05), "radius over the voxel must be small enough for c_e of the tissues"),
         (lambda: enamel(1.0, 2e5), "alpha dt of 'enamel' must be at most 1000, got 20000"),

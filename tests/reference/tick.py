@@ -364,6 +364,8 @@ class ReferenceContact:
         Effective depth G(i/8, j/40) of the shape's order; `layer` needs it unless the shape is constant.
     tissues : ReferenceTissues, optional
         By default every voxel has `c_e` and `alpha`.
+    force_exponent, rate_exponent : float
+        q of |F| = c_e R^2 u^q, m of the rate alpha (|F|/1 N)^m.
     """
 
     q: NDArray[np.uint8]
@@ -379,6 +381,8 @@ class ReferenceContact:
     scheme: str = "layer"
     depth_table: Float | None = None
     tissues: ReferenceTissues | None = None
+    force_exponent: float = 1.5
+    rate_exponent: float = 0.0
     tick: int = field(default=0, init=False)
 
     def step(self, center: ArrayLike, dt: float, burr_on: bool = True) -> dict[str, object]:
@@ -415,21 +419,23 @@ class ReferenceContact:
         m1 = [(S[i] - at.frac[i] * S0) * (spacing[i] * (dV / 65280)) for i in range(3)]
 
         R = self.radius
-        u = penetration_ratio(min(m0 / (math.pi * R**3), 4.0 / 3.0))
+        h = penetration_ratio(min(m0 / (math.pi * R * R * R), 4.0 / 3.0)) * R
         length = math.sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2])
         floor = 0.1 * m0 * R
         normal = np.zeros(3) if S0 == 0 else -np.array(m1) / max(length, floor)
         c_e = self.c_e if self.tissues is None or S0 == 0 else self.tissues.mean_c_e(m256)
-        force = c_e * R * R * (u * math.sqrt(u)) * normal
+        u, q, m = h / R, self.force_exponent, self.rate_exponent
+        magnitude = c_e * R * R * (u * math.sqrt(u) if q == 1.5 else float(portable_pow(np.float64(u), q)))
+        factor = 1.0 if m == 0.0 else float(portable_pow(np.float64(magnitude), m))
 
         faint_mass = int(m256[(self.p > 0) & (self.p < 32)].sum())
-        dropped = self._erode(at, m256, dt) if burr_on else 0
+        dropped = self._erode(at, m256, dt, factor) if burr_on else 0
         self.tick = (self.tick + 1) % 2**64
         return {
-            "force": force,
+            "force": magnitude * normal,
             "c_e": c_e,
             "normal": normal,
-            "penetration": u * R,
+            "penetration": h,
             "m0": m0,
             "m1": np.array(m1),
             "removed": dropped * (dV / 255),
@@ -439,7 +445,7 @@ class ReferenceContact:
             "faint": self.scheme == "layer" and 20 * faint_mass > S0,
         }
 
-    def expected_loss(self, at: Geometry, m256: Integer, dt: float) -> Float:
+    def expected_loss(self, at: Geometry, m256: Integer, dt: float, factor: float = 1.0) -> Float:
         """Expected loss lambda of every voxel [2^-16 level] (f32)."""
         shape = ReferenceShape(self.shape_name)
         inv_R = ONE / f32(self.radius)
@@ -454,17 +460,19 @@ class ReferenceContact:
                 raise ValueError("depth_table must be a (25, 41) float32 array")
             f = shape.at_depth(depth_fraction(at, self.q, self.p, m256, self.radius, table), at.deep, x2)
         e256 = np.where(m256 > 0, 256 * self.q.astype(np.int64), 0) if self.scheme == "cell" else m256
+        alphas = [self.alpha] if self.tissues is None else self.tissues.alpha
+        rates = [min(alpha * dt * factor, 1000.0) for alpha in alphas]
         if self.tissues is None:
-            fraction = eroded_fraction(f, self.alpha * dt)
+            fraction = eroded_fraction(f, rates[0])
         else:
-            fraction = eroded_by_tissue(f, [alpha * dt for alpha in self.tissues.alpha], self.tissues.number)
+            fraction = eroded_by_tissue(f, rates, self.tissues.number)
         lam = (e256.astype(f32) * f32(2.0**8)) * fraction
         if lam.dtype != f32:
             raise AssertionError("a Python float or a double has slipped into the single-precision part")
         return lam
 
-    def _erode(self, at: Geometry, m256: Integer, dt: float) -> int:
-        lam = self.expected_loss(at, m256, dt)
+    def _erode(self, at: Geometry, m256: Integer, dt: float, factor: float) -> int:
+        lam = self.expected_loss(at, m256, dt, factor)
         u, v = (draw_lanes(self.q.shape, self.seed, self.tick, self.index, draw) for draw in (0, 1))
         drop = loss(lam, u, v)
         if np.any(drop > self.q):

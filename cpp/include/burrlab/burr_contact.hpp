@@ -18,6 +18,7 @@ struct TickSums;
 /// The contact of one tick. The force is that before the tick's erosion.
 struct Contact {
   Vec3 force = Vec3::Zero();   ///< [N]
+  double magnitude = 0.0;      ///< |F| before fading [N]
   Vec3 normal = Vec3::Zero();  ///< out of the bone
   double penetration = 0.0;    ///< h [mm]
   double c_e = 0.0;            ///< of Eq. 3; with tissues, the mean over the mass met [N/mm^2]
@@ -56,7 +57,7 @@ class BurrContact {
   /// One tick with the constants `steps` of this bone and material, or with the burr off if null. The caller
   /// holds a VoxelBone::Changing.
   Contact step(const Vec3& center, const ErosionSteps* steps);
-  /// The erosion of a tick whose force `probe` gave. Returns the solid bone removed [mm^3].
+  /// The erosion of a tick at `center` [mm]. Returns the solid bone removed [mm^3].
   double erode(const Vec3& center, double dt);
 
   /// At most `ticks` ticks of dt [ms]. Each is at the position start + s axis, s >= from, where the axial
@@ -77,7 +78,9 @@ class BurrContact {
   std::uint64_t tick = 0;  ///< number of the next tick
 
  private:
+  double volume_of(std::int64_t levels) const;
   Contact to_contact(const Moments& moments, const TickSums& sums) const;
+  std::int64_t erode_at_force(double force, const Vec3& center, const ErosionSteps& steps);
   void check_tissues() const;
 
   std::shared_ptr<VoxelBone> bone_;

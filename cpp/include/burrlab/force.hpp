@@ -1,6 +1,7 @@
 // Penetration and elastic force from the moments of the bone inside the burr (Eqs. 2 and 3).
 #pragma once
 
+#include "burrlab/material.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
@@ -22,10 +23,12 @@ struct ElasticForce {
   Vec3 force = Vec3::Zero();   ///< [N], out of the bone
   Vec3 normal = Vec3::Zero();  ///< -m_1/max(|m_1|, 0.1 m_0 R); shorter than 1 where ambiguous
   double penetration = 0.0;    ///< h [mm]
+  double magnitude = 0.0;      ///< |F| before fading [N]
   bool ambiguous = false;
 };
 
-/// F = c_e R^2 (h/R)^(3/2) n (Eq. 3).
-ElasticForce elastic_force(const Moments& moments, double radius, double c_e);
+/// F = c_e R^2 (h/R)^q n with the force exponent q, 3/2 in Eq. 3.
+ElasticForce elastic_force(const Moments& moments, double radius, double c_e,
+                           double force_exponent = Material::paper_force_exponent);
 
 }  // namespace burrlab

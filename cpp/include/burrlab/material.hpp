@@ -17,6 +17,7 @@ struct Burr {
 
 struct Material {
   static constexpr double paper_force_exponent = 1.5;
+  static constexpr double largest_exponent = 8.0;  ///< of either; 2^q and F^m stay far from overflow
 
   std::string name;
   double c_e;             ///< elastic constant [N/mm^2], Eq. 3
@@ -26,8 +27,8 @@ struct Material {
   double force_exponent;  ///< q of |F| = c_e R^2 (h/R)^q; 3/2 in Eq. 3
   double rate_exponent;   ///< m of the rate alpha (|F|/1 N)^m; 0 in Eq. 4
 
-  /// Throws unless c_e is positive, alpha and the rate's exponent zero or positive, the force's at least 1, and
-  /// all finite.
+  /// Throws unless c_e is positive, alpha zero or positive and both finite, the force's exponent 1 to 8 and
+  /// the rate's 0 to 8.
   Material(std::string name, double c_e, double alpha, Shape shape, std::string source,
            double force_exponent = paper_force_exponent, double rate_exponent = 0.0);
   bool operator==(const Material& other) const;

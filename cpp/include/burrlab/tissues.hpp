@@ -23,8 +23,8 @@ struct Tissue {
   bool assumed = false;                  ///< c_e and alpha were not measured on this tissue
 };
 
-/// A table of tissues. A tissue's number is its place in the table. All share the f of `material`, which also
-/// gives c_e and alpha to tissues without their own.
+/// A table of tissues. A tissue's number is its place in the table. All share the f and the exponents of
+/// `material`, which also gives c_e and alpha to tissues without their own.
 class Tissues {
  public:
   static constexpr std::size_t most = 64;

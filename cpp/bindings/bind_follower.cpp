@@ -66,12 +66,14 @@ void bind_follower(py::module_& m) {
             const StabilityReport r = f.stability(burr);
             return py::dict("force_N"_a = r.force, "stiffness_N_per_mm"_a = r.k, "limit_N_per_mm"_a = r.limit,
                             "ratio"_a = r.ratio, "force_at_limit_N"_a = r.force_at_limit,
-                            "warning"_a = r.warning, "delay_ms"_a = r.delay);
+                            "exceeded"_a = r.stiffer_above ? "above" : "below", "warning"_a = r.warning,
+                            "delay_ms"_a = r.delay);
           },
           "burr"_a = 0,
           "The last stiffness against the passivity limit of the burr's device: force_N, stiffness_N_per_mm, "
           "limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (the limit is exceeded below "
-          "it in this hole), warning (ratio above 0.8); nan if the device does not tell its damping. "
+          "it in this hole; above it for a force exponent of 2 or more: exceeded), warning (ratio above "
+          "0.8); nan if the device does not tell its damping. "
           "delay_ms, from a position to the middle of the time in which its force acts.")
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
       .def("digest", &Follower::digest, no_gil, "Of the present bone.")

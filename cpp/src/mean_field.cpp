@@ -128,7 +128,10 @@ MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
   require_positive("phi", phi);
   require_positive("resolution", resolution);
   if (!(stop > 0.0 && stop <= 1.0)) refuse("stop", "in (0, 1]", stop);
-  const double contact = std::cbrt(phi * phi);  // Eq. 3: u = phi^(2/3), and H = u on untouched bone
+  // Eq. 3: u = phi^(2/3), and H = u on untouched bone. The descent knows the force by u alone, so that of a
+  // force exponent q is this one at phi = (F/(c_e R^2))^(3/(2q)), and a rate exponent m only makes alpha
+  // alpha (F/1 N)^m.
+  const double contact = std::cbrt(phi * phi);
   if (!(contact < stop)) refuse("phi", "below stop^1.5, or static contact alone reaches the stop,", phi);
   const double steps = count_steps(shape, contact, stop, resolution);
   if (!(steps <= step_limit))

@@ -15,9 +15,9 @@ namespace {
 double cap_area(double radius, double depth) { return pi * (2.0 * radius * depth - depth * depth); }
 
 /// k = dF/dH [N/mm] at a force [N] and a wetted area [mm^2].
-double contact_stiffness(double force, double area, double radius, double c_e) {
-  const double u = std::pow(force / (c_e * radius * radius), 2.0 / 3.0);
-  return 1.5 * c_e * std::sqrt(u) * area / (pi * radius * (2.0 * u - u * u));
+double contact_stiffness(double force, double area, double radius, double c_e, double q = 1.5) {
+  const double u = std::pow(force / (c_e * radius * radius), 1.0 / q);
+  return q * c_e * std::pow(u, q - 1.0) * area / (pi * radius * (2.0 * u - u * u));
 }
 
 /// Voxels against the closed form, on flat bone and in a hole of R/3.
@@ -27,12 +27,13 @@ void check_stiffness(const Material& material, double force, double hole, double
   const Vec3 center(0.0, 0.0, top - depth);
   const double penetration = executor.probe(0, center).penetration;
   const double area = cap_area(3.0, hole > 0.0 ? hole + depth : penetration);
-  const double closed = contact_stiffness(force, area, 3.0, material.c_e);
+  const double q = material.force_exponent;
+  const double closed = contact_stiffness(force, area, 3.0, material.c_e, q);
   const double measured = measured_stiffness(executor, 0, center);
-  std::printf("%s %.1f N, hole %.1f mm: k %.4g N/mm in closed form, %.4g measured (%+.1f %%)\n",
-              material.name.c_str(), force, hole, closed, measured, 100.0 * (measured / closed - 1.0));
+  std::printf("%s, q = %g, %.1f N, hole %.1f mm: k %.4g N/mm in closed form, %.4g measured (%+.1f %%)\n",
+              material.name.c_str(), q, force, hole, closed, measured, 100.0 * (measured / closed - 1.0));
   CHECK_NEAR(measured / closed, 1.0, tolerance);
-  CHECK_NEAR(contact_area(force, closed, 3.0, material.c_e), area, 1e-9 * area);
+  CHECK_NEAR(contact_area(force, closed, 3.0, material.c_e, q), area, 1e-9 * area);
 }
 
 void check_against_voxels() {
@@ -40,6 +41,12 @@ void check_against_voxels() {
     check_stiffness(scenes::bone_material, force, 0.0, 0.01);
     // At 0.3 N the burr is 0.02 mm deep in its hole, a fifth of a voxel.
     check_stiffness(scenes::bone_material, force, 1.0, force < 0.5 ? 0.12 : 0.02);
+  }
+  for (const double q : {1.0, 2.0, 2.5}) {
+    Material material = scenes::bone_material;
+    material.force_exponent = q;
+    check_stiffness(material, 1.0, 0.0, 0.01);
+    check_stiffness(material, 3.0, 1.0, 0.02);
   }
   check_stiffness(scenes::pvc, 0.1, 0.0, 0.01);
   check_stiffness(scenes::pvc, 0.3, 1.0, 0.04);
@@ -105,12 +112,23 @@ void check_force_at_limit() {
       const double k = contact_stiffness(force, area, radius, c_e);
       CHECK_NEAR(force_at_limit(k, area, radius, c_e), force, 1e-9);
     }
+  for (const double q : {1.0, 1.25, 1.75, 2.0, 3.0})
+    for (const double force : {0.05, 1.0, 2.0})
+      CHECK_NEAR(force_at_limit(contact_stiffness(force, 8.0, radius, c_e, q), 8.0, radius, c_e, q), force,
+                 1e-9);
+  const double at_limit =
+      force_at_limit(3.0, 5.0, radius, c_e);  // the closed form, and its neighbours by halving
+  for (const double q : {1.5 - 1e-9, 1.5 + 1e-9})
+    CHECK_NEAR(force_at_limit(3.0, 5.0, radius, c_e, q), at_limit, 1e-7);
   CHECK(std::isinf(force_at_limit(1.0, pi * 5.0, radius, c_e)));  // stiffer at any force
+  CHECK(std::isinf(force_at_limit(1.0, pi * 5.0, radius, c_e, 1.0)));
+  CHECK(force_at_limit(1.0, pi * 9.0, radius, c_e, 2.0) == 0.0);  // stiffer above 0 N
+  CHECK(std::isinf(force_at_limit(3.0, 0.0, radius, c_e, 2.0)));  // at no force
   CHECK(force_at_limit(3.0, 0.0, radius, c_e) == 0.0);
 }
 
 void check_report() {
-  const Tool tool{Burr(3.0), scenes::bone_material};
+  Tool tool{Burr(3.0), scenes::bone_material};
   DeviceModel device;
   StabilityReport report = stability_report(1.0, 7.0, tool, device, 1.0);
   CHECK(std::isnan(report.limit) && std::isnan(report.ratio) && std::isnan(report.force_at_limit));
@@ -136,6 +154,12 @@ void check_report() {
   report = stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 4.0);
   CHECK_NEAR(report.k, 28.0 / 11.0, 1e-12);
   CHECK_NEAR(contact_stiffness(report.force_at_limit, report.area, 3.0, 2.145), 8.0, 1e-9);
+
+  tool.material.force_exponent = 2.0;  // stiffer than 8 N/mm above a force that is beyond 1 N
+  report = stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 4.0);
+  CHECK(report.stiffer_above && report.force_at_limit > 1.0);
+  CHECK_NEAR(contact_stiffness(report.force_at_limit, report.area, 3.0, 2.145, 2.0), 8.0, 1e-9);
+  CHECK(std::isinf(stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 2.0).force_at_limit));
 }
 
 void check_refusals() {

@@ -61,12 +61,12 @@ std::shared_ptr<VoxelBone> varied_bone(const Material& material) {
 
 /// Rebuilds again and again while ticks store into the bricks being copied, on every path of the tick. Under
 /// a thread sanitizer this tests that there is no data race.
-void rebuilt_all_the_while() {
+void rebuilt_all_the_while(double rate_exponent) {
   const std::string path = cpu_path();
   std::uint64_t rebuilds = 0;
   for (const std::string& name : cpu_paths()) {
     use_cpu_path(name);
-    const Material material("bone", 2.145, 0.087, Shape::parabolic(), "");
+    const Material material("bone", 2.145, 0.087, Shape::parabolic(), "", 1.5 - rate_exponent, rate_exponent);
     const auto bone = varied_bone(material);
     SessionSetup setup;
     setup.tools.push_back({Burr(1.0), material});
@@ -154,7 +154,8 @@ void stability_with_tissues() {
 int main() {
   stability_with_tissues();
   follower();
-  rebuilt_all_the_while();
+  rebuilt_all_the_while(0.0);
+  rebuilt_all_the_while(0.25);
   newest_after_rebuild();
   return check::report();
 }

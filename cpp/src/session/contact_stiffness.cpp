@@ -8,18 +8,19 @@
 
 namespace burrlab {
 
-/// sqrt(u) (2 - u) at a force; k times this is 1.5 c_e A/(pi R).
-static double softness(double force, double radius, double c_e) {
+/// u^(2-q) (2 - u); k times this is q c_e A/(pi R).
+static double softness(double u, double q) {
+  return (q == Material::paper_force_exponent ? std::sqrt(u) : std::pow(u, 2.0 - q)) * (2.0 - u);
+}
+
+double contact_area(double force, double stiffness, double radius, double c_e, double force_exponent) {
+  require_not_negative("stiffness", stiffness);
   require_positive("radius", radius);
   require_positive("c_e", c_e);
   require_not_negative("force", force);
-  const double u = std::min(std::pow(force / (c_e * radius * radius), 2.0 / 3.0), 2.0);  // Eq. 3
-  return std::sqrt(u) * (2.0 - u);
-}
-
-double contact_area(double force, double stiffness, double radius, double c_e) {
-  require_not_negative("stiffness", stiffness);
-  return stiffness * softness(force, radius, c_e) * pi * radius / (1.5 * c_e);
+  if (stiffness == 0.0) return 0.0;  // also where u = 0 and q > 2
+  const double u = std::min(std::pow(force / (c_e * radius * radius), 1.0 / force_exponent), 2.0);  // Eq. 3
+  return stiffness * softness(u, force_exponent) * pi * radius / (force_exponent * c_e);
 }
 
 double measured_stiffness(const TickExecutor& executor, std::size_t burr, const Vec3& center, double step) {
@@ -59,29 +60,41 @@ double encoder_limit(double friction, double encoder_step) {
   return encoder_step > 0.0 ? 2.0 * friction / encoder_step : std::numeric_limits<double>::infinity();
 }
 
-// With w = sqrt(u): w^3 - 2 w + q = 0, q = 1.5 c_e A/(pi R limit); w = a sin t, a^2 = 8/3, turns it into
-// (2 a/3) sin 3 t = q.
-double force_at_limit(double limit, double area, double radius, double c_e) {
+// u^(2-q) (2 - u) = b, b = q c_e A/(pi R limit). For q = 3/2 and w = sqrt(u) this is w^3 - 2 w + b = 0;
+// w = a sin t, a^2 = 8/3, turns it into (2 a/3) sin 3 t = b. Else by halving, where the left side rises up to
+// its maximum (q < 2) or falls from u = 0 on.
+double force_at_limit(double limit, double area, double radius, double c_e, double force_exponent) {
   require_not_negative("area", area);
   require_positive("radius", radius);
   require_positive("c_e", c_e);
   require_not_negative("limit", limit);
-  if (area == 0.0) return 0.0;
+  const double q = force_exponent, infinity = std::numeric_limits<double>::infinity();
+  if (area == 0.0) return q < 2.0 ? 0.0 : infinity;
+  const double b = q * c_e * area / (pi * radius * limit);
+  if (q != Material::paper_force_exponent) {
+    double low = 0.0, high = q < 2.0 ? 2.0 * (2.0 - q) / (3.0 - q) : 2.0;
+    if (q < 2.0 && !(softness(high, q) >= b)) return infinity;
+    for (int i = 0; i < 100; ++i) {
+      const double u = 0.5 * (low + high);
+      ((softness(u, q) < b) == (q < 2.0) ? low : high) = u;
+    }
+    return c_e * radius * radius * std::pow(low, q);
+  }
   const double a = std::sqrt(8.0 / 3.0);
-  const double sine = 1.5 * (1.5 * c_e * area / (pi * radius * limit)) / a;
-  if (!(sine <= 1.0)) return std::numeric_limits<double>::infinity();
+  const double sine = 1.5 * b / a;
+  if (!(sine <= 1.0)) return infinity;
   const double w = a * std::sin(std::asin(sine) / 3.0);
   return c_e * radius * radius * w * w * w;  // Eq. 3
 }
 
 StabilityReport stability_report(double force, double k, const Tool& tool, const DeviceModel& device,
                                  double period, double age, double coupling) {
-  const double radius = tool.burr.radius, c_e = tool.material.c_e;
+  const double radius = tool.burr.radius, c_e = tool.material.c_e, q = tool.material.force_exponent;
   if (!(coupling > 0.0)) refuse("coupling", "positive", coupling);
   StabilityReport report;
   report.force = force;
   report.delay = 0.5 * period + age;
-  report.area = contact_area(force, k, radius, c_e);
+  report.area = contact_area(force, k, radius, c_e, q);
   report.k = std::isinf(coupling) ? k : k * coupling / (k + coupling);
   if (!std::isnan(device.damping)) report.sampling_limit = passivity_limit(device.damping, period, age);
   if (!std::isnan(device.encoder_step) && (device.encoder_step == 0.0 || !std::isnan(device.friction)))
@@ -91,13 +104,12 @@ StabilityReport stability_report(double force, double k, const Tool& tool, const
   if (std::isnan(report.limit)) return report;
   report.ratio = report.k / report.limit;
   report.warning = report.ratio > StabilityReport::warning_ratio;
+  report.stiffer_above = q >= 2.0;
   // A coupling below the limit keeps any contact passive; above it, the contact alone may be this stiff.
-  report.force_at_limit =
-      coupling <= report.limit
-          ? 0.0
-          : burrlab::force_at_limit(
-                std::isinf(coupling) ? report.limit : 1.0 / (1.0 / report.limit - 1.0 / coupling),
-                report.area, radius, c_e);
+  const bool passive = coupling <= report.limit;
+  const double alone =
+      passive || std::isinf(coupling) ? report.limit : 1.0 / (1.0 / report.limit - 1.0 / coupling);
+  report.force_at_limit = burrlab::force_at_limit(alone, passive ? 0.0 : report.area, radius, c_e, q);
   return report;
 }
 

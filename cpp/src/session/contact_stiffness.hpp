@@ -8,10 +8,11 @@
 
 namespace burrlab {
 
-/// From k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm]: the wetted area A, projected on the normal
-/// [mm^2], of a contact with this stiffness at a force [N]; c_e [N/mm^2], u from the force by Eq. 3. Not
-/// dF/dh: bone enters over the whole wetted area at once.
-double contact_area(double force, double stiffness, double radius, double c_e);
+/// From k = dF/dH = q c_e u^(q-1) A/(pi R (2 u - u^2)) [N/mm]: the wetted area A, projected on the normal
+/// [mm^2], of a contact with this stiffness at a force [N]; c_e [N/mm^2], u from the force F = c_e R^2 u^q, q
+/// = 3/2 in Eq. 3. Not dF/dh: bone enters over the whole wetted area at once.
+double contact_area(double force, double stiffness, double radius, double c_e,
+                    double force_exponent = Material::paper_force_exponent);
 
 /// k from the force at `step` [mm] in and out along the contact's normal [N/mm]; 0 without contact. Where the
 /// burr comes free within a step it is an average, below k.
@@ -31,9 +32,11 @@ double passivity_limit(double damping, double period, double age = 0.0);
 /// step [mm] (Abbott and Okamura 2005); infinite for a step of 0.
 double encoder_limit(double friction, double encoder_step);
 
-/// Force below which a contact of this wetted area is stiffer than `limit` [N]: the root of sqrt(u) (2 - u) =
-/// 1.5 c_e A/(pi R limit); infinite if every force up to u = 2/3 is below it.
-double force_at_limit(double limit, double area, double radius, double c_e);
+/// For q < 2 the force below which a contact of this wetted area is stiffer than `limit` [N]: the smallest
+/// root of u^(2-q) (2 - u) = q c_e A/(pi R limit); infinite if every force up to u = 2 (2-q)/(3-q) is below
+/// it. For q >= 2 k rises with the force from u = 0 on, and this is the force above which it is stiffer.
+double force_at_limit(double limit, double area, double radius, double c_e,
+                      double force_exponent = Material::paper_force_exponent);
 
 /// The stability that a session reports; NaN if a number is unknown.
 struct StabilityReport {
@@ -48,6 +51,7 @@ struct StabilityReport {
   double ratio = std::numeric_limits<double>::quiet_NaN();               ///< k/limit
   double delay = 0.0;  ///< from a position to the middle of its force's time, T/2 + t_d [ms]
   double force_at_limit = std::numeric_limits<double>::quiet_NaN();  ///< below it k > limit, in this hole [N]
+  bool stiffer_above = false;                                        ///< for q >= 2, k > limit above it
   bool warning = false;                                              ///< ratio above 0.8
 };
 

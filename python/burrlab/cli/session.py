@@ -292,7 +292,7 @@ def _line(session: burrlab.Session) -> str:
     counts, status, at = session.loop.counts, session.follower.status, session.follower.stability(0)
     stiff = f"{at['stiffness_N_per_mm']:.1f} N/mm"
     if np.isfinite(at["ratio"]):
-        stiff += f" of {at['limit_N_per_mm']:.1f} ({at['ratio']:.2f}, exceeded below {at['force_at_limit_N']:.2f} N)"
+        stiff += f" of {at['limit_N_per_mm']:.1f} ({at['ratio']:.2f}, exceeded {at['exceeded']} {at['force_at_limit_N']:.2f} N)"
     return (
         f"{counts.ticks} ticks, {counts.late} late, {counts.dropped} dropped; lag {status['behind']} ticks; "
         f"{at['force_N']:.2f} N, stiffness {stiff}"

@@ -358,6 +358,7 @@ class _ForceLoop:
         self.scheduled = controller is None
         self.pid = ForceController(0.0) if controller is None else controller
         self.c_e, self.surface = None if material is None else material.c_e, rig.surface
+        self.exponent = 1.5 if material is None else material.force_exponent
         self.rows: list[tuple[float, float, float]] = []
         self.command, self.immersion, self.engaged, self.arrived = APPROACH_SPEED, -np.inf, False, False
 
@@ -383,7 +384,7 @@ class _ForceLoop:
         if self.c_e is not None and self.surface is not None:
             self.engaged = measured >= threshold
         elif measured >= max(0.3 * self.force, threshold):
-            c_e, surface = _first_contact(self.rows, 0.1 * self.force, self.burr.radius)
+            c_e, surface = _first_contact(self.rows, 0.1 * self.force, self.burr.radius, self.exponent)
             self.c_e = c_e if self.c_e is None else self.c_e
             self.surface = surface if self.surface is None else self.surface
             self.engaged = True
@@ -393,12 +394,25 @@ class _ForceLoop:
     def _control(self, measured: float) -> None:
         assert self.c_e is not None
         if self.scheduled:
-            kp = LOOP_BANDWIDTH / contact_stiffness(self.c_e, self.burr.radius, self.force, self.immersion)
+            kp = LOOP_BANDWIDTH / self._stiffness(self.c_e, self.burr.radius)
             # The integral keeps its preset until the force arrives: no wind-up in the impact.
             self.arrived = self.arrived or measured >= ARRIVED * self.force
             self.pid.set_gains(kp, kp / INTEGRAL_TIME if self.arrived else 0.0)
         self.command = self.pid.update(self.force, measured, self.rig.period)
         self.rig.command(self.command)
+
+    def _stiffness(self, c_e: float, radius: float) -> float:
+        """Stiffness of the contact at the set-point [N/mm]: that of Eq. 3 at the same u, times the ratio of du^q/du."""
+        q = self.exponent
+        if q == 1.5:
+            return contact_stiffness(c_e, radius, self.force, self.immersion)
+        u = min((self.force / (c_e * radius**2)) ** (1 / q), 1.0)
+        return (
+            contact_stiffness(c_e, radius, c_e * radius**2 * u**1.5, self.immersion)
+            * q
+            / 1.5
+            * u ** (q - 1.5)
+        )
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:
@@ -410,9 +424,9 @@ def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> 
 
 
 def _first_contact(
-    rows: list[tuple[float, float, float]], above: float, radius: float
+    rows: list[tuple[float, float, float]], above: float, radius: float, q: float
 ) -> tuple[float, float]:
-    """c_e [N/mm^2] and surface position [mm] from the approach: F^(2/3) = (c_e sqrt(R))^(2/3) (x - x_0)."""
+    """c_e [N/mm^2] and surface position [mm] from the approach: F^(1/q) = (c_e R^(2-q))^(1/q) (x - x_0)."""
     table = np.array(rows)
     first = int(np.argmax(table[:, 1] > above))
     pressed = table[first:]
@@ -420,6 +434,6 @@ def _first_contact(
         before = np.flatnonzero(table[:first, 0] < pressed[0, 0])
         refuse(before.size == 0, "the rig's position must change before its force rises; it was stopped")
         pressed = table[before[-1] :]
-    slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1)
+    slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (1 / q), 1)
     slope = max(float(slope), 1e-3)
-    return slope**1.5 / np.sqrt(radius), float(-intercept / slope)
+    return slope**q / (np.sqrt(radius) if q == 1.5 else radius ** (2 - q)), float(-intercept / slope)

@@ -316,7 +316,7 @@ def _status(
         if material is None or static < stop:
             bound = f"; the force reached {float(series.force.max(initial=0.0)):.4g} N"
         else:
-            most = material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5
+            most = material.c_e * burr.radius**2 * (stop / burr.radius) ** material.force_exponent
             bound = f"; static contact carries at most {most:.4g} N there"
         return "overloaded", (
             f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm{bound}"

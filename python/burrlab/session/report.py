@@ -150,7 +150,7 @@ class SessionReport:
             limit = (
                 f"its force comes {at['delay_ms']:.2f} ms late, the device does not say its damping"
                 if math.isnan(at["limit_N_per_mm"])
-                else f"limit {at['limit_N_per_mm']:.3g}, ratio {at['ratio']:.2f}, exceeded below "
+                else f"limit {at['limit_N_per_mm']:.3g}, ratio {at['ratio']:.2f}, exceeded {at['exceeded']} "
                 f"{at['force_at_limit_N']:.2g} N"
             )
             lines.append(

@@ -477,7 +477,7 @@ class Session:
                 self._warned_of_stiffness.add(burr)
                 self._say(
                     f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, at its stiffest "
-                    f"{at['ratio']:.2f} of the device's limit; below "
+                    f"{at['ratio']:.2f} of the device's limit; {at['exceeded']} "
                     f"{at['force_at_limit_N']:.2g} N here a hand may tremble"
                 )
 

@@ -102,7 +102,7 @@ std::int64_t BurrContact::erode_at_force(double force, const Vec3& center, const
   if (m == 0.0) {
     tick_->erode(*bone_, center, steps, tick, &sums);
   } else if (force > 0.0) {
-    const double factor = std::min(portable::pow(force, m), std::numeric_limits<double>::max());
+    const double factor = std::min(portable::power(force, m), std::numeric_limits<double>::max());
     tick_->erode(*bone_, center, steps.times(factor), tick, &sums);
   }
   ++tick;

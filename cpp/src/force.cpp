@@ -25,11 +25,16 @@ double penetration(double m0, double radius) {
   return relative_penetration(std::min(m0 / (pi * radius * radius * radius), 4.0 / 3.0)) * radius;  // Eq. 2
 }
 
+// u^q; q = 3/2 by the root.
+static double raised(double u, double q) {
+  if (q == Material::paper_force_exponent) return u * std::sqrt(u);
+  if (!(q >= 1.0 && q <= Material::largest_exponent)) refuse("force_exponent", "1 to 8", q);
+  return portable::power(u, q);
+}
+
 ElasticForce elastic_force(const Moments& moments, double radius, double c_e, double force_exponent) {
   ElasticForce result;
   require_positive("c_e", c_e);
-  if (!(force_exponent >= 1.0 && force_exponent <= Material::largest_exponent))
-    refuse("force_exponent", "1 to 8", force_exponent);
   result.penetration = penetration(moments.m0, radius);
   const Vec3& m1 = moments.m1;
   const double length = std::sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2]);
@@ -38,9 +43,7 @@ ElasticForce elastic_force(const Moments& moments, double radius, double c_e, do
   const double floor = fading_asymmetry * moments.m0 * radius;
   result.ambiguous = length < floor;
   const double u = result.penetration / radius, scale = std::max(length, floor);
-  const bool paper = force_exponent == Material::paper_force_exponent;
-  result.magnitude =
-      c_e * radius * radius * (paper ? u * std::sqrt(u) : portable::pow(u, force_exponent));  // Eq. 3
+  result.magnitude = c_e * radius * radius * raised(u, force_exponent);  // Eq. 3
   for (int axis = 0; axis < 3; ++axis) {
     result.normal[axis] = -m1[axis] / scale;
     result.force[axis] = result.magnitude * result.normal[axis];

@@ -45,4 +45,13 @@ inline double log(double x) {
 /// x^k for x >= 0, k > 0.
 inline double pow(double x, double k) { return x > 0.0 ? exp(k * log(x)) : 0.0; }
 
+/// x^k for x >= 0, k > 0: a product for whole k, else `pow`.
+inline double power(double x, double k) {
+  const int whole = static_cast<int>(k);
+  if (whole != k) return pow(x, k);
+  double product = x;
+  for (int i = 1; i < whole; ++i) product *= x;
+  return product;
+}
+
 }  // namespace burrlab::portable

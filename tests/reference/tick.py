@@ -116,6 +116,16 @@ def portable_pow(x: NDArray[np.float64], k: float) -> NDArray[np.float64]:
     return np.where(positive, portable_exp(k * portable_log(np.where(positive, x, 1.0))), 0.0)
 
 
+def portable_power(x: float, k: float) -> float:
+    """x^k for x >= 0 and k > 0: a product for whole k, operation by operation as in portable_math.hpp."""
+    if k != int(k):
+        return float(portable_pow(np.float64(x), k))
+    product = x
+    for _ in range(int(k) - 1):
+        product *= x
+    return product
+
+
 #: y and k of f = y^k, where y is 1, the depth 1 - x below the sphere's surface, or 1 - x^2.
 SHAPES = {
     "parabolic": ("square", 1.0),
@@ -425,8 +435,8 @@ class ReferenceContact:
         normal = np.zeros(3) if S0 == 0 else -np.array(m1) / max(length, floor)
         c_e = self.c_e if self.tissues is None or S0 == 0 else self.tissues.mean_c_e(m256)
         u, q, m = h / R, self.force_exponent, self.rate_exponent
-        magnitude = c_e * R * R * (u * math.sqrt(u) if q == 1.5 else float(portable_pow(np.float64(u), q)))
-        factor = 1.0 if m == 0.0 else float(portable_pow(np.float64(magnitude), m))
+        magnitude = c_e * R * R * (u * math.sqrt(u) if q == 1.5 else portable_power(u, q))
+        factor = 1.0 if m == 0.0 else portable_power(magnitude, m)
 
         faint_mass = int(m256[(self.p > 0) & (self.p < 32)].sum())
         dropped = self._erode(at, m256, dt, factor) if burr_on else 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from burrlab import Burr, VoxelBone, _core, materials
+from burrlab import Burr, Material, VoxelBone, _core, materials
 
 RADIUS = 3.0
 SPACING = 0.1
@@ -41,8 +41,9 @@ def block(hole: float) -> VoxelBone:
     return cut
 
 
-def executor(material: str, hole: float, period: float) -> _core.TickExecutor:
-    return _core.TickExecutor(block(hole), [(Burr(RADIUS), materials[material])], 1, period=period)
+def executor(material: str | Material, hole: float, period: float) -> _core.TickExecutor:
+    known = materials[material] if isinstance(material, str) else material
+    return _core.TickExecutor(block(hole), [(Burr(RADIUS), known)], 1, period=period)
 
 
 def high_pass(force: np.ndarray, period: float) -> np.ndarray:
@@ -54,7 +55,7 @@ def high_pass(force: np.ndarray, period: float) -> np.ndarray:
 class Run:
     """A run on the virtual clock; arrays of one row a tick."""
 
-    material: str
+    material: str | Material
     hole: float
     push: float
     period: float
@@ -106,7 +107,7 @@ class Run:
 
 
 def run(
-    material: str,
+    material: str | Material,
     hole: float,
     push: float,
     seconds: float = 4.0,
@@ -140,7 +141,9 @@ def run(
     return Run(material, hole, push, period, device.damping, first["center"], first["sent"], energy, records)
 
 
-def still(material: str, hole: float, push: float, on: bool, **hand: object) -> tuple[Run, float, float]:
+def still(
+    material: str | Material, hole: float, push: float, on: bool, **hand: object
+) -> tuple[Run, float, float]:
     """A still push: (run, ripple [N], k over the limit, the larger at the two ends of the window)."""
     result = run(material, hole, push, 3.5, on=on, on_after=SWITCH, **hand)
     window = result.window(SWITCH + 0.1)

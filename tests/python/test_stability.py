@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from stability_cases import GRID, HOLE, high_pass, run, still
 
+from burrlab import Material
+
 RIPPLE = 0.05  # above 20 Hz, peak to peak [N]
 
 
@@ -23,6 +25,27 @@ def check_still(material, hole, push, on):
 )
 def test_a_still_push_below_the_limit_is_quiet(material, hole, push, on):
     assert check_still(material, hole, push, on) < 0.8
+
+
+def law(c_e, q, m=0.0):
+    return Material("law", c_e=c_e, alpha=0.087, force_exponent=q, rate_exponent=m)
+
+
+def test_a_force_in_proportion_to_depth_is_stiff_at_first_touch():
+    """q = 1: k is c_e R on flat bone at any push; 12 N/mm shakes the hand at 0.3 N, where q = 3/2 is quiet."""
+    for push in (0.3, 1.0):
+        assert check_still(law(2.145, 1.0), 0.0, push, False) == pytest.approx(0.64, abs=0.01)
+    assert check_still(law(4.0, 1.5), 0.0, 0.3, False) < 0.8
+    _, ripple, ratio = still(law(4.0, 1.0), 0.0, 0.3, False)
+    assert ratio == pytest.approx(1.2, abs=0.02)
+    assert ripple > 0.5
+
+
+@pytest.mark.parametrize("q", [1.0, 1.5, 2.0])
+def test_a_rate_that_grows_with_the_force_calms_the_burr(q):
+    """At 1 N, where the rates are equal, the force of a cutting burr ripples less with m = 1 than with m = 0."""
+    (_, without, _), (_, growing, _) = (still(law(2.145, q, m), 0.0, 1.0, True) for m in (0.0, 1.0))
+    assert growing < 0.85 * without
 
 
 @pytest.mark.slow

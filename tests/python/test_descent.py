@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import burrlab
+from burrlab.descent.descent import _first_contact, _ForceLoop
 from burrlab.theory.closed_forms import (
     contact_stiffness,
     layer_thickness,
@@ -193,6 +194,25 @@ def test_unknown_rig_finds_surface_and_stiffness_from_first_contact(known):
         BURR, None, 1.0, rig=Laboratory(rig), settings=burrlab.DescentSettings(max_duration=1.0)
     )
     assert run.immersion[0] == pytest.approx(-0.2, abs=0.06)
+
+
+@pytest.mark.parametrize(("q", "alpha"), [(1.0, 0.1), (2.0, 0.03)])
+def test_a_rig_meets_a_bone_of_another_law(q, alpha):
+    """Gains, surface and velocity follow the law; on flat bone k = q c_e R u^(q-1)."""
+    material = burrlab.Material("law", c_e=2.0, alpha=alpha, force_exponent=q, rate_exponent=0.5)
+    rig = Laboratory(virtual(material, 0.2))
+    loop = _ForceLoop(rig, BURR, material, 0.8, None, 1.0)
+    assert loop._stiffness(2.0, 3.0) == pytest.approx(q * 6.0 * (0.8 / 18.0) ** (1 - 1 / q))
+    run = burrlab.descend(BURR, material, 0.8, rig=rig)
+    held = burrlab.descend(BURR, material, 0.8, voxel=0.2, seed=5, ideal=True)
+    assert run.status == "ok"
+    assert run.immersion[0] == pytest.approx(-0.2, abs=0.06)
+    assert run.penetration_velocity == pytest.approx(held.penetration_velocity, rel=0.1)
+    rows = [
+        (h, material.c_e * BURR.radius**2 * max(h / BURR.radius, 0.0) ** q, 1.0)
+        for h in np.arange(-0.2, 0.2, 0.01)
+    ]
+    assert _first_contact(rows, 0.01, BURR.radius, q) == pytest.approx((2.0, 0.0), rel=1e-6, abs=1e-9)
 
 
 def test_series_frame_save_and_load(known, tmp_path, monkeypatch):

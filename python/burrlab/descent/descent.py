@@ -407,12 +407,8 @@ class _ForceLoop:
         if q == 1.5:
             return contact_stiffness(c_e, radius, self.force, self.immersion)
         u = min((self.force / (c_e * radius**2)) ** (1 / q), 1.0)
-        return (
-            contact_stiffness(c_e, radius, c_e * radius**2 * u**1.5, self.immersion)
-            * q
-            / 1.5
-            * u ** (q - 1.5)
-        )
+        ratio = q / 1.5 * u ** (q - 1.5)
+        return float(ratio * contact_stiffness(c_e, radius, c_e * radius**2 * u**1.5, self.immersion))
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:

@@ -64,5 +64,5 @@ int main() {
             *bone,
             contact.hold(0.5, Vec3(0.0, 0.0, 1.5), Vec3(0.0, 0.0, -1.0), 0.0, 1.0, 1.0, 300).position.back());
       }
-  session(Material("bone", 2.145, 0.087, Shape::parabolic(), ""));
+  session(Material("bone", 2.145, 0.087, Shape::parabolic(), "", 1.7, 0.5));
 }

@@ -48,7 +48,7 @@ def descent(shape: str, scheme: str, tissues: bool) -> str:
 
 
 def session() -> str:
-    material = _core.Material("bone", c_e=2.145, alpha=0.087)
+    material = _core.Material("bone", c_e=2.145, alpha=0.087, force_exponent=1.7, rate_exponent=0.5)
     bone = block(material, tissues=True)
     executor = _core.TickExecutor(bone, [(_core.Burr(1.5), material), (_core.Burr(1.0), material)], 11)
     devices = [

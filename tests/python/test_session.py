@@ -196,6 +196,19 @@ class TestSafety:
             at["stiffness_N_per_mm"] / 4.0, rel=0.05
         )  # of the stiffest direction
 
+    def test_another_law(self):
+        """The follower, which only gets positions, carves the same bone; from q = 2 on the limit is exceeded above."""
+        law = Material("law", c_e=2.145, alpha=0.087, force_exponent=2.0, rate_exponent=1.0)
+        tools, hands = (
+            [(BURR, law), (Burr(2.0), law)],
+            (HandDevice(push=0.8), HandDevice(push=0.5, start=(5, 0, 3.3))),
+        )
+        run = ended(session_of(block(), tools, hands, seed=1, duration=2.0, wall_clock=False))
+        report = run.report()
+        assert (report.follower["differing"], len({digest for _, digest in run.digests})) == (0, 3)
+        assert report.stability[0]["exceeded"] == "above"
+        assert "exceeded above" in str(report)
+
 
 BURR, BONE = TOOL
 HANDS = [HandDevice() for _ in range(3)]

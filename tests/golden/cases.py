@@ -248,7 +248,7 @@ def objects() -> dict[str, Any]:
         "curve": data, "fit": fit, "descent": burrlab.descend(BURR, BONE, 1.0, voxel=0.3, seed=1),
         "indentation": burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1),
         "depth trace": burrlab.synthetic_trace(BURR, BONE, 1.0, seed=5), "mean field": burrlab.mean_field_descent(BURR, BONE, 1.0),
-        "shapes": burrlab.compare_shapes(data, BURR, seed=1), "trace": trace, "metrics": burrlab.session_metrics(trace),
+        "laws": burrlab.compare_laws(data, BURR), "trace": trace, "metrics": burrlab.session_metrics(trace),
         "replay": burrlab.replay(trace), "anatomy": anatomy_report(trace), "answers": read_folder(FILES / "experiment")[0],
         "analysis": analyse(Protocol.read(FILES / "experiment.toml"), simulated=True), "volume": burrlab.read_volume(FILES / "grey.nrrd"), "labels": burrlab.read_labels(FILES / "labels.nrrd"),
         "bone": burrlab.load_bone(FILES / "bone.h5")[0], "material": BONE, "burr": BURR,

@@ -17,7 +17,7 @@ from burrlab import (
     Burr,
     MasterCurve,
     Material,
-    compare_shapes,
+    compare_laws,
     design,
     fit,
     synthetic_curve,
@@ -224,7 +224,7 @@ def test_seeds(ridge):
 def test_progress_rises_to_the_end(ridge):
     for work in (
         partial(design, ridge, [0.4, 2.0], 3.0, 3, static=[0.2]), partial(ridge.bootstrap, 30),
-        partial(compare_shapes, ON_RIDGE, shapes=["parabolic"]),
+        partial(compare_laws, ON_RIDGE, laws=["paper"]),
     ):  # fmt: skip
         told = []
         work(progress=told.append)

@@ -20,7 +20,6 @@ from burrlab import (
     VelocityCurve,
     VoxelEngine,
     compare,
-    compare_shapes,
     fit,
     materials,
     penetration_velocity,
@@ -174,7 +173,6 @@ class TestHonesty:
         *((call, ValueError, "'student'") for call in (
             lambda: fitted("wide", residuals="student", engine="voxel"),
             lambda: fitted("wide", "pressed", residuals="student"),
-            lambda: compare_shapes(CURVE, residuals="student"),
         )),
         (lambda: fit(CURVE, engine=VoxelEngine(store="s.jsonl")), ValueError, "seed must be given with a store"),
         (lambda: VoxelEngine(replicates=2.5), TypeError, "replicates must be a whole number, got 2.5"),

@@ -14,6 +14,7 @@ from burrlab import (
     Clock,
     DescentSettings,
     Fit,
+    Law,
     MasterCurve,
     Material,
     ScriptedDevice,
@@ -22,7 +23,7 @@ from burrlab import (
     Tissue,
     Tissues,
     VoxelBone,
-    compare_shapes,
+    compare_laws,
     descend,
     fit,
     load_trace,
@@ -119,8 +120,8 @@ def test_fit_json_and_bootstrap():
     assert COSINE.label in found.report()
     assert COSINE.name not in found.report() + repr(found)
     np.testing.assert_array_equal(*(each.bootstrap(4, seed=1).c_e for each in (found, again)))
-    compared = compare_shapes(curve, BURR, shapes=[COSINE, "quartic"], free=False)
-    assert compared[COSINE].fit.alpha == found.alpha
+    compared = compare_laws(curve, BURR, laws=[Law(COSINE), "quartic"])
+    assert compared[COSINE.label].fit.alpha == found.alpha
     assert COSINE.name not in repr(compared) + "".join(compared.sentences)
 
 

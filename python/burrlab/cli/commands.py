@@ -11,6 +11,7 @@ import numpy as np
 
 import burrlab
 from burrlab.cli.options import (
+    EXPONENTS,
     JSON,
     LABELS,
     MATERIAL,
@@ -274,6 +275,12 @@ ACTIONS = {
         flag("--incomplete", "with runs that did not come to their end"),
     )),
 }  # fmt: skip
+_OTHER_DATA = (
+    option(
+        "--indentation", "static indentation, repeatable", metavar="FILE.csv", action="append", default=[]
+    ),
+    option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
+)
 COMMANDS = {
     "descend": Command("descent", "Sink a burr at constant force and measure its penetration velocity.", (
         option("--force", "set-point [N]", type=positive, required=True),
@@ -296,11 +303,9 @@ COMMANDS = {
     "fit": Command("descent", "Fit c_e and alpha, and say what the data determine.", (
         option("file", "velocity-force curves", metavar="FILE.csv", nargs="*"),
         _RADIUS,
-        option(
-            "--indentation", "static indentation, repeatable", metavar="FILE.csv", action="append", default=[]
-        ),
-        option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
+        *_OTHER_DATA,
         _SHAPE,
+        *EXPONENTS,
         option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
         option("--residuals", **_RESIDUALS),
         option("--voxel", "voxel engine: spacing [mm], default 0.1", type=positive),
@@ -329,6 +334,7 @@ COMMANDS = {
         ),
         _RADIUS,
         _SHAPE,
+        *EXPONENTS,
         option("--residuals", "sigma: of files that have one; the others stay relative", **_RESIDUALS),
         option(
             "--shared", "uncertain offsets that the files have in common, such as force: they cancel",
@@ -336,6 +342,19 @@ COMMANDS = {
         ),
         LAYOUT,
         _OFFSETS,
+        *OUTPUT,
+    )),
+    "laws": Command("descent", "Which law do the data follow: how do force and erosion grow?", (
+        option("file", "velocity-force curves", metavar="FILE.csv", nargs="*"),
+        *_OTHER_DATA,
+        _RADIUS,
+        option(
+            "--laws", "some of paper, linear, quartic, constant, kobra, preston-bone, preston; default all",
+            type=lambda text: text.split(","), metavar="NAME,...",
+        ),
+        option("--level", "at which a law is contradicted, default 0.95", type=positive, default=0.95),
+        option("--residuals", "default relative", choices=["relative", "sigma"], default="relative"),
+        LAYOUT,
         *OUTPUT,
     )),
     "design": Command("descent", "Which measurement next? Rank candidates by how they shrink the joint region.", (

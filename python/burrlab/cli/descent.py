@@ -1,4 +1,4 @@
-"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit | compare | design."""
+"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit | compare | laws | design."""
 
 import sys
 from dataclasses import replace
@@ -12,6 +12,7 @@ from burrlab.bone.header import assumed, told_notes
 from burrlab.cli.commands import KINDS, data_kind
 from burrlab.cli.options import (
     Options,
+    chosen_law,
     chosen_material,
     deliver,
     on_terminal,
@@ -121,7 +122,7 @@ def do_fit(options: Options) -> None:
         refuse_options(options, ("voxel", "store"), "goes with --engine voxel")
     result = burrlab.fit(
         _data(options),
-        law=options.shape,
+        law=chosen_law(options),
         engine=engine,
         residuals=options.residuals,
         seed=options.seed,
@@ -160,13 +161,21 @@ def do_compare(options: Options) -> None:
         fits.append(
             burrlab.fit(
                 curve,
-                law=options.shape,
+                law=chosen_law(options),
                 residuals="relative" if options.residuals == "sigma" and not sigma else options.residuals,
                 **_effects(options),
             )
         )
     result = burrlab.compare(*fits, margin=options.margin, names=names, shared=options.shared)
     deliver(options, result.to_dict(), result.report(), result.plot)
+
+
+def do_laws(options: Options) -> None:
+    named = {} if options.laws is None else {"laws": options.laws}
+    result = burrlab.compare_laws(
+        _data(options), level=options.level, residuals=options.residuals, progress=on_terminal(), **named
+    )
+    deliver(options, result.to_dict(), result.report(), lambda: result.plot()[0])
 
 
 def do_design(options: Options) -> None:

@@ -137,15 +137,7 @@ def shape(text: str) -> Shape:
 
 JSON = option("--json", "write the result as JSON; - for standard output", metavar="FILE")
 OUTPUT = (JSON, option("--plot", "write a figure (PNG, PDF, SVG by its ending)", metavar="FILE"))
-MATERIAL = (
-    option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
-    option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
-    option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
-    option(
-        "--shape",
-        f"erosion shape f: {', '.join(shape_names)}, power(k), or a FILE.csv of x and f",
-        type=shape,
-    ),
+EXPONENTS = (
     option(
         "--force-exponent",
         "q of the force c_e R^2 (h/R)^q, from 1, without unit; default the material's, 1.5",
@@ -156,6 +148,17 @@ MATERIAL = (
         "m of the rate alpha (F/1 N)^m, from 0, without unit; default the material's, 0; alpha is the rate at 1 N",
         type=number,
     ),
+)
+MATERIAL = (
+    option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
+    option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
+    option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
+    option(
+        "--shape",
+        f"erosion shape f: {', '.join(shape_names)}, power(k), or a FILE.csv of x and f",
+        type=shape,
+    ),
+    *EXPONENTS,
     option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
 )
 
@@ -169,6 +172,12 @@ def chosen_material(options: Options) -> Material:
     chosen = {key: getattr(named, key) if value is None else value for key, value in constants.items()}
     with warnings_said():
         return Material(f"{named.name}, modified", **chosen, source="command line")
+
+
+def chosen_law(options: Options) -> burrlab.Law:
+    """The law of the options."""
+    exponents = {name: getattr(options, name) for name in PAPER_LAW if getattr(options, name) is not None}
+    return burrlab.Law(options.shape, **exponents)
 
 
 def refuse_options(options: Options, names: Sequence[str], why: str, applies: bool = True) -> None:

@@ -394,21 +394,13 @@ class _ForceLoop:
     def _control(self, measured: float) -> None:
         assert self.c_e is not None
         if self.scheduled:
-            kp = LOOP_BANDWIDTH / self._stiffness(self.c_e, self.burr.radius)
+            k = contact_stiffness(self.c_e, self.burr.radius, self.force, self.immersion, self.exponent)
+            kp = LOOP_BANDWIDTH / k
             # The integral keeps its preset until the force arrives: no wind-up in the impact.
             self.arrived = self.arrived or measured >= ARRIVED * self.force
             self.pid.set_gains(kp, kp / INTEGRAL_TIME if self.arrived else 0.0)
         self.command = self.pid.update(self.force, measured, self.rig.period)
         self.rig.command(self.command)
-
-    def _stiffness(self, c_e: float, radius: float) -> float:
-        """Stiffness of the contact at the set-point [N/mm]: that of Eq. 3 at the same u, times the ratio of du^q/du."""
-        q = self.exponent
-        if q == 1.5:
-            return contact_stiffness(c_e, radius, self.force, self.immersion)
-        u = min((self.force / (c_e * radius**2)) ** (1 / q), 1.0)
-        ratio = q / 1.5 * u ** (q - 1.5)
-        return float(ratio * contact_stiffness(c_e, radius, c_e * radius**2 * u**1.5, self.immersion))
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:

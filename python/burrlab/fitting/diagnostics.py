@@ -147,7 +147,7 @@ def _against_repeats(r: Floats, groups: Rows, parameters: int) -> tuple[float, t
 
 
 def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
-    """Whether the pressed rows follow Eq. 3, about the c_e that fits them best.
+    """Whether the pressed rows follow Eq. 3, or another law of force, about the c_e that fits them best.
 
     Their chi-square where their sigma is known, else the F test of `lack_of_fit` where depths repeat; and the
     slope of ln F on ln h by an F test, from four rows on.
@@ -155,6 +155,8 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     o, n = likelihood.observations, len(likelihood.observations.pressed)
     if n < 2:
         return []
+    q = o.force_exponent
+    law = "Eq. 3" if q == PAPER_FORCE_EXPONENT else f"F ~ h^{q:.4g}"
     x, log = np.log(o.pressed_unit), np.log(o.pressed / o.pressed_unit)
     constant, y = np.ones(n), log
     if likelihood.pressed_known:
@@ -166,20 +168,18 @@ def indentation_tests(likelihood: Likelihood) -> list[HypothesisTest]:
     F, freedom = _against_repeats(r, depths, 1)
     if likelihood.pressed_known:
         tests.append(concluded(
-            "indentation, sigma", S, (n - 1,), "The indentation {so} Eq. 3 and its sigma: {outcome}.",
+            "indentation, sigma", S, (n - 1,), f"The indentation {{so}} {law} and its sigma: {{outcome}}.",
             "agrees with", "contradicts",
         ))  # fmt: skip
     elif freedom:
         tests.append(concluded(
-            "indentation, repeats", F, freedom, "Eq. 3 {so}, {outcome}.",
+            "indentation, repeats", F, freedom, f"{law} {{so}}, {{outcome}}.",
             "fits the indentation within the scatter of its repeats", "misses its means",
         ))  # fmt: skip
     if n > 3 and depths.any():
         above = float(bend @ r) ** 2 / float(bend @ bend)
         F = above / max((S - above) / (n - 2), 1e-300)
-        q = o.force_exponent
         power = q * (1 + float(np.cov(x, log)[0, 1] / np.var(x, ddof=1)))
-        law = "Eq. 3" if q == PAPER_FORCE_EXPONENT else "the law"
         text = f"The force of the indentation goes with depth^{power:.3g}, by {law} with depth^{q:.4g}: {{outcome}}."
         tests.append(concluded("indentation, power", F, (1, n - 2), text))
     return tests

@@ -213,7 +213,7 @@ def notes(fit: FitRecord) -> list[str]:
             f"within {100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens "
             f"the limits by {100 * fit.evidence.monte_carlo:.2g} %."
         )
-    lines.append(f"alpha holds for f = {fit.shape.label} and for one drill, burr type and speed.")
+    lines.append(f"alpha holds for f = {fit.law} and for one drill, burr type and speed.")
     return lines
 
 

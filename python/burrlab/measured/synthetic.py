@@ -130,11 +130,12 @@ def synthetic_indentation(
     seed = seed_or_new(seed)
 
     force = material.c_e * burr.radius**2 * (depth / burr.radius) ** material.force_exponent  # Eq. 3
+    law = f"F ~ h^{material.force_exponent:g}" if "force_exponent" in law_of(material) else "Eq. 3"
     return Indentation(
         _scattered(force, repeats, scatter, seed),
         np.repeat(depth, repeats),
         burr.radius,
-        source=f"synthetic, seed {seed}: {material.name}, Eq. 3, scatter {100 * scatter:g} %",
+        source=f"synthetic, seed {seed}: {material.name}, {law}, scatter {100 * scatter:g} %",
         provenance=_provenance(burr, material, seed, repeats=repeats, scatter=scatter),
     )
 

@@ -239,7 +239,7 @@ class LawComparison(Tabulated):
 
     @drawing
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
-        """Velocities and laws over force, and what the data tell of s; laws that are contradicted are dashed.
+        """Velocities and laws over force, and what the data tell of s; laws that are contradicted are grey.
 
         `style` is that of the points.
         """
@@ -247,11 +247,23 @@ class LawComparison(Tabulated):
         o, R = self.observations, float(np.median(self.observations.radius))
         force = np.geomspace(0.8 * o.force.min(), 1.25 * o.force.max(), 200)
         plot_points(left, o.force, o.velocity, None, {"ms": 3.5, "zorder": 4} | style, "data")
-        for look, row in zip(SERIES[1:], self.rows, strict=False):
+        colors = {row.name: look["color"] for look, row in zip(SERIES[1:], self.close, strict=False)}
+        for row in self.rows:
+            dress = {
+                "color": "0.7",
+                "linestyle": "--",
+                "linewidth": 1.0,
+                "label": f"_{row.name}",
+                "zorder": 1,
+            }
+            if not row.contradicted:
+                dress = {"color": colors.get(row.name, REFERENCE), "linewidth": 1.4, "label": row.name}
             with np.errstate(invalid="ignore"):
-                label = row.name + (", contradicted" if row.contradicted else "")
-                left.plot(force, row.velocity(force, R), color=look["color"], linewidth=1.2, label=label,
-                          linestyle="--" if row.contradicted else "-")  # fmt: skip
+                left.plot(force, row.velocity(force, R), **dress)
+        if self.contradicted:
+            left.plot(
+                [], [], color="0.7", linestyle="--", label=f"contradicted: {', '.join(self.contradicted)}"
+            )
         low, high = o.velocity.min() / _MANY, o.velocity.max() * _MANY
         left.set(xscale="log", yscale="log", xlabel="force [N]", ylabel="velocity [mm/s]", ylim=(low, high))
         self.plot_exponent(ax=right)

@@ -29,7 +29,7 @@ LAWS: Mapping[str, Law | None] = {
     "kobra": Law("parabolic", 2.0, 1.0), "preston-bone": Law("constant", 2.0), PRESTON: None,
 }  # fmt: skip
 _K = np.linspace(0.0, 3.0, 25)  # k of the family that is walked over
-_Q = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)  # q, where no indentation tells it
+_Q = (*np.linspace(1.0, 2.5, 13).tolist(), 3.0)  # q, where no indentation tells it
 _COARSE, _FINE, _REACH = 48, 80, 6.0  # points of c_e, and ln of the largest over the bound that a window sets
 _NEAR = 12.0  # rise of -2 log L over the best up to which points of c_e are close
 _STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
@@ -206,10 +206,10 @@ class LawLikelihood:
             q, m = law.force_exponent, law.rate_exponent
             scan = self.scan(q, law.shape)
             at = int(np.argmin(scan.heights(m)))
-            ends = np.log(scan.c_e[[max(at - 1, 0), min(at + 1, len(scan.c_e) - 1)]])
+            low, high = np.log(scan.c_e[[max(at - 1, 0), min(at + 1, len(scan.c_e) - 1)]]).tolist()
             optimum = scipy.optimize.minimize_scalar(
                 lambda x: self._scan(q, law.shape, np.exp([x])).heights(m).min(),
-                bounds=ends,
+                bounds=(low, high),
                 method="bounded",
             )
             c_e = float(np.exp(optimum.x))

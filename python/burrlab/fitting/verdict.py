@@ -49,7 +49,7 @@ class Ridge:
     max_phi: float  #: largest F/(c_e R^2) of the fitted rows, at the fitted c_e
     on_ridge: bool  #: at the fit the velocities lie on the ridge: all phi < 0.068 in the default window
     excluded: bool  #: c_e's 95 % interval has an upper end, or the bounds end before the ridge begins
-    exponent: float  #: 4 (k + 1)/3 for f with a zero of order k: 8/3 for parabolic
+    exponent: float  #: p = 2 (k + 1)/q of the law: 8/3 for the paper's
     value: float  #: alpha/c_e^exponent on the ridge [1/ms (mm^2/N)^exponent]
     residual: float  #: RMS residual of the velocities on the ridge, in the unit of the fit's
 

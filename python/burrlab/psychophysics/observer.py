@@ -169,9 +169,9 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
     -------
     Cues
         Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H: F = c_e R^2
-        (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
-        of small forces and thin layers, up to a factor that all materials share. So only differences of
-        sinking have a meaning.
+        (h/R)^q, with q = 3/2 in Eq. 3. Sinking is ln(alpha (F/1 N)^m R phi^{4/q}), phi = F/(c_e R^2), at
+        `DRILLING_PUSH`: the law of small forces and thin layers, up to a factor that all materials share. So only
+        differences of sinking have a meaning.
 
     Examples
     --------
@@ -180,12 +180,13 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
     >>> print(f"{a.stiffness - b.stiffness:.3f} {a.force - b.force:.3f} {b.sinking - a.sinking:.3f}")
     1.024 1.535 5.173
     """
-    scale = material.c_e * burr.radius**2
-    penetration = burr.radius * (PROBING_PUSH / scale) ** (2.0 / 3.0)
+    scale, q = material.c_e * burr.radius**2, material.force_exponent
+    penetration = burr.radius * (PROBING_PUSH / scale) ** (1.0 / q)
+    rate = material.alpha * DRILLING_PUSH**material.rate_exponent
     return Cues(
         stiffness=math.log(PROBING_PUSH / penetration),
-        force=math.log(scale * (IMMERSION / burr.radius) ** 1.5),
-        sinking=math.log(material.alpha * burr.radius) + 8.0 / 3.0 * math.log(DRILLING_PUSH / scale)
+        force=math.log(scale * (IMMERSION / burr.radius) ** q),
+        sinking=math.log(rate * burr.radius) + 4.0 / q * math.log(DRILLING_PUSH / scale)
         if material.alpha > 0.0
         else -math.inf,
     )

@@ -47,6 +47,27 @@ def test_standard_input_and_quiet(capsys, monkeypatch, tmp_path):
         assert not (quiet and err)
 
 
+def test_another_law(capsys, tmp_path):
+    law, burr = burrlab.Law("parabolic", 2, 1), burrlab.Burr(3.0)
+    curve, presses, figure, result = (tmp_path / name for name in ("a.csv", "i.csv", "laws.png", "laws.json"))
+    material = law.material(2.1, 0.09)
+    burrlab.synthetic_curve(
+        burr, material, [0.3, 0.5, 0.8, 1.2, 1.6], repeats=3, scatter=0.05, seed=1
+    ).to_csv(curve)
+    burrlab.synthetic_indentation(burr, material, [0.1, 0.2, 0.4], repeats=4, scatter=0.05, seed=1).to_csv(
+        presses
+    )
+    code, out, _ = call(capsys, "laws", curve, "--indentation", presses, "--plot", figure, "--json", result)
+    assert (code, "Kobra alone is left." in out, figure.stat().st_size > 10_000) == (0, True, True)
+    assert json.loads(result.read_text())["rows"][0]["law"] == "kobra"
+    assert call(capsys, "laws", curve, "--laws", "paper,kobra")[1].count("contradicted") == 1
+    exponents = ["--force-exponent", 2, "--rate-exponent", 1]
+    assert (
+        "law parabolic, F ~ h^2, rate ~ F^1"
+        in call(capsys, "fit", curve, "--indentation", presses, *exponents)[1]
+    )
+
+
 def test_overrides_and_figure(capsys, tmp_path):
     figure, file = tmp_path / "run.png", tmp_path / "run.json"
     code, out, _ = call(
@@ -74,7 +95,7 @@ CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
         (["descend", "--force", "1", "--dt", "-1"], "--dt: must be positive"),
         (["descend", "--force", "25"], "force must be within the rig's range"),
         (["descend", "--force", "1", "--shape", "round"], "--shape"),
-        (["descend", "--force", "1", "--force-exponent", "0.5"], "force_exponent must be 1 or more, got 0.5"),
+        (["descend", "--force", "1", "--force-exponent", "0.5"], "force_exponent must be 1 to 8, got 0.5"),
         (["descend", "--force", "1", "--volume", "none.nrrd"], "--volume needs --map and --entry and --axis"),
         (["descend", "--force", "1", "--map", "1:2"], "--map goes with --volume"),
         (["descend", "--force", "1", "--map", "2:1"], "LO below HI"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab import Burr, Indentation, Store, VelocityCurve, fit, materials, penetration_velocity
+from burrlab import Burr, Indentation, Law, Store, VelocityCurve, fit, materials, penetration_velocity
 from burrlab.fitting.calibration import Calibration, RowScatter
 from burrlab.planning.coverage import ExperimentPlan, Share, coverage_study
 
@@ -94,6 +94,13 @@ class TestStudy:
         for name in ("c_e", "alpha", "identified", "joint"):
             assert low <= study.coverage(name).k <= high
         assert study.closed().all()
+
+    def test_another_law(self):
+        kobra = Law("parabolic", 2, 1).material(BONE.c_e, BONE.alpha)
+        study = coverage_study(one_burr(0.3, 1.6), kobra, n=40, seed=1)
+        assert min(study.coverage(name).k for name in ("c_e", "alpha", "identified", "joint")) >= 31
+        with pytest.raises(ValueError, match=r"below 0\.1111 c_e R\^2 = 2\.15 N: got 2\.34"):
+            coverage_study(WIDE, kobra, n=1)
 
     def test_days_and_offsets_that_the_fits_know(self):
         """At 95 % 40 sets hold the truth 31 times or more, and 10 five times, but in one case of 10 000."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.descent.descent import _first_contact, _ForceLoop
+from burrlab.descent.descent import _first_contact
 from burrlab.theory.closed_forms import (
     contact_stiffness,
     layer_thickness,
@@ -201,8 +201,8 @@ def test_a_rig_meets_a_bone_of_another_law(q, alpha):
     """Gains, surface and velocity follow the law; on flat bone k = q c_e R u^(q-1)."""
     material = burrlab.Material("law", c_e=2.0, alpha=alpha, force_exponent=q, rate_exponent=0.5)
     rig = Laboratory(virtual(material, 0.2))
-    loop = _ForceLoop(rig, BURR, material, 0.8, None, 1.0)
-    assert loop._stiffness(2.0, 3.0) == pytest.approx(q * 6.0 * (0.8 / 18.0) ** (1 - 1 / q))
+    flat = contact_stiffness(2.0, 3.0, 0.8, 0.0, q)
+    assert flat == pytest.approx(q * 6.0 * (0.8 / 18.0) ** (1 - 1 / q))
     run = burrlab.descend(BURR, material, 0.8, rig=rig)
     held = burrlab.descend(BURR, material, 0.8, voxel=0.2, seed=5, ideal=True)
     assert run.status == "ok"
@@ -230,7 +230,7 @@ def test_series_frame_save_and_load(known, tmp_path, monkeypatch):
     (tmp_path / "law.json").write_text(
         (tmp_path / "law.json").read_text().replace('exponent": 2.0', 'exponent": 0.5')
     )
-    with pytest.raises(ValueError, match=r"law.json: .*force_exponent must be 1 or more, got 0.5"):
+    with pytest.raises(ValueError, match=r"law.json: .*force_exponent must be 1 to 8, got 0.5"):
         burrlab.Descent.load(tmp_path / "law.json")
     assert back != burrlab.descend(BURR, BONE, 1.0, voxel=0.4, seed=2)
     monkeypatch.setitem(sys.modules, "pandas", None)

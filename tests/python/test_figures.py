@@ -21,7 +21,7 @@ from golden.cases import BONE, BURR, objects
 
 PLOTS = [
     "curve.plot", "fit.plot", "fit.plot_profile", "fit.plot_region", "fit.plot_residuals", "indentation.plot",
-    "depth trace.plot", "mean field.plot", "shapes.plot", "shapes.plot_power", "metrics.plot", "anatomy.plot",
+    "depth trace.plot", "mean field.plot", "laws.plot", "laws.plot_exponent", "metrics.plot", "anatomy.plot",
     "descent.plot", "design.plot", "scatter.plot", "target.plot", "session.plot", "psychometric.plot",
     "scored.plot_scores", "scored.plot_intervals", "scored.plot_d_prime", "thresholds.plot_thresholds",
     "slices.plot", "map.plot", "curves.plot", "compared.plot", "compared four.plot", "near many.plot",

@@ -199,7 +199,7 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
          r", [materials]: a material's name must be of letters"),
         ("[burr]", "[materials.a]\nalpha = 1\n[burr]", r", [materials.a]: c_e is missing"),
         ("[burr]", "[materials.a]\nc_e = -1\nalpha = 1\n[burr]", r", [materials.a]: c_e must be"),
-        ("[burr]", "[materials.a]\nc_e = 1\nalpha = 1\nforce_exponent = 0\n[burr]", r", [materials.a]: force_exponent must be 1 or more, got 0"),
+        ("[burr]", "[materials.a]\nc_e = 1\nalpha = 1\nforce_exponent = 0\n[burr]", r", [materials.a]: force_exponent must be 1 to 8, got 0"),
         ("[burr]",
          "[materials.a]\nc_e = 1\nalpha = 1\nshape = 'x'\n[burr]", r", [materials.a]: shape must be"),
         ("[burr]",

@@ -45,7 +45,7 @@ def test_the_law_of_tissues_comes_back(tmp_path, law, version):
         text = file.attrs["tissues"].decode()
         assert (file.attrs["format_version"], "exponent" in text) == (version, version == 3)
         file.attrs["tissues"] = text.replace('"shape"', '"force_exponent": 0.5, "shape"')
-    with pytest.raises(ValueError, match=rf"^{path} is damaged: force_exponent must be 1 or more, got 0.5"):
+    with pytest.raises(ValueError, match=rf"^{path} is damaged: force_exponent must be 1 to 8, got 0.5"):
         burrlab.load_bone(path)
 
 

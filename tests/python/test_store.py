@@ -1,5 +1,6 @@
 """Results on disk: keys, exact round trips, torn lines, simultaneous writers."""
 
+import dataclasses
 import functools
 import math
 import os
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from session_scenes import refused
 
 import burrlab
-from burrlab.common.study import _HEADER, Store, key_of
+from burrlab.common.study import _HEADER, LATER, Store, key_of
 from burrlab.descent.sweep import SweepItem, run_item
 
 
@@ -25,6 +26,7 @@ class Item:
     number: float
     parts: tuple = ()
     note: str = field(default="", compare=False)
+    later: float = field(default=1.5, metadata=LATER)
 
 
 ITEM = SweepItem(
@@ -81,7 +83,7 @@ def test_a_key_says_function_item_and_version(monkeypatch):
     [
         (0.1, math.nextafter(0.1, 1)), (0.0, -0.0), (1, 1.0), (1, True), (1, "1"), ((1, 2), ((1, 2),)), ((), None),
         (np.zeros(2), np.zeros((2, 1))), (np.zeros(2), np.zeros(2, np.float32)), (np.array([1]), np.array([2])),
-        ({"a": 1}, {"b": 1}), (Item(1.0), (1.0,)), (float("nan"), float("inf")), ("x", ["x"]),
+        ({"a": 1}, {"b": 1}), (Item(1.0), (1.0,)), (Item(1.0), Item(1.0, later=2.0)), (float("nan"), float("inf")), ("x", ["x"]),
     ],
 )  # fmt: skip
 def test_what_differs_has_another_key(one, other):
@@ -92,6 +94,9 @@ def test_what_is_the_same_has_the_same_key():
     assert key_of(run_item, {"a": 1, "b": 2}) == key_of(run_item, {"b": 2, "a": 1})
     assert key_of(run_item, np.float64(0.1)) == key_of(run_item, 0.1)
     assert key_of(run_item, Item(1.0, note="x")) == key_of(run_item, Item(1.0, note="y")), "not compared"
+    earlier = dataclasses.make_dataclass("Item", [("number", float), ("parts", tuple, ())], frozen=True)
+    earlier.__module__ = Item.__module__
+    assert key_of(run_item, Item(1.0)) == key_of(run_item, earlier(1.0)), "a field of later, at its default"
     bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)
     assert key_of(run_item, bone) == key_of(run_item, bone.copy())
     assert key_of(run_item, bone) != key_of(run_item, burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254))

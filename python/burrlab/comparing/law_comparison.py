@@ -249,13 +249,7 @@ class LawComparison(Tabulated):
         plot_points(left, o.force, o.velocity, None, {"ms": 3.5, "zorder": 4} | style, "data")
         colors = {row.name: look["color"] for look, row in zip(SERIES[1:], self.close, strict=False)}
         for row in self.rows:
-            dress = {
-                "color": "0.7",
-                "linestyle": "--",
-                "linewidth": 1.0,
-                "label": f"_{row.name}",
-                "zorder": 1,
-            }
+            dress: dict[str, Any] = {"color": "0.7", "linestyle": "--", "linewidth": 1.0, "label": f"_{row.name}", "zorder": 1}  # fmt: skip
             if not row.contradicted:
                 dress = {"color": colors.get(row.name, REFERENCE), "linewidth": 1.4, "label": row.name}
             with np.errstate(invalid="ignore"):

@@ -1,7 +1,7 @@
 """What would move a fit that does not know of it, and what would repair one that the data contradict."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -12,6 +12,7 @@ from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquatio
 from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
 from burrlab.fitting.observations import Group, bounds_of
 from burrlab.fitting.profile import Combination, Domain, Interval, minima, ranges
+from burrlab.theory.continuum import Law
 
 _ALONE = 4.0  # of AIC: an explanation is named alone if the others lie farther
 _NAMED = 6.0  # of AIC, by which an explanation must be better to be named: 1 % of clean sets have such a one (ours)
@@ -165,6 +166,10 @@ def repairs(
     for name in shape_names:
         if name != shape.name:
             weigh(f"f = {Shape(name).label}", plain.of_rows(o, MeanFieldModel(o, Shape(name))))
+    for law in (Law(shape, 2.0), Law(shape, rate_exponent=1.0), Law("constant", 2.0)):
+        if law != plain.model.law:
+            there = replace(o, force_exponent=law.force_exponent, rate_exponent=law.rate_exponent)
+            weigh(f"the law {law}", plain.of_rows(there, MeanFieldModel(there, law.shape)))
     return tuple(sorted(gains, key=lambda repair: -repair.gain))
 
 

@@ -140,7 +140,10 @@ class TestAnswers:
         assert len(compared.to_dataframe()) == len(LAWS)
         assert "<li>" in compared._repr_html_()
         left, right = compared.plot()
-        assert "paper, contradicted" in left.get_legend_handles_labels()[1] or left.figure.legends
+        assert left.get_legend_handles_labels()[1][1:] == [
+            "kobra",
+            f"contradicted: {', '.join(compared.contradicted)}",
+        ]
         assert right.get_title().startswith("s = 3")
         assert compared.plot_exponent("q").get_xlabel() == "$q$ of $F \\sim h^q$"
 

@@ -217,7 +217,7 @@ def fit(
     begin = time.perf_counter()
     # parse
     sets, law, voxels = _sets(data), Law.of(law), _engine(engine)
-    shape = law.shape
+    shape, plausible = law.shape, _range_of(law, plausible)
     _check(burr, residuals, voxels)
     _check_ranges("bounds", bounds)
     _check_ranges("plausible", plausible)
@@ -302,6 +302,11 @@ def fit(
             **({} if voxels is None else voxels._described()),
         ),
     )
+
+
+def _range_of(law: Law, plausible: Bounds | None) -> Bounds | None:
+    """The plausible range; the shipped one is for the paper's law."""
+    return None if plausible is PLAUSIBLE and not law.is_paper else plausible
 
 
 def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
@@ -584,7 +589,7 @@ def _weighed(
     if profiled.base < float(likelihood.at(best[0]).minus2(best[1])[0]) - FLAT:
         lowest = int(np.argmin(profiled.c_e_rise))
         better = (float(profiled.c_e[lowest]), float(profiled.best_alpha[lowest]))
-    if plausible is not None and (likelihood.model.law.is_paper or plausible is not PLAUSIBLE):
+    if plausible is not None:
         guess = not (fits.poor or at_windows(intervals["c_e"]["95"], float(o.c_e_bounds().max())))
         likely = plausibility(likelihood, shape, calibration, profiled.base, best, plausible, guess)
     rows = influence(likelihood, best, data, bounds, every=False)
@@ -620,7 +625,7 @@ def _weighed(
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),
-        next_law(likelihood) if evidence.doubt else "",
+        next_law(likelihood, evidence.doubt),
     )
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 

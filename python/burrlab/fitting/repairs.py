@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from burrlab._core import Shape, shape_names
+from burrlab._core import shape_names
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.linear import OFFSETS, Component, LinearModel, MixedEquations, blocks_of, components_of
 from burrlab.fitting.mixed import MixedLikelihood, at_best_variances
@@ -163,14 +163,19 @@ def repairs(
         there = o.moved("radius", (factor - 1) * o.radius, (factor - 1) * o.pressed_radius)
         if np.isfinite(o.window_end).all() and (there.window_start < there.window_end).all():
             weigh(text, plain.of_rows(there, MeanFieldModel(there, shape)))
-    for name in shape_names:
-        if name != shape.name:
-            weigh(f"f = {Shape(name).label}", plain.of_rows(o, MeanFieldModel(o, Shape(name))))
-    for law in (Law(shape, 2.0), Law(shape, rate_exponent=1.0), Law("constant", 2.0)):
-        if law != plain.model.law:
-            there = replace(o, force_exponent=law.force_exponent, rate_exponent=law.rate_exponent)
-            weigh(f"the law {law}", plain.of_rows(there, MeanFieldModel(there, law.shape)))
+    for text, law in _other_laws(plain.model.law):
+        there = replace(o, force_exponent=law.force_exponent, rate_exponent=law.rate_exponent)
+        weigh(text, plain.of_rows(there, MeanFieldModel(there, law.shape)))
     return tuple(sorted(gains, key=lambda repair: -repair.gain))
+
+
+def _other_laws(present: Law) -> list[tuple[str, Law]]:
+    """Other shapes of a law, and other exponents."""
+    shapes = [Law(name, present.force_exponent, present.rate_exponent) for name in shape_names]
+    laws = [(f"f = {law.shape.label}", law) for law in shapes]
+    others = (Law(present.shape, 2.0), Law(present.shape, rate_exponent=1.0), Law("constant", 2.0))
+    laws += [(f"the law {law}", law) for law in others]
+    return [(text, law) for text, law in laws if law != present]
 
 
 def repair_sentence(ranked: Sequence[Repair]) -> list[str]:

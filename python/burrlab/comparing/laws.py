@@ -115,7 +115,7 @@ class LawLikelihood:
                 [np.full(block.stop - block.start, e) for block, e in zip(mixed.linear.blocks, mixed.equations.effect2, strict=True)]
             )) @ Z.T / mixed.equations.scatter2[0]  # fmt: skip
             white = np.linalg.inv(np.linalg.cholesky(variance))
-        self.transform = white @ mean
+        self.transform, self._scans = white @ mean, dict[tuple[float, str], Scan]()
         self.log_velocity = np.log(o.velocity) @ self.transform.T
         level = self.transform @ np.ones(len(o.force))
         self._level = level / np.linalg.norm(level)
@@ -145,6 +145,12 @@ class LawLikelihood:
 
     def scan(self, q: float, shape: Shape | None = None) -> Scan:
         """Over c_e, for a shape or for the family (1 - x^2)^k; closer points where the likelihood is high."""
+        key = q, "" if shape is None else shape.name
+        if key not in self._scans:
+            self._scans[key] = self._walk(q, shape)
+        return self._scans[key]
+
+    def _walk(self, q: float, shape: Shape | None) -> Scan:
         o = replace(self.observations, force_exponent=q)
         low, high = np.log(float(o.c_e_bounds().max())), np.log(o.ceiling)
         coarse = np.geomspace(1e-4, min(_REACH, 0.999 * (high - low)), _COARSE)
@@ -245,13 +251,14 @@ class LawLikelihood:
 
     def free_slope(self) -> float:
         """-2 log L of v = K F^s at the best s, with the indentation of `best(None)`."""
-        r, _ = self.unexplained(np.zeros(len(self.observations.force)))
-        least = self.unexplained(np.zeros(len(self.observations.force)), 1.0)[0]
-        squares = [float(x @ x) for x in (r, least)]
-        if self.known:
-            return self.best(None).height + squares[0] - squares[1]
-        logs = [self.n * np.log(x / self.n + MODEL_ERROR**2) for x in squares]
-        return self.best(None).height + float(logs[0] - logs[1])
+        flat = np.zeros(len(self.observations.force))
+        free, proportional = (self.unexplained(flat, m)[0] for m in (None, 1.0))
+        return self.best(None).height + self._height(free) - self._height(proportional)
+
+    def _height(self, r: Floats) -> float:
+        """-2 log L of the velocities' residuals."""
+        squares = float(r @ r)
+        return squares if self.known else self.n * float(np.log(squares / self.n + MODEL_ERROR**2))
 
     @property
     def tells_q(self) -> bool:
@@ -288,22 +295,20 @@ def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]
 Height: TypeAlias = Callable[[float], float]
 
 
-def _profiled(
-    name: str, about: tuple[float, float], low: float, height: Height, limits: Mapping[str, float]
-) -> Exponent:
+def _profiled(name: str, about: tuple[float, float], height: Height, limits: Mapping[str, float]) -> Exponent:
     """An exponent over a grid about a value and its rough error, made wider until it holds the widest limit."""
     value, half = about
     for _ in range(8):
-        grid = np.unique(np.maximum(np.linspace(value - half, value + half, _STEPS), low))
+        grid = np.linspace(value - half, value + half, _STEPS)
         rise = np.array([height(float(x)) for x in grid])
-        rise, inside = rise - rise.min(), rise - rise.min() < max(limits.values())
-        if not (inside[0] and grid[0] > low) and not inside[-1]:
+        inside = rise - rise.min() < max(limits.values())
+        if not (inside[0] or inside[-1]):
             break
         half *= 2
     held = grid[inside]
     if np.ptp(held) < 0.3 * np.ptp(grid):  # too coarse: once more, closer
         margin = 0.2 * float(np.ptp(held)) + 2 * float(grid[1] - grid[0])
-        grid = np.unique(np.maximum(np.linspace(held[0] - margin, held[-1] + margin, _STEPS), low))
+        grid = np.linspace(held[0] - margin, held[-1] + margin, _STEPS)
         rise = np.array([height(float(x)) for x in grid])
     return _exponent(name, grid, rise, limits)
 
@@ -318,7 +323,7 @@ def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
     slope = 2 * (best.orders[k] + 1) / best.q + best.m[k, c]
     error = np.sqrt(best.squares[k, c] / max(likelihood.freedom, 1) / best.lever)
     found["s"] = _profiled(
-        "s", (float(slope), _SIDE * float(max(error, MODEL_ERROR))), -np.inf,
+        "s", (float(slope), _SIDE * float(max(error, MODEL_ERROR))),
         lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits,
     )  # fmt: skip
     if likelihood.tells_q:
@@ -333,7 +338,7 @@ def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
         q = by_q[int(np.argmin([scan.heights().min() for scan in by_q]))]
         m = float(q.m.ravel()[np.argmin(q.heights())])
         found["m"] = _profiled(
-            "m", (m, 4 * _SIDE * float(max(error, MODEL_ERROR))), -np.inf,
+            "m", (m, 4 * _SIDE * float(max(error, MODEL_ERROR))),
             lambda m: min(float(scan.heights(m).min()) for scan in by_q), limits,
         )  # fmt: skip
     return found

@@ -148,8 +148,8 @@ def fit(
         have no such ends. An interval that reaches a bound given here is open there.
     plausible : dict or None
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]: what is known of such materials. By
-        default, also for a missing name, the shipped materials' range widened by 1.5; None asks nothing. It
-        moves no estimate.
+        default, also for a missing name, the shipped materials' range widened by 1.5, for the paper's law alone;
+        None asks nothing. It moves no estimate.
 
     Returns
     -------

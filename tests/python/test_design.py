@@ -15,8 +15,10 @@ from session_scenes import refused
 import burrlab.planning.region as region_grid
 from burrlab import (
     Burr,
+    Law,
     MasterCurve,
     Material,
+    VelocityCurve,
     compare_laws,
     design,
     fit,
@@ -210,6 +212,27 @@ class TestScatter:
         refused((lambda: design(one, 2.0, 3.0, 3), f"scatter must be given, .* has '{residuals}' residuals"))
         found = ratios(design(one, [0.4, 2.0], 3.0, 3, static=0.2, scatter=0.08))
         assert found[None, 0.2, 3.0] < found[2.0, None, 3.0] < 0.6 < found[0.4, None, 3.0]
+
+
+def test_velocities_that_part_two_laws():
+    """Runs at a foreseen force raise AIC of the wrong law over that of the right one as foreseen."""
+    curve = synthetic_curve(BURR, BONE, np.geomspace(0.5, 1.6, 6), repeats=4, scatter=0.05, seed=1)
+    first, second = (fit(curve, law=law) for law in ("parabolic", Law("constant", 1.5, 1.3)))
+    plan = design(first, [0.15, 0.9, 3.6, 9.0], 3.0, 2, against=second, seed=0)
+    assert [row.force for row in plan.rows] == [3.6, 0.15, 0.9, 9.0]
+    assert plan.rows[3].parting is None
+    for row in plan.rows[:3]:
+        force, velocity = (
+            np.append(x, [y] * 2)
+            for x, y in ((curve.force, row.force), (curve.velocity, first.velocity(row.force)))
+        )
+        more = VelocityCurve(force, velocity, radius=3.0)
+        again = [fit(more, law=each.law).aic - each.aic for each in (first, second)]
+        assert again[1] - again[0] == pytest.approx(row.parting, rel=0.1)
+    assert "AIC apart" in repr(plan)
+    assert "AIC apart" not in repr(design(first, [1.0], 3.0, 2, seed=0))
+    with pytest.raises(ValueError, match="against must be of another law: got parabolic twice"):
+        design(first, [1.0], 3.0, 2, against=first)
 
 
 def test_seeds(ridge):

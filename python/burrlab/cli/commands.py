@@ -369,6 +369,7 @@ COMMANDS = {
         option("--repeats", "of each candidate, default 3", type=count, default=3),
         option("--scatter", "of new velocities: 0.08 is 8 %%; default that of the data", type=positive),
         option("--static-scatter", "of new static forces; default that of the data, or 0.1", type=positive),
+        option("--against", "a fit of the same data by another law: runs that tell the two apart come first", metavar="FIT.json"),
         option("--truths", "values of c_e and alpha that the mean is taken over, default 100", type=count, default=100),
         option("--seed", "default: drawn and recorded", type=seed),
         OptionGroup("how large a comparison of two drills must be, instead", (

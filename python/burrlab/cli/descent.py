@@ -189,6 +189,7 @@ def do_design(options: Options) -> None:
         known, options.forces, radii or [], options.repeats, static=options.static,
         static_radius=options.static_radius, scatter=options.scatter, static_scatter=options.static_scatter,
         truths=options.truths, seed=options.seed, progress=on_terminal(),
+        against=None if options.against is None else burrlab.Fit.from_json(options.against),
     )  # fmt: skip
     deliver(options, result.to_dict(), f"{result!r}\nseed {result.seed}", result.plot)
 

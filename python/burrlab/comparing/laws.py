@@ -34,6 +34,7 @@ _COARSE, _FINE, _REACH = 48, 80, 6.0  # points of c_e, and ln of the largest ove
 _NEAR = 12.0  # rise of -2 log L over the best up to which points of c_e are close
 _STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
 _CLOSE = 4.0  # difference of AIC below which laws are not told apart
+_MORE, _MOST = 4, 60  # further runs that are tried, and so many that they are not worth a sentence
 _REASONABLE = (0.5, 2.0)  # forces of a further measurement, over the smallest and largest of the data
 
 
@@ -87,7 +88,6 @@ class BestPoint:
     c_e: float  # [N/mm^2]; NaN of v = K F
     alpha: float  # [1/ms]; K [mm/(s N)] of v = K F
     rows: Floats  # 2 log L of each row
-    scatter: float
 
     @property
     def aic(self) -> float:
@@ -245,9 +245,7 @@ class LawLikelihood:
         n_parameters = (1 if law is None else 2) + (len(o.pressed) > 0 and law is None)
         n_parameters += sum(not is_known for _, is_known in errors)
         log_alpha = float(rest @ self._level / (ones @ self._level))
-        return BestPoint(
-            height, n_parameters, c_e, float(np.exp(log_alpha)), np.concatenate(rows), float(np.std(r))
-        )
+        return BestPoint(height, n_parameters, c_e, float(np.exp(log_alpha)), np.concatenate(rows))
 
     def free_slope(self) -> float:
         """-2 log L of v = K F^s at the best s, with the indentation of `best(None)`."""
@@ -481,7 +479,7 @@ def compare_laws(
     shape = next((row.law.shape for row in rows if row.law), Shape("parabolic"))
     return LawComparison(
         tuple(rows), exponents(likelihood, shape), str(shape), level, residuals, first.observations,
-        _partings(rows, first.observations, points[rows[0].name].scatter),
+        _partings(rows, first.observations),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip
 
@@ -500,23 +498,31 @@ def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
     return named
 
 
-def _partings(rows: Sequence[LawRow], o: Observations, scatter: float) -> tuple[Parting, ...]:
+def rise_of(
+    o: Observations, laws: tuple[Law | None, Law | None], force: float, velocity: float, radius: float, n: int
+) -> float:
+    """How far n runs, with the velocity of the first law, raise -2 log L of the second over that of the first."""
+    before, after = (
+        [LawLikelihood(rows).best(law).height for law in laws]
+        for rows in (replace(o, groups=()), o.with_runs(force, velocity, radius, n))
+    )
+    return (after[1] - before[1]) - (after[0] - before[0])
+
+
+def _partings(rows: Sequence[LawRow], o: Observations) -> tuple[Parting, ...]:
     """Where the best law and each other that lies close part most, and how many more runs there would tell."""
     R, partings = float(np.median(o.radius)), []
     force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
-    x = np.log(force) - np.log(o.force).mean()
-    leverage = 1 / len(o.force) + x**2 / np.sum((np.log(o.force) - np.log(o.force).mean()) ** 2)
     for row in rows[1:]:
         if row.contradicted or row.delta_aic >= _CLOSE:
             continue
         with np.errstate(invalid="ignore"):
-            ratio = np.log(row.velocity(force, R) / rows[0].velocity(force, R))
-        # n runs raise -2 log L by n d^2/(1 + n leverage), in standard deviations: the law is fitted again
-        room = (ratio / max(scatter, MODEL_ERROR)) ** 2 - _CLOSE * leverage
-        if not (room > 0).any():
+            first, second = (x.velocity(force, R) for x in (rows[0], row))
+        if np.isnan(first * second).all():
             continue
-        at = int(np.nanargmax(room))
-        partings.append(
-            Parting(row.name, float(force[at]), float(np.exp(ratio[at])), int(np.ceil(_CLOSE / room[at])))
-        )
+        at = int(np.nanargmax(np.abs(np.log(second / first))))
+        rise = rise_of(o, (rows[0].law, row.law), float(force[at]), float(first[at]), R, _MORE)
+        if rise > _CLOSE * _MORE / _MOST:
+            runs = int(np.ceil(_CLOSE * _MORE / rise))
+            partings.append(Parting(row.name, float(force[at]), float(second[at] / first[at]), runs))
     return tuple(partings)

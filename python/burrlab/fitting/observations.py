@@ -285,6 +285,20 @@ class Observations:
             windows.setdefault(key, []).append(row)
         return {key: np.array(rows, dtype=np.intp) for key, rows in windows.items()}
 
+    def with_runs(self, force: float, velocity: float, radius: float, n: int) -> "Observations":
+        """These rows and n runs alike, in the default window; without groups."""
+        new = dict.fromkeys(_VELOCITY, np.nan) | {
+            "force": force,
+            "velocity": velocity,
+            "radius": radius,
+            "run": -1,
+        }
+        columns: dict[str, Any] = {
+            name: np.append(getattr(self, name), [number] * n) for name, number in new.items()
+        }
+        columns["run"] = columns["run"].astype(np.intp)
+        return replace(self, groups=(), measured_force=None, log_c_e=0.0, **columns)
+
     def phi(self, c_e: float) -> Floats:
         """F/(c_e R^2) of every velocity row."""
         return self.force / (c_e * self.radius**2)

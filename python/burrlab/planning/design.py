@@ -1,7 +1,7 @@
 """The next measurement: which candidate is expected to shrink the joint region of c_e and alpha most."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from burrlab.common.figures import REFERENCE, axes_or_new, drawing, styled
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.common.records import Codec
+from burrlab.comparing.laws import rise_of
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.result import Fit
@@ -39,6 +40,8 @@ class Candidate:
     probability: float  #: that c_e is then separately identified: closed 95 % interval within a factor of 2
     c_e_ratio: float  #: upper over lower end of that interval, median over the truths; infinite where open
     overloaded: float  #: probability that static contact passes R/3: the run only bounds c_e from above
+    #: rise of AIC of the fit `against` over the fit, if the fit's law holds; None where that leaves no window
+    parting: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -50,7 +53,7 @@ class Design:
     Attributes
     ----------
     rows : tuple of Candidate
-        By rising area ratio; equal ones in the order of the request.
+        By rising area ratio, or with `against` by falling `parting`; equal ones in the order of the request.
     scatter : float
         Standard deviation of ln v of the new velocities.
     static_scatter : float or None
@@ -81,16 +84,21 @@ class Design:
         """The first row."""
         return self.rows[0]
 
+    def _columns(self, rows: Sequence[Candidate]) -> dict[str, list[str]]:
+        cells = zip(*(_cells(candidate) for candidate in rows), strict=True)
+        columns = dict(zip(_HEADS, map(list, cells), strict=True))
+        if all(candidate.parting is None for candidate in self.rows):
+            del columns["AIC apart"]
+        return columns
+
     def __repr__(self) -> str:
-        cells = zip(*(_cells(candidate) for candidate in self.rows[:_SHOWN]), strict=True)
-        lines = table.table_lines([("", head, list(part)) for head, part in zip(_HEADS, cells, strict=True)])
+        lines = table.table_lines([("", *column) for column in self._columns(self.rows[:_SHOWN]).items()])
         if len(self.rows) > _SHOWN:
             lines.append(f"and {len(self.rows) - _SHOWN} more")
         return "\n".join([self._title(), *lines])
 
     def _repr_html_(self) -> str:
-        cells = zip(*(_cells(candidate) for candidate in self.rows), strict=True)
-        return table.html_table(self._title(), dict(zip(_HEADS, cells, strict=True)))
+        return table.html_table(self._title(), self._columns(self.rows))
 
     def _title(self) -> str:
         many = len(self.rows)
@@ -168,6 +176,7 @@ _HEADS = (
     "P(separate)",
     "c_e hi/lo",
     "P(overloaded)",
+    "AIC apart",
 )
 
 
@@ -183,6 +192,7 @@ def _cells(candidate: Candidate) -> list[str]:
         f"{candidate.probability:.2f}",
         "open" if np.isinf(candidate.c_e_ratio) else f"{candidate.c_e_ratio:.3g}",
         f"{candidate.overloaded:.2f}",
+        "" if candidate.parting is None else f"{candidate.parting:.3g}",
     ]
 
 
@@ -200,6 +210,7 @@ def design(
     scatter: float | None = None,
     static_scatter: float | None = None,
     truths: int = 100,
+    against: Fit | None = None,
     seed: int | None = None,
     progress: Progress | None = None,
 ) -> Design:
@@ -229,6 +240,8 @@ def design(
         has none.
     truths : int
         Number of (c_e, alpha) that the mean is taken over.
+    against : Fit, optional
+        A fit of the same data by another law: velocities that tell the two laws apart come first.
     seed : int, optional
         Seed of their draw; None draws a seed, which the result records.
     progress : callable or True, optional
@@ -290,6 +303,9 @@ def design(
     fit._evidence()
     force, radius = _positive("forces", forces, " N"), _positive("radii", radii, " mm")
     depth, static_radius = _depths(fit, static, static_radius)
+    if against is not None:
+        require_type("against", against, Fit, "burrlab.fit(curve, law='quartic')")
+        refuse(against.law == fit.law, f"against must be of another law: got {fit.law} twice")
     refuse(
         not len(force) * len(radius) + len(depth),
         "forces and radii, or static, must hold a candidate: got none",
@@ -323,7 +339,8 @@ def design(
             new = NewData(n, scatter, between=(between["alpha"] + slope**2 * between["c_e"]) ** 0.5)
             ceiling = F / (R**2 * WINDOW_STOP**law.force_exponent)
             after, overloaded = _expected(grid, truth, log_unit[:, None] + grid.log_alpha, new, ceiling)
-            candidates.append(_candidate(grid, after, overloaded, n, R, force=F))
+            candidate = _candidate(grid, after, overloaded, n, R, force=F)
+            candidates.append(replace(candidate, parting=_parting(fit, against, R, F, n)))
             report_progress(len(candidates), total)
     if len(depth):
         pairs = NewData(n, static_scatter, own=first, between=between["c_e"] ** 0.5)
@@ -331,7 +348,9 @@ def design(
         candidates += [_candidate(grid, after, 0.0, n, static_radius, depth=h) for h in depth.tolist()]
         report_progress(total, total)
     return Design(
-        rows=tuple(sorted(candidates, key=lambda candidate: candidate.area_ratio)),
+        rows=tuple(
+            sorted(candidates, key=lambda candidate: (-(candidate.parting or 0.0), candidate.area_ratio))
+        ),
         scatter=scatter,
         static_scatter=static_scatter if len(depth) else None,
         truths=truths,
@@ -351,6 +370,14 @@ def design(
             fit=repr(fit),
         ),
     )
+
+
+def _parting(fit: Fit, against: Fit | None, radius: float, force: float, n: int) -> float | None:
+    """How far n runs at a force raise -2 log L of another law over that of the fit, which holds."""
+    velocity = float(fit.law.velocity(force, fit.c_e, fit.alpha, radius))
+    if against is None or np.isnan(velocity):
+        return None
+    return rise_of(fit.observations, (fit.law, against.law), force, velocity, radius, n)
 
 
 def _expected(

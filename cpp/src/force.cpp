@@ -27,14 +27,14 @@ double penetration(double m0, double radius) {
 
 // u^q; q = 3/2 by the root.
 static double raised(double u, double q) {
-  if (q == Material::paper_force_exponent) return u * std::sqrt(u);
-  if (!(q >= 1.0 && q <= Material::largest_exponent)) refuse("force_exponent", "1 to 8", q);
-  return portable::power(u, q);
+  return q == Material::paper_force_exponent ? u * std::sqrt(u) : portable::power(u, q);
 }
 
 ElasticForce elastic_force(const Moments& moments, double radius, double c_e, double force_exponent) {
   ElasticForce result;
   require_positive("c_e", c_e);
+  if (!(force_exponent >= 1.0 && force_exponent <= Material::largest_exponent))
+    refuse("force_exponent", "1 to 8", force_exponent);
   result.penetration = penetration(moments.m0, radius);
   const Vec3& m1 = moments.m1;
   const double length = std::sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2]);

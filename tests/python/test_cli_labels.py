@@ -6,16 +6,29 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from command_line import call, refusal, result, said
 from drilled_scenes import stack
 from label_scenes import MAP, SPACING, greys, volume, write_files
 
-from burrlab import HandDevice, Session, StartingBone, load_bone, load_trace, materials, replay, save_bone
+from burrlab import (
+    HandDevice,
+    Material,
+    Session,
+    StartingBone,
+    Tissues,
+    load_bone,
+    load_trace,
+    materials,
+    replay,
+    save_bone,
+)
 from burrlab._core import Burr, Replica, VoxelBone
 from burrlab.bone import slices
 from burrlab.bone.slices import pixels
+from burrlab.bone.tissues import read_tissues, write_tissues
 from burrlab.session.network import follow
 from burrlab.volume import DrilledRecipe, load_drilled
 
@@ -262,6 +275,24 @@ def test_a_descent_reads_its_slices_once(
         *table, "--entry", "4,4,6.5", "--axis", "0,0,-1")  # fmt: skip
     assert sorted(read[-28:]) == sorted(set(read))
     assert len(read) <= 29  # without a table, the first shows that they are coloured
+
+
+def test_the_law_of_a_table(files: Path, run: Callable[..., str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Where no material is chosen a burr has the law of the table's comment; a chosen one must have it."""
+    own = Material("own", c_e=2, alpha=0.1, force_exponent=2, rate_exponent=1)
+    write_tissues("t.csv", Tissues(read_tissues("t.csv"), own))
+    run(*HAND, *BOTH, *THERE, "--record", "one.h5")
+    trace = load_trace("one.h5")
+    assert trace.tools[0][1] == own
+    assert replay(trace).equal
+    other = refusal(capsys, *HAND, *BOTH, *THERE, "--force-exponent", "1.7")
+    assert "t.csv: its constants are of the law of Material('own'" in other
+    with h5py.File("one.h5", "r+") as file:
+        file["tools/0"].attrs["force_exponent"] = 3.0
+    with pytest.raises(
+        ValueError, match=r"one\.h5 is damaged: a tool's material is not that of its bone's tissues"
+    ):
+        load_trace("one.h5")
 
 
 def test_a_volume_with_too_many_fine_voxels_is_cropped_to_the_descent(

@@ -54,6 +54,8 @@ class TestRecovery:
         assert result.residual_norm < 1e-6
         assert result.velocity(forces) == pytest.approx(curve.velocity, rel=1e-6)
         assert Fit.from_dict(result.to_dict()).law == law
+        with pytest.raises(ValueError, match="force_exponent must be 1 to 8, got 9"):
+            Fit.from_dict(result.to_dict() | {"force_exponent": 9.0})
         other = "linear" if law.slope > 3.5 else "quartic"
         assert fit(curve, residuals="relative", law=other).residual_norm > 0.1
 

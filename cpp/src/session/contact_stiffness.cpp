@@ -95,6 +95,7 @@ StabilityReport stability_report(double force, double k, const Tool& tool, const
   report.force = force;
   report.delay = 0.5 * period + age;
   report.area = contact_area(force, k, radius, c_e, q);
+  report.stiffer_above = q >= 2.0;
   report.k = std::isinf(coupling) ? k : k * coupling / (k + coupling);
   if (!std::isnan(device.damping)) report.sampling_limit = passivity_limit(device.damping, period, age);
   if (!std::isnan(device.encoder_step) && (device.encoder_step == 0.0 || !std::isnan(device.friction)))
@@ -104,7 +105,6 @@ StabilityReport stability_report(double force, double k, const Tool& tool, const
   if (std::isnan(report.limit)) return report;
   report.ratio = report.k / report.limit;
   report.warning = report.ratio > StabilityReport::warning_ratio;
-  report.stiffer_above = q >= 2.0;
   // A coupling below the limit keeps any contact passive; above it, the contact alone may be this stiff.
   const bool passive = coupling <= report.limit;
   const double alone =

@@ -35,7 +35,7 @@ from burrlab.bone.snapshot import tissues_to_json
 from burrlab.common.check import refuse, require_type, shown
 from burrlab.common.files import write_text
 from burrlab.common.progress import doing
-from burrlab.common.records import UNREADABLE, in_one_line
+from burrlab.common.records import UNREADABLE, in_one_line, law_of
 from burrlab.common.table import Column, Table
 
 #: Name of the tissue of voxels without a structure in the segmentation.
@@ -350,13 +350,18 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     Raises
     ------
     ValueError
-        If the file is no such table, or a template with rows that need a name; the message names line and
-        column.
+        If the file is no such table, a template with rows that need a name (the message names line and
+        column), or of another law of force and rate than the material.
     OSError
         If the file cannot be read.
     """
     name, text = table.text_of(path)
-    material = material or _material(name, text)
+    own = _material(name, text)
+    material = material or own or materials["bone"]
+    refuse(
+        own is not None and law_of(own) != law_of(material),
+        f"{name}: its constants are of the law of {own!r}, not of {material!r}",
+    )
     waiting: list[str] = []
     faults: list[str] = []
     rows: list[Tissue] = []
@@ -449,7 +454,7 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     return stream.getvalue()
 
 
-def _material(name: str, text: str) -> Material:
+def _material(name: str, text: str) -> Material | None:
     for line in text.splitlines():
         if line.startswith("# material:"):
             try:
@@ -459,7 +464,7 @@ def _material(name: str, text: str) -> Material:
                 raise ValueError(
                     f"{name}: the material in the comments is none: {in_one_line(error)}"
                 ) from None
-    return materials["bone"]
+    return None
 
 
 def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:

@@ -39,7 +39,16 @@ from burrlab.cli.options import (
     refuse_options,
     require_options,
 )
-from burrlab.cli.recipe import OF_LABELS, PLACE, Recipe, chosen_recipe, say_notes, transposed, unknown_colours
+from burrlab.cli.recipe import (
+    OF_LABELS,
+    PLACE,
+    Recipe,
+    chosen_recipe,
+    material_on,
+    say_notes,
+    transposed,
+    unknown_colours,
+)
 from burrlab.common.check import refuse
 from burrlab.common.files import write_text
 
@@ -113,8 +122,7 @@ def chosen_start(options: Options, burr: Burr, material: Material) -> BoneStart:
     bone, place = _placed(options, recipe, burr)
     say_notes(recipe)
     tick = recipe.tick if isinstance(recipe, DrilledRecipe) else 0
-    if isinstance(recipe, DrilledRecipe) and bone.tissues is not None and material == materials["bone"]:
-        material = bone.tissues.material  # none was chosen, and the bone has its own
+    material = material_on(bone, material)
     source = {**recipe.plain(), "notes": list(recipe.notes())}
     grid = None if str(options.bone or "").lower().endswith(".h5") else recipe.grid()
     return BoneStart(bone, tick, material, source, place, like, recipe.mapping, grid)

@@ -20,7 +20,7 @@ from burrlab.cli.options import (
     refuse_options,
     save_figure,
 )
-from burrlab.cli.recipe import chosen_specimen
+from burrlab.cli.recipe import chosen_specimen, material_on
 from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 
@@ -32,6 +32,8 @@ def _experiment(options: Options) -> tuple[Burr, Material, dict[str, Any]]:
     specimen = chosen_specimen(options, burr, material)
     if specimen is None and options.axis is not None:
         specimen = burrlab.half_space(burr, voxel, depth=options.stop, axis=options.axis)
+    if specimen is not None:
+        material = material_on(specimen.bone, material)
     return burr, material, {
         "voxel": voxel, "seed": options.seed, "specimen": specimen, "progress": on_terminal(),
         "settings": burrlab.DescentSettings(

@@ -8,8 +8,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from burrlab._core import Burr, Material
+from burrlab._core import Burr, Material, VoxelBone
 from burrlab.bone.image import resampled_shape
+from burrlab.bone.materials import materials
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, altered, usual_recipe
 from burrlab.bone.slices import is_stack
 from burrlab.bone.specimen import Specimen
@@ -79,9 +80,15 @@ def _labelled(
     }  # fmt: skip
     if options.tissues is None:
         return usual_recipe(options.labels, material, of_labels, **settings)
+    chosen = None if material == materials["bone"] else material
     return LabelledRecipe(
-        options.labels, read_tissues(options.tissues, material=material), **of_labels, **settings
+        options.labels, read_tissues(options.tissues, material=chosen), **of_labels, **settings
     )
+
+
+def material_on(bone: VoxelBone, material: Material) -> Material:
+    """The material of a burr on a bone: where none was chosen, that of the bone's tissues."""
+    return bone.tissues.material if bone.tissues is not None and material == materials["bone"] else material
 
 
 def chosen_specimen(options: Options, burr: Burr, material: Material) -> Specimen | None:

@@ -123,6 +123,9 @@ class FitRecord(InJson):
     force_exponent: float = PAPER_FORCE_EXPONENT
     rate_exponent: float = 0.0
 
+    def __post_init__(self) -> None:
+        Law(self.shape, self.force_exponent, self.rate_exponent)  # which checks the exponents of a file
+
     @property
     def law(self) -> Law:
         """Erosion shape and exponents."""

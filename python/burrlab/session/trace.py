@@ -521,6 +521,8 @@ def _read(file: "h5py.File", path: Path) -> Trace:
         tick != first or bone.digest() != about["initial_digest"],
         f"{path} is damaged: its volume is not the one that the session began with",
     )
+    alien = [m for _, m in tools if bone.tissues is not None and m != bone.tissues.material]
+    refuse(alien, f"{path} is damaged: a tool's material is not that of its bone's tissues")
     made_by = {
         name: getattr(about[name], "tolist", lambda attribute=about[name]: attribute)()
         for name in ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")

@@ -27,7 +27,7 @@ from burrlab.fitting.observations import Floats, Observations
 from burrlab.fitting.profile import Interval, plain_ends
 from burrlab.fitting.report import columns, html_table, in_blocks
 from burrlab.fitting.result import Fit
-from burrlab.fitting.verdict import span
+from burrlab.fitting.verdict import at_windows, span
 from burrlab.theory.continuum import Law
 
 _CLOSE = 4.0  # difference of AIC below which laws are not told apart
@@ -70,6 +70,7 @@ class Parting:
 
     name: str
     force: float  #: [N]
+    radius: float  #: [mm]
     ratio: float  #: its velocity over that of the best law
     runs: int
 
@@ -91,7 +92,8 @@ class LawRow:
         Against laws with one exponent more.
     p_value : float
         The smallest of the tests, by Holm.
-    contradicted : bool
+    why : str
+        A sentence on why the data contradict the law; empty where they do not.
     fit : Fit or None
         None of a law that the data contradict, and of v = K F.
     """
@@ -104,8 +106,13 @@ class LawRow:
     delta_error: float
     tests: tuple[HypothesisTest, ...]
     p_value: float
-    contradicted: bool
+    why: str
     fit: Fit | None = field(repr=False)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the data contradict the law."""
+        return bool(self.why)
 
     def velocity(self, force: Floats, radius: float) -> Floats:
         """Velocity at the best point [mm/s], in the default window."""
@@ -120,14 +127,17 @@ class LawRow:
             return ""
         if self.law is None:
             return f"K = {self.alpha:.4g} mm/(s N)"
-        if self.fit is None or self.fit.identified is None:
+        identified = None if self.fit is None else self.fit.identified
+        if self.fit is None or identified is None:
             return ""
-        if self.fit._on_ridge:
-            low = self.fit.intervals["c_e"]["95"].lower
-            p = f"{self.fit.identified.exponent:.4g}"
-            above = "c_e open" if low is None else f"c_e above {low:.3g}, set by the largest force"
-            return f"{above}; alpha/c_e^{p} = {self.fit.identified.value:.3g}"
-        return f"c_e = {self.fit.c_e:.4g} N/mm^2, alpha = {self.fit.alpha:.4g} /ms"
+        fit, ends = self.fit, self.fit.intervals["c_e"]["95"]
+        if fit.separately_identified:
+            return f"c_e = {fit.c_e:.4g} N/mm^2, alpha = {fit.alpha:.4g} /ms"
+        combination = f"alpha/c_e^{identified.exponent:.4g} = {identified.value:.3g}"
+        if ends.closed and not at_windows(ends, float(fit.observations.c_e_bounds().max())):
+            return f"c_e {span(ends)} N/mm^2; {combination}"
+        low = fit.c_e if ends.lower is None else ends.lower
+        return f"c_e above {low:.3g}, set by the largest force; {combination}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,6 +191,11 @@ class LawComparison(Tabulated):
         return tuple(row for row in self.rows if not row.contradicted and row.delta_aic < _CLOSE)
 
     @property
+    def left(self) -> tuple[LawRow, ...]:
+        """Laws that the data do not contradict, but whose AIC lies 4 or more above the best."""
+        return tuple(row for row in self.rows if not row.contradicted and row.delta_aic >= _CLOSE)
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """What the data tell, in plain words."""
         lines = []
@@ -188,11 +203,10 @@ class LawComparison(Tabulated):
             about = _MEANS[name].format(shape=self.shape)
             lines.append(f"{about}: {exponent.value:.3g} ({span(exponent.intervals['95'])}).")
         if "q" not in self.exponents:
-            lines.append("Pressing the stopped burr at three depths or more would tell q.")
+            lines.append("Pressing the stopped burr, four times or more at three depths, would tell q.")
         for row in self.rows:
             if row.contradicted:
-                worst = min(row.tests, key=lambda test: test.p_value)
-                lines.append(f"The data contradict {row.name}. {worst.sentence}")
+                lines.append(f"The data contradict {row.name}. {row.why}")
         close = self.close
         if len(close) > 1:
             names = f"{', '.join(row.name for row in close[:-1])} and {close[-1].name}"
@@ -200,12 +214,20 @@ class LawComparison(Tabulated):
                 f"{names[0].upper()}{names[1:]} are not told apart: their AIC lies within {_CLOSE:g}."
             )
         elif close:
-            lines.append(f"{close[0].name[0].upper()}{close[0].name[1:]} alone is left.")
+            rest = ", ".join(row.name for row in self.left)
+            name = f"{close[0].name[0].upper()}{close[0].name[1:]}"
+            lines.append(
+                f"{name} is preferred by AIC; not contradicted either: {rest}."
+                if rest
+                else f"{name} alone is left."
+            )
         else:
             lines.append("The data contradict every law here.")
         for parting in self.partings:
+            several = len(np.unique(self.observations.radius)) > 1
+            radius = f" and R = {parting.radius:g} mm" if several else ""
             lines.append(
-                f"{parting.name} parts most from {self.best.name} at {parting.force:.3g} N (velocity {parting.ratio:.2f} "
+                f"{parting.name} parts most from {self.best.name} at {parting.force:.3g} N{radius} (velocity {parting.ratio:.2f} "
                 f"times): about {parting.runs} more {'run' if parting.runs == 1 else 'runs'} there would tell them apart."
             )
         return tuple(lines)
@@ -241,19 +263,24 @@ class LawComparison(Tabulated):
     def plot(self, ax: Panels = None, **style: Any) -> list[Axes]:
         """Velocities and laws over force, and what the data tell of s; laws that are contradicted are grey.
 
+        The lines are for the default window, one a radius.
+
         `style` is that of the points.
         """
         left, right = panels(ax, (1, 2), (9.6, 4.2))
-        o, R = self.observations, float(np.median(self.observations.radius))
-        force = np.geomspace(0.8 * o.force.min(), 1.25 * o.force.max(), 200)
+        o = self.observations
         plot_points(left, o.force, o.velocity, None, {"ms": 3.5, "zorder": 4} | style, "data")
         colors = {row.name: look["color"] for look, row in zip(SERIES[1:], self.close, strict=False)}
         for row in self.rows:
             dress: dict[str, Any] = {"color": "0.7", "linestyle": "--", "linewidth": 1.0, "label": f"_{row.name}", "zorder": 1}  # fmt: skip
             if not row.contradicted:
                 dress = {"color": colors.get(row.name, REFERENCE), "linewidth": 1.4, "label": row.name}
-            with np.errstate(invalid="ignore"):
-                left.plot(force, row.velocity(force, R), **dress)
+            for R in sorted(set(o.radius.tolist())):
+                ends = o.force[o.radius == R].min(), o.force[o.radius == R].max()
+                force = np.geomspace(0.8 * ends[0], 1.25 * ends[1], 200)
+                with np.errstate(invalid="ignore"):
+                    left.plot(force, row.velocity(force, R), **dress)
+                dress = dress | {"label": f"_{row.name}"}
         if self.contradicted:
             left.plot(
                 [], [], color="0.7", linestyle="--", label=f"contradicted: {', '.join(self.contradicted)}"

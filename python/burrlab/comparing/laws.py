@@ -1,15 +1,16 @@
 """Which law the data follow: exponents of force and rate, and the erosion shape, tested against one another."""
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import Literal, TypeAlias
+from functools import cached_property, lru_cache
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import scipy
 
 from burrlab._core import Burr, Shape, shape_names
-from burrlab.common.check import nearest, refuse
+from burrlab.common.check import nearest, refuse, shown
 from burrlab.common.progress import Progress, counter
 from burrlab.common.provenance import provenance
 from burrlab.comparing.law_comparison import Exponent, LawComparison, LawRow, Parting
@@ -31,10 +32,14 @@ LAWS: Mapping[str, Law | None] = {
 _K = np.linspace(0.0, 3.0, 25)  # k of the family that is walked over
 _Q = (*np.linspace(1.0, 2.5, 13).tolist(), 3.0)  # q, where no indentation tells it
 _COARSE, _FINE, _REACH = 48, 80, 6.0  # points of c_e, and ln of the largest over the bound that a window sets
+_NO_ROOM = 2e-4  # of ln c_e between the bounds of windows and of overloaded runs
 _NEAR = 12.0  # rise of -2 log L over the best up to which points of c_e are close
+_VAGUE = 0.5  # standard error of q by an indentation from which on it tells nothing
 _STEPS, _SIDE = 161, 4.0  # points of an exponent's profile, and standard errors to either side
+_LEAST = {"s": -np.inf, "q": 0.3, "m": -np.inf}  # where a profile begins at the latest
+_CLOSER = (0.03, 0.008)  # steps of q about the best
 _CLOSE = 4.0  # difference of AIC below which laws are not told apart
-_MORE, _MOST = 4, 60  # further runs that are tried, and so many that they are not worth a sentence
+_RUNS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48)  # numbers of further runs that are tried
 _REASONABLE = (0.5, 2.0)  # forces of a further measurement, over the smallest and largest of the data
 
 
@@ -88,6 +93,7 @@ class BestPoint:
     c_e: float  # [N/mm^2]; NaN of v = K F
     alpha: float  # [1/ms]; K [mm/(s N)] of v = K F
     rows: Floats  # 2 log L of each row
+    scatter: float  # of ln v
 
     @property
     def aic(self) -> float:
@@ -108,13 +114,13 @@ class LawLikelihood:
         self.n, self.known, white = len(mean), known, np.eye(len(mean))
         if known:
             white = np.diag(mean @ (o.velocity / o.sigma))
-        if effects is not None and isinstance(effects.likelihood, MixedLikelihood):
-            mixed = effects.likelihood
+        mixed = effects.likelihood if effects and isinstance(effects.likelihood, MixedLikelihood) else None
+        if mixed is not None:
             Z = mixed.linear.columns[0][: self.n, :-3]
             variance = np.eye(self.n) + (Z * np.concatenate(
                 [np.full(block.stop - block.start, e) for block, e in zip(mixed.linear.blocks, mixed.equations.effect2, strict=True)]
             )) @ Z.T / mixed.equations.scatter2[0]  # fmt: skip
-            white = np.linalg.inv(np.linalg.cholesky(variance))
+            white = np.linalg.inv(np.linalg.cholesky(variance)) @ white
         self.transform, self._scans = white @ mean, dict[tuple[float, str], Scan]()
         self.log_velocity = np.log(o.velocity) @ self.transform.T
         level = self.transform @ np.ones(len(o.force))
@@ -122,9 +128,13 @@ class LawLikelihood:
         slope = self.transform @ np.log(o.force)
         slope = slope - self._level * (self._level @ slope)
         self._lever = float(slope @ slope)
+        few = len(np.unique(o.force)) < 3
+        refuse(few, "laws need velocities at three or more forces, whatever the burrs: got fewer")
         self._slope = slope / self._lever
         #: of ln alpha, c_e and m; s has one less, as k and q are free beside it
-        self.freedom = max(self.n - 3 - sum(len(group.levels) - 1 for group in o.groups), 1)
+        levels = {x.group.name: len(x.group.levels) - 1 for x in (mixed.components if mixed else ())}
+        self.freedom = max(self.n - 3 - sum(levels.values()), 1)
+        self.pressed_known = known and bool(np.isfinite(o.pressed_sigma).all())
 
     def unexplained(self, log_unit: Floats, m: float | Floats | None = None) -> tuple[Floats, Floats]:
         """Residuals after the best ln alpha and m, or a given m; and the best m. Last axis: rows."""
@@ -153,7 +163,12 @@ class LawLikelihood:
     def _walk(self, q: float, shape: Shape | None) -> Scan:
         o = replace(self.observations, force_exponent=q)
         low, high = np.log(float(o.c_e_bounds().max())), np.log(o.ceiling)
-        coarse = np.geomspace(1e-4, min(_REACH, 0.999 * (high - low)), _COARSE)
+        orders = _K if shape is None else np.array([shape.order])
+        if high - low < _NO_ROOM:  # an overloaded run leaves the windows no c_e
+            nothing = np.full((len(orders), 1), np.inf)
+            c_e, m = np.exp([low + _NO_ROOM]), np.zeros_like(nothing)
+            return Scan(q, orders, c_e, nothing, m, np.zeros(1), self.n, self._lever, self.known)
+        coarse = np.geomspace(_NO_ROOM / 2, min(_REACH, 0.999 * (high - low)), _COARSE)
         first = self._scan(q, shape, np.exp(low + coarse))
         near = np.flatnonzero((first.heights() < first.heights().min() + _NEAR).any(axis=0))
         ends = coarse[max(near[0] - 1, 0)], coarse[min(near[-1] + 1, _COARSE - 1)]
@@ -174,7 +189,7 @@ class LawLikelihood:
         n = len(o.pressed)
         if not n:
             return np.zeros(len(c_e))
-        if self.known and np.isfinite(o.pressed_sigma).all():
+        if self.pressed_known:
             r = (o.pressed - c_e[:, None] * o.pressed_unit) / o.pressed_sigma
             return np.asarray((r**2).sum(axis=1))
         r = np.log(o.pressed / o.pressed_unit) - np.log(c_e)[:, None]
@@ -191,21 +206,21 @@ class LawLikelihood:
 
     def limit(self, level: float, freedom: float | None = None) -> float:
         """Rise of -2 log L that bounds an exponent's interval."""
-        if self.known:
+        if self.known if freedom is None else self.pressed_known:
             return float(scipy.stats.chi2.ppf(level, 1))
         nu, n = (max(self.freedom - 1, 1), self.n) if freedom is None else (freedom, freedom + 2)
         return float(n * np.log1p(scipy.stats.f.ppf(level, 1, nu) / nu))
 
     def test(self, name: str, rise: float, sentence: str, freedom: float | None = None) -> HypothesisTest:
         """Test of one more exponent by the rise without it."""
-        if self.known:
+        if self.known if freedom is None else self.pressed_known:
             return concluded(name, max(rise, 0.0), (1,), sentence, "does not fit better", "fits better")
         nu, n = (self.freedom, self.n) if freedom is None else (freedom, freedom + 2)
         F = nu * float(np.expm1(max(rise, 0.0) / n))
         return concluded(name, F, (1, nu), sentence, "does not fit better", "fits better")
 
     def best(self, law: Law | None) -> "BestPoint":
-        """The best point of a law, or of v = K F, whose indentation has Eq. 3 and a c_e of its own."""
+        """The best point of a law, or of v = K F."""
         o, m, log_unit = self.observations, 1.0, np.zeros(len(self.observations.force))
         q, c_e = PAPER_FORCE_EXPONENT, np.nan
         if law is not None:
@@ -223,45 +238,49 @@ class LawLikelihood:
         r, _ = self.unexplained(log_unit, m)
         ones = self.transform @ np.ones(len(o.force))
         rest = self.log_velocity - self.transform @ (log_unit + m * np.log(o.force))
-        pressed = replace(o, force_exponent=q)
-        unit = (
-            c_e
-            if law is not None
-            else np.exp(np.mean(np.log(o.pressed / o.pressed_unit)))
-            if len(o.pressed)
-            else 1.0
-        )
-        known = self.known and bool(np.isfinite(o.pressed_sigma).all())
-        errors = [(r, self.known)]
+        errors, n_parameters = [(r, self.known)], 1 if law is None else 2
         if len(o.pressed):
-            predicted = unit * pressed.pressed_unit
-            of_press = (o.pressed - predicted) / o.pressed_sigma if known else np.log(o.pressed / predicted)
-            errors.append((of_press, known))
+            predicted, own = self._predicted_presses(law, c_e)
+            n_parameters += own
+            of_press = np.log(o.pressed / predicted)
+            if self.pressed_known:
+                of_press = (o.pressed - predicted) / o.pressed_sigma
+            errors.append((of_press, self.pressed_known))
         rows, height = [], 0.0
         for residuals, is_known in errors:
             variance = 1.0 if is_known else float(np.mean(residuals**2)) + MODEL_ERROR**2
             rows.append(-(residuals**2) / variance - np.log(variance))
             height += float(residuals @ residuals) if is_known else len(residuals) * float(np.log(variance))
-        n_parameters = (1 if law is None else 2) + (len(o.pressed) > 0 and law is None)
         n_parameters += sum(not is_known for _, is_known in errors)
         log_alpha = float(rest @ self._level / (ones @ self._level))
-        return BestPoint(height, n_parameters, c_e, float(np.exp(log_alpha)), np.concatenate(rows))
+        scatter = float(np.sqrt(r @ r / max(self.n - 3, 1))) * float(
+            np.mean(o.sigma / o.velocity) if self.known else 1.0
+        )
+        return BestPoint(height, n_parameters, c_e, float(np.exp(log_alpha)), np.concatenate(rows), scatter)
 
-    def free_slope(self) -> float:
-        """-2 log L of v = K F^s at the best s, with the indentation of `best(None)`."""
-        flat = np.zeros(len(self.observations.force))
-        free, proportional = (self.unexplained(flat, m)[0] for m in (None, 1.0))
-        return self.best(None).height + self._height(free) - self._height(proportional)
+    def _predicted_presses(self, law: Law | None, c_e: float) -> tuple[Floats, int]:
+        """The indentation's forces, and how many parameters they have of their own.
 
-    def _height(self, r: Floats) -> float:
+        v = K F says nothing of them: they have a c_e of their own, and a q where they tell it.
+        """
+        o = self.observations
+        if law is not None:
+            return c_e * replace(o, force_exponent=law.force_exponent).pressed_unit, 0
+        q = self.pressed_exponent()[0] if self.tells_q else PAPER_FORCE_EXPONENT
+        unit = replace(o, force_exponent=q).pressed_unit
+        return unit * np.exp(np.mean(np.log(o.pressed / unit))), 1 + self.tells_q
+
+    def height(self, r: Floats) -> float:
         """-2 log L of the velocities' residuals."""
         squares = float(r @ r)
         return squares if self.known else self.n * float(np.log(squares / self.n + MODEL_ERROR**2))
 
-    @property
+    @cached_property
     def tells_q(self) -> bool:
-        """Whether an indentation of three depths or more tells q."""
-        return len(np.unique(self.observations.pressed_depth)) > 2 and len(self.observations.pressed) > 3
+        """Whether an indentation tells q: four presses or more, at three relative depths that differ enough."""
+        o = self.observations
+        depths = len(np.unique(o.pressed_depth / o.pressed_radius))
+        return len(o.pressed) > 3 and depths > 2 and self.pressed_exponent()[1] < _VAGUE
 
     @property
     def pressed_freedom(self) -> int:
@@ -293,83 +312,105 @@ def _exponent(name: str, grid: Floats, rise: Floats, limits: Mapping[str, float]
 Height: TypeAlias = Callable[[float], float]
 
 
-def _profiled(name: str, about: tuple[float, float], height: Height, limits: Mapping[str, float]) -> Exponent:
+def _profiled(
+    name: str, about: tuple[float, float], height: Height, limits: Mapping[str, float], steps: int = _STEPS
+) -> Exponent:
     """An exponent over a grid about a value and its rough error, made wider until it holds the widest limit."""
     value, half = about
     for _ in range(8):
-        grid = np.linspace(value - half, value + half, _STEPS)
+        grid = np.linspace(max(value - half, _LEAST[name]), value + half, steps)
         rise = np.array([height(float(x)) for x in grid])
         inside = rise - rise.min() < max(limits.values())
-        if not (inside[0] or inside[-1]):
+        if not inside[-1] and not (inside[0] and grid[0] > _LEAST[name]):
             break
         half *= 2
     held = grid[inside]
     if np.ptp(held) < 0.3 * np.ptp(grid):  # too coarse: once more, closer
         margin = 0.2 * float(np.ptp(held)) + 2 * float(grid[1] - grid[0])
-        grid = np.linspace(held[0] - margin, held[-1] + margin, _STEPS)
+        grid = np.linspace(max(held[0] - margin, _LEAST[name]), held[-1] + margin, steps)
         rise = np.array([height(float(x)) for x in grid])
     return _exponent(name, grid, rise, limits)
 
 
 def exponents(likelihood: LawLikelihood, shape: Shape) -> dict[str, Exponent]:
-    """s of the velocities, whatever k and q are; and with an indentation q, and m for one shape."""
-    found: dict[str, Exponent] = {}
+    """s of the velocities, for k of 0 to 3 and q of 1 to 3; and with an indentation q, and m for one shape."""
     limits = {name: likelihood.limit(level) for name, level in LEVELS.items()}
-    scans = [likelihood.scan(q) for q in (_q_grid(likelihood, 9) if likelihood.tells_q else _Q)]
-    best = min(scans, key=lambda scan: scan.heights().min())
-    k, c = np.unravel_index(np.argmin(best.heights()), best.squares.shape)
-    slope = 2 * (best.orders[k] + 1) / best.q + best.m[k, c]
-    error = np.sqrt(best.squares[k, c] / max(likelihood.freedom, 1) / best.lever)
-    found["s"] = _profiled(
-        "s", (float(slope), _SIDE * float(max(error, MODEL_ERROR))),
-        lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits,
-    )  # fmt: skip
+    of_pressed = {name: likelihood.limit(level, likelihood.pressed_freedom) for name, level in LEVELS.items()}
+    found: dict[str, Exponent] = {}
     if likelihood.tells_q:
-        grid = _q_grid(likelihood, 65)
-        by_q = [likelihood.scan(q, shape) for q in grid]
-        of_pressed = {
-            name: likelihood.limit(level, likelihood.pressed_freedom) for name, level in LEVELS.items()
-        }
-        found["q"] = _exponent(
-            "q", np.array(grid), np.array([scan.heights().min() for scan in by_q]), of_pressed
+        q, error = likelihood.pressed_exponent()
+        found["q"] = _profiled(
+            "q", (q, 5 * error), lambda q: float(likelihood.scan(q, shape).heights().min()), of_pressed, 65
         )
-        q = by_q[int(np.argmin([scan.heights().min() for scan in by_q]))]
-        m = float(q.m.ravel()[np.argmin(q.heights())])
+        held = found["q"].grid[found["q"].rise < max(of_pressed.values())]
+        qs = np.linspace(held[0], held[-1], 17).tolist()
+        by_q = [likelihood.scan(q, shape) for q in found["q"].grid.tolist()]
+    both = (None, Shape("linear"))  # (1 - x^2)^k, and the shipped shape that is none
+    scans = [likelihood.scan(q, f) for f in both for q in (qs if likelihood.tells_q else _Q)]
+    for step in () if likelihood.tells_q else _CLOSER:  # about the best q, which several radii tell
+        best = min(scans, key=lambda scan: scan.heights().min()).q
+        closer = [q for q in (best + step * np.arange(-4, 5)).tolist() if q >= 1]
+        scans += [likelihood.scan(q, f) for f in both for q in closer]
+    best_scan = min(scans, key=lambda scan: scan.heights().min())
+    k, c = np.unravel_index(np.argmin(best_scan.heights()), best_scan.squares.shape)
+    slope = float(2 * (best_scan.orders[k] + 1) / best_scan.q + best_scan.m[k, c])
+    error = float(max(np.sqrt(best_scan.squares[k, c] / likelihood.freedom / best_scan.lever), MODEL_ERROR))
+    found["s"] = _profiled(
+        "s", (slope, _SIDE * error), lambda s: min(float(scan.at_slope(s).min()) for scan in scans), limits
+    )
+    if likelihood.tells_q:
+        m = slope - 2 * (shape.order + 1) / found["q"].value
+        widest = {name: max(limits[name], of_pressed[name]) for name in LEVELS}
         found["m"] = _profiled(
-            "m", (m, 4 * _SIDE * float(max(error, MODEL_ERROR))),
-            lambda m: min(float(scan.heights(m).min()) for scan in by_q), limits,
-        )  # fmt: skip
-    return found
-
-
-def _q_grid(likelihood: LawLikelihood, points: int) -> list[float]:
-    """q within five standard errors of what the indentation tells."""
-    q, error = likelihood.pressed_exponent()
-    grid: list[float] = np.unique(np.maximum(q + 5 * error * np.linspace(-1, 1, points), 1.0)).tolist()
-    return grid
+            "m", (m, 4 * _SIDE * error), lambda m: min(float(x.heights(m).min()) for x in by_q), widest
+        )
+    return {name: found[name] for name in ("s", "q", "m") if name in found}
 
 
 def _tests(likelihood: LawLikelihood, law: Law | None, height: float) -> tuple[HypothesisTest, ...]:
     """A law against those with one more free exponent: m, k of (1 - x^2)^k, and q where an indentation tells it."""
     if law is None:
-        rise = height - likelihood.free_slope()
-        return (likelihood.test("s free", rise, "v ~ F^s {so} than v ~ F: {outcome}."),)
-    scan, tests = likelihood.scan(law.force_exponent, law.shape), []
-    rise = height - float(scan.heights().min())
-    tests.append(likelihood.test("m free", rise, "Another m {so}: {outcome}."))
+        return _tests_of_preston(likelihood)
+    scan = likelihood.scan(law.force_exponent, law.shape)
+    tests = [likelihood.test("m free", height - float(scan.heights().min()), "Another m {so}: {outcome}.")]
     if law.shape == member(law.shape.order):
-        family = likelihood.scan(law.force_exponent)
-        heights = family.heights(law.rate_exponent).min(axis=1)
+        heights = likelihood.scan(law.force_exponent).heights(law.rate_exponent).min(axis=1)
         text = f"Another k ({_K[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
         tests.append(likelihood.test("k free", height - float(heights.min()), text))
     if likelihood.tells_q:
-        heights = np.array([
-            likelihood.scan(q, law.shape).heights(law.rate_exponent).min() for q in _q_grid(likelihood, 33)
-        ])  # fmt: skip
-        text = f"Another q ({_q_grid(likelihood, 33)[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
-        tests.append(
-            likelihood.test("q free", height - float(heights.min()), text, likelihood.pressed_freedom)
+        q, error = likelihood.pressed_exponent()
+        grid = np.unique(
+            np.maximum(np.append(q + 5 * error * np.linspace(-1, 1, 33), law.force_exponent), 1.0)
         )
+        heights = np.array(
+            [likelihood.scan(x, law.shape).heights(law.rate_exponent).min() for x in grid.tolist()]
+        )
+        text = f"Another q ({grid[int(np.argmin(heights))]:.3g}) {{so}}: {{outcome}}."
+        rise = height - float(heights.min())
+        tests.append(likelihood.test("q free", rise, text, likelihood.pressed_freedom))
+    return tuple(tests)
+
+
+def _tests_of_preston(likelihood: LawLikelihood) -> tuple[HypothesisTest, ...]:
+    """v = K F against another slope, a bend, and a power of the radius."""
+    o = likelihood.observations
+    r, _ = likelihood.unexplained(np.zeros(len(o.force)), 1.0)
+    x, ones = likelihood.transform @ np.log(o.force), likelihood.transform @ np.ones(len(o.force))
+    columns = {"s free": ("v ~ F^s {so} than v ~ F: {outcome}.", x)}
+    columns["bend"] = (
+        "A bend of ln v over ln F {so} than v ~ F: {outcome}.",
+        likelihood.transform @ np.log(o.force) ** 2,
+    )
+    if len(np.unique(o.radius)) > 1:
+        columns["radius"] = (
+            "A power of the radius {so} than v ~ F: {outcome}.",
+            likelihood.transform @ np.log(o.radius),
+        )
+    tests = []
+    for name, (text, column) in columns.items():
+        basis = np.linalg.qr(np.column_stack([ones, x, column] if name == "bend" else [ones, column]))[0]
+        rest = r - basis @ (basis.T @ r)
+        tests.append(likelihood.test(name, likelihood.height(r) - likelihood.height(rest), text))
     return tuple(tests)
 
 
@@ -445,50 +486,74 @@ def compare_laws(
         residuals not in ("relative", "sigma"), f"residuals must be 'relative' or 'sigma': got {residuals!r}"
     )
     report_progress, steps = counter(progress, "laws"), 2 * len(named) + 1
-    first = fit(data, burr, residuals=residuals, groups=groups)
+    options: dict[str, Any] = {"residuals": residuals, "groups": groups}
+    first = _first_fit(data, burr, named, options)
     fits: dict[str, Fit] = {}
     if first.observations.groups:  # the best law's effects
-        fits = {
-            name: fit(data, burr, law=law, residuals=residuals, groups=groups)
-            for name, law in named.items()
-            if law
-        }
+        fits = {name: fit(data, burr, law=law, **options) for name, law in named.items() if law}
     effects = min(fits.values(), key=lambda x: x.aic) if fits else None
-    likelihood = LawLikelihood(first.observations, residuals == "sigma", effects)
+    o = replace(first.observations, force_exponent=PAPER_FORCE_EXPONENT, rate_exponent=0.0)
+    likelihood = LawLikelihood(o, residuals == "sigma", effects)
     report_progress(1, steps)
     points, tests = {}, {}
     for name, law in named.items():
         points[name] = likelihood.best(law)
         tests[name] = _tests(likelihood, law, points[name].height)
         report_progress(1 + len(points), steps)
-    least = min(points, key=lambda name: points[name].aic)
+    contradicted = {}  # law -> why; empty where it is not
+    for name, law in named.items():
+        worst = min(tests[name], key=lambda test: test.p_value)
+        contradicted[name] = worst.sentence if worst.p_value * len(tests[name]) < 1 - level else ""
+        if law is not None and not contradicted[name]:
+            fits[name] = fits.get(name) or fit(data, burr, law=law, **options)
+            evidence = fits[name].evidence
+            goodness = None if evidence is None else evidence.goodness
+            contradicted[name] = goodness.sentence if goodness and goodness.poor else ""
+        report_progress(1 + len(points) + len(contradicted), steps)
+    least = min(points, key=lambda name: (bool(contradicted[name]), points[name].aic))
     rows = []
     for name, law in named.items():
-        p = min(test.p_value for test in tests[name]) * len(tests[name])
-        if law is not None and p >= 1 - level and name not in fits:
-            fits[name] = fit(data, burr, law=law, residuals=residuals, groups=groups)
-        contradicted = p < 1 - level or (name in fits and fits[name].status == "poor-fit")
         apart = points[name].rows - points[least].rows
+        p = min(min(test.p_value for test in tests[name]) * len(tests[name]), 1.0)
         rows.append(LawRow(
             name, law, points[name].c_e, points[name].alpha, points[name].aic - points[least].aic,
-            float(np.sqrt(len(apart)) * np.std(apart)), tests[name], min(p, 1.0), contradicted,
-            None if contradicted else fits.get(name),
+            float(np.sqrt(len(apart)) * np.std(apart)), tests[name], p, contradicted[name],
+            None if contradicted[name] else fits.get(name),
         ))  # fmt: skip
-        report_progress(1 + len(points) + len(rows), steps)
     rows.sort(key=lambda row: (row.contradicted, row.delta_aic))
     shape = next((row.law.shape for row in rows if row.law), Shape("parabolic"))
     return LawComparison(
         tuple(rows), exponents(likelihood, shape), str(shape), level, residuals, first.observations,
-        _partings(rows, first.observations),
+        _partings(rows, likelihood, points[least]),
         provenance(laws={name: str(law) for name, law in named.items()}, level=level, residuals=residuals),
     )  # fmt: skip
 
 
+def _first_fit(
+    data: Data | Sequence[Data],
+    burr: Burr | None,
+    named: Mapping[str, Law | None],
+    options: Mapping[str, Any],
+) -> Fit:
+    """A fit by the first law whose bounds of c_e the data leave some room; the error of the last if none do."""
+    laws = [law for law in named.values() if law] or [Law()]
+    for law in laws[:-1]:
+        with contextlib.suppress(ValueError):
+            return fit(data, burr, law=law, **options)
+    return fit(data, burr, law=laws[-1], **options)
+
+
 def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
     """The laws by their names; ValueError unless each is known and there once."""
+    refuse(
+        not isinstance(laws, Iterable | Law),
+        f"laws must be several of Law, or names: got {shown(laws)}",
+        TypeError,
+    )
     listed = [laws] if isinstance(laws, str | Law) else list(laws)
     named: dict[str, Law | None] = {}
     for law in listed:
+        law = law if isinstance(law, str) else Law.of(law)
         name = law if isinstance(law, str) else str(law)
         unknown = isinstance(law, str) and name not in LAWS
         refuse(unknown, f"laws must be of {', '.join(LAWS)} or a Law: got {name!r}{nearest(name, LAWS)}")
@@ -499,30 +564,40 @@ def _named(laws: Iterable[Law | str]) -> dict[str, Law | None]:
 
 
 def rise_of(
-    o: Observations, laws: tuple[Law | None, Law | None], force: float, velocity: float, radius: float, n: int
+    o: Observations,
+    laws: tuple[Law | None, Law | None],
+    run: tuple[float, float, float],
+    n: int,
+    scatter: float,
 ) -> float:
-    """How far n runs, with the velocity of the first law, raise -2 log L of the second over that of the first."""
-    before, after = (
-        [LawLikelihood(rows).best(law).height for law in laws]
-        for rows in (replace(o, groups=()), o.with_runs(force, velocity, radius, n))
-    )
-    return (after[1] - before[1]) - (after[0] - before[0])
+    """How far n runs, with the velocity of the first law, raise -2 log L of the second over that of the first.
+
+    A run is (F [N], v [mm/s], R [mm]). Both laws are fitted again with the runs, at the scatter of ln v that is known.
+    """
+    heights = []
+    for rows in (replace(o, groups=()), o.with_runs(*run, n)):
+        likelihood = LawLikelihood(replace(rows, sigma=scatter * rows.velocity), known=True)
+        heights.append([likelihood.best(law).height for law in laws])
+    return (heights[1][1] - heights[1][0]) - (heights[0][1] - heights[0][0])
 
 
-def _partings(rows: Sequence[LawRow], o: Observations) -> tuple[Parting, ...]:
+def _partings(rows: Sequence[LawRow], likelihood: LawLikelihood, best: BestPoint) -> tuple[Parting, ...]:
     """Where the best law and each other that lies close part most, and how many more runs there would tell."""
-    R, partings = float(np.median(o.radius)), []
+    o, partings = likelihood.observations, []
+    radii, counts = np.unique(o.radius[np.isnan(o.window_start)], return_counts=True)
+    R = float(radii[np.argmax(counts)]) if len(radii) else np.nan  # that of most runs in the default window
     force = np.geomspace(_REASONABLE[0] * o.force.min(), _REASONABLE[1] * o.force.max(), 60)
     for row in rows[1:]:
-        if row.contradicted or row.delta_aic >= _CLOSE:
+        if row.contradicted or row.delta_aic >= _CLOSE or np.isnan(R):
             continue
         with np.errstate(invalid="ignore"):
             first, second = (x.velocity(force, R) for x in (rows[0], row))
         if np.isnan(first * second).all():
             continue
         at = int(np.nanargmax(np.abs(np.log(second / first))))
-        rise = rise_of(o, (rows[0].law, row.law), float(force[at]), float(first[at]), R, _MORE)
-        if rise > _CLOSE * _MORE / _MOST:
-            runs = int(np.ceil(_CLOSE * _MORE / rise))
-            partings.append(Parting(row.name, float(force[at]), float(second[at] / first[at]), runs))
+        run = float(force[at]), float(first[at]), R
+        for n in _RUNS:
+            if rise_of(o, (rows[0].law, row.law), run, n, max(best.scatter, MODEL_ERROR)) > _CLOSE:
+                partings.append(Parting(row.name, run[0], R, float(second[at] / first[at]), n))
+                break
     return tuple(partings)

@@ -454,12 +454,12 @@ def _form(A: Any, basis: Floats, e: Floats, low: float, high: float) -> tuple[fl
     return ratio, float(special.betainc(share * both, (1 - share) * both, place))
 
 
-def next_law(likelihood: Likelihood, doubt: tuple[str, str] | None) -> str:
+def next_law(likelihood: Likelihood, poor: bool) -> str:
     """Where data contradict the paper's law: how the velocity goes with the force, and where to go on."""
-    if not doubt or not likelihood.model.law.is_paper:
+    if not poor or not likelihood.model.law.is_paper:
         return ""
     o = likelihood.observations
-    slope = np.polyfit(np.log(o.force), np.log(o.velocity), 1)[0]
+    slope = np.polyfit(np.log(o.force / o.radius**2), np.log(o.velocity / o.radius), 1)[0]
     return f"The velocity goes with F^{slope:.2f}: compare_laws finds which law does so."
 
 

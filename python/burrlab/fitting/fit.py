@@ -73,6 +73,7 @@ _STEP = 0.02  # first step, in logarithms: the search stays at the minimum that 
 _CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
 _LONGEST = 1000  # evaluations
 _STEPS = 1e-4  # of -2 log L: the sum of an offset's parts has steps, where one of them has no window
+_ANY: Bounds = {"c_e": (1e-9, 1e9), "alpha": (1e-12, 1e12)}  # [N/mm^2], [1/ms]
 _EXACT = 1e-3  # relative standard deviation of a value that is known without one; the model's own error is twice that
 
 
@@ -305,8 +306,8 @@ def fit(
 
 
 def _range_of(law: Law, plausible: Bounds | None) -> Bounds | None:
-    """The plausible range; the shipped one is for the paper's law."""
-    return None if plausible is PLAUSIBLE and not law.is_paper else plausible
+    """The plausible range; the shipped one is for the paper's law, and of others only what no law allows is asked."""
+    return _ANY if plausible is PLAUSIBLE and not law.is_paper else plausible
 
 
 def _told(observations: Observations, beliefs: Beliefs) -> dict[str, Any]:
@@ -625,7 +626,7 @@ def _weighed(
         conclusion,
         what_opens(likelihood, domain, best, exponent) if intervals["c_e"]["95"].upper is None else "",
         *effect_sentences(likelihood, mixed.effects if mixed else (), calibration, profiled.identified),
-        next_law(likelihood, evidence.doubt),
+        next_law(likelihood, fits.poor),
     )
     return replace(evidence, verdict=" ".join(text for text in texts if text))
 

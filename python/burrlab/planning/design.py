@@ -340,7 +340,7 @@ def design(
             ceiling = F / (R**2 * WINDOW_STOP**law.force_exponent)
             after, overloaded = _expected(grid, truth, log_unit[:, None] + grid.log_alpha, new, ceiling)
             candidate = _candidate(grid, after, overloaded, n, R, force=F)
-            candidates.append(replace(candidate, parting=_parting(fit, against, R, F, n)))
+            candidates.append(replace(candidate, parting=_parting(fit, against, R, F, n, scatter)))
             report_progress(len(candidates), total)
     if len(depth):
         pairs = NewData(n, static_scatter, own=first, between=between["c_e"] ** 0.5)
@@ -372,12 +372,16 @@ def design(
     )
 
 
-def _parting(fit: Fit, against: Fit | None, radius: float, force: float, n: int) -> float | None:
+def _parting(
+    fit: Fit, against: Fit | None, radius: float, force: float, n: int, scatter: float
+) -> float | None:
     """How far n runs at a force raise -2 log L of another law over that of the fit, which holds."""
     velocity = float(fit.law.velocity(force, fit.c_e, fit.alpha, radius))
     if against is None or np.isnan(velocity):
         return None
-    return rise_of(fit.observations, (fit.law, against.law), force, velocity, radius, n)
+    return rise_of(
+        fit.observations, (fit.law, against.law), (force, velocity, radius), n, max(scatter, MODEL_ERROR)
+    )
 
 
 def _expected(

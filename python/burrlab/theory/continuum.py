@@ -81,6 +81,12 @@ class Law:
     @classmethod
     def of(cls, law: "Law | Material | Shape | str") -> "Law":
         """A law, that of a material, or the paper's with another f."""
+        kinds = (Law, Material, Shape, str)
+        refuse(
+            not isinstance(law, kinds),
+            f"law must be a Law, a Shape or the name of one: got {law!r}",
+            TypeError,
+        )
         if isinstance(law, Material):
             return cls(law.shape, law.force_exponent, law.rate_exponent)
         return law if isinstance(law, Law) else cls(law)

@@ -853,7 +853,7 @@ def test_sets_of_one_bone_seldom_differ(design, n, of_c_e):
 )  # fmt: skip
 def test_intervals_hold_the_truth_with_offsets(drawn, how):
     """Offsets drawn with the sizes that the fit is told, as those of a fit that is not told them."""
-    sets, held = 200, {}
+    sets, held = 500 if "between" in drawn else 2000, {}
     uncertain = {} if how else {name: size for name, size in drawn.items() if name != "between"}
     for told in (True, False):
         hits = dict.fromkeys(("c_e", "alpha", "combination", "region"), 0)
@@ -868,5 +868,7 @@ def test_intervals_hold_the_truth_with_offsets(drawn, how):
         held[told] = {name: round(100 * k / (seed + 1), 1) for name, k in hits.items()}
     print(drawn, how, "told", held[True], "not told", held[False])
     error = 100 * np.sqrt(0.05 * 0.95 / sets)
+    # alpha/c_e^p is held in 92.4 % with a surface not quite known, as its p goes with the fitted c_e (docs/inference.md)
+    assert held[True].pop("combination") > 92 - 4 * error, held
     assert min(held[True].values()) > 95 - 4 * error, held
     assert min(held[False].values()) < 70

@@ -160,6 +160,71 @@ class TestAnswers:
             compare_laws(laboratory(Law())[0], **options)
 
 
+class TestOddData:
+    """What a second pair of eyes broke."""
+
+    def test_presses_beside_proportional_velocities(self):
+        """v = K F says nothing of the bone: presses with q = 2 do not count against it."""
+        random, h = np.random.default_rng(8), np.resize(DEPTHS, 12)
+        presses = Indentation(30 * 9 * (h / 3) ** 2 * np.exp(0.05 * random.normal(size=12)), h, 3.0)
+        compared = compare_laws([proportional(2.4), presses])
+        assert "preston" in {row.name for row in compared.close}
+        assert "contradict every law" not in compared.report()
+
+    @pytest.mark.parametrize("bent", ["bend", "radii", "saturation"])
+    def test_preston_is_tested(self, bent):
+        F, noise = np.repeat(np.geomspace(0.3, 2.4, 8), 3), np.random.default_rng(1).normal(size=24)
+        x = np.log(F / F.min()) / np.log(8) - 0.5
+        v = {"bend": 0.5 * F * np.exp(1.2 * x**2), "saturation": 0.5 * np.minimum(F, 1) ** 2}.get(
+            bent, 0.5 * F
+        )
+        data = VelocityCurve(F, v * np.exp(0.03 * noise), radius=3.0)
+        if bent == "radii":
+            ends = ((1.5, 0.1, 0.6), (4.0, 0.8, 4.5))
+            data = [
+                burrlab.synthetic_curve(burrlab.Burr(R), BONE, np.geomspace(*at, 6), scatter=0.03, seed=1)
+                for R, *at in ends
+            ]
+        assert compare_laws(data, laws=["preston"]).contradicted == ("preston",)
+
+    def test_sigma_counts_with_days_and_is_blamed(self):
+        (curve,) = laboratory(Law(), n=20)
+        known = with_sigma(curve, 0.05)
+        days = VelocityCurve(
+            curve.force, curve.velocity, sigma=known.sigma, radius=3.0, groups={"day": np.arange(20) % 3}
+        )
+        found = [compare_laws(x, laws=["paper"], residuals="sigma").exponents["s"] for x in (known, days)]
+        widths = [exponent.intervals["95"].ratio() for exponent in found]
+        assert widths[1] == pytest.approx(widths[0], rel=0.1)
+        blamed = compare_laws(with_sigma(curve, 0.02), laws=["paper"], residuals="sigma")
+        assert "sigma" in blamed["paper"].why
+
+    def test_bounds_that_cross(self):
+        """An overloaded run beside traces, whose windows end elsewhere, leaves some q no c_e."""
+        traces = [burrlab.synthetic_trace(BURR, BONE, F, seed=k) for k, F in enumerate([0.4, 0.7, 1.0])]
+        over = VelocityCurve(
+            [0.5, 0.8, 1.2, 3.9],
+            [0.08, 0.28, 0.8, np.nan],
+            radius=3.0,
+            status=["ok", "ok", "ok", "overloaded"],
+        )
+        assert "paper" not in compare_laws([over, *traces]).contradicted
+
+    def test_labels_of_one_run_each(self):
+        (curve,) = laboratory(Law())
+        labelled = VelocityCurve(curve.force, curve.velocity, radius=3.0, groups={"day": np.arange(20)})
+        s = [compare_laws(x, laws=["paper"]).exponents["s"].intervals["95"] for x in (curve, labelled)]
+        assert (s[1].lower, s[1].upper) == pytest.approx((s[0].lower, s[0].upper), abs=1e-6)
+
+    def test_presses_of_a_small_q(self):
+        for q in (0.9, 1.0):
+            h = np.repeat(DEPTHS, 4)
+            force = 5 * h**q * np.exp(0.05 * np.random.default_rng(2).normal(size=16))
+            found = compare_laws([*laboratory(Law()), Indentation(force, h, 3.0)]).exponents["q"]
+            assert q in found.intervals["95"]
+            assert found.intervals["99.7"].closed
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "scatter", "pressed"), [(10, 0.05, 0), (30, 0.08, 0), (20, 0.05, 12), (20, 0.08, 24)]

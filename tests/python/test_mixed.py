@@ -869,6 +869,7 @@ def test_intervals_hold_the_truth_with_offsets(drawn, how):
     print(drawn, how, "told", held[True], "not told", held[False])
     error = 100 * np.sqrt(0.05 * 0.95 / sets)
     # alpha/c_e^p is held in 92.4 % with a surface not quite known, as its p goes with the fitted c_e (docs/inference.md)
-    assert held[True].pop("combination") > 92 - 4 * error, held
+    lowest = 92 if set(drawn) == {"surface"} else 95 - 4 * error
+    assert held[True].pop("combination") > lowest, held
     assert min(held[True].values()) > 95 - 4 * error, held
     assert min(held[False].values()) < 70
